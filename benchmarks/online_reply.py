@@ -57,7 +57,7 @@ from counterflex.twin.live.recorded_pass import RecordedPass
 from counterflex.twin.live.replayed_cell import GATE, ReplayedCell
 from counterflex.twin.live.timed_block import Block
 from counterflex.validation.soak import replayed_cell as steady
-from counterflex.validation.soak.operator import wanted
+from counterflex.validation.soak.operator import requested_words
 from counterflex.validation.soak.replay_figures import active, in_standstill, micro
 
 LOOKED_CYCLES = 125
@@ -172,7 +172,7 @@ class _Operator:
             self.incidents[f"{state.name.lower()} {Cause(result.cause).name.lower()}"] += 1
         self._last = state
         if session.loop.cycle % LOOKED_CYCLES == 0:
-            action = wanted(state.name.lower(), feed_hold=bool(result.feed_hold))
+            action = requested_words(state.name.lower(), feed_hold=bool(result.feed_hold))
             if action:
                 session.control[Request[action.upper()]] = 1
                 self.requests[action] += 1
@@ -253,7 +253,7 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
             "telegrams": len(answer_s),
             "active": int(np.sum(acting)),
             "without_session": block.paused,
-            "feed_held": block.held,
+            "feed_held": block.held_cycles,
             "in_standstills": int(np.sum(stood)),
             "missed_in_standstills": block.missed,
         },

@@ -92,7 +92,7 @@ def test_the_time_left_is_told_within_a_factor_of_two(name: str, share: float) -
             clock.now += took[part] / 50.0
             parts[part](step / 50.0)
             if clock.now >= share * total:
-                left = meter.left_s()
+                left = meter.remaining_s()
                 assert left is not None
                 assert 0.5 <= left / (total - clock.now) <= 2.0
                 return

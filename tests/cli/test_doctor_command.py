@@ -15,7 +15,7 @@ import pytest
 from counterflex.app import doctor as job
 from counterflex.core.errors import InputError, OutputError
 from counterflex.evaluate.loop_timing import LoopSamples
-from counterflex.files.machine_file import KeptVerdict, read_verdict, write_verdict
+from counterflex.files.machine_file import StoredVerdict, read_verdict, write_verdict
 from counterflex.protocols.system.machine import Machine, look, processor_times, read_stat
 from counterflex.protocols.system.realtime import Granted
 from counterflex.runtime.state.supervisor import State
@@ -79,7 +79,7 @@ def test_an_unfit_machine_is_not_armed(folder: Path, counterflex: Any, refused: 
 def test_without_a_verdict_nothing_is_armed(kept: Path) -> None:
     with pytest.raises(InputError, match="counterflex doctor first"):
         job.require_fit()
-    stale = KeptVerdict("elsewhere", platform.release(), datetime.now(UTC), "fits", True, 1e-3, 3e-3, ())
+    stale = StoredVerdict("elsewhere", platform.release(), datetime.now(UTC), "fits", True, 1e-3, 3e-3, ())
     write_verdict(kept, stale)
     with pytest.raises(InputError, match="elsewhere"):
         job.require_fit()

@@ -150,10 +150,10 @@ def test_the_same_incidents_however_the_records_come() -> None:
     whole.add(rows)
     for k in range(0, len(rows), 7):
         pieces.add(rows[k : k + 7])
-    assert whole.found == pieces.found
+    assert whole.incidents == pieces.incidents
     late = IncidentFinder()
     late.add(rows[HOLD + 10 :])
-    assert [(one.cycle, one.before) for one in late.found] == [(HOLD + 11, None), (FAULT, State.ACTIVE)]
+    assert [(one.cycle, one.before) for one in late.incidents] == [(HOLD + 11, None), (FAULT, State.ACTIVE)]
 
 
 def test_a_loop_that_flutters_is_counted_to_the_end() -> None:
@@ -162,7 +162,7 @@ def test_a_loop_that_flutters_is_counted_to_the_end() -> None:
     finder = IncidentFinder()
     for _ in range(MOST_INCIDENTS // 50 + 1):
         finder.add(rows)
-    assert (len(finder.found), finder.total) == (MOST_INCIDENTS, MOST_INCIDENTS + 50)
+    assert (len(finder.incidents), finder.total) == (MOST_INCIDENTS, MOST_INCIDENTS + 50)
 
 
 def test_records_that_are_none_are_refused() -> None:

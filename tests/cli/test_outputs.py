@@ -93,7 +93,7 @@ def test_where_nothing_may_be_written_the_option_that_said_so_is_named(
     def access(path: Any, mode: int, **options: Any) -> bool:
         return allowed(path, mode, **options) and not (mode & os.W_OK and Path(path).resolve() == closed)
 
-    monkeypatch.setattr("counterflex.cli.given.os.access", access)
+    monkeypatch.setattr("counterflex.cli.arguments.os.access", access)
     for words in (
         ("path", "part.ngc", "--csv", "kept/path.csv"),
         ("path", "part.ngc", "--csv", "kept/below/path.csv"),

@@ -35,7 +35,7 @@ def ratios(costs_s: dict[str, float], weights: dict[str, float], steps: int = 20
             clock.now_s += cost_s / steps
             spent += cost_s / steps
             parts[name]((k + 1) / steps)
-            left = meter.left_s()
+            left = meter.remaining_s()
             if 0.25 <= meter.fraction <= 0.95:
                 assert left is not None
                 found.append(left / (total - spent))
@@ -61,11 +61,11 @@ def test_a_job_that_stands_is_told_to_take_longer() -> None:
     meter = Meter("job", clock)
     clock.now_s += 10.0
     meter.report(0.5)
-    before = meter.left_s()
+    before = meter.remaining_s()
     assert before is not None
     assert before == pytest.approx(10.0, rel=0.3)
     clock.now_s += 30.0
-    after = meter.left_s()
+    after = meter.remaining_s()
     assert after is not None
     assert after > 3.0 * before
 
@@ -73,7 +73,7 @@ def test_a_job_that_stands_is_told_to_take_longer() -> None:
 def test_progress_never_falls_and_says_what_is_done() -> None:
     clock = Clock()
     meter = Meter("compensating part.ngc", clock)
-    assert meter.left_s() is None
+    assert meter.remaining_s() is None
     assert meter.line() == "compensating part.ngc: 0 %"
     clock.now_s += 10.0
     for fraction in (0.2, 0.1, float("nan"), 7.0):

@@ -39,7 +39,7 @@ def ratios(costs_s: Mapping[str, float], *, learns: bool = True, share: float = 
             clock.now_s += cost_s / 40.0
             parts[name](step / 40.0)
             if share * total <= clock.now_s <= 0.9 * total:
-                left = meter.left_s()
+                left = meter.remaining_s()
                 assert left is not None
                 found.append(left / (total - clock.now_s))
     return found
@@ -83,7 +83,7 @@ def test_starting_is_no_measure_of_going_on() -> None:
     for pull in range(40):
         clock.now_s += 0.1
         meter(share_of_pulls := (pull + 1) / 40)
-        left = meter.left_s()
+        left = meter.remaining_s()
         assert left is None or 0.5 <= left / max(4.0 * (1.0 - share_of_pulls), 1e-9) <= 2.0 or pull == 39
         assert (left is None) == (pull == 0)
 

@@ -11,7 +11,7 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from counterflex.files.logs.place import GONE, LOOKED_S, trouble_said
+from counterflex.files.logs.place import GONE, LOOKED_S, trouble_message
 from counterflex.files.logs.run_log import RunLog
 from counterflex.files.logs.segments import read_log
 from counterflex.runtime.record_ring import WIDTH
@@ -50,7 +50,7 @@ def test_it_is_noticed_within_a_second_and_counted(tmp_path: Path, happens: Call
         now += 0.02
         assert now - begin < 1.0
     assert (log.written, log.lost, log.trouble_number) == (0, 50, GONE)
-    assert "removed, moved or replaced" in log.trouble == trouble_said(GONE)
+    assert "removed, moved or replaced" in log.trouble == trouble_message(GONE)
     log.close()
 
 

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.machine_file import OLDEST, KeptVerdict, against, machine_file, read_verdict, write_verdict
+from counterflex.files.machine_file import OLDEST, StoredVerdict, against, machine_file, read_verdict, write_verdict
 
 NOW = datetime(2026, 5, 17, 8, 30, tzinfo=UTC)
-GOOD = KeptVerdict("mill-pc", "6.1-rt", NOW - timedelta(days=2), "fits", True, 3.1e-4, 3e-3, ("a", "b"))
+GOOD = StoredVerdict("mill-pc", "6.1-rt", NOW - timedelta(days=2), "fits", True, 3.1e-4, 3e-3, ("a", "b"))
 
 
-def why(kept: KeptVerdict | None) -> str:
+def why(kept: StoredVerdict | None) -> str:
     return against(kept, host="mill-pc", kernel="6.1-rt", now=NOW)
 
 
@@ -46,7 +46,7 @@ def test_a_good_verdict_allows() -> None:
         (replace(GOOD, fits=False), "does not keep time for the loop: a"),
     ],
 )
-def test_what_does_not_allow(kept: KeptVerdict | None, word: str) -> None:
+def test_what_does_not_allow(kept: StoredVerdict | None, word: str) -> None:
     assert word in why(kept)
 
 

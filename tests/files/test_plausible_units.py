@@ -88,7 +88,7 @@ def test_a_refusal_names_place_value_limit_and_likely_unit(
 def test_what_could_be_meant_so_is_told(tmp_path: Path, place: tuple[str | int, ...], value: Any, hint: str) -> None:
     found = unusual(read_cell(changed(tmp_path, place, value)).tables)
     assert [one.refused for one in found] == [False]
-    assert hint in found[0].said()
+    assert hint in found[0].sentence()
 
 
 def test_zero_and_what_was_identified_is_not_told(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_a_place_that_is_small_as_a_whole_is_told(
 ) -> None:
     found = unusual(read_cell(changed(tmp_path, place, value)).tables)
     assert len(found) == count
-    assert all("is it in m?" in one.said() for one in found)
+    assert all("is it in m?" in one.sentence() for one in found)
 
 
 def test_nothing_is_told_of_what_an_identification_wrote(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from hypothesis import given as for_all
 from hypothesis import strategies as st
 
 from counterflex.app.proof.truth import make_truth, truth_of
-from counterflex.cli import given
-from counterflex.cli.given import MOST_SEEDS
+from counterflex.cli import arguments
+from counterflex.cli.arguments import MOST_SEEDS
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.twin.truth.family import FAMILIES, MILD, REPORTING_SEEDS, TUNING_SEEDS, WIDE, family_of
@@ -112,10 +112,10 @@ def test_no_seed_is_for_tuning_and_for_reporting() -> None:
 
 @for_all(st.integers(0, 2**31 - 1), st.integers(1, MOST_SEEDS))
 def test_seeds_are_a_number_or_a_range(first: int, count: int) -> None:
-    assert list(given.seeds(str(count))) == list(range(1, count + 1))
+    assert list(arguments.seeds(str(count))) == list(range(1, count + 1))
     last = first + count - 1
     if last < 2**31:
-        assert given.seeds(f"{first}-{last}") == range(first, last + 1)
+        assert arguments.seeds(f"{first}-{last}") == range(first, last + 1)
 
 
 @pytest.mark.parametrize(
@@ -123,4 +123,4 @@ def test_seeds_are_a_number_or_a_range(first: int, count: int) -> None:
 )
 def test_what_are_no_seeds_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="seed"):
-        given.seeds(text)
+        arguments.seeds(text)

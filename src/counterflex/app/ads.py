@@ -61,8 +61,8 @@ def list_symbols(cell: str | Path, containing: str = "") -> list[DeviceSymbol]:
         CounterflexError: The cell file or the connection cannot be used.
     """
     with connected(ads_table(read_cell(cell)), symbols=False) as link:
-        found = link.device_symbols()
-    return sorted((one for one in found if containing.lower() in one.name.lower()), key=lambda one: one.name)
+        symbols = link.device_symbols()
+    return sorted((one for one in symbols if containing.lower() in one.name.lower()), key=lambda one: one.name)
 
 
 def read(cell: str | Path) -> dict[str, Any]:
@@ -78,11 +78,11 @@ def read(cell: str | Path) -> dict[str, Any]:
     whole = read_cell(cell)
     table = ads_table(whole)
     with connected(table) as link:
-        reader = AdsReader(link, 1.0, take=(came := queue.SimpleQueue[Reading]()).put)
+        reader = AdsReader(link, 1.0, take=(readings := queue.SimpleQueue[Reading]()).put)
         link.read()  # the first exchange also asks for places and types
         reader.start()
         try:
-            reading = came.get(timeout=_PATIENCE)
+            reading = readings.get(timeout=_PATIENCE)
         except queue.Empty:
             raise InputError("the TwinCAT does not answer", where=table.host, value=reader.trouble or None) from None
         finally:
@@ -214,17 +214,17 @@ def forward(
     if table.tracker is None:
         raise FileFormatError("the cell's TwinCAT has no tracker", where=str(whole.path), hint="Add [ads.tracker]")
     done = Forwarded()
-    came = queue.SimpleQueue[Reading]()
+    queued = queue.SimpleQueue[Reading]()
     sender = PoseForwarder(peer)
     try:
         with connected(table) as link:
-            reader = AdsReader(link, table.period_ms * MS, take=came.put)
+            reader = AdsReader(link, table.period_ms * MS, take=queued.put)
             reader.start()
             try:
                 with contextlib.suppress(KeyboardInterrupt):
                     while readings is None or done.sent < readings:
                         try:
-                            reading = came.get(timeout=_PATIENCE)
+                            reading = queued.get(timeout=_PATIENCE)
                         except queue.Empty:
                             raise InputError(
                                 "the TwinCAT does not answer any more", where=table.host, value=reader.trouble or None

@@ -46,10 +46,10 @@ def require_plausible(cell: Cell) -> None:
     Raises:
         ModelError: The compliance at one of three poses is outside of 0.1 to 30 um/N.
     """
-    found = softest(cell)
-    if np.all((found >= LEAST_M_PER_N) & (found <= MOST_M_PER_N)):
+    weakest = softest(cell)
+    if np.all((weakest >= LEAST_M_PER_N) & (weakest <= MOST_M_PER_N)):
         return
-    worst = found[int(np.argmax(np.abs(np.log(np.maximum(found, 1e-30) / np.sqrt(LEAST_M_PER_N * MOST_M_PER_N)))))]
+    worst = weakest[int(np.argmax(np.abs(np.log(np.maximum(weakest, 1e-30) / np.sqrt(LEAST_M_PER_N * MOST_M_PER_N)))))]
     raise ModelError(
         "the tool tip yields as no milling robot does",
         where=str(cell.path),

@@ -25,7 +25,7 @@ from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, Judgement, LoopSamples, Verdict, judge, percentiles
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.machine_file import KeptVerdict, against, machine_file, read_verdict, write_verdict
+from counterflex.files.machine_file import StoredVerdict, against, machine_file, read_verdict, write_verdict
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import Machine, look, processor_times
@@ -61,7 +61,7 @@ class Checkup:
 
     def described(self) -> dict[str, Any]:
         """All of it, for printing; times in microseconds."""
-        samples, found = self.samples, self.judgement
+        samples, judgement = self.samples, self.judgement
         parts = {
             "wake-up latency": samples.late_s,
             "step": samples.compute_s,
@@ -71,13 +71,13 @@ class Checkup:
             "log on the disk": samples.sync_s,
         }
         return {
-            "verdict": str(found.verdict),
-            "fits": found.verdict != Verdict.UNFIT,
-            "reasons": list(found.reasons),
-            "cycles": found.reply.n,
+            "verdict": str(judgement.verdict),
+            "fits": judgement.verdict != Verdict.UNFIT,
+            "reasons": list(judgement.reasons),
+            "cycles": judgement.reply.n,
             "period_ms": samples.period_s * 1e3,
-            "budget_us": round(found.budget_s * 1e6, 1),
-            "in_time": found.in_time,
+            "budget_us": round(judgement.budget_s * 1e6, 1),
+            "in_time": judgement.in_time,
             "times_us": {name: micro(percentiles(part)) for name, part in parts.items() if len(part)},
             "host": platform.node(),
             "kernel": platform.release(),
@@ -171,15 +171,15 @@ def probe(seconds: float, folder: Path, progress: Progress = silent) -> tuple[Lo
             other.start()
             loop.start()
             write_s, sync_s = _write_meanwhile(mine, folder, seconds, progress)
-            said = mine.recv()
+            message = mine.recv()
         finally:
             for process in (loop, other):
                 if process.pid is not None:
                     process.terminate()
                     process.join()
-    if isinstance(said, BaseException):
-        raise said
-    period, granted, timed = said
+    if isinstance(message, BaseException):
+        raise message
+    period, granted, timed = message
     after = processor_times()
     machine = look()
     total = after[0] - before[0]
@@ -253,7 +253,7 @@ def run(seconds: float, folder: str | Path, *, keep: bool = True, progress: Prog
     judgement = judge(samples)
     if keep and judgement.reply.n >= ENOUGH_CYCLES:
         p999 = judgement.reply.p999_s
-        kept = KeptVerdict(
+        stored = StoredVerdict(
             host=platform.node(),
             kernel=platform.release(),
             date=datetime.now(UTC),
@@ -263,7 +263,7 @@ def run(seconds: float, folder: str | Path, *, keep: bool = True, progress: Prog
             budget_s=judgement.budget_s,
             reasons=judgement.reasons,
         )
-        write_verdict(machine_file(), kept)
+        write_verdict(machine_file(), stored)
     return Checkup(machine, granted, samples, judgement)
 
 

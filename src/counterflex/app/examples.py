@@ -33,10 +33,10 @@ def text(name: str) -> str:
 
 def small() -> str:
     """Text of the demonstration cell with a blank of 60 x 60 x 40 mm, for ``groove.ngc``."""
-    found = text("cell.toml")
+    cell = text("cell.toml")
     for old, new in _SMALL:
-        found = found.replace(old, new)
-    return found
+        cell = cell.replace(old, new)
+    return cell
 
 
 def write(cell: Path) -> list[Path]:
@@ -58,14 +58,14 @@ def write_all(cell: Path) -> list[Path]:
     Raises:
         OutputError: A file is there already, or the folder cannot be written.
     """
-    beside = cell.parent
+    folder = cell.parent
     return _write(
         {
             cell: text("cell.toml") + _ONLINE,
-            beside / "part.ngc": text("part.ngc"),
-            beside / "rsi.xml": text("rsi.xml"),
-            beside / f"{cell.stem}-small{cell.suffix}": small() + _ONLINE,
-            beside / "groove.ngc": text("groove.ngc"),
+            folder / "part.ngc": text("part.ngc"),
+            folder / "rsi.xml": text("rsi.xml"),
+            folder / f"{cell.stem}-small{cell.suffix}": small() + _ONLINE,
+            folder / "groove.ngc": text("groove.ngc"),
         }
     )
 

@@ -51,8 +51,8 @@ def extensions() -> list[Extension]:
 def _looked_at(registry: Registry[Any], name: str) -> Extension:
     title, fault = "", ""
     try:
-        found = registry[name]
-        title = str(getattr(found, "title", found))
+        entry = registry[name]
+        title = str(getattr(entry, "title", entry))
     except CounterflexError as problem:
         fault = str(problem)
     return Extension(registry.group, name, registry.package(name), title, fault)

@@ -130,7 +130,7 @@ def check_cell(path: str) -> dict[str, Any]:
     """
     cell = read_cell(path)
     chain = cell.chain
-    warnings: list[str] = [one.said() for one in unusual(cell.tables)]
+    warnings: list[str] = [one.sentence() for one in unusual(cell.tables)]
     law = None if cell.tables.material is None else cell.force_law
     missing = cell.missing_for_milling()
     if missing:

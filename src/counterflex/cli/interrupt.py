@@ -13,8 +13,8 @@ from typing import Any, Final, NoReturn
 
 _AGAIN_S: Final = 0.05
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-_came: list[int] = []
-_kept: list[str] = []
+_received: list[int] = []
+_written: list[str] = []
 _worse: list[int] = []
 
 
@@ -23,9 +23,9 @@ def status() -> int | None:
 
     What went wrong before comes first, see :func:`went_wrong`.
     """
-    if _came and _worse:
+    if _received and _worse:
         return _worse[0]
-    return 128 + _came[0] if _came else None
+    return 128 + _received[0] if _received else None
 
 
 def went_wrong(status: int) -> None:
@@ -43,12 +43,12 @@ def keeps(what: str) -> None:
     Args:
         what: A clause, for example ``"the log is in out"``.
     """
-    _kept[:] = [what]
+    _written[:] = [what]
 
 
-def left() -> str:
+def result_text() -> str:
     """What an interrupted command has left, for its last line."""
-    return _kept[0] if _kept else "nothing was written"
+    return _written[0] if _written else "nothing was written"
 
 
 def _later() -> None:
@@ -60,7 +60,7 @@ def _later() -> None:
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt, but not within an import: compiled modules do not survive it half-initialised."""
-    _came.append(number)
+    _received.append(number)
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             _later()
@@ -81,8 +81,8 @@ def interruptible() -> Iterator[None]:
         yield
         return
     report = sys.unraisablehook
-    _came.clear()
-    _kept.clear()
+    _received.clear()
+    _written.clear()
     _worse.clear()
 
     def again(lost: Any) -> None:
@@ -91,8 +91,8 @@ def interruptible() -> Iterator[None]:
         else:
             report(lost)
 
-    heard = [number for number in _SIGNALS if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN]
-    before = {number: signal.signal(number, _interrupt) for number in heard}
+    handled = [number for number in _SIGNALS if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, _interrupt) for number in handled}
     sys.unraisablehook = again
     try:
         yield

@@ -181,17 +181,17 @@ def _named_only(info: Any) -> Any:
         pass
 
     named.__doc__ = info.callback.__doc__
-    found = copy.copy(info)
-    found.name, found.callback = info.name or info.callback.__name__, named
-    return found
+    copied = copy.copy(info)
+    copied.name, copied.callback = info.name or info.callback.__name__, named
+    return copied
 
 
 def _without_commands(info: Any) -> Any:
     """A group that has its name and what it is for, and no commands."""
-    found = copy.copy(info)
-    found.typer_instance = copy.copy(info.typer_instance)
-    found.typer_instance.registered_commands, found.typer_instance.registered_groups = [], []
-    return found
+    copied = copy.copy(info)
+    copied.typer_instance = copy.copy(info.typer_instance)
+    copied.typer_instance.registered_commands, copied.typer_instance.registered_groups = [], []
+    return copied
 
 
 def _version(value: bool) -> None:
@@ -267,9 +267,9 @@ def _end_usage(fault: Any) -> NoReturn:
 def _with_value(message: str, fault: Any) -> str:
     """A message of the parser with the value that was given, which its checks of types and bounds leave out."""
     errors = getattr(fault.__cause__, "errors", None)
-    found = errors() if callable(errors) else []
-    if not found or "input" not in found[0] or "Input should" not in message:
+    faults = errors() if callable(errors) else []
+    if not faults or "input" not in faults[0] or "Input should" not in message:
         return message
-    return message.replace("Input should be", f"got {str(found[0]['input'])[:60]}; expected", 1).replace(
-        "Input should", f"got {str(found[0]['input'])[:60]}; it should", 1
+    return message.replace("Input should be", f"got {str(faults[0]['input'])[:60]}; expected", 1).replace(
+        "Input should", f"got {str(faults[0]['input'])[:60]}; it should", 1
     )

@@ -117,8 +117,8 @@ def progress_bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
     if quiet:
         yield meter
     elif sys.stderr.isatty():
-        with _bar(meter) as told:
-            yield told
+        with _bar(meter) as progress:
+            yield progress
     else:
         with _lines(meter, line_period_s()):
             yield meter
@@ -160,11 +160,13 @@ def _bar(meter: Meter) -> Iterator[Progress]:
 
     class Left(ProgressColumn):
         def render(self, _: Task) -> Text:
-            left = meter.left_s()
-            return Text(f"{duration(meter.elapsed_s())}" if left is None else f"about {duration(left)} left")
+            remaining_s = meter.remaining_s()
+            return Text(
+                f"{duration(meter.elapsed_s())}" if remaining_s is None else f"about {duration(remaining_s)} left"
+            )
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), Left())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(meter.what, total=1.0)
-        meter.heard = lambda: bar.update(task, completed=meter.fraction, description=meter.what)
+        meter.on_change = lambda: bar.update(task, completed=meter.fraction, description=meter.what)
         yield meter

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli.given import address
+from counterflex.cli.arguments import address
 
 Layers = Annotated[
     list[str] | None,

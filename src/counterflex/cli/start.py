@@ -45,11 +45,11 @@ def run() -> None:
             if not fault.strerror:
                 raise
             end(f"{fault.filename or 'counterflex'}: {fault.strerror}")
-        asked = interrupt.status()  # 128 and the number of the signal, whatever the command made of it
+        signal_status = interrupt.status()  # 128 and the number of the signal, whatever the command made of it
     if status == _INTERRUPTED:
-        end(f"interrupted; {interrupt.left()}", asked or _INTERRUPTED)
-    if asked is not None:
-        sys.exit(asked)
+        end(f"interrupted; {interrupt.result_text()}", signal_status or _INTERRUPTED)
+    if signal_status is not None:
+        sys.exit(signal_status)
     sys.exit(status if isinstance(status, int) else 0)
 
 

@@ -55,7 +55,7 @@ class ArrayTable:
     """
 
     def __init__(self, kind: np.dtype[np.record], **arrays: np.ndarray[Any, Any]) -> None:
-        self._kept = arrays
+        self._arrays = arrays
         self.rows: Records = records(kind)
         if set(arrays) != set(kind.names or ()):
             raise InputError("a kernel takes other arrays", value=", ".join(arrays), limit=", ".join(kind.names or ()))

@@ -15,8 +15,8 @@ _KERNELS: Final = "counterflex.core.jit"
 class _BeforeKernels:
     """Sees the import of the first module with kernels, and has Numba tell about compilations from then on."""
 
-    def __init__(self, told: Callable[[], None]) -> None:
-        self._told = told
+    def __init__(self, notify: Callable[[], None]) -> None:
+        self._notify = notify
 
     def find_spec(
         self, fullname: str, _path: Sequence[str] | None = None, _target: ModuleType | None = None
@@ -29,7 +29,7 @@ class _BeforeKernels:
         from numba.core import event
 
         def begins(_: object) -> None:
-            self._told()
+            self._notify()
 
         class Heard(event.Listener):  # type: ignore[misc]
             on_start = staticmethod(begins)
@@ -40,10 +40,10 @@ class _BeforeKernels:
         event.register("numba:compile", Heard())
 
 
-def tell(told: Callable[[], None]) -> None:
+def tell(notify: Callable[[], None]) -> None:
     """Have someone told whenever this process compiles a kernel instead of reading it from the cache.
 
     Loads nothing by itself. Where kernels are loaded already, nothing is told any more.
     """
     if _KERNELS not in sys.modules:
-        sys.meta_path.insert(0, _BeforeKernels(told))
+        sys.meta_path.insert(0, _BeforeKernels(notify))

@@ -147,12 +147,12 @@ class _SharedCache(FunctionCache):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._name_of_lock = f"{function.__qualname__}-{function.__code__.co_firstlineno}.lock"
-        self.held: contextlib.ExitStack | None = None
+        self.locks: contextlib.ExitStack | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         result = super().load_overload(sig, target_context)
-        if result is None and self.held is not None:
-            self.held.enter_context(_alone(Path(self.cache_path) / self._name_of_lock))
+        if result is None and self.locks is not None:
+            self.locks.enter_context(_alone(Path(self.cache_path) / self._name_of_lock))
             result = super().load_overload(sig, target_context)
         return result
 
@@ -171,12 +171,12 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
         self._cache = _SharedCache(self.py_func)
 
     def compile(self, sig: Any) -> Any:
-        with global_compiler_lock, contextlib.ExitStack() as held:
-            before, self._cache.held = self._cache.held, held
+        with global_compiler_lock, contextlib.ExitStack() as locks:
+            before, self._cache.locks = self._cache.locks, locks
             try:
                 return super().compile(sig)
             finally:
-                self._cache.held = before
+                self._cache.locks = before
 
     def compile_stated(self) -> None:
         """Compile it for its stated signatures or read it from the cache, unless that is done."""

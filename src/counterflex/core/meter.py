@@ -16,7 +16,7 @@ from typing import Final
 
 _RECENT: Final = 0.3
 """Share of the time of a part so far that counts as recent."""
-_KEPT: Final = 0.0025
+_DECAY: Final = 0.0025
 """So far apart are the fractions that are remembered."""
 _FIRST: Final = 0.01
 """Below this fraction nothing is said about the time left."""
@@ -54,7 +54,7 @@ class Meter:
 
     def __init__(self, what: str, clock: Callable[[], float] = time.monotonic) -> None:
         self.what, self.fraction = what, 0.0
-        self.heard: Callable[[], None] | None = None
+        self.on_change: Callable[[], None] | None = None
         self._clock = clock
         self._seen: list[tuple[float, float]] = [(clock(), 0.0)]
         self._last = self._seen[0]
@@ -72,10 +72,10 @@ class Meter:
             self.fraction = fraction
             self._steps += 1
             self._last = (self._clock(), fraction)
-            if fraction - self._seen[-1][1] >= _KEPT or fraction in self._ends:
+            if fraction - self._seen[-1][1] >= _DECAY or fraction in self._ends:
                 self._seen.append(self._last)
-        if self.heard is not None:
-            self.heard()
+        if self.on_change is not None:
+            self.on_change()
 
     def planned(self, fractions: Sequence[float]) -> None:
         """Take the fractions at which parts of the job end, 0..1; parts of parts come on top."""
@@ -85,7 +85,7 @@ class Meter:
         """Time since the beginning, s."""
         return self._clock() - self._seen[0][0]
 
-    def left_s(self) -> float | None:
+    def remaining_s(self) -> float | None:
         """Time left, s; None while nothing is known yet."""
         if self.fraction < (_FIRST if self._steps > 1 else _ALONE) or self.elapsed_s() <= 0.0:
             return None
@@ -108,7 +108,7 @@ class Meter:
 
     def line(self) -> str:
         """How far it is, in a line."""
-        remaining = self.left_s()
+        remaining = self.remaining_s()
         rest = "" if remaining is None else f", about {duration(remaining)} left"
         return f"{self.what}: {100.0 * self.fraction:.0f} %{rest}"
 

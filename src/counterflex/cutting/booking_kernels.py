@@ -89,7 +89,7 @@ def _book_column(
     levels = int(shape[2])
     inner = radius - corner
     aside = abs(w)
-    left = quanta
+    remaining = quanta
     bottom = 0
     if slope > 0.0:
         if corner == radius:
@@ -107,15 +107,15 @@ def _book_column(
         front = tip + height_under(max(aside, inner), radius, corner)
         bottom = min(quanta, round(min(max(front - new, 0.0), old - new) * (1.0 / QUANTUM_M)))
         new += bottom * QUANTUM_M
-        left -= bottom
+        remaining -= bottom
     if levels == 0:
-        booked[sub, 0, phi_bin(w / radius)] += left
+        booked[sub, 0, phi_bin(w / radius)] += remaining
         return bottom
     h_new = max(0.0, new - tip)
     upper = old
     h_up = 1.0e9
     for level in range(levels, -1, -1):
-        if left <= 0:
+        if remaining <= 0:
             break
         h = shape[3 + level]
         lower = new
@@ -125,9 +125,9 @@ def _book_column(
         else:
             h = h_new
         if lower < upper:
-            part = left
+            part = remaining
             if lower > new:
-                part = min(left, round((upper - lower) * (1.0 / QUANTUM_M)))
+                part = min(remaining, round((upper - lower) * (1.0 / QUANTUM_M)))
             r_mid = max(radius_over(0.5 * (h + min(h_up, h + upper - lower)), radius, corner), 1.0e-12)
             share = part
             if slope < 0.0 and level < levels:
@@ -137,30 +137,30 @@ def _book_column(
                 share = round(part * pull / (pull - slope))
                 bottom += part - share
             booked[sub, level, phi_bin(w / r_mid)] += share
-            left -= part
+            remaining -= part
             upper = max(lower, new)
         h_up = h
-    return bottom + left
+    return bottom + remaining
 
 
 @kernel()
-def _code_flat(event: Float32, code: Int32, held: Whole, radius: Real, per_step: Real, count: Whole) -> None:
+def _code_flat(event: Float32, code: Int32, gathered: Whole, radius: Real, per_step: Real, count: Whole) -> None:
     """Segment and bin of each removed column under a flat end mill; event[1] becomes the station t of its cut."""
     s_of, w_of, t_of, place_of, sub_of = (
-        event[2, :held],
-        event[3, :held],
-        event[1, :held],
-        code[0, :held],
-        code[2, :held],
+        event[2, :gathered],
+        event[3, :gathered],
+        event[1, :gathered],
+        code[0, :gathered],
+        code[2, :gathered],
     )
     r2 = radius * radius
     if count == 1:
-        for i in range(held):
+        for i in range(gathered):
             q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
             place_of[i] = np.int32(_bin_of(q, w_of[i]))
         return
     last = np.float32(count) - _HALF
-    for i in range(held):
+    for i in range(gathered):
         q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
         t = s_of[i] - q
         t_of[i] = t
@@ -170,13 +170,13 @@ def _code_flat(event: Float32, code: Int32, held: Whole, radius: Real, per_step:
 
 @kernel()
 def _code_flat_descending(
-    event: Float32, code: Int32, held: Whole, radius: Real, za: Real, slope: Real, length: Real
+    event: Float32, code: Int32, gathered: Whole, radius: Real, za: Real, slope: Real, length: Real
 ) -> None:
     """Bin and side quanta of each column under a descending flat end mill; what is below its edge is the end face's."""
-    d_of, new_of, s_of, w_of = event[0, :held], event[1, :held], event[2, :held], event[3, :held]
-    place_of, side_of = code[0, :held], code[3, :held]
+    d_of, new_of, s_of, w_of = event[0, :gathered], event[1, :gathered], event[2, :gathered], event[3, :gathered]
+    place_of, side_of = code[0, :gathered], code[3, :gathered]
     r2 = radius * radius
-    for i in range(held):
+    for i in range(gathered):
         q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
         edge = za + slope * min(max(s_of[i] - q, _ZERO), length)
         side = max(d_of[i] - max(edge - new_of[i], _ZERO), _ZERO)
@@ -188,7 +188,7 @@ def _code_flat_descending(
 def _code_ball(
     event: Float32,
     code: Int32,
-    held: Whole,
+    gathered: Whole,
     radius: Real,
     za: Real,
     slope: Real,
@@ -203,16 +203,16 @@ def _code_ball(
     the level, and with ``q = s - t`` the angle ``phi = atan2(q, w)``. What reaches over the level's border goes to the
     neighbour. On a descent the part below the ball's lowest line belongs to the end face, and of the rest a share.
     """
-    d_of, new_of, s_of, w_of = event[0, :held], event[1, :held], event[2, :held], event[3, :held]
-    place_of, next_of = code[0, :held], code[2, :held]
-    side_of, over_of = code[3, :held], code[4, :held]
+    d_of, new_of, s_of, w_of = event[0, :gathered], event[1, :gathered], event[2, :gathered], event[3, :gathered]
+    place_of, next_of = code[0, :gathered], code[2, :gathered]
+    side_of, over_of = code[3, :gathered], code[4, :gathered]
     r2 = radius * radius
     per = _ONE / radius
     top, bins = np.float32(levels), np.float32(BINS)
     unit = radius / (top * top)
     drop = max(-slope, _ZERO)
     falls = slope < _ZERO
-    for i in range(held):
+    for i in range(gathered):
         s, w, new = s_of[i], w_of[i], new_of[i]
         a = max(r2 - w * w, _ZERO)
         q = math.sqrt(a)
@@ -248,7 +248,7 @@ def _code_ball(
 def settle(
     event: Float32,
     code: Int32,
-    held: Whole,
+    gathered: Whole,
     booked: Int,
     totals: Int,
     count: Whole,
@@ -265,29 +265,29 @@ def settle(
     """Add gathered columns (rows removed, new height, s, w) to the books and totals of their segments."""
     radius, corner, levels = shape[0], shape[1], int(shape[2])
     f_rad, f_za, f_slope, f_len = np.float32(radius), np.float32(za), np.float32(slope), np.float32(length)
-    quanta_of, removed = code[1, :held], event[0, :held]
-    for i in range(held):
+    quanta_of, removed = code[1, :gathered], event[0, :gathered]
+    for i in range(gathered):
         quanta_of[i] = np.int32(removed[i] * _SCALE + _HALF)
     r2 = radius * radius
     if descending and mode != COUNT:
-        s_of, w_of = event[2, :held], event[3, :held]
+        s_of, w_of = event[2, :gathered], event[3, :gathered]
         f_r2 = f_rad * f_rad
         area = np.int64(0)
-        for i in range(held):
+        for i in range(gathered):
             ahead = s_of[i] - f_len
             under = (ahead * ahead + w_of[i] * w_of[i] <= f_r2) & (quanta_of[i] > 0)
             area += np.int64(under)
         totals[count - 1, AREA] += area
     if mode == END_FACE or (mode == COUNT and count == 1):
         volume = np.int64(0)
-        for i in range(held):
+        for i in range(gathered):
             volume += np.int64(quanta_of[i])
         totals[0, BOTTOM if mode == END_FACE else VOLUME] += volume
         return
     bottom = np.int64(0)
     if not continued:
         # what stood over the start is not cut by the motion: the end face takes it, and nothing is left to book
-        for i in range(held):
+        for i in range(gathered):
             s, w = float(event[2, i]), float(event[3, i])
             if s * s + w * w <= r2:
                 bottom += np.int64(quanta_of[i])
@@ -296,12 +296,12 @@ def settle(
     books = booked.reshape(-1)
     ball = corner == radius
     if levels == 0 and slope >= 0.0:
-        _code_flat(event, code, held, f_rad, np.float32(count / length), count)
+        _code_flat(event, code, gathered, f_rad, np.float32(count / length), count)
         if count == 1:
-            for i in range(held):
+            for i in range(gathered):
                 books[np.uint32(code[0, i])] += np.int64(quanta_of[i])
         else:
-            for i in range(held):
+            for i in range(gathered):
                 sub = code[2, i]
                 t = event[1, i]
                 while sub > 0 and t < stations[sub]:
@@ -313,8 +313,8 @@ def settle(
                 else:
                     books[np.uint32(sub * BINS + code[0, i])] += np.int64(quanta_of[i])
     elif levels == 0:
-        _code_flat_descending(event, code, held, f_rad, f_za, f_slope, f_len)
-        for i in range(held):
+        _code_flat_descending(event, code, gathered, f_rad, f_za, f_slope, f_len)
+        for i in range(gathered):
             side = min(code[3, i], quanta_of[i])
             books[np.uint32(code[0, i])] += np.int64(side)
             bottom += np.int64(quanta_of[i] - side)
@@ -322,9 +322,18 @@ def settle(
         if ball:
             cosine = 1.0 / math.sqrt(1.0 + slope * slope)
             _code_ball(
-                event, code, held, f_rad, f_za, f_slope, f_len, np.float32(slope * cosine), np.float32(cosine), levels
+                event,
+                code,
+                gathered,
+                f_rad,
+                f_za,
+                f_slope,
+                f_len,
+                np.float32(slope * cosine),
+                np.float32(cosine),
+                levels,
             )
-        for i in range(held):
+        for i in range(gathered):
             quanta = quanta_of[i]
             if ball and code[0, i] >= 0:
                 over = code[4, i]

@@ -165,13 +165,13 @@ def row_bull(
 
 
 @kernel()
-def gather(event: Float32, held: Whole, hit: Whole, out: Float32, lane: Float32, s_row: Real, w_row: Real) -> int:
+def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, lane: Float32, s_row: Real, w_row: Real) -> int:
     """Append the row's columns from the first to the last that was lowered; returns how many."""
     left, right = hit & 255, (hit >> 8) & 255
     first = int(_FIRST[left]) if left != 0 else 8 + int(_FIRST[right])
     last = 8 + int(_LAST[right]) if right != 0 else int(_LAST[left])
     # unsigned places need no look whether they count from the end, so that the loops run in vectors
-    to, at = np.uint64(held), np.uint64(first)
+    to, at = np.uint64(gathered), np.uint64(first)
     for k in range(LANES):
         event[0, to + np.uint64(k)] = out[at + np.uint64(k)]
     for k in range(LANES):

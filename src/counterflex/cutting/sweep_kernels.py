@@ -109,16 +109,16 @@ def stamp_rows(
     stations[0] = 0.0
     for i in range(1, count + 1):
         stations[i] = math.hypot(path[first + i, 0] - xa, path[first + i, 1] - ya)
-    behind = -1.0e30
+    reach_back = -1.0e30
     if continued and not plunge:
-        behind = 0.0 if slope >= 0.0 else (radius * sin_theta if ball else -radius)
+        reach_back = 0.0 if slope >= 0.0 else (radius * sin_theta if ball else -radius)
     y_low, y_high = min(ya, yb), max(ya, yb)
     f_len, f_za, f_slope = np.float32(length), np.float32(start), np.float32(slope)
     f_floor = np.float32(floor)
     f_rad, f_cor, f_sin = np.float32(radius), np.float32(corner), np.float32(sin_theta)
     row_low = max(block_first, math.floor((y_low - radius - y0) / cell / ROWS))
     row_high = min(block_last, math.floor((y_high + radius - y0) / cell / ROWS) + 1)
-    held = 0
+    gathered = 0
     mode = END_FACE if plunge else (BOOK if book else COUNT)
     tally = mode == COUNT and count == 1
     half_x, half_y = 0.5 * (LANES - 1) * cell, 0.5 * (ROWS - 1) * cell
@@ -147,7 +147,7 @@ def stamp_rows(
             dx, dy = x_mid - xa, y_mid - ya
             s_mid = dx * ux + dy * uy
             w_mid = dy * ux - dx * uy
-            if s_mid + reach <= behind or abs(w_mid) - width >= radius:
+            if s_mid + reach <= reach_back or abs(w_mid) - width >= radius:
                 continue
             beyond = s_mid - min(max(s_mid, 0.0), length)
             distance = math.sqrt(beyond * beyond + w_mid * w_mid) - diagonal
@@ -207,12 +207,12 @@ def stamp_rows(
                     for k in range(LANES):
                         sums[k] += np.int64(np.int32(out[k] * _SCALE + _HALF))
                     continue
-                held += gather(event, held, hit, out, lane, np.float32(s_row), np.float32(w_row))
-            if held > EVENTS - (ROWS + 1) * LANES:
+                gathered += gather(event, gathered, hit, out, lane, np.float32(s_row), np.float32(w_row))
+            if gathered > EVENTS - (ROWS + 1) * LANES:
                 settle(
                     event,
                     code,
-                    held,
+                    gathered,
                     booked,
                     totals,
                     count,
@@ -226,7 +226,7 @@ def stamp_rows(
                     minimiser,
                     shape,
                 )
-                held = 0
+                gathered = 0
             if changed:
                 highest = out[PEAK]
                 for k in range(1, LANES):
@@ -234,11 +234,11 @@ def stamp_rows(
                 tops[block_row, block] = highest
     if tally:
         totals[0, VOLUME] += sums.sum()
-    if held > 0:
+    if gathered > 0:
         settle(
             event,
             code,
-            held,
+            gathered,
             booked,
             totals,
             count,

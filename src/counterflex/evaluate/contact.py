@@ -28,9 +28,9 @@ def contact_runs(cutting: Bool, broken: Bool, spacing_m: float) -> list[tuple[in
         return runs
     holes = np.cumsum(broken)
     bridge = max(1, round(BRIDGE_M / spacing_m))
-    apart = (np.diff(inside) > bridge) | (np.diff(holes[inside]) > 0)
-    starts = np.concatenate([[0], np.flatnonzero(apart) + 1])
-    ends = np.concatenate([np.flatnonzero(apart), [len(inside) - 1]])
+    breaks = (np.diff(inside) > bridge) | (np.diff(holes[inside]) > 0)
+    starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
+    ends = np.concatenate([np.flatnonzero(breaks), [len(inside) - 1]])
     return [(int(inside[a]), int(inside[b]) + 1) for a, b in zip(starts, ends, strict=True)]
 
 
@@ -52,15 +52,15 @@ def entry_exit(runs: list[tuple[int, int]], engagement: Float, spacing_m: float,
     """
     entry = np.zeros(len(engagement), dtype=np.bool_)
     leave = np.zeros(len(engagement), dtype=np.bool_)
-    for first, behind in runs:
-        level = engagement[first:behind]
+    for first, end in runs:
+        level = engagement[first:end]
         a, b = _length(level, spacing_m, radius_m), _length(level[::-1], spacing_m, radius_m)
-        n = behind - first
+        n = end - first
         if a + b > n:
             a = min(a, max(n - b, (n + 1) // 2))
             b = n - a
         entry[first : first + a] = True
-        leave[behind - b : behind] = True
+        leave[end - b : end] = True
     return entry, leave
 
 

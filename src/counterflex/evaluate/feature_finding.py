@@ -71,10 +71,10 @@ def find_features(nominal: ToolPath, cutter_radius_m: float) -> tuple[Feature, .
     grooves: list[tuple[Float, Float]] = []
     turns: list[tuple[Float, float, float, float]] = []
     edges = np.flatnonzero(np.diff(motion)) + 1
-    for first, behind in zip(np.append(0, edges), np.append(edges, len(motion)), strict=True):
-        if nominal.kind[behind - 1] != FEED or behind < 2:
+    for first, stop in zip(np.append(0, edges), np.append(edges, len(motion)), strict=True):
+        if nominal.kind[stop - 1] != FEED or stop < 2:
             continue
-        rows: Float = p[max(first - 1, 0) : behind]
+        rows: Float = p[max(first - 1, 0) : stop]
         chord = rows[-1] - rows[0]
         if float(np.hypot(chord[0], chord[1])) >= 4.0 * cutter_radius_m and _straight(rows):
             _add_groove(grooves, rows[0], rows[-1])

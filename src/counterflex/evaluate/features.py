@@ -97,7 +97,7 @@ def measure_features(
         else:
             measured = _pocket(feature, surface, nominal, sections, maps)
         for quantity, value, size, worst, mean in measured:
-            given = (tolerances_m or {}).get((feature.name, quantity))
+            tolerance = (tolerances_m or {}).get((feature.name, quantity))
             general = flatness_k(size) if quantity in ("flatness", "roundness") else linear_m(size)
             rows.append(
                 FeatureRow(
@@ -106,8 +106,8 @@ def measure_features(
                     value,
                     worst,
                     mean,
-                    general if given is None else given,
-                    "ISO 2768-mK" if given is None else "given",
+                    general if tolerance is None else tolerance,
+                    "ISO 2768-mK" if tolerance is None else "given",
                 )
             )
     return tuple(rows)

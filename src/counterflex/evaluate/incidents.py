@@ -51,7 +51,7 @@ class IncidentFinder:
     """
 
     def __init__(self) -> None:
-        self.found: list[Incident] = []
+        self.incidents: list[Incident] = []
         self.total = 0
         self._state: State | None = None
         self._begin_ns: float | None = None
@@ -83,7 +83,7 @@ class IncidentFinder:
             cause = float(row[record.column("out_cause")])
             if cause not in list(Cause):
                 raise InputError("a record holds a cause that does not exist", value=cause)
-            self.found.append(
+            self.incidents.append(
                 Incident(
                     int(row[record.CYCLE]),
                     (float(row[_RECEIVED]) - self._begin_ns) * 1e-9,

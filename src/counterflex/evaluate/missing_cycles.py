@@ -42,7 +42,7 @@ class MissingFinder:
     """
 
     def __init__(self, cycle: int | None = 0) -> None:
-        self.found: list[MissingCycles] = []
+        self.gaps: list[MissingCycles] = []
         self.total = 0
         self._cycle = cycle
         self._time_ns: float | None = None
@@ -56,15 +56,15 @@ class MissingFinder:
         for k in np.flatnonzero(np.diff(cycles) > 1):
             before = self._time_ns if k == 0 else float(rows[k - 1, _RECEIVED])
             time_s = 0.0 if before is None else (float(rows[k, _RECEIVED]) - before) * NS
-            self._found(int(cycles[k]), int(cycles[k + 1] - cycles[k] - 1), time_s)
+            self._add_gap(int(cycles[k]), int(cycles[k + 1] - cycles[k] - 1), time_s)
         self._cycle, self._time_ns = int(cycles[-1]), float(rows[-1, _RECEIVED])
 
     def end(self, lost: int) -> None:
         """Say that so many records are known to be missing behind the last one."""
         if lost:
-            self._found(self._cycle or 0, lost, 0.0)
+            self._add_gap(self._cycle or 0, lost, 0.0)
 
-    def _found(self, after: int, count: int, time_s: float) -> None:
+    def _add_gap(self, after: int, count: int, time_s: float) -> None:
         self.total += count
-        if len(self.found) < MOST_GAPS:
-            self.found.append(MissingCycles(after, count, time_s))
+        if len(self.gaps) < MOST_GAPS:
+            self.gaps.append(MissingCycles(after, count, time_s))

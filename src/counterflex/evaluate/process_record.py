@@ -114,11 +114,11 @@ class ProcessRecord:
             return ()
         if self._begin is None:
             self._begin = float(rows[0, column("received_ns")])
-        asked = rows[:, column("speed_asked")]
-        slow = (asked > 0.0) & (asked < 1.0)
+        requested = rows[:, column("speed_asked")]
+        slow = (requested > 0.0) & (requested < 1.0)
         self._cycles += len(rows)
         self._slowed += int(slow.sum())
-        self._least = min(self._least, float(asked[slow].min(initial=1.0)))
+        self._least = min(self._least, float(requested[slow].min(initial=1.0)))
         bits = rows[:, column("event_new")]
         good = (bits >= 0) & (bits < 1 << EVENTS) & (bits == np.floor(bits))
         if not good.all():

@@ -148,12 +148,12 @@ class RunRecord:
         self._missing.end(lost)
 
     def _count(self, rows: Float, states: Int) -> None:
-        came = rows[:, _ELAPSED] > 0
+        received = rows[:, _ELAPSED] > 0
         self._records += len(rows)
-        self._answered += int(came.sum())
-        self._waited += int((~came).sum())
-        self._telegrams_lost += int((rows[came, _ELAPSED] - 1).sum())
-        self._reply.append((rows[came, _SENT] - rows[came, _RECEIVED]) * 1e-9)
+        self._answered += int(received.sum())
+        self._waited += int((~received).sum())
+        self._telegrams_lost += int((rows[received, _ELAPSED] - 1).sum())
+        self._reply.append((rows[received, _SENT] - rows[received, _RECEIVED]) * 1e-9)
         self._cycles += np.bincount(states, minlength=len(State))
         soft = _numbers(rows[:, record.column("out_soft")], len(Cause), "cause")
         hard = _numbers(rows[:, record.column("out_hard")], len(Cause), "cause")

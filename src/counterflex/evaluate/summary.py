@@ -188,11 +188,11 @@ def seed_rows(data: Mapping[str, Any]) -> list[tuple[str, str, str, str, str, st
 def _reductions(variants: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, float | None]]:
     if "nominal" not in variants or "compensated" not in variants:
         return {}
-    before, behind = variants["nominal"], variants["compensated"]
+    before, after = variants["nominal"], variants["compensated"]
     out: dict[str, dict[str, float | None]] = {}
     for part in _PARTS:
-        if part in before and part in behind:
-            share = {name: reduction(behind[part][name], before[part][name]) for name in _FIGURES}
+        if part in before and part in after:
+            share = {name: reduction(after[part][name], before[part][name]) for name in _FIGURES}
             out[part] = {name: None if value is None else round(value, 4) for name, value in share.items()}
     return out
 

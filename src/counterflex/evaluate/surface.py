@@ -216,10 +216,10 @@ def _slope(z: Float32, axis: int, cell: float, step: float) -> Float32:
     good = np.abs(rise) <= step
     rise = np.where(good, rise, np.float32(0.0))
     pad = [(0, 0), (0, 0)]
-    before, behind = list(pad), list(pad)
-    before[axis], behind[axis] = (1, 0), (0, 1)
-    total = np.pad(rise, before) + np.pad(rise, behind)
-    count = np.pad(good.astype(np.int8), before) + np.pad(good.astype(np.int8), behind)
+    before, after = list(pad), list(pad)
+    before[axis], after[axis] = (1, 0), (0, 1)
+    total = np.pad(rise, before) + np.pad(rise, after)
+    count = np.pad(good.astype(np.int8), before) + np.pad(good.astype(np.int8), after)
     out: Float32 = (total / (np.maximum(count, 1) * cell)).astype(np.float32)
     return out
 
@@ -229,10 +229,10 @@ def _steps(z: Float32, step: float) -> tuple[Float32, Float32]:
     foot, edge = np.zeros_like(z), np.zeros_like(z)
     for axis in (0, 1):
         before = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
-        behind = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
-        rise = z[behind] - z[before]
+        after = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
+        rise = z[after] - z[before]
         rise[np.abs(rise) <= step] = 0.0
-        for here, there, up in ((before, behind, rise), (behind, before, -rise)):
+        for here, there, up in ((before, after, rise), (after, before, -rise)):
             foot[here] = np.maximum(foot[here], up)
             edge[there] = np.maximum(edge[there], up)
     return foot, edge

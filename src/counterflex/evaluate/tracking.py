@@ -163,8 +163,8 @@ def corner_zones(tracked: Tracked, corners: Float, reach_m: float) -> tuple[Bool
 def turn_zone(tracked: Tracked, run_in_rad: float) -> Bool:
     """Samples (n,) of one whole turn of a circle about the origin, after a run-in."""
     angle = np.unwrap(np.arctan2(tracked.p_command[:, 1], tracked.p_command[:, 0]))
-    gone = angle - angle[0]
-    out: Bool = (gone >= run_in_rad) & (gone < run_in_rad + 2.0 * np.pi)
+    turned = angle - angle[0]
+    out: Bool = (turned >= run_in_rad) & (turned < run_in_rad + 2.0 * np.pi)
     return out
 
 

@@ -63,10 +63,10 @@ def keep_inputs(folder: Path, cell: Path, manifests: Sequence[Path]) -> None:
         for i, file in enumerate(read_manifest(path).files, 1):
             name = PurePosixPath(file.path.replace("\\", "/"))
             inside = not Path(file.path).is_absolute() and ".." not in name.parts
-            kept = str(name) if inside else f"file{i}{name.suffix}"
+            relative = str(name) if inside else f"file{i}{name.suffix}"
             if not inside:
-                moved[file.path] = kept
-            atomic.write_bytes(target / kept, _bytes(path.parent / file.path))
+                moved[file.path] = relative
+            atomic.write_bytes(target / relative, _bytes(path.parent / file.path))
         text = _bytes(path)
         if moved:
             doc: Any = tomlkit.parse(text.decode("utf-8-sig"))

@@ -21,7 +21,7 @@ OLDEST: Final = timedelta(days=7)
 
 
 @dataclass(frozen=True)
-class KeptVerdict:
+class StoredVerdict:
     """A verdict on a machine.
 
     Attributes:
@@ -55,7 +55,7 @@ def machine_file() -> Path:
     return Path(base or tempfile.gettempdir()) / "counterflex" / "machine.json"
 
 
-def write_verdict(path: Path, kept: KeptVerdict) -> None:
+def write_verdict(path: Path, stored: StoredVerdict) -> None:
     """Keep a verdict.
 
     Raises:
@@ -64,19 +64,19 @@ def write_verdict(path: Path, kept: KeptVerdict) -> None:
     data = {
         "format": KIND,
         "version": VERSION,
-        "host": kept.host,
-        "kernel": kept.kernel,
-        "date": kept.date.isoformat(),
-        "verdict": kept.verdict,
-        "fits": kept.fits,
-        "p999_s": kept.p999_s,
-        "budget_s": kept.budget_s,
-        "reasons": list(kept.reasons),
+        "host": stored.host,
+        "kernel": stored.kernel,
+        "date": stored.date.isoformat(),
+        "verdict": stored.verdict,
+        "fits": stored.fits,
+        "p999_s": stored.p999_s,
+        "budget_s": stored.budget_s,
+        "reasons": list(stored.reasons),
     }
     atomic.write_text(path, json.dumps(data, indent=2) + "\n")
 
 
-def read_verdict(path: Path) -> KeptVerdict | None:
+def read_verdict(path: Path) -> StoredVerdict | None:
     """The verdict that is kept; None where there is none.
 
     Raises:
@@ -91,16 +91,16 @@ def read_verdict(path: Path) -> KeptVerdict | None:
     if not isinstance(data, dict) or data.get("format") != KIND or data.get("version") != VERSION:
         raise _unusable(path)
     try:
-        return _kept(data)
+        return _stored(data)
     except (KeyError, TypeError, ValueError) as fault:
         raise _unusable(path) from fault
 
 
-def _kept(data: dict[str, Any]) -> KeptVerdict:
+def _stored(data: dict[str, Any]) -> StoredVerdict:
     date = datetime.fromisoformat(str(data["date"]))
     if date.tzinfo is None or not isinstance(data["fits"], bool):
         raise ValueError("date")
-    return KeptVerdict(
+    return StoredVerdict(
         host=str(data["host"]),
         kernel=str(data["kernel"]),
         date=date,
@@ -118,26 +118,28 @@ def _unusable(path: Path) -> FileFormatError:
     )
 
 
-def against(kept: KeptVerdict | None, *, host: str, kernel: str, now: datetime) -> str:
+def against(stored: StoredVerdict | None, *, host: str, kernel: str, now: datetime) -> str:
     """Why a kept verdict does not allow arming on this machine now; empty where it does.
 
     Args:
-        kept: Or None where there is none.
+        stored: Or None where there is none.
         host: Name of this machine.
         kernel: Of its operating system.
         now: With time zone.
     """
-    if kept is None:
+    if stored is None:
         return "this computer has not been measured for the loop"
-    if kept.host != host:
-        return f"the stored verdict is of another computer ({kept.host})"
-    if kept.kernel != kernel:
-        return f"this computer was measured under another kernel ({kept.kernel})"
-    age = now - kept.date
+    if stored.host != host:
+        return f"the stored verdict is of another computer ({stored.host})"
+    if stored.kernel != kernel:
+        return f"this computer was measured under another kernel ({stored.kernel})"
+    age = now - stored.date
     if age > OLDEST:
         return f"this computer was measured {age.days} days ago"
     if age < timedelta(days=-1):
         return "the verdict on this machine is of the future: a clock was set"
-    if not kept.fits:
-        return "this machine does not keep time for the loop: " + (kept.reasons[0] if kept.reasons else kept.verdict)
+    if not stored.fits:
+        return "this machine does not keep time for the loop: " + (
+            stored.reasons[0] if stored.reasons else stored.verdict
+        )
     return ""

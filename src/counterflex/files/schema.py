@@ -80,7 +80,7 @@ class ComplianceTable(Table):
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
-        for key, value in self._given():
+        for key, value in self._components():
             if value < 0.0:
                 raise ValueError(f"{key} is negative: {value:g}; a compliance is at least 0")
             softest = SOFTEST_UM_PER_KN if key.startswith("t") else SOFTEST_URAD_PER_KNM
@@ -94,7 +94,7 @@ class ComplianceTable(Table):
                 )
         return self
 
-    def _given(self) -> list[tuple[str, float]]:
+    def _components(self) -> list[tuple[str, float]]:
         keys = [f"t{a}_um_per_kn" for a in "xyz"] + [f"r{a}_urad_per_knm" for a in "xyz"]
         return [(key, value) for key in keys if (value := getattr(self, key)) is not None]
 

@@ -97,11 +97,11 @@ def histogram_figure(
     }
 
 
-def area_shares(surface: NominalSurface, found: SurfaceDeviation, edges_mm: Float) -> Float:
+def area_shares(surface: NominalSurface, deviation: SurfaceDeviation, edges_mm: Float) -> Float:
     """Share of the evaluated floor and wall area in each class; what lies beyond the ends counts in the end classes."""
-    floor = found.floor_m[~np.isnan(found.floor_m)].astype(np.float64)
-    known = ~np.isnan(found.wall_m)
-    value = np.concatenate([floor, found.wall_m[known]]) / MM
+    floor = deviation.floor_m[~np.isnan(deviation.floor_m)].astype(np.float64)
+    known = ~np.isnan(deviation.wall_m)
+    value = np.concatenate([floor, deviation.wall_m[known]]) / MM
     area = np.concatenate([np.full(len(floor), surface.nominal.cell_m**2), surface.wall_area_m2[known]])
     inside = np.clip(value, edges_mm[0], edges_mm[-1])
     counted: Float = np.histogram(inside, bins=edges_mm, weights=area)[0]

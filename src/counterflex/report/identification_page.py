@@ -34,18 +34,18 @@ class _Head:
     versions: Mapping[str, str]
 
 
-def identification_page(found: Identification, result: Mapping[str, Any]) -> str:
+def identification_page(identification: Identification, result: Mapping[str, Any]) -> str:
     """The page, as HTML text.
 
     All numbers in tables are read from ``result``, so page and ``result.json`` cannot differ.
 
     Args:
-        found: What the recipe found: fits and pictures.
+        identification: What the recipe found: fits and pictures.
         result: The content of ``result.json``.
     """
     figures: dict[str, Any] = {}
     fits = []
-    for i, (name, fit) in enumerate(found.fits.items()):
+    for i, (name, fit) in enumerate(identification.fits.items()):
         table = result["fits"][name]
         shown = {
             f"intervals{i}": intervals_figure(fit),
@@ -65,7 +65,7 @@ def identification_page(found: Identification, result: Mapping[str, Any]) -> str
                 "words": seen_words(fit),
             }
         )
-    for i, picture in enumerate(found.pictures):
+    for i, picture in enumerate(identification.pictures):
         figures[f"picture{i}"] = picture_figure(picture)
     head = _Head(
         title=result["title"][:1].upper() + result["title"][1:],
@@ -84,7 +84,7 @@ def identification_page(found: Identification, result: Mapping[str, Any]) -> str
         cards=[_card(f) for f in result["headline"]],
         numbers=[{**f, "unit": _unit(f["name"])} for f in result["figures"]],
         fits=fits,
-        pictures=[(f"picture{i}", p.title, p.note) for i, p in enumerate(found.pictures)],
+        pictures=[(f"picture{i}", p.title, p.note) for i, p in enumerate(identification.pictures)],
         provenance=_provenance(result),
         number=_number,
     )
@@ -124,13 +124,13 @@ def _card(figure: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _row(row: Mapping[str, Any]) -> dict[str, str]:
-    held = row["low"] is None
+    fixed = row["low"] is None
     return {
         "label": row["label"],
         "unit": row["unit"],
         "value": _number(row["value"], 5),
-        "sigma": "" if held else _number(row["sigma"], 2),
-        "interval": "" if held else f"{_number(row['low'], 5)} … {_number(row['high'], 5)}",
+        "sigma": "" if fixed else _number(row["sigma"], 2),
+        "interval": "" if fixed else f"{_number(row['low'], 5)} … {_number(row['high'], 5)}",
         "nominal": _number(row["nominal"], 5),
         "prior": "" if row["prior_sigma"] is None else _number(row["prior_sigma"], 2),
         "seen": {"determined": "determined", "partly": "partly", "prior": "prior", "held": "held"}[row["seen"]],

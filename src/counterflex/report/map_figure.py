@@ -16,7 +16,7 @@ from counterflex.report.figure_data import METROLOGY, NOT_MACHINED, STEPS, block
 
 LIMIT_CELLS: Final = 120_000
 _LIMIT_3D: Final = 16_000
-_APART: Final = 0.14  # of the part's longer side
+_SPACING: Final = 0.14  # of the part's longer side
 _LABEL_PX: Final = (64.0, 20.0)
 _NUMBER_PX: Final = (24.0, 20.0)
 _BAND_MM: Final = 2.0
@@ -56,19 +56,19 @@ class Callout:
     after_mm: float
 
 
-def map_picture(surface: NominalSurface, found: SurfaceDeviation, limit_cells: int = LIMIT_CELLS) -> MapPicture:
+def map_picture(surface: NominalSurface, measured: SurfaceDeviation, limit_cells: int = LIMIT_CELLS) -> MapPicture:
     """Thin a deviation map to at most ``limit_cells`` pixels and draw its walls."""
     part = surface.nominal
-    ny, nx = found.floor_m.shape
+    ny, nx = measured.floor_m.shape
     k = max(1, math.ceil(math.sqrt(ny * nx / limit_cells)))
-    value = _largest(found.floor_m.astype(np.float64), k) / MM
+    value = _largest(measured.floor_m.astype(np.float64), k) / MM
     x, y = (
         (origin + part.cell_m * (np.arange(count, dtype=np.float64) * k + 0.5 * (k - 1))) / MM
         for origin, count in ((part.x0_m, value.shape[1]), (part.y0_m, value.shape[0]))
     )
-    known = np.isfinite(found.wall_m)
+    known = np.isfinite(measured.wall_m)
     if known.any():
-        wall, deviation = surface.wall_point[known, :2] / MM, found.wall_m[known] / MM
+        wall, deviation = surface.wall_point[known, :2] / MM, measured.wall_m[known] / MM
         band = max(_BAND_MM, 1.6 * k * part.cell_m / MM)
         j, i = np.nonzero(np.isnan(value))
         centre = np.column_stack([x[i], y[j]])
@@ -221,12 +221,12 @@ def _short(places: tuple[Callout, ...], picture: MapPicture, width_mm: float) ->
     return out
 
 
-def figure_3d(surface: NominalSurface, found: SurfaceDeviation, limit_mm: float) -> dict[str, Any]:
+def figure_3d(surface: NominalSurface, deviation: SurfaceDeviation, limit_mm: float) -> dict[str, Any]:
     """Plotly specification of the nominal part in space, coloured by its deviation; needs WebGL.
 
     One closed surface: what was not machined has a step of its own behind the scale, so that walls are drawn too.
     """
-    picture = map_picture(surface, found, _LIMIT_3D)
+    picture = map_picture(surface, deviation, _LIMIT_3D)
     part = surface.nominal
     k = max(1, math.ceil(math.sqrt(part.z.size / _LIMIT_3D)))
     ny, nx = picture.value_mm.shape
@@ -294,8 +294,8 @@ def _largest(value: Float, k: int) -> Float:
 
 def _blank(size: Float, picture: MapPicture, j: int, i: int) -> None:
     """Take a neighbourhood out of the search."""
-    apart = _APART * max(float(np.ptp(picture.x_mm)), float(np.ptp(picture.y_mm)))
-    near = np.hypot(picture.x_mm[None, :] - picture.x_mm[i], picture.y_mm[:, None] - picture.y_mm[j]) < apart
+    spacing = _SPACING * max(float(np.ptp(picture.x_mm)), float(np.ptp(picture.y_mm)))
+    near = np.hypot(picture.x_mm[None, :] - picture.x_mm[i], picture.y_mm[:, None] - picture.y_mm[j]) < spacing
     size[near] = 0.0
 
 

@@ -77,17 +77,17 @@ def over_angle(runs: Sequence[TrackedRun]) -> dict[str, Any]:
     """Radial error of a circle over the angle gone; dotted where an axis turns round."""
     lines, shapes, notes = [], [], []
     for run, colour in zip(runs, COLOURS, strict=False):
-        gone = np.unwrap(np.arctan2(run.p_command[:, 1], run.p_command[:, 0]))
-        gone = (gone - gone[0]) / DEG
+        turned = np.unwrap(np.arctan2(run.p_command[:, 1], run.p_command[:, 0]))
+        turned = (turned - turned[0]) / DEG
         radial = (np.hypot(*run.p_actual[:, :2].T) - np.hypot(*run.p_path[:, :2].T)) / UM
-        x, y = thin(gone, radial, run.shown, _POINTS)
+        x, y = thin(turned, radial, run.shown, _POINTS)
         lines.append(_line(run.name, colour, numbers(x, 2), numbers(y, 1), 1.2))
         if run is not runs[-1]:
             continue
         for n, (row, axis) in enumerate(run.reversals):
             if not run.shown[row]:
                 continue
-            at = round(float(gone[row]), 2)
+            at = round(float(turned[row]), 2)
             shapes.append({"type": "line", "x0": at, "x1": at, "yref": "paper", "y0": 0, "y1": 1,
                            "line": {"color": "#9aa1ab", "width": 1, "dash": "dot"}})  # fmt: skip
             notes.append({"x": at, "yref": "paper", "y": 0.98 - 0.06 * (n % 3), "text": f"A{axis}", "showarrow": False,

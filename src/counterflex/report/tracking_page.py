@@ -20,7 +20,7 @@ class TrackingData:
         subtitle: One line below it.
         created: Date as printed, or empty.
         verdict: The result in one sentence.
-        beside: Header and rows of the table beside the paper's figures.
+        comparison: Header and rows of the table beside the paper's figures.
         columns: Header of the table of figures.
         rows: Its rows.
         margin_columns: Header of the table of margins.
@@ -39,7 +39,7 @@ class TrackingData:
     subtitle: str
     created: str
     verdict: str
-    beside: tuple[Sequence[str], Sequence[Sequence[str]]]
+    comparison: tuple[Sequence[str], Sequence[Sequence[str]]]
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     margin_columns: Sequence[str]

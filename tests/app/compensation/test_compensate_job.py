@@ -13,7 +13,7 @@ import pytest
 
 from counterflex.app.compensation import compensate as job
 from counterflex.app.compensation.compensate import Compensated, compensate
-from counterflex.app.compensation.prediction import chatter, chatter_said, path_error
+from counterflex.app.compensation.prediction import chatter, chatter_warnings, path_error
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import MM, UM
@@ -275,4 +275,4 @@ def test_a_tool_that_swings_up_is_told_from_one_that_overshoots(small: Path, pro
             assert bool(found) == told, (key, times)
             if told:
                 assert [item["line"] for item in found] == [plan.line[row]]
-                assert f"line {plan.line[row]}" in chatter_said(found)[0]
+                assert f"line {plan.line[row]}" in chatter_warnings(found)[0]

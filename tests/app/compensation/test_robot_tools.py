@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.compensation.compensate import compensate
-from counterflex.app.compensation.robot_program import check_machine, left_out, other_lengths, routine_name, tool_data
+from counterflex.app.compensation.robot_program import check_machine, omissions, other_lengths, routine_name, tool_data
 from counterflex.app.inputs import read_job
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.files.cell.cell import Cell, resolve
@@ -137,11 +137,11 @@ def test_no_program_is_called_like_a_word_of_the_language(stem: str, name: str) 
 
 def test_the_ways_home_are_one_warning(tmp_path: Path) -> None:
     text = "G21 G90\nT1 M6\nG0 X-12 Y15 Z50\nG0 Z38\nG1 X2 F1500\nG0 Z50\nG28 G91 Z0\nG90\nG53 G0 Z0\nG30\nM30\n"
-    assert left_out(read_job(program(tmp_path, text), cell({})).program) == [
+    assert omissions(read_job(program(tmp_path, text), cell({})).program) == [
         "G28, G30, G53 in lines 7, 9, 10 lead to places of the milling machine: the robot stays where it is"
     ]
     one = text.replace("G90\nG53 G0 Z0\nG30\n", "")
-    (said,) = left_out(read_job(program(tmp_path, one), cell({})).program)
+    (said,) = omissions(read_job(program(tmp_path, one), cell({})).program)
     assert said.startswith("G28 in line 7 leads to")
 
 

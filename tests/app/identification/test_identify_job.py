@@ -387,5 +387,5 @@ def test_datasets_of_one_name_are_told_apart_by_their_manifests() -> None:
     a = replace(of_arrays("poses", "pulls", {"q": np.zeros((2, 6))}), where="day1/a.toml")
     b = replace(of_arrays("poses", "pulls", {"q": np.ones((2, 6))}), where="day2/b.toml")
     c = of_arrays("other", "pulls", {"q": np.ones((2, 6))})
-    (first, third), (second,) = identify._named_apart((a, c), (b,))
+    (first, third), (second,) = identify._with_unique_names((a, c), (b,))
     assert (first.name, second.name, third.name) == ("poses (a.toml)", "poses (b.toml)", "other")

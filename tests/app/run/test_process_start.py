@@ -148,9 +148,9 @@ def test_an_interrupt_while_the_summary_is_waited_for_does_not_lose_it(supervise
         return cast(dict[str, Any], one)
 
     supervised.summary = summary  # type: ignore[method-assign]
-    assert supervised.told() == {"cycles": 3}
+    assert supervised.loop_report() == {"cycles": 3}
     with pytest.raises(KeyboardInterrupt):
-        supervised.told()
+        supervised.loop_report()
     supervised.close()
 
 

@@ -122,14 +122,14 @@ def run(
         if steps:
             end = Path(place.cell_after(len(steps) - 1, start))
             _keep(copied_text(end, place.folder).encode("utf-8"), place.folder / CELL)
-    found = _summary(places, results, part, start, time.perf_counter() - begin)
-    found["made_again"] = made_again(folder, begun)
+    summary = _summary(places, results, part, start, time.perf_counter() - begin)
+    summary["made_again"] = made_again(folder, begun)
     from counterflex.app.campaign.report import campaign_page_of
     from counterflex.report.page import write_page
 
-    write_summary(folder / "summary.json", found)
-    write_page(campaign_page_of(found), folder / "report.html")
-    return found
+    write_summary(folder / "summary.json", summary)
+    write_page(campaign_page_of(summary), folder / "report.html")
+    return summary
 
 
 def _keep(data: bytes, target: Path) -> Path:
@@ -219,16 +219,16 @@ def _machining(place: _Place, start: Path, part: Path, shared: Path, *, with_exa
     else:
         planned = []
     if with_exact:
-        knows = place.folder / "exact"
+        exact = place.folder / "exact"
         planned.append(
             Task(
                 f"{place.name}/exact",
                 f"{place.name}: planning",
                 compensated_exact,
-                (str(part), str(start), place.truth, str(knows)),
+                (str(part), str(start), place.truth, str(exact)),
             )
         )
-        variants.append(("exact", knows / part.name, (f"{place.name}/exact",)))
+        variants.append(("exact", exact / part.name, (f"{place.name}/exact",)))
     runs = [
         Task(
             f"{place.name}/machined {name}",
@@ -243,10 +243,10 @@ def _machining(place: _Place, start: Path, part: Path, shared: Path, *, with_exa
     return [*planned, *runs]
 
 
-def _with_report(found: Mapping[str, Any], place: _Place, k: int) -> dict[str, Any]:
+def _with_report(result: Mapping[str, Any], place: _Place, k: int) -> dict[str, Any]:
     """What a recipe found, and where its report is, relative to the campaign's folder."""
-    report = f"{place.folder.name}/{place.step_folder(k).name}/{RESULT}/report.html" if found["accepted"] else ""
-    return {**found, "report": report}
+    report = f"{place.folder.name}/{place.step_folder(k).name}/{RESULT}/report.html" if result["accepted"] else ""
+    return {**result, "report": report}
 
 
 def _summary(
@@ -276,7 +276,7 @@ def _summary(
     if part is None:
         return about
     about["prediction"] = results["compensated"]["prediction"]
-    found = [
+    seeds = [
         SeedResult(
             place.seed,
             name,
@@ -289,4 +289,4 @@ def _summary(
         for place in places
         if f"{place.name}/machined {name}" in results
     ]
-    return summary(found, about)
+    return summary(seeds, about)

@@ -47,9 +47,9 @@ def compensated(program: str, cell_file: str, folder: str, *, progress: Progress
     result = compensate(program, cell, progress=progress)
     for name, text in result.files.items():
         atomic.write_bytes(out / name, text.encode(result.encoding, errors="replace"))
-    found = {"prediction": result.summary["prediction"]}
-    finish(out, mark, found)
-    return found
+    figures = {"prediction": result.summary["prediction"]}
+    finish(out, mark, figures)
+    return figures
 
 
 def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str, Any]:

@@ -41,26 +41,26 @@ _GROUPS: Final = {
 _LIBRARIES: Final = ("numpy", "scipy", "numba", "mujoco", "polars")
 
 
-def campaign_page_of(found: Mapping[str, Any]) -> str:
+def campaign_page_of(summary: Mapping[str, Any]) -> str:
     """The page of a campaign's summary, as HTML."""
-    rows = rows_of(found)
+    rows = rows_of(summary)
     with_exact = any(row[-1] != "-" for row in rows)
     return campaign_page(
         CampaignData(
-            title=f"Campaign: {found['cell']}",
-            subtitle=f"{found['robot']}, set up as a laboratory would, on simulated cells",
+            title=f"Campaign: {summary['cell']}",
+            subtitle=f"{summary['robot']}, set up as a laboratory would, on simulated cells",
             created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            verdict=verdict(found),
-            cards=_cards(found),
+            verdict=verdict(summary),
+            cards=_cards(summary),
             columns=COLUMNS if with_exact else COLUMNS[:-2],
             rows=[row if with_exact else row[:-2] for row in rows],
-            seeds=tuple(_campaign(item) for item in found["campaigns"]),
+            seeds=tuple(_campaign(item) for item in summary["campaigns"]),
             facts=(
-                Fact("Cell", str(found["cell"])),
-                Fact("Robot", str(found["robot"])),
-                *((Fact("Program", str(found["program"])),) if found["program"] else ()),
+                Fact("Cell", str(summary["cell"])),
+                Fact("Robot", str(summary["robot"])),
+                *((Fact("Program", str(summary["program"])),) if summary["program"] else ()),
             ),
-            timing=(Fact("Whole campaign", f"{found['seconds']:.0f} s"),),
+            timing=(Fact("Whole campaign", f"{summary['seconds']:.0f} s"),),
             versions={
                 "counterflex": __version__,
                 "Python": platform.python_version(),
@@ -70,14 +70,14 @@ def campaign_page_of(found: Mapping[str, Any]) -> str:
     )
 
 
-def rows_of(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
+def rows_of(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of the table of a campaign, one per truth, as printed.
 
     Seed; 99.7 % path error of the uncompensated program, mm; then mm and what remains, %, of the program compensated
     with the cell file as it was, with the identified cell, and with the truth's exact constants.
     """
     by: dict[Any, dict[str, Any]] = {}
-    for entry in found.get("seeds", []):
+    for entry in summary.get("seeds", []):
         by.setdefault(entry["seed"], {})[entry["truth_level"]] = entry
     rows = []
     for seed, levels in by.items():
@@ -93,18 +93,18 @@ def rows_of(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def remaining(found: Mapping[str, Any], level: str) -> list[float]:
+def remaining(summary: Mapping[str, Any], level: str) -> list[float]:
     """Share of the 99.7 % path error that remains at a truth level, per seed."""
     return [
         entry["variants"]["compensated"]["path"]["p997_mm"] / entry["variants"]["nominal"]["path"]["p997_mm"]
-        for entry in found.get("seeds", [])
+        for entry in summary.get("seeds", [])
         if entry["truth_level"] == level
     ]
 
 
-def verdict(found: Mapping[str, Any]) -> str:
+def verdict(summary: Mapping[str, Any]) -> str:
     """The result in one sentence; empty where nothing was machined with an identified cell."""
-    identified, catalogue = remaining(found, "identified"), remaining(found, "catalogue")
+    identified, catalogue = remaining(summary, "identified"), remaining(summary, "catalogue")
     if not identified:
         return ""
     cells = f"{len(identified)} simulated cells" if len(identified) > 1 else "one simulated cell"
@@ -116,18 +116,18 @@ def verdict(found: Mapping[str, Any]) -> str:
     return text + " as it was."
 
 
-def _cards(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     cards = []
     for level, name in (
         ("catalogue", "with the cell file"),
         ("identified", "with the identified cell"),
         ("exact", "with exact constants"),
     ):
-        shares = remaining(found, level)
+        shares = remaining(summary, level)
         if shares:
             worst = f"worst {100.0 * max(shares):.1f} %, best {100.0 * min(shares):.1f} %"
             cards.append((f"Remaining path error, {name}", f"{100.0 * statistics.median(shares):.1f} %", worst))
-    recipes = [row for item in found["campaigns"] for row in item["recipes"]]
+    recipes = [row for item in summary["campaigns"] for row in item["recipes"]]
     if recipes:
         taken = sum(1 for row in recipes if row["accepted"])
         rest = (
@@ -182,10 +182,10 @@ def _truth(row: Mapping[str, Any]) -> TruthRow:
     )
 
 
-def headline_rows(found: Mapping[str, Any]) -> list[list[str]]:
+def headline_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     """First headline figure of every recipe: seed, recipe, figure, before, identified, whether it was taken over."""
     rows = []
-    for item in found["campaigns"]:
+    for item in summary["campaigns"]:
         for row in item["recipes"]:
             shown = _recipe(row)
             first = shown.figures[0] if shown.figures else FigureRow(row["why"][:60], "", "")

@@ -94,7 +94,7 @@ def step(
         seconds[f"measure {name}"] = time.perf_counter() - clock
         rows[name], manifests[name] = measured["rows"], measured["manifest"]
     clock = time.perf_counter()
-    found: dict[str, Any] = {"recipe": plan.recipe, "rows": rows}
+    outcome: dict[str, Any] = {"recipe": plan.recipe, "rows": rows}
     try:
         result = identify.run(
             plan.recipe,
@@ -107,13 +107,13 @@ def step(
             progress=parts["identify"],
         )
     except CounterflexError as fault:
-        found |= {"accepted": False, "why": str(fault), "headline": [], "figures": []}
+        outcome |= {"accepted": False, "why": str(fault), "headline": [], "figures": []}
         new_cell = Path(cell_file)
     else:
-        found |= {"accepted": True, "why": "", "headline": result["headline"], "figures": result["figures"]}
+        outcome |= {"accepted": True, "why": "", "headline": result["headline"], "figures": result["figures"]}
         new_cell = out / RESULT / CELL
     atomic.write_text(out / CELL, copied_text(new_cell, out))
     seconds["identify"] = time.perf_counter() - clock
-    found["seconds"] = {key: round(value, 2) for key, value in seconds.items()}
-    finish(out, mark, found)
-    return found
+    outcome["seconds"] = {key: round(value, 2) for key, value in seconds.items()}
+    finish(out, mark, outcome)
+    return outcome

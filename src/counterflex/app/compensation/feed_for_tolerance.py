@@ -36,10 +36,10 @@ def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, pr
     def make(path: ToolPath) -> Plan:
         done = next(rounds)
 
-        def told(fraction: float, what: str = "") -> None:
+        def report(fraction: float, what: str = "") -> None:
             progress((done + fraction) / (ROUNDS + 1.0), f"round {done + 1}: {what}" if what else "")
 
-        return make_plan(path, job.line_of_motion, cell.stock(), setting, predict=True, progress=told)
+        return make_plan(path, job.line_of_motion, cell.stock(), setting, predict=True, progress=report)
 
     group, fixed = _groups(job)
     return lower_feed(job.path, group, fixed, wish, make)
@@ -56,18 +56,18 @@ def _groups(job: Job) -> tuple[Int, Bool]:
     return group, ~per_minute[motion]
 
 
-def shown_feed(found: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
+def shown_feed(lowered: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
     """What became of the feed, in shop units."""
     return {
         "tolerance_um": round(wish.tolerance_m / UM, 3),
         "least_percent": round(100.0 * wish.least, 3),
         "least_chip_um": round(wish.least_chip_m / UM, 3),
-        "extra_s": round(found.extra_s, 3),
-        "time_s": round(float(found.plan.path.time_s[-1]), 3),
-        "worst_before_um": round(found.before_m / UM, 1),
-        "worst_after_um": round(found.after_m / UM, 1),
-        "reached": bool(found.after_m <= wish.tolerance_m),
-        "rounds": found.rounds,
+        "extra_s": round(lowered.extra_s, 3),
+        "time_s": round(float(lowered.plan.path.time_s[-1]), 3),
+        "worst_before_um": round(lowered.before_m / UM, 1),
+        "worst_after_um": round(lowered.after_m / UM, 1),
+        "reached": bool(lowered.after_m <= wish.tolerance_m),
+        "rounds": lowered.rounds,
         "lines": [
             {
                 "line": line.line,
@@ -76,6 +76,6 @@ def shown_feed(found: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
                 "after_um": round(line.after_m / UM, 1),
                 "why": line.why,
             }
-            for line in found.lines
+            for line in lowered.lines
         ],
     }

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.compensation.language_names import LANGUAGES
-from counterflex.app.compensation.robot_program import left_out, other_lengths, routine_name, tool_data
+from counterflex.app.compensation.robot_program import omissions, other_lengths, routine_name, tool_data
 from counterflex.app.inputs import Job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError, OutputError
@@ -89,9 +89,9 @@ def written(name: str, order: WritingOrder) -> Written:
     if name in LANGUAGES.own:
         return kind.write(order)
     try:
-        files, said = kind.write(order)
+        files, details = kind.write(order)
         texts = {str(file): str(text) for file, text in files.items()}
-        facts = dict(said)
+        facts = dict(details)
     except CounterflexError:
         raise
     except Exception as fault:
@@ -108,8 +108,8 @@ def _gcode(order: WritingOrder) -> Written:
     job, plan = order.job, order.plan
     commanded = CompensatedPath.from_correction(job.sampled, plan.correction_part, plan.rotvec_part)
     text = write_gcode(job.program, commanded, tolerance_m=order.tolerance_m, cell=order.cell.name, job=job_hash(plan))
-    said = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
-    return {Path(job.program.name).name: text.text}, said
+    facts = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
+    return {Path(job.program.name).name: text.text}, facts
 
 
 def _krl(order: WritingOrder) -> Written:
@@ -157,7 +157,7 @@ def _robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, 
     text = writer(
         job.program, job.path, order.Ts_part_tcp, settings, tolerance_m=order.tolerance_m, block_lines=lines
     ).text()
-    text = replace(text, warnings=(*text.warnings, *left_out(job.program), *other_lengths(job.program)))
+    text = replace(text, warnings=(*text.warnings, *omissions(job.program), *other_lengths(job.program)))
     return text.files, {key: value for key, value in dataclasses.asdict(text).items() if key != "files"}
 
 
@@ -197,14 +197,14 @@ def write(
     Returns:
         Program files by name, and what the writer says about them, in shop units.
     """
-    files, said = written(language, WritingOrder(job, plan, cell, tolerance_m))
-    return files, _shop(said)
+    files, facts = written(language, WritingOrder(job, plan, cell, tolerance_m))
+    return files, _shop(facts)
 
 
-def _shop(said: dict[str, Any]) -> dict[str, Any]:
+def _shop(facts: dict[str, Any]) -> dict[str, Any]:
     """Writer's figures with shop units in their names."""
     out: dict[str, Any] = {}
-    for key, value in said.items():
+    for key, value in facts.items():
         if key.endswith("_m"):
             out[key[:-2] + "_um"] = round(float(value) / UM, 3)
         elif key.endswith("_rad"):

@@ -70,10 +70,10 @@ def _tool_frames(cell: Cell, language: Dialect, tools: Sequence[int], frame: str
 
 def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...]:
     """What comes after a plan, in order."""
-    found, program = summary["prediction"], summary["program"]
+    prediction, program = summary["prediction"], summary["program"]
     steps = [
         f"Line {item['line']}: a rapid move removes {item['volume_mm3']:.1f} mm³ of material. Mend the program first."
-        for item in found["collisions"]
+        for item in prediction["collisions"]
     ]
     steps.append(
         "Try it on the simulated cell before you cut metal: "
@@ -84,13 +84,13 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...
             "This cell has not been measured: stiffness and cutting constants are those of the catalogue, and the "
             "prediction is as uncertain as they are. counterflex identify stiffness --propose lists the measurements."
         )
-    if "predicted_compensated" in found:
-        after, before = found["predicted_compensated"], found["predicted_nominal"]
-        chatters = found["chatter"]
+    if "predicted_compensated" in prediction:
+        after, before = prediction["predicted_compensated"], prediction["predicted_nominal"]
+        chatters = prediction["chatter"]
         if chatters:
             lines = ", ".join(str(item["line"]) for item in chatters[:_MOST])
             steps.insert(
-                len(found["collisions"]),
+                len(prediction["collisions"]),
                 f"Line {lines}: the tool is predicted to chatter, which no correction mends. Less depth (pecks: G83), "
                 "another feed or spindle speed, a stiffer tool.",
             )

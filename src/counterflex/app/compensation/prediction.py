@@ -81,12 +81,12 @@ def chatter(plan: Plan) -> list[dict[str, Any]]:
     return [{"line": line, "deviation_mm": round(size / MM, 3)} for line, size in sorted(worst.items())]
 
 
-def chatter_said(found: list[dict[str, Any]]) -> list[str]:
+def chatter_warnings(regions: list[dict[str, Any]]) -> list[str]:
     """The same in words; empty where nothing chatters."""
-    if not found:
+    if not regions:
         return []
-    hardest = max(found, key=lambda item: float(item["deviation_mm"]))
-    lines = ", ".join(str(item["line"]) for item in found[:_LISTED]) + (", ..." if len(found) > _LISTED else "")
+    hardest = max(regions, key=lambda item: float(item["deviation_mm"]))
+    lines = ", ".join(str(item["line"]) for item in regions[:_LISTED]) + (", ..." if len(regions) > _LISTED else "")
     return [
         f"the model chatters in line {lines}, up to {hardest['deviation_mm']:.3g} mm in line {hardest['line']}: "
         "predicted errors there are no forecast. Less depth (pecks: G83), another feed or spindle speed, a stiffer tool"
@@ -95,8 +95,8 @@ def chatter_said(found: list[dict[str, Any]]) -> list[str]:
 
 def path_error(size_m: Float, weight_m: Float) -> dict[str, float]:
     """Largest, 99.7 % and rms of an error, weighted by path length, mm."""
-    found = weighted_figures(size_m, weight_m)
-    values = {"max_mm": found.max_m, "p997_mm": found.p997_m, "rms_mm": found.rms_m}
+    figures = weighted_figures(size_m, weight_m)
+    values = {"max_mm": figures.max_m, "p997_mm": figures.p997_m, "rms_mm": figures.rms_m}
     return {key: round(value / MM, 4) for key, value in values.items()}
 
 
@@ -118,33 +118,35 @@ def _peak(values: Float, plan: Plan, unit: float, digits: int) -> dict[str, Any]
 
 def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionData:
     """The page of a plan."""
-    found = summary["prediction"]
-    worst = found["peak_deflection_um"]
+    predicted = summary["prediction"]
+    worst = predicted["peak_deflection_um"]
     facts = [
         Fact("Program", str(summary["program"])),
         Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
-        Fact("Peak force", f"{found['peak_force_n']['value']:.0f} N", f"line {found['peak_force_n']['line']}"),
+        Fact("Peak force", f"{predicted['peak_force_n']['value']:.0f} N", f"line {predicted['peak_force_n']['line']}"),
         Fact("Peak deflection", f"{worst['value'] / 1000:.2f} mm", f"line {worst['line']}"),
-        Fact("Material removed", f"{found['removed_mm3'] / 1000:.1f} cm³"),
-        Fact("Programmed time", f"{found['duration_s']:.0f} s"),
+        Fact("Material removed", f"{predicted['removed_mm3'] / 1000:.1f} cm³"),
+        Fact("Programmed time", f"{predicted['duration_s']:.0f} s"),
     ]
     for name, what in (("nominal", "before"), ("compensated", "after")):
-        if f"predicted_{name}" in found:
-            error = found[f"predicted_{name}"]
+        if f"predicted_{name}" in predicted:
+            error = predicted[f"predicted_{name}"]
             facts.append(
                 Fact(
                     f"Predicted path error {what}", f"{error['p997_mm']:.3f} mm", "99.7 % of the path length in the cut"
                 )
             )
     notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
-    if found["extrapolated_force_share"] > 0.0:
+    if predicted["extrapolated_force_share"] > 0.0:
         notes.append(
-            f"{100 * found['extrapolated_force_share']:.2g} % of the force comes from chips outside the range of the "
-            "cutting constants."
+            f"{100 * predicted['extrapolated_force_share']:.2g} % of the force comes from chips outside the range "
+            "of the cutting constants."
         )
-    notes += [f"{text[0].upper()}{text[1:]}." for text in chatter_said(found["chatter"])]
-    notes += [f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in found["collisions"]]
+    notes += [f"{text[0].upper()}{text[1:]}." for text in chatter_warnings(predicted["chatter"])]
+    notes += [
+        f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in predicted["collisions"]
+    ]
     return PredictionData(
         title=str(summary["program"]),
         subtitle=f"predicted on {cell.name}",
@@ -161,22 +163,22 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
         notes=tuple(notes),
         cutting=plan.cutting,
         line=plan.line,
-        **_errors(plan, found),
+        **_errors(plan, predicted),
         drawing=drawing(plan, cell),
         load=to_load(summary, cell, np.unique(plan.path.tool[plan.cutting]).tolist()),
         next_steps=after_compensation(summary, cell),
     )
 
 
-def _errors(plan: Plan, found: dict[str, Any]) -> dict[str, Any]:
+def _errors(plan: Plan, prediction: dict[str, Any]) -> dict[str, Any]:
     """Predicted error along the path and its figures, where it was predicted."""
-    if "predicted_compensated" not in found:
+    if "predicted_compensated" not in prediction:
         return {}
     before, after = (
         np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
         for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
     )
-    first, last = found["predicted_nominal"], found["predicted_compensated"]
+    first, last = prediction["predicted_nominal"], prediction["predicted_compensated"]
     headline = (first["p997_mm"], last["p997_mm"], first["max_mm"], last["max_mm"])
     return {"error_before_m": before, "error_after_m": after, "headline_mm": headline}
 
@@ -214,12 +216,12 @@ def summary_of(
         tolerance_m: Largest distance between the written path and the planned one.
     """
     predicted = figures(plan)
-    said = (*doubtful_readings(job.program), *beyond_measured(cell, plan), *chatter_said(predicted["chatter"]))
+    remarks = (*doubtful_readings(job.program), *beyond_measured(cell, plan), *chatter_warnings(predicted["chatter"]))
     written = written | {
         "tolerance_um": round(tolerance_m / UM, 3),
         "lines_in": len("\n".join(job.program.lines).splitlines()),
         "lines_out": sum(len(text.splitlines()) for name, text in files.items() if not name.endswith(".dat")),
-        "warnings": [*written.get("warnings", ()), *said],
+        "warnings": [*written.get("warnings", ()), *remarks],
     }
     return {
         "job": "compensate",

@@ -35,7 +35,7 @@ def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
     tool_data(job, cell, language)
     refuse_change_in_cut(job, cell)
     refuse_other_height(job.program)
-    left_out(job.program)
+    omissions(job.program)
 
 
 def refuse_change_in_cut(job: Job, cell: Cell) -> None:
@@ -88,13 +88,13 @@ def refuse_other_height(program: Program) -> None:
             )
 
 
-def left_out(program: Program) -> list[str]:
+def omissions(program: Program) -> list[str]:
     """What a robot program leaves out of one that goes to places of the milling machine (G28, G30, G53), in words.
 
     Raises:
         ProgramError: That was the way out of the cut: the robot would stay there.
     """
-    found: dict[str, list[str]] = {}
+    places: dict[str, list[str]] = {}
     for block in program.blocks:
         codes = {word.value for word in block.words if word.letter == "G"} & _HOMING
         if not codes or block.motion_count or block.first_motion == 0:
@@ -107,27 +107,27 @@ def left_out(program: Program) -> list[str]:
                 value=block.text.strip()[:40],
                 hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
             )
-        found.setdefault(str(block.line), []).append(name)
-    if not found:
+        places.setdefault(str(block.line), []).append(name)
+    if not places:
         return []
-    names = sorted({name for codes_of in found.values() for name in codes_of}, key=lambda name: float(name[1:]))
-    said = f"in line {', '.join(found)} leads" if len(found) == 1 else f"in lines {', '.join(found)} lead"
-    return [f"{', '.join(names)} {said} to places of the milling machine: the robot stays where it is"]
+    names = sorted({name for codes_of in places.values() for name in codes_of}, key=lambda name: float(name[1:]))
+    clause = f"in line {', '.join(places)} leads" if len(places) == 1 else f"in lines {', '.join(places)} lead"
+    return [f"{', '.join(names)} {clause} to places of the milling machine: the robot stays where it is"]
 
 
 def other_lengths(program: Program) -> list[str]:
     """Where G43 names another tool's length than that of the tool in the spindle, in words."""
-    found = {}
+    lengths = {}
     for block in program.blocks:
         if not any(word.letter == "G" and word.value == 43.0 for word in block.words):
             continue
         h = next((int(word.value) for word in block.words if word.letter == "H"), 0)
         if h not in (0, block.modal.tool):
-            found[h, block.modal.tool] = (
+            lengths[h, block.modal.tool] = (
                 f"G43 H{h} in line {block.line} names another length than that of T{block.modal.tool}: "
                 f"the robot takes the frame of T{block.modal.tool}"
             )
-    return list(found.values())
+    return list(lengths.values())
 
 
 def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:

@@ -103,13 +103,13 @@ def prepare(
     recipe: Recipe = RECIPES[name]
     chosen = read_settings(recipe, settings or {}, seed)
     known = read_cell(cell)
-    fitted, unseen = _named_apart(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))
+    fitted, unseen = _with_unique_names(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))
     recipe.require_usable((*fitted, *unseen))
     require_disjoint(fitted, unseen)
     return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen)
 
 
-def _named_apart(*parts: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], ...]:
+def _with_unique_names(*parts: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], ...]:
     """Datasets whose names differ: an outlier is named by its own file."""
     count = Counter(dataset.name for part in parts for dataset in part)
     return tuple(
@@ -164,13 +164,13 @@ def run(
     parts[READING](1.0)
     folder = Path(out)
     with atomic.atomic_folder(folder) as staging:
-        found = task.recipe.identify(model_of(task.cell), task.data, task.holdout, task.settings, parts[FINDING])
+        identified = task.recipe.identify(model_of(task.cell), task.data, task.holdout, task.settings, parts[FINDING])
         parts[WRITING](0.0)
-        check_better(found)
+        check_better(identified)
         date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-        entry = provenance(task, found, date)
-        text = updated_text(task.cell, found.changes, entry, folder)
-        result = result_of(task, found, date)
+        entry = provenance(task, identified, date)
+        text = updated_text(task.cell, identified.changes, entry, folder)
+        result = result_of(task, identified, date)
         result["seconds"] = round(time.perf_counter() - begin, 3)
         _check_cell(text, folder, staging)
         atomic.write_text(staging / CELL, text)
@@ -178,7 +178,7 @@ def run(
         from counterflex.report.identification_page import identification_page
         from counterflex.report.page import write_page
 
-        write_page(identification_page(found, result), staging / REPORT)
+        write_page(identification_page(identified, result), staging / REPORT)
         keep(
             staging / ARCHIVE if archive is None else Path(archive),
             staging,
@@ -193,44 +193,44 @@ def run(
 
 def plain(result: Mapping[str, Any]) -> dict[str, Any]:
     """A result as JSON has it: no arrays, no numbers that are not finite."""
-    found: dict[str, Any] = plain_json(result)
-    return found
+    values: dict[str, Any] = plain_json(result)
+    return values
 
 
-def check_better(found: Identification) -> None:
+def check_better(result: Identification) -> None:
     """Refuse values that predict data not used worse than the values known before.
 
     Raises:
         ModelError: They do, or there is no such figure.
     """
-    if not found.headline:
-        raise ModelError("the recipe gave no error on data not used", where=found.recipe)
-    first = found.headline[0]
+    if not result.headline:
+        raise ModelError("the recipe gave no error on data not used", where=result.recipe)
+    first = result.headline[0]
     if not math.isfinite(first.value):
-        raise ModelError("the error on data not used is not a number", where=found.recipe, value=first.value)
+        raise ModelError("the error on data not used is not a number", where=result.recipe, value=first.value)
     if first.nominal is not None and first.value > first.nominal:
         lines = "; ".join(
             f"{f.text}: {f.value:.4g}" + ("" if f.nominal is None else f", before {f.nominal:.4g}")
-            for f in found.headline
+            for f in result.headline
         )
         raise ModelError(
             "the identified values predict data not used worse than the cell file does; nothing was written",
-            where=found.recipe,
+            where=result.recipe,
             value=f"{first.name} = {first.value:.4g}",
             limit=f"at most {first.nominal:.4g} (with the values of the cell file)",
             hint=f"{lines}. Measure more or better, or check units, signs and frames in the manifest",
         )
 
 
-def provenance(task: Task, found: Identification, date: str) -> IdentifiedTable:
+def provenance(task: Task, result: Identification, date: str) -> IdentifiedTable:
     """The entry ``[[identified]]`` of the cell file."""
-    head = found.headline[0]
+    head = result.headline[0]
     unit = unit_of_name(head.name)
     before = "" if head.nominal is None else f" ({head.nominal:.4g} before)"
     how = "a separate file" if task.holdout else "folds of the data"
     values = tuple(
         IdentifiedValue(name=row["name"], value=row["value"], sigma=row["sigma"], unit=row["unit"], seen=row["seen"])
-        for fit in found.fits.values()
+        for fit in result.fits.values()
         for row in parameter_rows(fit)
         if row["free"]
     )
@@ -245,9 +245,9 @@ def provenance(task: Task, found: Identification, date: str) -> IdentifiedTable:
     )
 
 
-def result_of(task: Task, found: Identification, date: str) -> dict[str, Any]:
+def result_of(task: Task, result: Identification, date: str) -> dict[str, Any]:
     """Everything that was found, as plain values."""
-    place = place_of(task, found)
+    place = place_of(task, result)
 
     def described(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
         return [
@@ -276,10 +276,10 @@ def result_of(task: Task, found: Identification, date: str) -> dict[str, Any]:
         "data": described(task.data),
         "holdout_data": described(task.holdout),
         "holdout": "separate data" if task.holdout else "folds of the data",
-        "headline": figure_rows(found.headline),
-        "figures": figure_rows(found.figures),
-        "fits": {key: fit_table(fit, place) for key, fit in found.fits.items()},
-        "remarks": [*_few(task), *grown(found), *found.remarks],
+        "headline": figure_rows(result.headline),
+        "figures": figure_rows(result.figures),
+        "fits": {key: fit_table(fit, place) for key, fit in result.fits.items()},
+        "remarks": [*_few(task), *grown(result), *result.remarks],
         "settings": dict(task.settings),
         "versions": {
             "counterflex": __version__,
@@ -289,12 +289,12 @@ def result_of(task: Task, found: Identification, date: str) -> dict[str, Any]:
     }
 
 
-def grown(found: Identification) -> list[str]:
+def grown(result: Identification) -> list[str]:
     """A warning for each figure of the data not used that has become worse, the largest error first of all."""
     return [
         f"Warning: {figure.text} grows from {figure.nominal:.3g} to {figure.value:.3g} {unit_of_name(figure.name)}: "
         "the values fit most of the data and not all; look for what differs there (play, another posture, a bad row)."
-        for figure in (*found.headline, *found.figures)
+        for figure in (*result.headline, *result.figures)
         if figure.name.startswith(_UNSEEN)
         and "explained" not in figure.name.split("_")  # a share that is better when larger
         and figure.nominal is not None
@@ -311,12 +311,12 @@ def _few(task: Task) -> list[str]:
     return [f"The error on data not used rests on {count} measurements only and says little; measure more"]
 
 
-def place_of(task: Task, found: Identification) -> Any:
+def place_of(task: Task, result: Identification) -> Any:
     """Where a row of a block of residuals stands in the files."""
 
     def place(block: str, row: int) -> str:
         named = [d for d in task.data if d.name == block]
-        counts = {len(r) for fit in found.fits.values() for r in fit.residuals}
+        counts = {len(r) for fit in result.fits.values() for r in fit.residuals}
         alike = named or [d for d in task.data if len(d) in counts]
         if len(alike) == 1 and row < len(alike[0]):
             return alike[0].place(row)
@@ -327,8 +327,8 @@ def place_of(task: Task, found: Identification) -> Any:
 
 def _check_cell(text: str, folder: Path, staging: Path) -> None:
     """Read the new cell file back before anything is kept, from where it will lie."""
-    beside = folder if folder.exists() else staging
-    trial = beside / f".{CELL}.trial.toml"
+    location = folder if folder.exists() else staging
+    trial = location / f".{CELL}.trial.toml"
     try:
         check_update(text, trial)
     except CounterflexError as fault:

@@ -46,19 +46,19 @@ def run(
     Returns:
         ``recipe``, ``kind``, ``rows``, ``expected`` (name, unit, standard deviation), ``remarks``, ``files``.
     """
-    found = _write(name, count, Path(cell), Path(out), settings, seed)
+    proposal = _write(name, count, Path(cell), Path(out), settings, seed)
     rows = []
-    for key, sigma in found.expected.items():
-        unit, factor = shop(found.units.get(key, "SI"))
+    for key, sigma in proposal.expected.items():
+        unit, factor = shop(proposal.units.get(key, "SI"))
         rows.append({"name": key, "unit": unit, "sigma": float(f"{sigma / factor:.6g}")})
-    form = list(form_names(found.recipe)) if found.kind in CHANNELS_OF else []
+    form = list(form_names(proposal.recipe)) if proposal.kind in CHANNELS_OF else []
     return {
-        "recipe": found.recipe,
-        "kind": found.kind,
-        "rows": len(next(iter(found.columns.values()))),
+        "recipe": proposal.recipe,
+        "kind": proposal.kind,
+        "rows": len(next(iter(proposal.columns.values()))),
         "expected": rows,
-        "remarks": list(found.remarks),
-        "files": [ROWS, PROPOSAL, *found.files, *form],
+        "remarks": list(proposal.remarks),
+        "files": [ROWS, PROPOSAL, *proposal.files, *form],
     }
 
 
@@ -69,6 +69,6 @@ def _write(name: str, count: int, cell: Path, out: Path, settings: Mapping[str, 
     chosen = read_settings(recipe, settings, seed)
     model = model_of(read_cell(cell))
     with atomic.atomic_folder(out) as staging:
-        found = recipe.propose(model, count, chosen)
-        write_proposal(staging, found)
-    return found
+        proposal = recipe.propose(model, count, chosen)
+        write_proposal(staging, proposal)
+    return proposal

@@ -14,12 +14,12 @@ SEED: Final = "seed"
 Setting = float | int | str | bool
 
 
-def read_settings(recipe: Recipe, given: Mapping[str, Setting], seed: int = 0) -> dict[str, Any]:
+def read_settings(recipe: Recipe, values: Mapping[str, Setting], seed: int = 0) -> dict[str, Any]:
     """Settings of a recipe, with what was given in the place of defaults, and the seed.
 
     Args:
         recipe: Whose settings.
-        given: By key, as text from the command line or as values; ``seed`` is allowed.
+        values: By key, as text from the command line or as values; ``seed`` is allowed.
         seed: Where none is given.
 
     Raises:
@@ -27,7 +27,7 @@ def read_settings(recipe: Recipe, given: Mapping[str, Setting], seed: int = 0) -
     """
     out: dict[str, Any] = {**recipe.settings, SEED: seed}
     known = sorted({*recipe.settings, SEED})
-    for key, value in given.items():
+    for key, value in values.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         if key not in out:
             close = close_to(key, known, 1)

@@ -101,8 +101,8 @@ def finished(folder: Path, mark: Mark) -> dict[str, Any] | None:
         mark: Its fingerprint now.
     """
     data = _read(folder / DONE)
-    found = data.get("found")
-    return found if _mark_of(data) == mark and isinstance(found, dict) else None
+    result = data.get("found")
+    return result if _mark_of(data) == mark and isinstance(result, dict) else None
 
 
 def why_again(folder: Path, mark: Mark) -> str:
@@ -148,16 +148,16 @@ def begin(folder: Path, mark: Mark | None = None) -> None:
         atomic.write_text(folder / DONE, json.dumps({"again": again}, indent=2) + "\n")
 
 
-def finish(folder: Path, mark: Mark, found: Mapping[str, Any]) -> None:
+def finish(folder: Path, mark: Mark, result: Mapping[str, Any]) -> None:
     """Mark a step as finished.
 
     Args:
         folder: Of the step.
         mark: Its fingerprint.
-        found: Plain values for those who come after it.
+        result: Plain values for those who come after it.
     """
     again = _read(folder / DONE).get("again")
-    data = {"made_from": [list(part) for part in mark], "found": dict(found)} | ({"again": again} if again else {})
+    data = {"made_from": [list(part) for part in mark], "found": dict(result)} | ({"again": again} if again else {})
     atomic.write_text(folder / DONE, json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from counterflex.app.long_jobs.workers import TOLD_S, Shares, count_of, interrupts_held, pool_of, share
+from counterflex.app.long_jobs.workers import REPORT_EVERY_S, Shares, count_of, interrupts_deferred, pool_of, share
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 
@@ -60,46 +60,48 @@ def run_tasks(tasks: Sequence[Task], workers: int | None, progress: Progress) ->
         {t.name: i for i, t in enumerate(tasks)},
     )
 
-    def told(text: str) -> None:
+    def report(text: str) -> None:
         progress(shares.sum(weights), text)
 
     def ready(waiting: Sequence[Task]) -> Task | None:
         return next((task for task in waiting if all(name in results for name in task.after)), None)
 
-    left = list(tasks)
+    waiting = list(tasks)
     if count == 1:
-        while left:
-            task = _found(ready(left), left)
-            told(task.text)
+        while waiting:
+            task = _require_task(ready(waiting), waiting)
+            report(task.text)
             done_of, text = shares.of(place[task.name]), task.text
 
-            def heard(fraction: float, what: str = "", done_of: Progress = done_of, text: str = text) -> None:  # noqa: ARG001
+            def task_progress(fraction: float, what: str = "", done_of: Progress = done_of, text: str = text) -> None:  # noqa: ARG001
                 done_of(fraction)
-                told(text)
+                report(text)
 
-            results[task.name] = _work(task, heard)
+            results[task.name] = _work(task, task_progress)
             done_of(1.0)
-            left.remove(task)
-        told("")
+            waiting.remove(task)
+        report("")
         return results
     with pool_of(count, shares) as pool:
         running: dict[concurrent.futures.Future[Any], Task] = {}
-        while left or running:
-            while len(running) < count and (task_ready := ready(left)) is not None:
-                with interrupts_held():
+        while waiting or running:
+            while len(running) < count and (task_ready := ready(waiting)) is not None:
+                with interrupts_deferred():
                     running[pool.submit(_work_at, task_ready, place[task_ready.name])] = task_ready
-                left.remove(task_ready)
+                waiting.remove(task_ready)
             if not running:
-                _found(None, left)
+                _require_task(None, waiting)
             done: set[concurrent.futures.Future[Any]] = set()
             while not done:
-                told(", ".join(task.text for task in running.values()))
-                done, _ = concurrent.futures.wait(running, TOLD_S, return_when=concurrent.futures.FIRST_COMPLETED)
+                report(", ".join(task.text for task in running.values()))
+                done, _ = concurrent.futures.wait(
+                    running, REPORT_EVERY_S, return_when=concurrent.futures.FIRST_COMPLETED
+                )
             for future in done:
                 task = running.pop(future)
                 results[task.name] = future.result()
                 shares.of(place[task.name])(1.0)
-    told("")
+    report("")
     return results
 
 
@@ -111,7 +113,7 @@ def _work_at(task: Task, place: int) -> Any:
     return _work(task, share(place))
 
 
-def _found(task: Task | None, left: Sequence[Task]) -> Task:
+def _require_task(task: Task | None, waiting: Sequence[Task]) -> Task:
     if task is None:
-        raise InputError("tasks wait for each other in a circle", value=", ".join(t.name for t in left))
+        raise InputError("tasks wait for each other in a circle", value=", ".join(t.name for t in waiting))
     return task

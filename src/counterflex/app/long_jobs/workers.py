@@ -15,19 +15,19 @@ from counterflex.core.progress import Progress, silent
 
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """What keeps libraries of linear algebra to one thread: several workers with several each would wait for each other."""
-TOLD_S: Final = 0.5
+REPORT_EVERY_S: Final = 0.5
 """How often the job looks how far the workers are."""
 MOST: Final = 61
 """More processes Windows cannot wait for."""
 
 
-def count_of(wanted: int | None, tasks: int) -> int:
-    """Number of workers for some tasks; ``wanted`` None is one per core."""
-    return max(1, min(tasks, wanted or os.cpu_count() or 1, MOST))
+def count_of(requested: int | None, tasks: int) -> int:
+    """Number of workers for some tasks; ``requested`` None is one per core."""
+    return max(1, min(tasks, requested or os.cpu_count() or 1, MOST))
 
 
 @contextlib.contextmanager
-def interrupts_held() -> Iterator[None]:
+def interrupts_deferred() -> Iterator[None]:
     """Hold Ctrl-C back: workers that are started within ignore it, and the job receives it a moment later.
 
     A terminal sends it to every process of the job; only the job itself is to answer, in one line.
@@ -73,10 +73,10 @@ class Shares:
     def of(self, task: int) -> Progress:
         """Progress of one task, for who does it; it never falls."""
 
-        def told(fraction: float, what: str = "") -> None:  # noqa: ARG001
+        def report(fraction: float, what: str = "") -> None:  # noqa: ARG001
             self._done[task] = max(self._done[task], min(1.0, fraction))
 
-        return told
+        return report
 
     def sum(self, weights: Sequence[float]) -> float:
         """Share of the whole work that is done; one weight for each task."""
@@ -135,16 +135,18 @@ def _pool_of(count: int, shares: Shares | None) -> Iterator[concurrent.futures.P
 
 
 def done_one_by_one(
-    waiting: Iterable[concurrent.futures.Future[Any]], told: Callable[[], None]
+    waiting: Iterable[concurrent.futures.Future[Any]], report: Callable[[], None]
 ) -> Iterator[concurrent.futures.Future[Any]]:
     """Tasks as they end; while none does, what is done of them is told now and then.
 
     Args:
         waiting: What is worked on.
-        told: Called twice in a second, and for each task that has ended.
+        report: Called twice in a second, and for each task that has ended.
     """
-    left = set(waiting)
-    while left:
-        done, left = concurrent.futures.wait(left, TOLD_S, return_when=concurrent.futures.FIRST_COMPLETED)
-        told()
+    remaining = set(waiting)
+    while remaining:
+        done, remaining = concurrent.futures.wait(
+            remaining, REPORT_EVERY_S, return_when=concurrent.futures.FIRST_COMPLETED
+        )
+        report()
         yield from done

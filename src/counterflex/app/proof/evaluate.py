@@ -19,13 +19,13 @@ def run(folders: Sequence[str | Path], out: str | Path | None) -> dict[str, Any]
     Returns:
         The summary.
     """
-    found = compare(folders)
+    comparison = compare(folders)
     if out is not None:
         from counterflex.app.proof.report import comparison_page
         from counterflex.report.page import write_page
 
         with atomic.atomic_folder(out) as staging:
-            write_summary(staging / "summary.json", found.summary)
-            if len(found.judged) == 2:
-                write_page(comparison_page(found), staging / "report.html")
-    return found.summary
+            write_summary(staging / "summary.json", comparison.summary)
+            if len(comparison.judged) == 2:
+                write_page(comparison_page(comparison), staging / "report.html")
+    return comparison.summary

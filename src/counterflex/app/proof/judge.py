@@ -180,16 +180,16 @@ def _check_same(paths: Sequence[Path]) -> None:
         (simulate.TRUTH, "truths"),
         (simulate.BLANKS, "blanks"),
     ):
-        found = set()
+        hashes = set()
         for path in paths:
             files = sorted(path.glob(pattern))
             if not files and pattern != simulate.BLANKS:
                 raise FileFormatError("a file of the run is missing", where=str(path / pattern))
             try:
-                found.add(tuple(file.read_bytes() for file in files))
+                hashes.add(tuple(file.read_bytes() for file in files))
             except OSError as fault:
                 raise FileFormatError("a file of the run cannot be read", where=str(fault.filename)) from fault
-        if len(found) > 1:
+        if len(hashes) > 1:
             raise InputError(
                 f"the runs cannot be compared: their {what} differ",
                 value=", ".join(str(path) for path in paths),

@@ -17,7 +17,7 @@ from counterflex import __version__
 from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
-from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
+from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
@@ -257,7 +257,7 @@ def _machine_all(
         return records
     shares, weights, begin = Shares(len(tasks)), [1.0] * len(tasks), time.monotonic()
 
-    def told_all() -> None:
+    def report_all() -> None:
         done = shares.sum(weights)
         if done > 0.0:
             parts[MACHINING](done, f"{MACHINING}, {len(records)} of {len(tasks)} done")
@@ -265,12 +265,12 @@ def _machine_all(
             parts[STARTING](1.0 - math.exp((begin - time.monotonic()) / _START_S))
 
     with pool_of(count, shares) as pool:
-        with interrupts_held():
+        with interrupts_deferred():
             waiting = {
                 pool.submit(_machine_one, path, Path(cell_file), truths[key[0]], reading, i): key
                 for i, (key, path) in enumerate(tasks)
             }
-        for done in done_one_by_one(waiting, told_all):
+        for done in done_one_by_one(waiting, report_all):
             records[waiting[done]] = done.result()
     return {key: records[key] for key, _ in tasks}
 

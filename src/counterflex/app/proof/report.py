@@ -49,28 +49,28 @@ def comparison_page(comparison: Comparison) -> str:
     return _page(comparison, plan, figures(plan), {})
 
 
-def _page(comparison: Comparison, plan: Plan, found: Mapping[str, Any], timing: Mapping[str, float]) -> str:
+def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], timing: Mapping[str, float]) -> str:
     cell, truth = comparison.reference.cell, comparison.truth
     before, after = comparison.judged["nominal"], comparison.judged["compensated"]
     number = simulate.tool_of(comparison.reference.job.path)
     tool = next(table for table in cell.tables.tools if table.number == number)
     facts = (
-        Fact("Part", str(comparison.summary["program"]), "", f"{found['removed_mm3'] / 1000:.1f} cm³ removed"),
+        Fact("Part", str(comparison.summary["program"]), "", f"{identified['removed_mm3'] / 1000:.1f} cm³ removed"),
         Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
         Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes"),
         Fact("Material", cell.material.name or str(cell.material.catalog)),
         Fact(
             "Peak force",
-            f"{found['peak_force_n']['value']:.0f} N predicted",
+            f"{identified['peak_force_n']['value']:.0f} N predicted",
             "",
-            f"line {found['peak_force_n']['line']}, depth {found['peak_axial_depth_mm']['value']:.1f} mm",
+            f"line {identified['peak_force_n']['line']}, depth {identified['peak_axial_depth_mm']['value']:.1f} mm",
         ),
         Fact(
             "Peak deflection",
-            f"{found['peak_deflection_um']['value'] / 1000:.2f} mm predicted",
+            f"{identified['peak_deflection_um']['value'] / 1000:.2f} mm predicted",
             "",
-            f"at joints {', '.join(f'{v:.0f}' for v in found['peak_deflection_um']['joints_deg'])} deg",
+            f"at joints {', '.join(f'{v:.0f}' for v in identified['peak_deflection_um']['joints_deg'])} deg",
         ),
         Fact(
             "Simulated cell",

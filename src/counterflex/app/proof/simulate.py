@@ -167,10 +167,10 @@ def _keep_cell(cell: Cell, folder: Path) -> None:
     if stock is None or named is None:
         atomic.write_bytes(folder / CELL, _source(cell.path))
         return
-    kept = BLANKS.replace(".*", Path(named).suffix)
-    atomic.write_bytes(folder / kept, (cell.path.parent / named).read_bytes())
+    name = BLANKS.replace(".*", Path(named).suffix)
+    atomic.write_bytes(folder / name, (cell.path.parent / named).read_bytes())
     tables = cell.tables.model_dump(mode="json", exclude_none=True)
-    tables["part"]["stock"]["stl" if stock.stl else "result"] = kept
+    tables["part"]["stock"]["stl" if stock.stl else "result"] = name
     write_toml(folder / CELL, tables, comment=f"As {cell.path.name}, with the blank beside it.")
 
 

@@ -9,7 +9,13 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.robot_setup.egm_readme import readme
-from counterflex.app.robot_setup.robot_folder import apart_from, read_program, refuse_errors, unwatched, write_folder
+from counterflex.app.robot_setup.robot_folder import (
+    read_program,
+    refuse_errors,
+    require_other_folder,
+    unwatched,
+    write_folder,
+)
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.core.units import MS
 from counterflex.files.cell.cell import Cell, read_cell
@@ -91,7 +97,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         InputError: EGM cannot do what the cell file wants; what would be written has a finding of severity error.
         ProgramError: The program cannot run under EGM.
     """
-    apart_from(out, settings.program)
+    require_other_folder(out, settings.program)
     cell = read_cell(settings.cell)
     online = cell.tables.online
     if online is None:
@@ -107,7 +113,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
             "not an IPv4 address", where="--host", value=repr(settings.host), limit="for example 192.168.125.10"
         ) from fault
     table = cell.tables.egm or EgmTable()
-    wanted = expected_of(cell)
+    expected = expected_of(cell)
     switching = EgmSwitching(
         mode=table.mode,
         device=table.device,
@@ -125,7 +131,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         correction_signal=cell.tables.controller.correction_signal or "",
     )
     files, elsewhere = _programs(settings.program, switching)
-    findings = check_egm(_together(files), wanted)
+    findings = check_egm(_together(files), expected)
     refuse_errors(findings)
     summary = {
         "job": "egm make",
@@ -161,7 +167,7 @@ def _programs(program: Path, switching: EgmSwitching) -> tuple[dict[str, str], t
                 hint=f"Its path is not corrected: put {part.name} there",
             )
         parts[part.name] = _rapid(part)
-    last = next((found for name, part in reversed(parts.items()) if (found := last_move(part, name))), None)
+    last = next((end for name, part in reversed(parts.items()) if (end := last_move(part, name))), None)
     files = {program.name: with_egm(text, switching, program.name, last)}
     start = start_move(text, program.name)
     for k, (name, part_text) in enumerate(parts.items()):
@@ -173,11 +179,11 @@ def _together(files: dict[str, str]) -> EgmCalls:
     """The instructions of all modules in the order in which they are run: parts where the main module calls them."""
     (main, text), *parts = files.items()
     called = {Path(name).stem.upper(): parse_egm_calls(part, name) for name, part in parts}
-    found = []
+    moves = []
     for item in parse_egm_calls(text, main).instructions:
         part = called.get(item.name)
-        found += [item] if part is None else list(part.of("MOVEL", "EGMMOVEL", "EGMMOVEC"))
-    return EgmCalls(tuple(found), main)
+        moves += [item] if part is None else list(part.of("MOVEL", "EGMMOVEL", "EGMMOVEC"))
+    return EgmCalls(tuple(moves), main)
 
 
 def _rapid(path: Path) -> str:

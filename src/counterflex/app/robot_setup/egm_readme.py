@@ -91,10 +91,10 @@ def _guidance_waits(switching: EgmSwitching) -> str:
 
 def _path_waits(switching: EgmSwitching) -> str:
     if switching.armed_signal:
-        asked = f"It waits until {switching.armed_signal} = 1"
+        sentence = f"It waits until {switching.armed_signal} = 1"
     else:
-        asked = "It asks the operator whether counterflex run is armed"
-    return f"""{asked}: within {switching.armed_s:g} s, else it ends.
+        sentence = "It asks the operator whether counterflex run is armed"
+    return f"""{sentence}: within {switching.armed_s:g} s, else it ends.
      If the loop is not armed, it stops answering when the path begins, and the controller ends the path.
   4. Behind the path it waits up to {switching.zero_s:g} s for the correction to go, takes out what is left at 5 mm/s,
      and ends where the tool is not within {switching.zero_mm:g} mm then. The tool must be clear of the part there."""

@@ -46,7 +46,7 @@ def read_program(path: Path, suffixes: tuple[str, ...], what: str, language: str
     return data.decode(_ENCODING)
 
 
-def apart_from(out: str | Path, program: Path | None) -> None:
+def require_other_folder(out: str | Path, program: Path | None) -> None:
     """Check that what is written does not lie over the program that it is made of.
 
     Raises:

@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.robot_setup.robot_folder import apart_from, read_program, refuse_errors, unwatched, write_folder
+from counterflex.app.robot_setup.robot_folder import (
+    read_program,
+    refuse_errors,
+    require_other_folder,
+    unwatched,
+    write_folder,
+)
 from counterflex.app.robot_setup.rsi_readme import readme
 from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.files.cell.cell import read_cell
@@ -129,7 +135,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         InputError: Address or limits cannot be used: what would be written has a finding of severity error.
         ProgramError: The program cannot run under correction.
     """
-    apart_from(out, settings.program)
+    require_other_folder(out, settings.program)
     cell = read_cell(settings.cell)
     table = _online_of(cell.tables, settings.cell)
     controller = cell.tables.controller
@@ -231,8 +237,8 @@ def _programs(
         )
     text = _krl(program)
     check_main(text, program.stem, program.name)
-    beside = [name for name in called(text) if program.with_name(f"{name}.src").is_file()]
-    found = {program.name: with_correction(text, switching, program.name, beside)}
+    subprograms = [name for name in called(text) if program.with_name(f"{name}.src").is_file()]
+    corrected = {program.name: with_correction(text, switching, program.name, subprograms)}
     elsewhere = []
     for name in (program.stem, *called(text)):
         source, data = program.with_name(f"{name}.src"), program.with_name(f"{name}.dat")
@@ -240,10 +246,10 @@ def _programs(
             if not source.is_file():
                 elsewhere.append(name)
                 continue
-            found[source.name] = _krl(source)
-            check_path(found[source.name].splitlines(), source.name, output=switching.output)
+            corrected[source.name] = _krl(source)
+            check_path(corrected[source.name].splitlines(), source.name, output=switching.output)
         if data.is_file():
-            found[data.name] = _krl(data)
+            corrected[data.name] = _krl(data)
         elif name == program.stem and re.search(r"\bXSTART\b", text):
             raise ProgramError(
                 "the data list of the program is missing: the controller does not load it",
@@ -251,7 +257,7 @@ def _programs(
                 value=f"XSTART, but no {data.name}",
                 hint="Keep the .dat beside the .src, as compensate writes them",
             )
-    return found, program.name, tuple(elsewhere)
+    return corrected, program.name, tuple(elsewhere)
 
 
 def _krl(path: Path) -> str:

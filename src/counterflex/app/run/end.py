@@ -13,7 +13,7 @@ from counterflex.protocols.session.tracker_off import offset_message
 from counterflex.runtime.record_ring import column
 from counterflex.runtime.state.supervisor import Cause, State
 
-AS_ASKED: Final = "as asked"
+AS_REQUESTED: Final = "as asked"
 """How a loop ended that ended by itself."""
 
 
@@ -63,8 +63,8 @@ class RunEnd:
                 words = {Cause.PROGRAM: "program", Cause.OPERATOR: "operator"}
                 self._how, self._why = words.get(Cause(self._cause), "hold"), self._cause
             elif state == State.FAULT and before in (State.ARMED, State.ACTIVE, State.HOLD, State.RAMP_OUT):
-                asked = self._cause == Cause.HELD_TOO_LONG and self._began == Cause.OPERATOR
-                self._how, self._why = "stop disobeyed" if asked else "fault", self._cause
+                requested = self._cause == Cause.HELD_TOO_LONG and self._began == Cause.OPERATOR
+                self._how, self._why = "stop disobeyed" if requested else "fault", self._cause
         if self._how == "program" and np.any(causes == Cause.ENABLE_LOST):  # it went on cutting
             self._how, self._why = "hold", int(Cause.ENABLE_LOST)
 
@@ -92,31 +92,31 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     """
     by, cause = summary["correction_ended"]["by"], summary["correction_ended"]["cause"].replace("_", " ")
     lost, no_hold = summary["records_lost"], not summary.get("holds_feed", True)
-    if summary["loop_ended"] != AS_ASKED:
-        end, said = End.DIED, f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out"
+    if summary["loop_ended"] != AS_REQUESTED:
+        end, sentence = End.DIED, f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out"
     elif summary["recorder_died"]:
-        end, said = End.LOG_LOST, "the recorder died; the loop held the feed, ramped out and ended by itself"
+        end, sentence = End.LOG_LOST, "the recorder died; the loop held the feed, ramped out and ended by itself"
     elif by == "acting":
-        end, said = End.FAULT, "the robot fell silent while the correction acted"
+        end, sentence = End.FAULT, "the robot fell silent while the correction acted"
     elif by == "fault" or (by == "stop disobeyed" and not no_hold):
-        end, said = End.FAULT, f"a fault ended the correction: {cause}"
+        end, sentence = End.FAULT, f"a fault ended the correction: {cause}"
     elif by == "hold":
-        end, said = End.FAULT, f"the correction was ended, not by the program: {cause}"
+        end, sentence = End.FAULT, f"the correction was ended, not by the program: {cause}"
     elif lost or summary["log_trouble"]:
         why = f" ({summary['log_trouble']})" if summary["log_trouble"] else ""
         what = f"{lost} records are missing in the log" if lost else "the log is not whole"
-        end, said = End.LOG_LOST, what + why
+        end, sentence = End.LOG_LOST, what + why
     elif by == "operator":
-        end, said = End.STOPPED, "the correction was ended before the program ended it"
+        end, sentence = End.STOPPED, "the correction was ended before the program ended it"
     elif by == "stop disobeyed":
         end = End.STOPPED
-        said = "the correction ended before its program; without a feed hold the robot was stopped"
+        sentence = "the correction ended before its program; without a feed hold the robot was stopped"
     elif arm and by in ("never", "armed"):
         what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
         off = summary.get("tracker_off")
         why = ": no telegram came" if not summary["cycles"] else f": {offset_message(off)}" if off is not None else ""
-        end, said = End.NEVER_ARMED, what + why
+        end, sentence = End.NEVER_ARMED, what + why
     else:
-        end, said = End.PLANNED, "as planned"
+        end, sentence = End.PLANNED, "as planned"
     wrong = end in (End.DIED, End.FAULT, End.LOG_LOST)
-    return {"status": int(end), "how": end.name.lower(), "said": said, "wrong": wrong}
+    return {"status": int(end), "how": end.name.lower(), "said": sentence, "wrong": wrong}

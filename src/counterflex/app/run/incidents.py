@@ -41,16 +41,16 @@ class Numbered:
 
     def shown(self) -> dict[str, Any]:
         """Plain values."""
-        found = self.incident
+        incident = self.incident
         return {
             "number": self.number,
-            "cycle": found.cycle,
-            "time_s": round(found.time_s, 3),
-            "state": found.state.name.lower(),
-            "cause": found.cause.name.lower(),
-            "before": "" if found.before is None else found.before.name.lower(),
-            "path_distance_mm": round(found.path_m / MM, 3),
-            "cycles_since_telegram": found.elapsed,
+            "cycle": incident.cycle,
+            "time_s": round(incident.time_s, 3),
+            "state": incident.state.name.lower(),
+            "cause": incident.cause.name.lower(),
+            "before": "" if incident.before is None else incident.before.name.lower(),
+            "path_distance_mm": round(incident.path_m / MM, 3),
+            "cycles_since_telegram": incident.elapsed,
         }
 
 
@@ -75,8 +75,8 @@ def numbered(finders: dict[int, IncidentFinder]) -> list[Numbered]:
     Args:
         finders: By run; each has taken all records of its run.
     """
-    found = [(run, incident) for run in sorted(finders) for incident in finders[run].found]
-    return [Numbered(k, run, incident) for k, (run, incident) in enumerate(found, start=1)]
+    all_incidents = [(run, incident) for run in sorted(finders) for incident in finders[run].incidents]
+    return [Numbered(k, run, incident) for k, (run, incident) in enumerate(all_incidents, start=1)]
 
 
 def incidents(folder: str | Path) -> list[Numbered]:
@@ -125,16 +125,16 @@ def export_incident(
     for name, value in (("--before", before), ("--after", after)):
         if not 0 <= value <= MOST_AROUND:
             raise InputError("the number of cycles is out of range", where=name, value=value, limit=(0, MOST_AROUND))
-    found = incidents(folder)
-    if not 1 <= number <= len(found):
+    known = incidents(folder)
+    if not 1 <= number <= len(known):
         raise InputError(
             "no incident of this number",
             where=str(folder),
             value=number,
-            limit=f"1 to {len(found)}" if found else "no hold and no fault in this log",
+            limit=f"1 to {len(known)}" if known else "no hold and no fault in this log",
             hint="counterflex log show lists them",
         )
-    one = found[number - 1]
+    one = known[number - 1]
     first = one.incident.cycle
     parts: list[Float] = []
     total = len(list(Path(folder).glob("run-*.mcap")))

@@ -39,27 +39,27 @@ def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, 
             )
         return
     plan, about = planned
-    wanted = about.get("job_hash")
-    if not isinstance(wanted, str):
+    expected = about.get("job_hash")
+    if not isinstance(expected, str):
         raise FileFormatError(
             "the plan does not say which program was written from it",
             where=str(about.get("program", "plan")),
             hint="Make both anew with counterflex compensate",
         )
-    if carried == (wanted,) or (not carried and not np.any(plan.correction_part)):
+    if carried == (expected,) or (not carried and not np.any(plan.correction_part)):
         return
     raise InputError(
         "program and plan are of different jobs" if carried else "the program is not a compensated one",
         where=str(program),
         value=f"job {', '.join(carried)}" if carried else "no job",
-        limit=f"job {wanted}",
+        limit=f"job {expected}",
         hint="Give program and plan of one counterflex compensate"
         if carried
         else "Give --original where the robot runs the original program",
     )
 
 
-def job_said(program: Path) -> int:
+def program_job(program: Path) -> int:
     """Number by which a robot program says of which job it is; 0 where it carries none, or several.
 
     Raises:

@@ -97,18 +97,18 @@ def _facts(about: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _shown(found: RunFigures) -> dict[str, Any]:
+def _shown(figures: RunFigures) -> dict[str, Any]:
     return {
-        "records": found.records,
-        "records_lost": found.records_lost,
-        "answered": found.answered,
-        "waited": found.waited,
-        "telegrams_lost": found.telegrams_lost,
-        "seconds": round(found.time_s, 3),
+        "records": figures.records,
+        "records_lost": figures.records_lost,
+        "answered": figures.answered,
+        "waited": figures.waited,
+        "telegrams_lost": figures.telegrams_lost,
+        "seconds": round(figures.time_s, 3),
         "states": {
-            s.name.lower(): {"cycles": cycles, "seconds": round(t, 3)} for s, (cycles, t) in found.states.items()
+            s.name.lower(): {"cycles": cycles, "seconds": round(t, 3)} for s, (cycles, t) in figures.states.items()
         },
-        "causes": {cause.name.lower(): count for cause, count in found.causes.items()},
+        "causes": {cause.name.lower(): count for cause, count in figures.causes.items()},
         "changes": [
             {
                 "cycle": change.cycle,
@@ -117,9 +117,9 @@ def _shown(found: RunFigures) -> dict[str, Any]:
                 "to": change.after.name.lower(),
                 "cause": change.cause.name.lower(),
             }
-            for change in found.changes
+            for change in figures.changes
         ],
-        "sources": {level(s): cycles for s, cycles in found.sources.items()},
+        "sources": {level(s): cycles for s, cycles in figures.sources.items()},
         "sources_changes": [
             {
                 "cycle": change.cycle,
@@ -128,18 +128,18 @@ def _shown(found: RunFigures) -> dict[str, Any]:
                 "to": level(change.after),
                 "cause": change.cause.name.lower(),
             }
-            for change in found.sources_changes
+            for change in figures.sources_changes
         ],
-        **shown_process(found.process),
-        "reply_us": None if found.reply is None else micro(found.reply),
-        "largest_correction_um": round(found.largest_m / UM, 2),
-        "largest_step_um": round(found.largest_step_m / UM, 3),
+        **shown_process(figures.process),
+        "reply_us": None if figures.reply is None else micro(figures.reply),
+        "largest_correction_um": round(figures.largest_m / UM, 2),
+        "largest_step_um": round(figures.largest_step_m / UM, 3),
     }
 
 
-def micro(found: Percentiles) -> dict[str, float | None]:
+def micro(percentiles: Percentiles) -> dict[str, float | None]:
     """Percentiles in microseconds; None where the time is not finite."""
-    values = {"p50": found.p50_s, "p99": found.p99_s, "p99.9": found.p999_s, "max": found.max_s}
+    values = {"p50": percentiles.p50_s, "p99": percentiles.p99_s, "p99.9": percentiles.p999_s, "max": percentiles.max_s}
     return {name: round(value / UM, 1) if value < float("inf") else None for name, value in values.items()}
 
 
@@ -204,12 +204,12 @@ def replay(
     model = read_cell(cell)
     loaded = None if plan is None else loop_plan(read_plan(Path(plan))[0], model, compensated=compensated)
     loop = online_loop(model, loaded, compensated=compensated and loaded is not None)
-    given = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
+    files = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
     answer = Replayed()
     after = _last_states(folder, from_s) if from_s > 0.0 else {}
     current: Replay | None = None
     replays: dict[int, Replay] = {}
-    left: dict[int, Int] = {}  # what the one loop remembered when another run's segment came between
+    suspended: dict[int, Int] = {}  # what the one loop remembered when another run's segment came between
     number = -1
     total = len(list(Path(folder).glob("run-*.mcap")))
     for k, segment in enumerate(segments(folder)):
@@ -222,12 +222,12 @@ def replay(
             continue
         if current is None or segment.run != number:
             if current is not None:
-                left[number] = words_of(loop.memory)
+                suspended[number] = words_of(loop.memory)
             number = segment.run
             current = replays[number] if number in replays else replays.setdefault(number, Replay(loop, after=passed))
-            if number in left:
-                loop.restore(left.pop(number), loop.layout)
-            for note in _notes(segment.about, given, loop.sha256(), compensated=compensated):
+            if number in suspended:
+                loop.restore(suspended.pop(number), loop.layout)
+            for note in _notes(segment.about, files, loop.sha256(), compensated=compensated):
                 if note not in answer.notes:
                     answer.notes.append(note)
         current(segment.rows, segment.states)
@@ -242,15 +242,15 @@ def replay(
 def _last_states(folder: str | Path, from_s: float) -> dict[int, int]:
     """Cycle of the last state of each run that was recorded before a time; runs without one are not there."""
     begin: dict[int, int] = {}
-    found: dict[int, int] = {}
+    states: dict[int, int] = {}
     for segment in segments(folder):
         if not segment.about or not len(segment.rows):
             continue
         zero = begin.setdefault(segment.run, int(segment.rows[0, 1]))
         for state in segment.states:
             if state.time_ns <= zero + round(from_s / NS):
-                found[segment.run] = state.cycle
-    return found
+                states[segment.run] = state.cycle
+    return states
 
 
 def _collect(answer: Replayed, done: Replay) -> None:
@@ -261,18 +261,18 @@ def _collect(answer: Replayed, done: Replay) -> None:
     answer.begun += done.begun
 
 
-def _notes(about: dict[str, Any], given: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:
+def _notes(about: dict[str, Any], files: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:
     """What differs from when the log was written."""
     if about.get(UNKNOWN):
         return ["what the run was made of can no longer be read in the log"]
     notes = []
     logged = about.get("sha256", {})
     for name in ("cell", "plan"):
-        if name in logged and name not in given:
+        if name in logged and name not in files:
             notes.append(f"the run had a {name} file ({about.get('files', {}).get(name, '?')}) and none is given")
-        elif name in given and name not in logged:
+        elif name in files and name not in logged:
             notes.append(f"the run had no {name} file and one is given")
-        elif name in given and hashlib.sha256(given[name].read_bytes()).hexdigest() != logged[name]:
+        elif name in files and hashlib.sha256(files[name].read_bytes()).hexdigest() != logged[name]:
             notes.append(f"the {name} file is not the one of the run: another SHA-256")
     if bool(about.get("compensated", True)) != compensated:
         ran = "compensated" if about.get("compensated", True) else "original"
@@ -330,14 +330,14 @@ def repair(folder: str | Path) -> tuple[list[Repaired], LogMissing]:
         OutputError: The folder cannot be written.
     """
     done, missing = [], LogMissing()
-    told: dict[int, int] = {}  # last cycle of each run that is there, or counted as missing
+    accounted: dict[int, int] = {}  # last cycle of each run that is there, or counted as missing
     for segment in segments(folder):
         missing.add(segment)
         if not segment.whole:
-            before = told.get(segment.run, 0)
-            found = repair_segment(Path(folder) / segment.name, about=segment.about, cycle=before)
-            if found is not None:
-                done.append(found)
+            before = accounted.get(segment.run, 0)
+            repaired = repair_segment(Path(folder) / segment.name, about=segment.about, cycle=before)
+            if repaired is not None:
+                done.append(repaired)
         if len(segment.rows):
-            told[segment.run] = int(segment.rows[-1, CYCLE]) + segment.lost_at_end
+            accounted[segment.run] = int(segment.rows[-1, CYCLE]) + segment.lost_at_end
     return done, missing.end(folder)

@@ -68,7 +68,7 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         w_tcp_part=w,
         cutting=cutting,
         contained=contained,
-        undo_play=_undone_play(plan, cell, delays) if designed else None,
+        undo_play=_play_compensation(plan, cell, delays) if designed else None,
         turn_per_s=np.abs(plan.path.spindle_rad_s) / (2.0 * np.pi),
         tool=plan.path.tool.astype(np.int64),
         chip_m=plan.feed_per_tooth_m * np.sin(0.5 * (plan.entry_rad + plan.exit_rad)),
@@ -93,7 +93,7 @@ def _lost(plan: Plan, cell: Cell) -> Float:
     return out
 
 
-def _undone_play(plan: Plan, cell: Cell, delays: Delays) -> Float:
+def _play_compensation(plan: Plan, cell: Cell, delays: Delays) -> Float:
     lag = Mode(delays.natural_per_s, delays.damping)
     return play_compensation(setting_of(cell), plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s)
 

@@ -33,8 +33,12 @@ def _written(folder: str | Path) -> dict[int, int]:
     recorder died the run counted less than there was, never more.
     """
     try:
-        said = read_summary(Path(folder) / "summary.json")
-        return {int(said["run"]): int(said["records"]) + int(said["records_lost"])} if said["job"] == "run" else {}
+        summary = read_summary(Path(folder) / "summary.json")
+        return (
+            {int(summary["run"]): int(summary["records"]) + int(summary["records_lost"])}
+            if summary["job"] == "run"
+            else {}
+        )
     except (FileFormatError, KeyError, TypeError, ValueError):
         return {}
 
@@ -110,7 +114,7 @@ class LogMissing:
                 self.at_end[run] = max(self.at_end[run], missing)
         for run, finder in self._finders.items():
             finder.end(self.at_end[run])
-            self.gaps[run] = finder.found
+            self.gaps[run] = finder.gaps
         return self
 
     @property

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.core.errors import InputError, OutputError
-from counterflex.files.logs.place import trouble_said
+from counterflex.files.logs.place import trouble_message
 from counterflex.files.machine_file import machine_file
 from counterflex.protocols.processes.control_array import Kept, Life, Request, Shown, Tally
 from counterflex.protocols.processes.operator_words import find
@@ -157,7 +157,7 @@ def _looks(words: Any, now_ns: int) -> dict[str, Any]:
         "planned_n": measured(Shown.PLANNED_MN, 1, 1e-3),
         "tracker_off": tracker_off(words),
         "foreign": words[Tally.FOREIGN],
-        "log_trouble": trouble_said(words[Kept.TROUBLE]),
+        "log_trouble": trouble_message(words[Kept.TROUBLE]),
         "records_lost": words[Kept.LOST],
     }
 

@@ -56,7 +56,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     try:
         shared = SharedWords(CONTROL, words)
         control: Int = np.frombuffer(shared.words, dtype=np.int64)
-        _end_when_asked(control)
+        _end_on_request(control)
         hear_signals()
         starts = Beat(control, Life.LOOP_NS, Life.LOOP_PID)  # what it compiles may take minutes
         ring = RecordRing(ring_name)
@@ -64,7 +64,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         lock = InstanceLock(machine_file().parent, session.link.address[1], run=str(out), words=str(words))
         session.loop.run()
         session.loop.reset()
-        told = [one.said() for one in unusual(read_cell(settings.cell).tables)]
+        warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)]
         starts.close()
         prepare()
     except BaseException as fault:
@@ -73,7 +73,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
     control[Life.CANNOT_HOLD] = not session.link.holds_feed
     control[_LOOP_NS] = time.monotonic_ns()
-    _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, told))
+    _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, warnings))
     try:
         _cycle_on(session, settings, control, living, pipe)
         control[Life.ENDED] = 1
@@ -90,7 +90,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     run.close()
 
 
-def _end_when_asked(control: Int) -> None:
+def _end_on_request(control: Int) -> None:
     """Requests of the system to end are the operator's: ramped out first. A loop is not stopped by a key either."""
 
     def end(*_: object) -> None:
@@ -116,13 +116,13 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
     """
     quiet = 0.0
     end_ns = 0
-    told = ""
+    reported = ""
     while True:
         control[_LOOP_NS] = time.monotonic_ns()
-        if session.trouble != told:
-            told = session.trouble
-            if told:
-                _say(pipe, told)
+        if session.trouble != reported:
+            reported = session.trouble
+            if reported:
+                _say(pipe, reported)
         if control[_GONE] or living.gone():
             control[_GONE] = 1
             if _at_rest(session) or quiet >= (END_S if session.loop.state in _ACTING else _SILENT_S):
@@ -136,14 +136,14 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
             session.cycle(_SLICE_S)
             continue
         if settings.lockstep:  # a robot that waits is never late: no cycle without a telegram
-            came, waited = session.link.wait(_SLICE_S), _SLICE_S
-            if came:
+            received, waited = session.link.wait(_SLICE_S), _SLICE_S
+            if received:
                 session.handle_cycle(True)
         else:
             waited = session.patience_s
-            came = session.cycle(waited)
-        quiet = 0.0 if came else quiet + waited
-        if quiet >= settings.quiet_s or (settings.lockstep and not came and control[_END]):
+            received = session.cycle(waited)
+        quiet = 0.0 if received else quiet + waited
+        if quiet >= settings.quiet_s or (settings.lockstep and not received and control[_END]):
             return
 
 

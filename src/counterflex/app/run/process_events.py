@@ -18,14 +18,14 @@ _SHOWN: dict[Event, tuple[float, str]] = {
 }
 
 
-def shown_process(found: ProcessFigures | None) -> dict[str, Any]:
+def shown_process(figures: ProcessFigures | None) -> dict[str, Any]:
     """What process monitoring found, in shop units."""
-    if found is None:
+    if figures is None:
         return {"events": [], "event_counts": {}, "wear": None, "slowed_share": 0.0, "least_speed": 1.0}
-    wear = found.wear
+    wear = figures.wear
     return {
-        "events": [shown_event(event) for event in found.events],
-        "event_counts": {event.name.lower(): count for event, count in found.counts.items()},
+        "events": [shown_event(event) for event in figures.events],
+        "event_counts": {event.name.lower(): count for event, count in figures.counts.items()},
         "wear": None
         if wear is None
         else {
@@ -34,8 +34,8 @@ def shown_process(found: ProcessFigures | None) -> dict[str, Any]:
             "sigma_percent_per_m": round(100.0 * wear.sigma_per_m, 3) if wear.known else None,
             "range95_percent_per_m": round(100.0 * wear.range_per_m, 3) if wear.known else None,
         },
-        "slowed_share": round(found.slowed, 4),
-        "least_speed": round(found.least_speed, 3),
+        "slowed_share": round(figures.slowed, 4),
+        "least_speed": round(figures.least_speed, 3),
     }
 
 

@@ -35,26 +35,26 @@ def signals_wait() -> Iterator[None]:
     So a process is never interrupted half started, where it could only show a traceback. It hears what waits when it
     calls :func:`counterflex.protocols.system.signals.hear_signals`; this one hears it at the end of the block.
     """
-    came: list[int] = []
+    pending: list[int] = []
 
     def later(number: int, _: FrameType | None) -> None:
-        came.append(number)
+        pending.append(number)
 
     main = threading.current_thread() is threading.main_thread()
-    heard = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)] if main else []
-    before = {number: signal.signal(number, later) for number in heard}
+    handled = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)] if main else []
+    before = {number: signal.signal(number, later) for number in handled}
     masked = hasattr(signal, "pthread_sigmask")
     if masked:
         resource_tracker.ensure_running()  # its start would let the signals through again
-        kept = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
     finally:
         if masked:
-            signal.pthread_sigmask(signal.SIG_SETMASK, kept)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for number, handler in before.items():
             signal.signal(number, handler)
-        for number in came[:1]:
+        for number in pending[:1]:
             signal.raise_signal(number)
 
 
@@ -83,10 +83,10 @@ def first_word(process: BaseProcess, pipe: Any, who: str, lived_ns: Callable[[],
                 raise OutputError(f"{who} does not come up", value=f"silent for {silent_s:.0f} s", hint=_HINT)
             if waited_s > READY_S:
                 raise OutputError(f"{who} does not get ready", value=f"waited for {waited_s:.0f} s", hint=_HINT)
-        said = pipe.recv()
+        message = pipe.recv()
     except (EOFError, ConnectionError):
         process.join(END_S)
         raise OutputError(f"{who} died before it began", value=process.exitcode) from None
-    if isinstance(said, BaseException):
-        raise said
-    return said
+    if isinstance(message, BaseException):
+        raise message
+    return message

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.run.end import AS_ASKED, RunEnd
+from counterflex.app.run.end import AS_REQUESTED, RunEnd
 from counterflex.app.run.incidents import numbered
 from counterflex.app.run.process_events import shown_process
 from counterflex.core.arrays import Float, Int
@@ -63,9 +63,9 @@ class Recorder:
         behind: Rows that another recorder has taken before.
     """
 
-    def __init__(self, ring: str, log: RunLog | NoLog, control: Int, *, behind: int = 0) -> None:
+    def __init__(self, ring: str, log: RunLog | NoLog, control: Int, *, skipped: int = 0) -> None:
         self._reader = RecordRing(ring)
-        self._reader.rewind(behind)
+        self._reader.rewind(skipped)
         self._log, self._control = log, control
         self._times = LatencyHistogram()
         self._states: dict[str, int] = {}
@@ -107,10 +107,10 @@ class Recorder:
             self._causes |= {Cause(int(c)).name.lower() for c in np.unique(rows[:, column(name)]) if c}
 
     def _shown_incidents(self) -> dict[str, Any]:
-        found = [one.shown() for one in numbered({1: self._incidents})]
-        counts = Counter(f"{one['state']} {one['cause']}" for one in found)
+        shown = [one.shown() for one in numbered({1: self._incidents})]
+        counts = Counter(f"{one['state']} {one['cause']}" for one in shown)
         return {
-            "incidents": found[:_INCIDENTS_SHOWN],
+            "incidents": shown[:_INCIDENTS_SHOWN],
             "incidents_total": self._incidents.total,
             "incidents_by_cause": dict(counts.most_common()),
         }
@@ -136,7 +136,7 @@ class Recorder:
             "records": self._log.written,
             "records_lost": self._log.lost + self._reader.dropped,
             "log_trouble": self._log.trouble,
-            "loop_ended": AS_ASKED if control[Life.ENDED] else "died",
+            "loop_ended": AS_REQUESTED if control[Life.ENDED] else "died",
             "counterflex": __version__,
         }
 

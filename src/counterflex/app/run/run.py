@@ -16,7 +16,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.environment import environment
-from counterflex.app.run.end import AS_ASKED, ended_how
+from counterflex.app.run.end import AS_REQUESTED, ended_how
 from counterflex.app.run.process import END_S, loop_process
 from counterflex.app.run.process_start import first_word, signals_wait
 from counterflex.app.run.recorder import SUMMARY, NoLog, Recorder, recorder_process
@@ -51,7 +51,7 @@ def run(
     most_s: float | None = None,
     started: Callable[[tuple[str, int]], None] = lambda _: None,
     ended: Callable[[], bool] = lambda: False,
-    told: Callable[[str], None] = lambda _: None,
+    warn: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Run the loop and the recorder in processes of their own and watch them from this one.
 
@@ -62,7 +62,7 @@ def run(
         most_s: End after so long; None goes on until the telegrams stop.
         started: Told the address at which telegrams are expected, once.
         ended: Whether the robot is known to be gone; asked now and then.
-        told: Told of what is unusual in the cell file, a line each.
+        warn: Told of what is unusual in the cell file, a line each.
 
     Returns:
         Summary: cycles, times, states, losses, how it ended, what process monitoring found; also written as
@@ -79,11 +79,11 @@ def run(
             supervised = Supervised(settings, Path(out).absolute())
         where, unusual = supervised.begin()
         for line in unusual:
-            told(line)
+            warn(line)
         started(where)
         begin = time.monotonic()
         supervised.watch(watch, ended, None if most_s is None else begin + most_s)
-        summary = supervised.told() | {"seconds": round(time.monotonic() - begin, 2)}
+        summary = supervised.loop_report() | {"seconds": round(time.monotonic() - begin, 2)}
         summary["ended"] = ended_how(summary, arm=settings.arm)
         if not supervised.disk_stands:
             with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
@@ -213,13 +213,13 @@ class Supervised:
     def _hear(self) -> None:
         with contextlib.suppress(EOFError, OSError):
             while self._loop_pipe.poll():
-                said = self._loop_pipe.recv()
-                if isinstance(said, BaseException):
-                    self._fault = said
+                message = self._loop_pipe.recv()
+                if isinstance(message, BaseException):
+                    self._fault = message
                 else:
-                    self._trouble = str(said)
+                    self._trouble = str(message)
 
-    def told(self) -> dict[str, Any]:
+    def loop_report(self) -> dict[str, Any]:
         """The summary; the first interrupt does not lose it: the loop has ended, and so will what is waited for.
 
         Raises:
@@ -235,22 +235,22 @@ class Supervised:
 
     def summary(self) -> dict[str, Any]:
         """What the recorder counted; where it died or stands still, what is still there is written and counted here."""
-        found = self._recorder_said()
-        died = found is None and not self.recorder.is_alive()
-        if found is None:
-            found = self._inherited() if died else self._instead()
+        recorded = self._recorder_summary()
+        died = recorded is None and not self.recorder.is_alive()
+        if recorded is None:
+            recorded = self._inherited() if died else self._instead()
         self.recorder.join(END_S)
         exit_code = self.loop.exitcode
         return {
-            **found,
+            **recorded,
             "trouble": self._trouble,
             "recorder_died": died,
             "tracker_off": tracker_off(self.control),
             "holds_feed": not self.control[Life.CANNOT_HOLD],
-            "loop_ended": AS_ASKED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
+            "loop_ended": AS_REQUESTED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
         }
 
-    def _recorder_said(self) -> dict[str, Any] | None:
+    def _recorder_summary(self) -> dict[str, Any] | None:
         """Its summary; None where it has died or does not come to its end: a bounded wait, longer while it lives."""
         begin = time.monotonic()
         with contextlib.suppress(EOFError, OSError):
@@ -259,8 +259,8 @@ class Supervised:
                 if time.monotonic() - begin > (END_S if silent_s > SILENT_S else RECORDER_END_S):
                     return None
             with signals_wait():
-                found: dict[str, Any] = self._recorder_pipe.recv()
-            return found
+                summary: dict[str, Any] = self._recorder_pipe.recv()
+            return summary
         self.recorder.join(END_S)
         return None
 
@@ -269,29 +269,29 @@ class Supervised:
         taken = int(self.control[Kept.TAKEN])
         self.recorder.kill()
         self.recorder.join(END_S)
-        found: list[dict[str, Any]] = []
+        summaries: list[dict[str, Any]] = []
         if not self.recorder.is_alive():
-            writer = threading.Thread(target=self._inherit_into, args=(found,), daemon=True)
+            writer = threading.Thread(target=self._inherit_into, args=(summaries,), daemon=True)
             writer.start()
             writer.join(RECORDER_END_S)
-        if found:
-            return found[0] | {"log_trouble": _STOOD}
+        if summaries:
+            return summaries[0] | {"log_trouble": _STOOD}
         self.disk_stands = True
         recorder = Recorder(self._ring.name, NoLog(), self.control)
         recorder.take()
-        found.append(recorder.summary())
+        summaries.append(recorder.summary())
         recorder.close()
-        kept = {"cycles": int(self.control[Shown.CYCLES]), "records": taken, "records_lost": self._ring.count - taken}
-        return found[-1] | kept | {"log_trouble": _DISK_STANDS}
+        counts = {"cycles": int(self.control[Shown.CYCLES]), "records": taken, "records_lost": self._ring.count - taken}
+        return summaries[-1] | counts | {"log_trouble": _DISK_STANDS}
 
-    def _inherit_into(self, found: list[dict[str, Any]]) -> None:
+    def _inherit_into(self, summaries: list[dict[str, Any]]) -> None:
         with contextlib.suppress(OSError):
-            found.append(self._inherited())
+            summaries.append(self._inherited())
 
     def _inherited(self) -> dict[str, Any]:
         """The recorder has died: go on with the log behind what it has taken, as far as the ring still has it."""
         log = RunLog(self._out, self._about)
-        recorder = Recorder(self._ring.name, log, self.control, behind=int(self.control[Kept.TAKEN]))
+        recorder = Recorder(self._ring.name, log, self.control, skipped=int(self.control[Kept.TAKEN]))
         try:
             recorder.take()
         finally:

@@ -131,8 +131,8 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     unreached = settings.force is None and not settings.egm
     if table.force != "none" and (unreached or sensor is None) and not (fused and settings.force is None):
         raise _no_sensor(settings, f'force = "{table.force}"', unreached=unreached, unknown=sensor is None)
-    wanted = table.tracker != "none" or (fused and settings.tracker_port is not None)
-    if wanted and (settings.tracker_port is None or cell.tables.tracker is None):
+    tracked = table.tracker != "none" or (fused and settings.tracker_port is not None)
+    if tracked and (settings.tracker_port is None or cell.tables.tracker is None):
         lacking = ["tracker.address (--scenario)"] if settings.tracker_port is None else []
         lacking += ["a table [tracker] (counterflex identify tracker-frame)"] if cell.tables.tracker is None else []
         raise InputError(

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import NS
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
-from counterflex.files.logs.place import trouble_said
+from counterflex.files.logs.place import trouble_message
 from counterflex.protocols.processes.control_array import Kept, Life, Shown, Tally
 from counterflex.protocols.session.tracker_off import offset_message, tracker_off
 from counterflex.runtime.estimator.fusion import Source
@@ -117,7 +117,7 @@ class StatusReader:
             int(control[Shown.CYCLES]),
             (x, y, z),
             float(np.median((rows[:, 2] - rows[:, 1]) * 1e-3)) if len(rows) else 0.0,
-            trouble_said(int(control[Kept.TROUBLE])),
+            trouble_message(int(control[Kept.TROUBLE])),
             int(control[Kept.LOST]),
             int(control[Tally.FOREIGN]),
             Source(int(last[column("out_sources")])),
@@ -152,7 +152,7 @@ def _shared(number: int, unit: float) -> float | None:
     return None if number < 0 else number * unit
 
 
-def force_said(status: Status) -> str:
+def force_message(status: Status) -> str:
     """What to look at where the force is off the plan in the cut, for the status line; empty where it is not."""
     if status.state < State.ACTIVE:
         return ""

@@ -31,7 +31,7 @@ def forward(
         OutputError: The address cannot be used.
     """
     reader: TrackerLines | None = None
-    sequence = left_out = 0
+    sequence = skipped = 0
     sender = PoseForwarder(peer)
     try:
         for line in lines:
@@ -41,7 +41,7 @@ def forward(
             try:
                 measured = reader.measured(line, sequence + 1)
             except FileFormatError as fault:
-                left_out += 1
+                skipped += 1
                 sequence += 1
                 complain(str(fault))
                 continue
@@ -52,4 +52,4 @@ def forward(
         sender.close()
     if reader is None:
         raise FileFormatError("nothing came", where=where, limit="a line that names the columns")
-    return {"job": "tracker bridge", "sent": sender.sent, "left_out": left_out}
+    return {"job": "tracker bridge", "sent": sender.sent, "left_out": skipped}

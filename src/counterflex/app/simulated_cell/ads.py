@@ -66,13 +66,13 @@ def variables(settings: LoneAds, cell: Cell) -> dict[str, PlcVariable]:
         InputError: It has strain terminals without a holder that fits.
     """
     table = ads_table(cell)
-    found = dict(zip(table.strain, _strains(settings, cell, table), strict=True))
+    functions = dict(zip(table.strain, _strains(settings, cell, table), strict=True))
     if table.tracker is not None:
-        found |= _tracker(settings, table)
+        functions |= _tracker(settings, table)
     for one in table.parameters:
         middle = 0.0 if one.low is None or one.high is None else 0.5 * (one.low + one.high)
-        found[one.symbol] = PlcVariable(value=middle, comment=f"{one.name} in {one.unit}")
-    return found
+        functions[one.symbol] = PlcVariable(value=middle, comment=f"{one.name} in {one.unit}")
+    return functions
 
 
 def _strains(settings: LoneAds, cell: Cell, table: AdsTable) -> list[PlcVariable]:
@@ -91,11 +91,11 @@ def _strains(settings: LoneAds, cell: Cell, table: AdsTable) -> list[PlcVariable
     unit = si_of(table.strain_unit)[1]
     noise = np.random.default_rng(settings.faults.seed)
 
-    def shows(value: float) -> Callable[[float], float]:
+    def reading(value: float) -> Callable[[float], float]:
         return lambda _: float(value + settings.noise * noise.standard_normal()) * volts_per_strain / unit
 
     comment = f"{STRAIN} in {table.strain_unit}"
-    return [PlcVariable(source=shows(float(value)), comment=comment) for value in strain]
+    return [PlcVariable(source=reading(float(value)), comment=comment) for value in strain]
 
 
 def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:
@@ -104,7 +104,7 @@ def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:
         return {}
     length, angle = si_of(tracker.length_unit)[1], si_of(tracker.angle_unit)[1]
 
-    def sees(time_s: float) -> dict[str, float]:
+    def position(time_s: float) -> dict[str, float]:
         T = source(time_s)
         x, y, z = (float(v) for v in T[:3, 3])
         qw, qx, qy, qz = (float(v) for v in rotation.quat_wxyz(T[:3, :3]))
@@ -119,14 +119,14 @@ def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:
             "beam_ok": 1.0,
         }
 
-    def shows(name: str) -> Callable[[float], float]:
-        return lambda time_s: sees(time_s)[name]
+    def coordinate(name: str) -> Callable[[float], float]:
+        return lambda time_s: position(time_s)[name]
 
     return {
         symbol: PlcVariable(
-            kind="BOOL" if name == "beam_ok" else "LREAL", source=shows(name), comment=f"tracker {name}"
+            kind="BOOL" if name == "beam_ok" else "LREAL", source=coordinate(name), comment=f"tracker {name}"
         )
-        for name in sees(0.0)
+        for name in position(0.0)
         if (symbol := getattr(tracker, name)) is not None
     }
 
@@ -160,14 +160,14 @@ def run(
         faults=settings.faults,
     )
     ending = ending if ending is not None else threading.Event()
-    left = settings.seconds
+    remaining = settings.seconds
     try:
         with contextlib.suppress(KeyboardInterrupt):
             started(server)
-            while not server.dead and (left is None or left > 0.0):
-                if ending.wait(_TICK_S if left is None else min(_TICK_S, left)):
+            while not server.dead and (remaining is None or remaining > 0.0):
+                if ending.wait(_TICK_S if remaining is None else min(_TICK_S, remaining)):
                     break
-                left = None if left is None else left - _TICK_S
+                remaining = None if remaining is None else remaining - _TICK_S
     finally:
         server.close()
     return {

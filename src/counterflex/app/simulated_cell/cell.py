@@ -11,7 +11,7 @@ from typing import Any
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading, read_job
 from counterflex.app.proof import simulate
-from counterflex.app.run.job_check import job_said
+from counterflex.app.run.job_check import program_job
 from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_positive
@@ -198,7 +198,9 @@ def _controller(
     """Controller, where its telegrams go, and who takes the force that it measures itself."""
     which(settings.rsi, settings.egm)
     if settings.rsi is not None:
-        rsi, where = rsi_controller(settings.rsi, settings.context, seed=settings.seed, job=job_said(settings.program))
+        rsi, where = rsi_controller(
+            settings.rsi, settings.context, seed=settings.seed, job=program_job(settings.program)
+        )
         return rsi, settings.peer if settings.peer is not None else where, None
     egm = egm_controller(cell)
 

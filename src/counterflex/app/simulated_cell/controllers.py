@@ -46,8 +46,8 @@ def rsi_controller(config: Path, context: RsiContext, *, seed: int = 0, job: int
         seed: Of its motors' torque constants.
         job: Number that its program says; 0: none.
     """
-    found = read_config(config)
-    return FakeRsi(found, context, currents=MotorCurrents(seed), job=job), (found.host, found.port)
+    parsed = read_config(config)
+    return FakeRsi(parsed, context, currents=MotorCurrents(seed), job=job), (parsed.host, parsed.port)
 
 
 def egm_controller(cell: Cell, robotware: int = 7, **changes: Any) -> FakeEgm:

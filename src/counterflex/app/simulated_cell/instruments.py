@@ -89,7 +89,7 @@ def run_netft(
     server = NetftServer(settings.host, settings.port, settings.http_port, settings.rate_hz, settings.faults)
     server.status = settings.status
     taken = 0
-    ended, given_up = "stopped", 0
+    ended, skipped = "stopped", 0
     try:
         if server.http_address is not None:
             started(server.address, server.http_address)
@@ -102,7 +102,7 @@ def run_netft(
             return not server.dead
 
         with contextlib.suppress(KeyboardInterrupt):
-            given_up = keep_pace(_times(settings.rate_hz, settings.seconds), tick, now=clock.now, wait=clock.wait)
+            skipped = keep_pace(_times(settings.rate_hz, settings.seconds), tick, now=clock.now, wait=clock.wait)
             ended = "died" if server.dead else "finished"
     finally:
         server.close()
@@ -111,7 +111,7 @@ def run_netft(
         "ended": ended,
         "samples": taken,
         "records": server.records,
-        "given_up": given_up,
+        "given_up": skipped,
         "counterflex": __version__,
     }
 
@@ -171,13 +171,13 @@ def run_tracker(settings: LoneTracker, *, clock: Clock | None = None) -> dict[st
     def stamp(time_ns: int, elapsed_s: float) -> int:
         return max(0, time_ns + round((settings.clock_offset_s + elapsed_s * settings.clock_drift_ppm * MICRO) / NS))
 
-    ended, given_up = "stopped", 0
+    ended, skipped = "stopped", 0
     try:
         with contextlib.suppress(KeyboardInterrupt):
             if settings.log is not None:
-                given_up = _replay(settings, settings.log, sender, stamp, clock)
+                skipped = _replay(settings, settings.log, sender, stamp, clock)
             else:
-                given_up = _measure(settings, settings.source, sender, stamp, clock)
+                skipped = _measure(settings, settings.source, sender, stamp, clock)
             ended = "died" if sender.dead else "finished"
     finally:
         sender.close()
@@ -185,7 +185,7 @@ def run_tracker(settings: LoneTracker, *, clock: Clock | None = None) -> dict[st
         "job": "twin tracker",
         "ended": ended,
         "measurements": sender.sent,
-        "given_up": given_up,
+        "given_up": skipped,
         "counterflex": __version__,
     }
 

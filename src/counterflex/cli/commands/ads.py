@@ -6,10 +6,10 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
+from counterflex.cli.arguments import MOST_RECORDS, address
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
-from counterflex.cli.given import MOST_RECORDS, address
 from counterflex.cli.output import print_json, print_table
 
 _ads = typer.Typer(no_args_is_help=True, help="A TwinCAT (Beckhoff ADS): check the connection, read, write, forward.")
@@ -40,12 +40,12 @@ def list_(
     """
     from counterflex.app import ads as job
 
-    found = job.list_symbols(cell, containing)
+    symbols = job.list_symbols(cell, containing)
     if as_json:
-        print_json([{"name": one.name, "type": one.kind, "comment": one.comment} for one in found])
+        print_json([{"name": one.name, "type": one.kind, "comment": one.comment} for one in symbols])
         return
-    rows = [[one.name, one.kind, one.comment] for one in found]
-    print_table(f"{len(found)} variables", ["name", "type", "comment"], rows)
+    rows = [[one.name, one.kind, one.comment] for one in symbols]
+    print_table(f"{len(symbols)} variables", ["name", "type", "comment"], rows)
 
 
 def read(cell: CellFile, as_json: AsJson = False) -> None:
@@ -55,17 +55,17 @@ def read(cell: CellFile, as_json: AsJson = False) -> None:
     """
     from counterflex.app import ads as job
 
-    found = job.read(cell)
+    readings = job.read(cell)
     if as_json:
-        print_json(found)
+        print_json(readings)
         return
     rows = [
-        [name, "not a number" if value is None else f"{value:g}", found["types"][name]]
-        for name, value in found["values"].items()
+        [name, "not a number" if value is None else f"{value:g}", readings["types"][name]]
+        for name, value in readings["values"].items()
     ]
-    print_table(f"Read in {found['took_ms']:g} ms", ["name", "value", "type"], rows)
-    if found["force_n"] is not None:
-        typer.echo("force at the tool, holder axes: " + ", ".join(f"{v:.1f}" for v in found["force_n"]) + " N")
+    print_table(f"Read in {readings['took_ms']:g} ms", ["name", "value", "type"], rows)
+    if readings["force_n"] is not None:
+        typer.echo("force at the tool, holder axes: " + ", ".join(f"{v:.1f}" for v in readings["force_n"]) + " N")
 
 
 def write(
@@ -80,11 +80,11 @@ def write(
     """
     from counterflex.app import ads as job
 
-    found = job.write(cell, name, value)
+    result = job.write(cell, name, value)
     if as_json:
-        print_json(found)
+        print_json(result)
         return
-    typer.echo(f"{name}: {found['before']} before, {found['after']} now")
+    typer.echo(f"{name}: {result['before']} before, {result['after']} now")
 
 
 def forward(
@@ -93,7 +93,7 @@ def forward(
         typer.Argument(
             help="Where datagrams go: the loop's tracker.address.",
             metavar="HOST:PORT",
-            callback=given.host_port,
+            callback=arguments.host_port,
         ),
     ],
     cell: CellFile,
@@ -109,10 +109,10 @@ def forward(
     """
     from counterflex.app import ads as job
 
-    found = job.forward(cell, address(to, "HOST:PORT"), readings=readings)
+    result = job.forward(cell, address(to, "HOST:PORT"), readings=readings)
     if as_json:
-        print_json(found)
+        print_json(result)
         return
     typer.echo(
-        f"{found['sent']} datagrams sent, {found['unusable']} not usable; {found['failed_readings']} readings failed"
+        f"{result['sent']} datagrams sent, {result['unusable']} not usable; {result['failed_readings']} readings failed"
     )

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
 from counterflex.cli.commands.prove import FamilyName, Workers
 from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, progress_bar
 from counterflex.core.errors import InputError, Interrupted
@@ -22,12 +22,14 @@ def register(app: typer.Typer) -> None:
 
 def campaign(
     out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
     program: Annotated[
         Path | None,
         typer.Argument(
-            help="Program to machine before and after; none: identify only.", metavar="[PROGRAM]", callback=given.file
+            help="Program to machine before and after; none: identify only.",
+            metavar="[PROGRAM]",
+            callback=arguments.file,
         ),
     ] = None,
     cell: Annotated[
@@ -36,12 +38,12 @@ def campaign(
             "--cell",
             help="Cell file; default: cell and part of the demonstration.",
             metavar="CELL",
-            callback=given.file,
+            callback=arguments.file,
         ),
     ] = None,
     twin: Annotated[
         Path | None,
-        typer.Option("--twin", help="Truth file: the one simulated cell.", metavar="TRUTH", callback=given.file),
+        typer.Option("--twin", help="Truth file: the one simulated cell.", metavar="TRUTH", callback=arguments.file),
     ] = None,
     seeds: Annotated[
         str | None,
@@ -55,7 +57,7 @@ def campaign(
         typer.Option(
             "--recipe",
             help="Only this recipe; may be given several times.",
-            callback=given.one_of(RECIPES.own),
+            callback=arguments.one_of(RECIPES.own),
         ),
     ] = None,
     exact: Annotated[
@@ -80,7 +82,7 @@ def campaign(
             value="neither" if twin is None else "both",
             hint="--twin TRUTH is one simulated cell, --seeds 5 makes five",
         )
-    numbers = None if seeds is None else given.seeds(seeds)
+    numbers = None if seeds is None else arguments.seeds(seeds)
     inputs = [path for path in (program, cell, twin) if path is not None]
     keep_inputs(out, *inputs)
     from counterflex.app import examples

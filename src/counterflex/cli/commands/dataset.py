@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
 from counterflex.cli.output import print_json, print_table
 
 _dataset = typer.Typer(no_args_is_help=True, help="Read measured data and summarise them.")
@@ -21,7 +21,9 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    data: Annotated[Path, typer.Argument(help="Manifest of a dataset (.toml).", metavar="DATA", callback=given.file)],
+    data: Annotated[
+        Path, typer.Argument(help="Manifest of a dataset (.toml).", metavar="DATA", callback=arguments.file)
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Read a dataset as identify does, and print rows, ranges and standard deviations.

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
 from counterflex.cli.output import print_json, print_table, progress_bar
 
 
@@ -26,7 +26,7 @@ def doctor(
             "--log",
             help="Folder where run logs will be written; its disk is measured.",
             metavar="DIR",
-            callback=given.output_folder,
+            callback=arguments.output_folder,
         ),
     ] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -40,28 +40,28 @@ def doctor(
     from counterflex.app import doctor as job
 
     with progress_bar("measuring") as progress:
-        found = job.run(seconds, log, progress=progress).described()
+        checkup = job.run(seconds, log, progress=progress).described()
     if as_json:
-        print_json(found)
+        print_json(checkup)
     else:
         names = ("p50", "p99", "p99.9", "max")
         print_table(
-            f"{found['cycles']} cycles of {found['period_ms']:g} ms; us",
+            f"{checkup['cycles']} cycles of {checkup['period_ms']:g} ms; us",
             ["", *names],
             [
                 [what, *("-" if times[name] is None else f"{times[name]:g}" for name in names)]
-                for what, times in found["times_us"].items()
+                for what, times in checkup["times_us"].items()
             ],
         )
-        granted = {"real-time priority": found["fifo"], "locked memory": found["locked"]}
+        granted = {"real-time priority": checkup["fifo"], "locked memory": checkup["locked"]}
         typer.echo(
-            f"{found['host']}, kernel {found['kernel']}, {found['cores']} cores, "
+            f"{checkup['host']}, kernel {checkup['kernel']}, {checkup['cores']} cores, "
             + ", ".join(f"{name} {'yes' if value else 'no'}" for name, value in granted.items())
-            + f", clock {found['clock_source'] or 'not known'}, governor {found['governor'] or 'not known'}"
-            + f", stolen {found['steal']:.1%}"
+            + f", clock {checkup['clock_source'] or 'not known'}, governor {checkup['governor'] or 'not known'}"
+            + f", stolen {checkup['steal']:.1%}"
         )
-        typer.echo(f"{found['verdict']}: {found['in_time']:.2%} of the replies within {found['budget_us']:g} us")
-        for reason in found["reasons"]:
+        typer.echo(f"{checkup['verdict']}: {checkup['in_time']:.2%} of the replies within {checkup['budget_us']:g} us")
+        for reason in checkup["reasons"]:
             typer.echo(f"- {reason}")
-    if not found["fits"]:
+    if not checkup["fits"]:
         raise typer.Exit(1)

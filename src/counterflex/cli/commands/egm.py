@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json
 
@@ -24,12 +24,12 @@ def register(app: typer.Typer) -> None:
 
 def check(
     program: Annotated[
-        Path, typer.Argument(help="RAPID module that sets up EGM (.mod).", metavar="MODULE", callback=given.file)
+        Path, typer.Argument(help="RAPID module that sets up EGM (.mod).", metavar="MODULE", callback=arguments.file)
     ],
     cell: Annotated[
         Path | None,
         typer.Option(
-            "--cell", help="Cell file, for the tables [online] and [egm].", metavar="CELL", callback=given.file
+            "--cell", help="Cell file, for the tables [online] and [egm].", metavar="CELL", callback=arguments.file
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
@@ -61,7 +61,10 @@ def make(
     program: Annotated[
         Path,
         typer.Option(
-            "--program", help="RAPID program that compensate --as rapid wrote.", metavar="MODULE", callback=given.file
+            "--program",
+            help="RAPID program that compensate --as rapid wrote.",
+            metavar="MODULE",
+            callback=arguments.file,
         ),
     ],
     out: Out,

@@ -24,11 +24,11 @@ def extensions(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.
     """
     from counterflex.app.extensions import extensions as look
 
-    found = look()
+    entries = look()
     if as_json:
-        print_json([asdict(item) for item in found])
+        print_json([asdict(item) for item in entries])
     else:
-        rows = [[item.group.partition(".")[2], item.name, item.package, item.fault or item.title] for item in found]
+        rows = [[item.group.partition(".")[2], item.name, item.package, item.fault or item.title] for item in entries]
         print_table("extensions", ["group", "name", "package", "what it is"], rows)
-    if any(item.fault for item in found):
+    if any(item.fault for item in entries):
         raise typer.Exit(1)

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
+from counterflex.cli.arguments import LARGEST_SEED
 from counterflex.cli.commands.program import Out
-from counterflex.cli.given import LARGEST_SEED
 from counterflex.cli.output import print_json, print_table, progress_bar
 
 
@@ -31,7 +31,7 @@ def faults(
         typer.Option(
             "--sensors",
             help="Inputs of the correction: force, or both (force and tracker).",
-            callback=given.one_of(("force", "both"), "sensors"),
+            callback=arguments.one_of(("force", "both"), "sensors"),
         ),
     ] = "force",
     seed: Annotated[int, typer.Option("--seed", help="Of everything that is random.", min=0, max=LARGEST_SEED)] = 0,
@@ -70,7 +70,7 @@ def faults(
                 for r in results
             ],
         )
-        held = sum(r.outcome.passed for r in results)
-        typer.echo(f"{held} of {len(results)} hold; wrote {out}")
+        passed = sum(r.outcome.passed for r in results)
+        typer.echo(f"{passed} of {len(results)} hold; wrote {out}")
     if not all(r.outcome.passed for r in results):
         raise typer.Exit(1)

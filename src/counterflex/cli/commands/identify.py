@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
-from counterflex.cli.given import LARGEST_SEED, MOST_PROPOSED, pairs
+from counterflex.cli import arguments
+from counterflex.cli.arguments import LARGEST_SEED, MOST_PROPOSED, pairs
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES, own_title
@@ -44,20 +44,20 @@ def identify(
     recipe: Annotated[
         str,
         typer.Argument(
-            help="What to find, or history.", metavar="RECIPE", callback=given.one_of(RECIPES, "recipe", HISTORY)
+            help="What to find, or history.", metavar="RECIPE", callback=arguments.one_of(RECIPES, "recipe", HISTORY)
         ),
     ],
     data: Annotated[
         list[Path] | None,
-        typer.Argument(help="Manifests of datasets (.toml).", metavar="DATA...", callback=given.file_or_folder),
+        typer.Argument(help="Manifests of datasets (.toml).", metavar="DATA...", callback=arguments.file_or_folder),
     ] = None,
     cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=given.file)
+        Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=given.output_folder
+            "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=arguments.output_folder
         ),
     ] = None,
     holdout: Annotated[
@@ -66,12 +66,12 @@ def identify(
             "--holdout",
             help="Manifest of data that are only predicted; else folds of DATA.",
             metavar="DATA",
-            callback=given.file,
+            callback=arguments.file,
         ),
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", help="A setting of the recipe.", metavar="KEY=VALUE", callback=given.settings),
+        typer.Option("--set", help="A setting of the recipe.", metavar="KEY=VALUE", callback=arguments.settings),
     ] = None,
     seed: Annotated[
         int, typer.Option("--seed", help="Of whatever is drawn: folds, starts, poses.", min=0, max=LARGEST_SEED)
@@ -88,7 +88,7 @@ def identify(
             "--archive",
             help="Archive of all runs; default DIR/archive.",
             metavar="DIR",
-            callback=given.output_folder,
+            callback=arguments.output_folder,
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
@@ -105,7 +105,7 @@ def identify(
     if not data:
         raise InputError("no data are given", limit="one or more manifests", hint="Or --propose N for what to measure")
     keep_inputs(out, cell, *data, *(holdout or []))
-    wanted = pairs(settings or [])
+    chosen = pairs(settings or [])
     from counterflex.app.identification import identify as job
     from counterflex.cli.commands.identify_tables import show_result
 
@@ -116,7 +116,7 @@ def identify(
             cell,
             out,
             holdout=holdout or (),
-            settings=wanted,
+            settings=chosen,
             seed=seed,
             archive=archive,
             progress=progress,
@@ -133,11 +133,11 @@ def _history(folders: list[Path], as_json: bool) -> None:
     from counterflex.app.identification.history import history
     from counterflex.cli.commands.identify_tables import show_history
 
-    found = history(folders[0])
+    changes = history(folders[0])
     if as_json:
-        print_json(found)
+        print_json(changes)
     else:
-        show_history(found)
+        show_history(changes)
 
 
 def _propose(
@@ -146,13 +146,13 @@ def _propose(
     if data:
         raise InputError("--propose takes no data", value=data[0], hint="Measure the proposal, then identify from it")
     keep_inputs(out, cell)
-    wanted = pairs(settings)
+    chosen = pairs(settings)
     from counterflex.app.identification import propose as job
     from counterflex.cli.commands.identify_tables import show_proposal
 
     with progress_bar(f"choosing {count} measurements"):
-        found = job.run(recipe, count, cell, out, settings=wanted, seed=seed)
+        proposal = job.run(recipe, count, cell, out, settings=chosen, seed=seed)
     if as_json:
-        print_json(found)
+        print_json(proposal)
     else:
-        show_proposal(found, out)
+        show_proposal(proposal, out)

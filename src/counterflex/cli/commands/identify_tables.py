@@ -61,22 +61,22 @@ def show_result(result: dict[str, Any], out: Path) -> None:
     typer.echo(f"wrote {out}: cell.toml, result.json, report.html ({result['seconds']:.1f} s)")
 
 
-def show_proposal(found: dict[str, Any], out: Path) -> None:
+def show_proposal(proposal: dict[str, Any], out: Path) -> None:
     """Expected standard deviations and what to do."""
-    if found["expected"]:
+    if proposal["expected"]:
         print_table(
-            f"Expected from {found['rows']} measurements",
+            f"Expected from {proposal['rows']} measurements",
             ["parameter", "standard deviation", "unit"],
-            [[row["name"], _number(row["sigma"], 3), row["unit"]] for row in found["expected"]],
+            [[row["name"], _number(row["sigma"], 3), row["unit"]] for row in proposal["expected"]],
         )
-    for remark in found["remarks"]:
+    for remark in proposal["remarks"]:
         typer.echo(f"note: {remark}")
-    typer.echo(f"wrote {out}: {', '.join(found['files'])}")
-    manifest = f"{found['recipe']}.toml"
-    if manifest in found["files"]:
+    typer.echo(f"wrote {out}: {', '.join(proposal['files'])}")
+    manifest = f"{proposal['recipe']}.toml"
+    if manifest in proposal["files"]:
         typer.echo(
-            f"next: measure the rows of proposal.csv in their order, fill {found['recipe']}.csv, state sigma in"
-            f" {manifest}, then counterflex identify {found['recipe']} {out / manifest} --cell CELL --out DIR"
+            f"next: measure the rows of proposal.csv in their order, fill {proposal['recipe']}.csv, state sigma in"
+            f" {manifest}, then counterflex identify {proposal['recipe']} {out / manifest} --cell CELL --out DIR"
         )
         typer.echo(
             f"or on a simulated cell: counterflex twin measure {out / 'proposal.toml'} --cell CELL --truth TRUTH"
@@ -86,7 +86,7 @@ def show_proposal(found: dict[str, Any], out: Path) -> None:
         typer.echo("next: measure the rows of proposal.csv in their order and write a manifest (docs/datasets.md)")
 
 
-def show_history(found: dict[str, Any]) -> None:
+def show_history(changes: dict[str, Any]) -> None:
     """Runs, and what changed between the latest of each recipe."""
     print_table(
         "Identifications",
@@ -104,10 +104,10 @@ def show_history(found: dict[str, Any]) -> None:
                 str(run["outliers"]),
                 run["folder"],
             ]
-            for run in found["runs"]
+            for run in changes["runs"]
         ],
     )
-    for name, rows in found["compared"].items():
+    for name, rows in changes["compared"].items():
         count = max(len(row["values"]) for row in rows)
         columns = [f"{count - 1 - i} before" if i < count - 1 else "latest" for i in range(count)]
         print_table(

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
+from counterflex.cli.arguments import MOST_RECORDS
 from counterflex.cli.commands.program import CellFile
-from counterflex.cli.given import MOST_RECORDS
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
 _log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")
@@ -17,7 +17,7 @@ _SHOWN = 20
 INCOMPLETE: Final = 5
 """Exit status: what there is was read, but cycles are missing or something cannot be read."""
 
-Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR", callback=given.folder)]
+Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR", callback=arguments.folder)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
@@ -95,8 +95,8 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
     _show_incidents(run["incidents"], run["incidents_total"])
     show_process(run)
     if run["causes"]:
-        said = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
-        typer.echo("cycles with a cause: " + ", ".join(said))
+        causes = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
+        typer.echo("cycles with a cause: " + ", ".join(causes))
 
 
 def _show_changes(title: str, changes: list[dict[str, Any]]) -> None:
@@ -136,9 +136,9 @@ def _show_incidents(incidents: list[dict[str, Any]], total: int) -> None:
         )
 
 
-def show_process(found: dict[str, Any]) -> None:
+def show_process(figures: dict[str, Any]) -> None:
     """Print what process monitoring found."""
-    events = found["events"]
+    events = figures["events"]
     if events:
         print_table(
             "Process events",
@@ -155,9 +155,9 @@ def show_process(found: dict[str, Any]) -> None:
                 ]
                 for event in events[:_SHOWN]
             ],
-            note=_others(found["event_counts"], len(events)),
+            note=_others(figures["event_counts"], len(events)),
         )
-    wear = found["wear"]
+    wear = figures["wear"]
     if wear is not None and wear["trend_percent_per_m"] is None:
         typer.echo(f"{wear['cut_m']:g} m of cut: too short for a trend of measured over predicted force")
     elif wear is not None:
@@ -165,10 +165,10 @@ def show_process(found: dict[str, Any]) -> None:
             f"force by predicted force over {wear['cut_m']:g} m of cut: {wear['trend_percent_per_m']:+g}"
             f" +- {wear['range95_percent_per_m']:g} % per metre (95 %)"
         )
-    if found["slowed_share"] > 0.0:
+    if figures["slowed_share"] > 0.0:
         typer.echo(
-            f"slowed in {100.0 * found['slowed_share']:.1f} % of the cycles,"
-            f" down to {100.0 * found['least_speed']:.0f} % of the programmed speed"
+            f"slowed in {100.0 * figures['slowed_share']:.1f} % of the cycles,"
+            f" down to {100.0 * figures['least_speed']:.0f} % of the programmed speed"
         )
 
 
@@ -186,7 +186,7 @@ def replay(
     cell: CellFile,
     plan: Annotated[
         Path | None,
-        typer.Option("--plan", help="Plan file of the run (.parquet).", metavar="PLAN", callback=given.file),
+        typer.Option("--plan", help="Plan file of the run (.parquet).", metavar="PLAN", callback=arguments.file),
     ] = None,
     original: Annotated[
         bool, typer.Option("--original", help="The robot ran the original program, not the compensated one.")
@@ -205,20 +205,20 @@ def replay(
     from counterflex.app.run import log as job
 
     with progress_bar("replaying") as progress:
-        found = job.replay(folder, cell, plan, compensated=not original, from_s=from_s, progress=progress)
-    first = found.difference
+        replayed = job.replay(folder, cell, plan, compensated=not original, from_s=from_s, progress=progress)
+    first = replayed.difference
     if as_json:
         print_json(
             {
-                "records": found.records,
-                "compared": found.compared,
-                "skipped": found.skipped,
-                "missing": found.missing,
-                "same": found.proved,
+                "records": replayed.records,
+                "compared": replayed.compared,
+                "skipped": replayed.skipped,
+                "missing": replayed.missing,
+                "same": replayed.proved,
                 "difference": None
                 if first is None
                 else {
-                    "run": found.run,
+                    "run": replayed.run,
                     "cycle": first.cycle,
                     "counter_ms": first.counter_ms,
                     "column": first.column,
@@ -226,29 +226,29 @@ def replay(
                     "replayed": repr(first.replayed),
                     "columns": first.columns,
                 },
-                "begun_after": found.begun,
-                **found.lost.shown(),
-                "gaps": [{"after": gap.after, "missing": gap.missing} for gap in found.gaps],
-                "notes": found.notes,
+                "begun_after": replayed.begun,
+                **replayed.lost.shown(),
+                "gaps": [{"after": gap.after, "missing": gap.missing} for gap in replayed.gaps],
+                "notes": replayed.notes,
             }
         )
     else:
-        for note in found.notes:
+        for note in replayed.notes:
             typer.echo(f"note: {note}")
-        for gap in found.gaps:
+        for gap in replayed.gaps:
             where = f"after cycle {gap.after}" if gap.after else "at the beginning"
             typer.echo(
                 f"{gap.missing} cycles missing {where}: what follows cannot be computed again, up to the next"
                 " recorded state"
             )
-        for one in found.lost.damage:
+        for one in replayed.lost.damage:
             typer.echo(f"damaged: {one.segment}, bytes {one.begin} to {one.end - 1} cannot be read")
-        for name in found.lost.empty:
+        for name in replayed.lost.empty:
             typer.echo(f"nothing of {name} can be read")
-        for cycle in found.begun:
+        for cycle in replayed.begun:
             typer.echo(f"began from the state recorded after cycle {cycle}")
-        if found.lost.cut:
-            typer.echo(f"cut short: {', '.join(found.lost.cut)}; the available cycles were compared")
+        if replayed.lost.cut:
+            typer.echo(f"cut short: {', '.join(replayed.lost.cut)}; the available cycles were compared")
         if first is not None:
             more = f", and {first.columns - 1} more columns of that cycle" if first.columns > 1 else ""
             typer.echo(
@@ -257,15 +257,15 @@ def replay(
             )
         same = "bit for bit the same" if first is None else "the same until there"
         typer.echo(
-            f"{found.compared} of {found.records + found.missing} cycles {same}"
-            + _left_out(found.missing, found.skipped)
+            f"{replayed.compared} of {replayed.records + replayed.missing} cycles {same}"
+            + _omitted(replayed.missing, replayed.skipped)
         )
     if first is not None:
         raise typer.Exit(1)
-    _end(incomplete=not found.proved or found.lost.incomplete)
+    _end(incomplete=not replayed.proved or replayed.lost.incomplete)
 
 
-def _left_out(missing: int, skipped: int) -> str:
+def _omitted(missing: int, skipped: int) -> str:
     parts = [f"{missing} cycles missing"] if missing else []
     parts += [f"{skipped} not computed: after a gap"] if skipped else []
     return "".join(f", {part}" for part in parts)
@@ -273,7 +273,7 @@ def _left_out(missing: int, skipped: int) -> str:
 
 def export(
     folder: Folder,
-    csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE", callback=given.output_file)],
+    csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE", callback=arguments.output_file)],
     incident: Annotated[
         int | None,
         typer.Option(
@@ -307,12 +307,12 @@ def export(
 
     with progress_bar("exporting") as progress:
         done = export_incident(folder, incident, csv, before=before, after=after, progress=progress)
-    found = done.of.shown()
+    shown = done.of.shown()
     lost = f", {done.missing} cycles in between have no record" if done.missing else ""
     say_written(
         csv,
-        f"wrote {csv}: {done.cycles} cycles around the {found['state']} of cycle {found['cycle']}"
-        f" ({found['cause'].replace('_', ' ')}){lost}",
+        f"wrote {csv}: {done.cycles} cycles around the {shown['state']} of cycle {shown['cycle']}"
+        f" ({shown['cause'].replace('_', ' ')}){lost}",
     )
     _end(incomplete=done.missing > 0)
 

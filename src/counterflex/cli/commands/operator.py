@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli.commands.operator_now import asked
+from counterflex.cli.commands.operator_now import send_request
 from counterflex.cli.commands.question import AsJson
 
 _operator = typer.Typer(no_args_is_help=True, help="Operate a current run: status, stop, reset, arm.")
@@ -73,6 +73,6 @@ def arm(log: Log, as_json: AsJson = False) -> None:
 
 
 def _ask(log: Path, action: str, *, as_json: bool) -> None:
-    status = asked(log, action, as_json=as_json)
+    status = send_request(log, action, as_json=as_json)
     if status:
         raise typer.Exit(status)

@@ -24,10 +24,10 @@ def quick(words: Sequence[str]) -> int | None:
         return None
     if plain[0].startswith("-") or len(words) - 2 - len(plain) > 1:
         return None
-    return asked(Path(plain[0]), words[1], as_json="--json" in words[2:])
+    return send_request(Path(plain[0]), words[1], as_json="--json" in words[2:])
 
 
-def asked(log: Path, action: str, *, as_json: bool) -> int:
+def send_request(log: Path, action: str, *, as_json: bool) -> int:
     """Ask something of a run and print the answer.
 
     Args:
@@ -43,45 +43,45 @@ def asked(log: Path, action: str, *, as_json: bool) -> int:
     """
     from counterflex.app.run.operator_requests import request
 
-    found = request(log, action)
+    reply = request(log, action)
     if as_json:
         import json
 
-        print(json.dumps(found, indent=2, allow_nan=False))
+        print(json.dumps(reply, indent=2, allow_nan=False))
     else:
-        cause = "" if found["cause"] == "none" else f" ({found['cause'].replace('_', ' ')})"
-        held = ", feed held" if found["feed_hold"] else ""
-        robot = "" if found["robot_heard"] else ", no telegram yet"
-        print(f"{found['state'].replace('_', ' ')}{cause}, correction {found['correction_mm']:.3f} mm{held}{robot}")
+        cause = "" if reply["cause"] == "none" else f" ({reply['cause'].replace('_', ' ')})"
+        feed = ", feed held" if reply["feed_hold"] else ""
+        robot = "" if reply["robot_heard"] else ", no telegram yet"
+        print(f"{reply['state'].replace('_', ' ')}{cause}, correction {reply['correction_mm']:.3f} mm{feed}{robot}")
         if action == "status":
-            for line in _seen(found):
+            for line in _seen(reply):
                 print(line)
-        if not found["done"]:
-            print(f"{action} refused: {found['refused']}", file=sys.stderr)
-    return int(not found["done"])
+        if not reply["done"]:
+            print(f"{action} refused: {reply['refused']}", file=sys.stderr)
+    return int(not reply["done"])
 
 
-def _seen(found: dict[str, Any]) -> list[str]:
+def _seen(reply: dict[str, Any]) -> list[str]:
     """What else is to be seen of a run: place, force, how old each source is, strangers, losses."""
     lines = []
-    if found["place"] is not None:
-        lines.append(f"place: {100.0 * found['place']:.1f} % of the plan")
+    if reply["place"] is not None:
+        lines.append(f"place: {100.0 * reply['place']:.1f} % of the plan")
     force = [
-        f"{found[key]:.0f} N {word}"
+        f"{reply[key]:.0f} N {word}"
         for key, word in (("force_n", "measured"), ("planned_n", "planned"))
-        if found[key] is not None
+        if reply[key] is not None
     ]
     if force:
         lines.append("force: " + ", ".join(force))
-    ages = [f"{name} {'nothing yet' if age is None else f'{age:.0f} ms'}" for name, age in found["age_ms"].items()]
+    ages = [f"{name} {'nothing yet' if age is None else f'{age:.0f} ms'}" for name, age in reply["age_ms"].items()]
     lines.append("age: " + ", ".join(ages))
-    if found.get("tracker_off") is not None:
+    if reply.get("tracker_off") is not None:
         from counterflex.protocols.session.tracker_off import offset_message
 
-        lines.append(offset_message(found["tracker_off"]))
-    lines.append(f"foreign telegrams dropped: {found['foreign']}")
-    lost = f" ({found['log_trouble']})" if found["log_trouble"] else ""
+        lines.append(offset_message(reply["tracker_off"]))
+    lines.append(f"foreign telegrams dropped: {reply['foreign']}")
+    lost = f" ({reply['log_trouble']})" if reply["log_trouble"] else ""
     lines.append(
-        f"{'LOGGING STOPPED, ' if lost or found['records_lost'] else ''}records lost: {found['records_lost']}{lost}"
+        f"{'LOGGING STOPPED, ' if lost or reply['records_lost'] else ''}records lost: {reply['records_lost']}{lost}"
     )
     return lines

@@ -9,24 +9,26 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.app.compensation.language_names import LANGUAGES
-from counterflex.cli import given
+from counterflex.cli import arguments
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
 from counterflex.programs.limits import DIALECTS
 
-Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=given.file)]
-CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=given.file)]
+Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)]
+CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)]
 Out = Annotated[
     Path,
     typer.Option(
-        "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=given.output_folder
+        "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=arguments.output_folder
     ),
 ]
 Dialect = Annotated[
     str,
     typer.Option(
-        "--dialect", help=f"Dialect of the program: {', '.join(DIALECTS)}.", callback=given.one_of(DIALECTS, "dialect")
+        "--dialect",
+        help=f"Dialect of the program: {', '.join(DIALECTS)}.",
+        callback=arguments.one_of(DIALECTS, "dialect"),
     ),
 ]
 Parameters = Annotated[
@@ -35,7 +37,7 @@ Parameters = Annotated[
         "--parameters",
         help="LinuxCNC parameter file (.var, mm) of the machine it was written for: G28, G30, G53, work offsets.",
         metavar="FILE",
-        callback=given.file,
+        callback=arguments.file,
     ),
 ]
 WithoutEnd = Annotated[
@@ -57,7 +59,7 @@ def path(
             "--csv",
             help="Write the table to this file instead of printing it.",
             metavar="FILE",
-            callback=given.output_file,
+            callback=arguments.output_file,
         ),
     ] = None,
     dialect: Dialect = DIALECTS[0],
@@ -77,16 +79,18 @@ def path(
     from counterflex.programs.listing import listing, write_listing
 
     machine = COORDINATES_OF_THE_PART if parameters is None else read_parameter_file(parameters)
-    found = read_gcode_file(program, dialect=dialect, complete=not without_end, machine=machine)
-    for warning in doubtful_readings(found):
+    toolpath = read_gcode_file(program, dialect=dialect, complete=not without_end, machine=machine)
+    for warning in doubtful_readings(toolpath):
         typer.echo(f"warning: {warning}", err=True)
     if as_json:
-        rows = listing(found).to_dicts()
-        print_json({"program": found.name, "dialect": found.dialect, "lines": len(found.lines), "motions": rows})
+        rows = listing(toolpath).to_dicts()
+        print_json(
+            {"program": toolpath.name, "dialect": toolpath.dialect, "lines": len(toolpath.lines), "motions": rows}
+        )
     if csv is None and not as_json:
-        typer.echo(listing(found).write_csv(), nl=False)
+        typer.echo(listing(toolpath).write_csv(), nl=False)
     elif csv is not None:
-        count = write_listing(found, csv)
+        count = write_listing(toolpath, csv)
         if not as_json:
             say_written(csv, f"wrote {csv}: {count} motions")
 
@@ -100,7 +104,7 @@ def compensate(
         typer.Option(
             "--as",
             help="Language of the output: gcode, krl, rapid, or one of another package (`counterflex extensions`).",
-            callback=given.one_of(LANGUAGES, "language"),
+            callback=arguments.one_of(LANGUAGES, "language"),
         ),
     ] = "gcode",
     parameters: Parameters = None,
@@ -158,9 +162,9 @@ def compensate(
             _show_feed(summary["feed"])
 
 
-def _show_feed(found: dict[str, Any]) -> None:
+def _show_feed(lowered: dict[str, Any]) -> None:
     """What a lower feed brought, what it cost, and where it was not enough."""
-    if found["lines"]:
+    if lowered["lines"]:
         print_table(
             "Feed for tolerance",
             ["line", "feed", "before um", "after um", ""],
@@ -172,13 +176,13 @@ def _show_feed(found: dict[str, Any]) -> None:
                     f"{line['after_um']:g}",
                     f"not reached: {line['why']}" if line["why"] else "",
                 ]
-                for line in found["lines"]
+                for line in lowered["lines"]
             ],
         )
     typer.echo(
-        f"predicted error {found['worst_before_um']:g} um at the programmed feed, {found['worst_after_um']:g} um now"
-        f" (asked for {found['tolerance_um']:g}); additional time {found['extra_s']:.1f} s of {found['time_s']:.1f} s,"
-        " accelerations left out"
+        f"predicted error {lowered['worst_before_um']:g} um at the programmed feed, {lowered['worst_after_um']:g} um "
+        f"now (asked for {lowered['tolerance_um']:g}); additional time {lowered['extra_s']:.1f} s of "
+        f"{lowered['time_s']:.1f} s, accelerations left out"
     )
 
 
@@ -189,17 +193,17 @@ def _written_rows(written: dict[str, Any]) -> list[list[str]]:
     line = written.get("largest_position_error_line", 0)
     # Words are rounded to their last decimal, and positions with them.
     coarse = error > bound + written.get("resolution_um", 0.0)
-    found = f"{error:.1f} um {'above' if coarse else 'within'} {bound:g} um"
+    resolution = f"{error:.1f} um {'above' if coarse else 'within'} {bound:g} um"
     return [
         ["program lines, in and out", f"{before} -> {after}", f"{after / max(1, before):.1f} times"],
-        ["written path off the plan", found, f"line {line}" if line and coarse else ""],
+        ["written path off the plan", resolution, f"line {line}" if line and coarse else ""],
     ]
 
 
 def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
-    found = summary["prediction"]
+    prediction = summary["prediction"]
     rows = [
-        [what, f"{found[key]['value']:g} {unit}", f"line {found[key]['line']}"]
+        [what, f"{prediction[key]['value']:g} {unit}", f"line {prediction[key]['line']}"]
         for what, key, unit in (
             ("peak force", "peak_force_n", "N"),
             ("peak deflection", "peak_deflection_um", "um"),
@@ -208,16 +212,16 @@ def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
         )
     ]
     for name, what in (("nominal", "before"), ("compensated", "after")):
-        if f"predicted_{name}" in found:
-            error = found[f"predicted_{name}"]
+        if f"predicted_{name}" in prediction:
+            error = prediction[f"predicted_{name}"]
             text = f"{error['p997_mm']:.3f} mm (max {error['max_mm']:.3f} mm)"
             rows.append([f"predicted path error {what}, 99.7 %", text, ""])
     rows += _written_rows(summary["written"])
     print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
-    if found["extrapolated_force_share"] > 0.0:
-        share = 100 * found["extrapolated_force_share"]
+    if prediction["extrapolated_force_share"] > 0.0:
+        share = 100 * prediction["extrapolated_force_share"]
         typer.echo(f"note: {share:.2g} % of the force comes from chips outside the range of the cutting constants")
-    for collision in found["collisions"]:
+    for collision in prediction["collisions"]:
         typer.echo(f"warning: rapid in line {collision['line']} cuts {collision['volume_mm3']:.1f} mm3 of material")
     for warning in summary["written"].get("warnings", []):
         typer.echo(f"warning: {warning}")

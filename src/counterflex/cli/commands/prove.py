@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
+from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.given import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
 
 Seeds = Annotated[
@@ -45,9 +45,9 @@ def register(app: typer.Typer) -> None:
 
 
 def truth(
-    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=given.file)],
+    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=arguments.file)],
     out: Annotated[
-        Path, typer.Option("--out", help="Truth file to write.", metavar="FILE", callback=given.output_file)
+        Path, typer.Option("--out", help="Truth file to write.", metavar="FILE", callback=arguments.output_file)
     ],
     seed: Annotated[
         int | None,
@@ -77,7 +77,9 @@ def truth(
 def simulate(
     program: Program,
     cell: CellFile,
-    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
+    truth: Annotated[
+        Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=arguments.file)
+    ],
     out: Out,
     original: Annotated[
         Path | None,
@@ -85,7 +87,7 @@ def simulate(
             "--original",
             help="The uncompensated program, reference of a compensated one.",
             metavar="PROGRAM",
-            callback=given.file,
+            callback=arguments.file,
         ),
     ] = None,
     parameters: Parameters = None,
@@ -108,23 +110,24 @@ def simulate(
     if as_json:
         print_json(summary)
         return
-    found = summary["machining"]
+    machining = summary["machining"]
     print_table(
         f"{summary['program']} machined, seed {summary['seed']}",
         ["time s", "in the cut s", "peak force N", "largest offset mm"],
-        [[f"{found[key]:g}" for key in ("duration_s", "cutting_s", "peak_force_n", "largest_offset_mm")]],
+        [[f"{machining[key]:g}" for key in ("duration_s", "cutting_s", "peak_force_n", "largest_offset_mm")]],
     )
     typer.echo(f"wrote {out} ({summary['seconds']:.1f} s)")
 
 
 def evaluate(
     folders: Annotated[
-        list[Path], typer.Argument(help="Folders of simulate: before [after].", metavar="DIR...", callback=given.folder)
+        list[Path],
+        typer.Argument(help="Folders of simulate: before [after].", metavar="DIR...", callback=arguments.folder),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", help="Write summary.json and report.html here.", metavar="DIR", callback=given.output_folder
+            "--out", help="Write summary.json and report.html here.", metavar="DIR", callback=arguments.output_folder
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
@@ -152,11 +155,13 @@ def evaluate(
 def report(
     before: Annotated[
         Path,
-        typer.Argument(help="Folder of simulate: the uncompensated program.", metavar="BEFORE", callback=given.folder),
+        typer.Argument(
+            help="Folder of simulate: the uncompensated program.", metavar="BEFORE", callback=arguments.folder
+        ),
     ],
     after: Annotated[
         Path,
-        typer.Argument(help="Folder of simulate: the compensated program.", metavar="AFTER", callback=given.folder),
+        typer.Argument(help="Folder of simulate: the compensated program.", metavar="AFTER", callback=arguments.folder),
     ],
     out: Out,
 ) -> None:
@@ -190,7 +195,7 @@ def prove(
 
     Example: `counterflex prove part.ngc --cell cell.toml --seeds 5 --out out`
     """
-    numbers = given.seeds(seeds)
+    numbers = arguments.seeds(seeds)
     keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
     from counterflex.app.inputs import Reading
     from counterflex.app.proof import prove as job
@@ -249,7 +254,7 @@ def show_proof(summary: dict[str, Any], out: Path) -> None:
 
 def demo(
     out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ] = Path("counterflex-demo"),
     seeds: Seeds = "1",
     family: FamilyName = "mild",
@@ -263,7 +268,7 @@ def demo(
 
     Example: `counterflex demo --out out/demo`
     """
-    numbers = given.seeds(seeds)
+    numbers = arguments.seeds(seeds)
     from counterflex.app import examples
     from counterflex.app.proof import prove as job
     from counterflex.twin.truth.family import family_of

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
-from counterflex.cli.given import address
+from counterflex.cli import arguments
+from counterflex.cli.arguments import address
 from counterflex.cli.scenario import Layers
 
 
@@ -22,17 +22,17 @@ def proxy(
     listen: Annotated[
         str,
         typer.Option(
-            "--listen", help="Where the side that begins sends to.", metavar="HOST:PORT", callback=given.host_port
+            "--listen", help="Where the side that begins sends to.", metavar="HOST:PORT", callback=arguments.host_port
         ),
     ],
-    to: Annotated[str, typer.Option("--to", help="The other side.", metavar="HOST:PORT", callback=given.host_port)],
+    to: Annotated[str, typer.Option("--to", help="The other side.", metavar="HOST:PORT", callback=arguments.host_port)],
     log: Annotated[
         Path | None,
-        typer.Option("--log", help="Log of what was done (CSV).", metavar="FILE", callback=given.output_file),
+        typer.Option("--log", help="Log of what was done (CSV).", metavar="FILE", callback=arguments.output_file),
     ] = None,
     replay: Annotated[
         Path | None,
-        typer.Option("--replay", help="Replay such a log.", metavar="FILE", callback=given.file),
+        typer.Option("--replay", help="Replay such a log.", metavar="FILE", callback=arguments.file),
     ] = None,
     seconds: Annotated[float | None, typer.Option("--seconds", help="End after so long.", min=0.0)] = None,
     scenario: Layers = None,
@@ -65,9 +65,9 @@ def proxy(
         typer.echo(f"carrying from {where[0]}:{where[1]} to {to}; Ctrl-C ends", err=True)
 
     with contextlib.suppress(KeyboardInterrupt):
-        found = job.run(settings, log=log, seconds=seconds, started=started)
+        summary = job.run(settings, log=log, seconds=seconds, started=started)
         typer.echo(
-            f"there: {found['there']['carried']} datagrams, {found['there']['lost']} lost; "
-            f"back: {found['back']['carried']}, {found['back']['lost']} lost"
+            f"there: {summary['there']['carried']} datagrams, {summary['there']['lost']} lost; "
+            f"back: {summary['back']['carried']}, {summary['back']['lost']} lost"
             + ("" if log is None else f"; wrote {log}")
         )

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli import given
-from counterflex.cli.given import numbers
+from counterflex.cli import arguments
+from counterflex.cli.arguments import numbers
 from counterflex.cli.output import print_json, print_table
 from counterflex.core.errors import InputError
 
@@ -16,7 +16,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a ta
 Target = Annotated[
     str,
     typer.Argument(
-        help="A robot of the catalogue, or a cell file (.toml).", metavar="ROBOT|CELL", callback=given.robot_or_cell
+        help="A robot of the catalogue, or a cell file (.toml).", metavar="ROBOT|CELL", callback=arguments.robot_or_cell
     ),
 ]
 
@@ -87,12 +87,14 @@ def pose(
             "--joints-deg",
             help="Six joint angles as the controller shows them.",
             metavar="A1,..,A6",
-            callback=given.numbers_of(6),
+            callback=arguments.numbers_of(6),
         ),
     ] = None,
     xyz_mm: Annotated[
         str | None,
-        typer.Option("--xyz-mm", help="TCP position in the robot base.", metavar="X,Y,Z", callback=given.numbers_of(3)),
+        typer.Option(
+            "--xyz-mm", help="TCP position in the robot base.", metavar="X,Y,Z", callback=arguments.numbers_of(3)
+        ),
     ] = None,
     abc_deg: Annotated[
         str,
@@ -100,7 +102,7 @@ def pose(
             "--abc-deg",
             help="TCP orientation, intrinsic z-y'-x'' (KUKA A,B,C).",
             metavar="A,B,C",
-            callback=given.numbers_of(3),
+            callback=arguments.numbers_of(3),
         ),
     ] = "0,0,0",
     as_json: AsJson = False,
@@ -117,10 +119,10 @@ def pose(
 
     joints, xyz = numbers(joints_deg, "--joints-deg", 6), numbers(xyz_mm, "--xyz-mm", 3)
     if (joints is None) == (xyz is None):
-        given = "both" if joints is not None else "neither"
+        number = "both" if joints is not None else "neither"
         raise InputError(
             "use either --joints-deg or --xyz-mm",
-            value=given,
+            value=number,
             hint="--joints-deg gives the pose, --xyz-mm the joint angles",
         )
     chain, _ = questions.load_chain(target)
@@ -160,7 +162,8 @@ def _row(values: dict[str, float]) -> tuple[list[str], list[list[str]]]:
 def deflection(
     target: Target,
     joints_deg: Annotated[
-        str, typer.Option("--joints-deg", help="Six joint angles.", metavar="A1,..,A6", callback=given.numbers_of(6))
+        str,
+        typer.Option("--joints-deg", help="Six joint angles.", metavar="A1,..,A6", callback=arguments.numbers_of(6)),
     ],
     force_n: Annotated[
         str,
@@ -168,7 +171,7 @@ def deflection(
             "--force-n",
             help="Force on the tool at the TCP, base axes.",
             metavar="FX,FY,FZ",
-            callback=given.numbers_of(3),
+            callback=arguments.numbers_of(3),
         ),
     ] = "0,0,0",
     moment_nm: Annotated[
@@ -177,7 +180,7 @@ def deflection(
             "--moment-nm",
             help="Moment on the tool about the TCP, base axes.",
             metavar="MX,MY,MZ",
-            callback=given.numbers_of(3),
+            callback=arguments.numbers_of(3),
         ),
     ] = "0,0,0",
     as_json: AsJson = False,
@@ -230,7 +233,7 @@ def _share(row: dict[str, Any]) -> list[str]:
 
 
 def cell_check(
-    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=given.file)],
+    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=arguments.file)],
     as_json: AsJson = False,
 ) -> None:
     """Check a cell file: units, plausibility, reach, the weakest element and its share.
@@ -289,7 +292,7 @@ def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:
 
 def cell_example(
     out: Annotated[
-        Path, typer.Option("--out", help="Where to write it; an existing file is kept.", callback=given.output_file)
+        Path, typer.Option("--out", help="Where to write it; an existing file is kept.", callback=arguments.output_file)
     ] = Path("cell.toml"),
 ) -> None:
     """Write the demonstration cell (KR 300 with a spindle) as an example, with files to try it.

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
 from counterflex.cli.output import print_json, print_made_again, print_table, progress_bar
 from counterflex.core.errors import Interrupted
 
@@ -30,7 +30,7 @@ def _group() -> None:
 
 def haehn2020(
     out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
     seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 5,
     level: Annotated[
@@ -38,7 +38,7 @@ def haehn2020(
         typer.Option(
             "--level",
             help="identified: each simulated cell is measured first; catalogue: the cell file as it is.",
-            callback=given.one_of(("identified", "catalogue"), "level"),
+            callback=arguments.one_of(("identified", "catalogue"), "level"),
         ),
     ] = "identified",
     quick: Annotated[
@@ -89,7 +89,7 @@ def _show_haehn(summary: dict[str, Any]) -> None:
 
 def mandiola2023(
     out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=given.output_folder)
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
     seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 3,
     quick: Annotated[bool, typer.Option("--quick", help="Small paths and one seed: does it work at all?")] = False,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json
 
@@ -24,20 +24,21 @@ def register(app: typer.Typer) -> None:
 
 def check(
     file: Annotated[
-        Path, typer.Argument(help="ETHERNET configuration file (.xml).", metavar="FILE", callback=given.file)
+        Path, typer.Argument(help="ETHERNET configuration file (.xml).", metavar="FILE", callback=arguments.file)
     ],
     cell: Annotated[
         Path | None,
-        typer.Option("--cell", help="Cell file, for the limits of [online].", metavar="CELL", callback=given.file),
+        typer.Option("--cell", help="Cell file, for the limits of [online].", metavar="CELL", callback=arguments.file),
     ] = None,
     context: Annotated[
         Path | None,
         typer.Option(
-            "--context", help="Context of the controller (.rsi.xml or .rsix).", metavar="FILE", callback=given.file
+            "--context", help="Context of the controller (.rsi.xml or .rsix).", metavar="FILE", callback=arguments.file
         ),
     ] = None,
     krl: Annotated[
-        Path | None, typer.Option("--krl", help="KRL program that uses it (.src).", metavar="FILE", callback=given.file)
+        Path | None,
+        typer.Option("--krl", help="KRL program that uses it (.src).", metavar="FILE", callback=arguments.file),
     ] = None,
     tracker: Annotated[
         int | None, typer.Option("--tracker", help="UDP port for tracker datagrams, as in run.", min=1, max=65535)
@@ -65,8 +66,8 @@ def check(
     else:
         for item in findings:
             typer.echo(item.line())
-        not_given = [name for name, path in (("--context", context), ("--krl", krl), ("--cell", cell)) if path is None]
-        blind = f"; not checked without {', '.join(not_given)}" if not_given else ""
+        missing = [name for name, path in (("--context", context), ("--krl", krl), ("--cell", cell)) if path is None]
+        blind = f"; not checked without {', '.join(missing)}" if missing else ""
         typer.echo(f"{errors} errors, {len(findings) - errors} warnings{blind}")
     if errors:
         raise typer.Exit(1)
@@ -81,7 +82,7 @@ def make(
             "--program",
             help="Compensated KRL program; default: one that tests the link.",
             metavar="SRC",
-            callback=given.file,
+            callback=arguments.file,
         ),
     ] = None,
     host: Annotated[str, typer.Option("--host", help="Address of the sensor computer.")] = "192.168.44.10",

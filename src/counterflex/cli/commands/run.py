@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli import given, interrupt
+from counterflex.cli import arguments, interrupt
+from counterflex.cli.arguments import address
 from counterflex.cli.commands.log import show_process
 from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.commands.simulated.options import left_alone
-from counterflex.cli.given import address
+from counterflex.cli.commands.simulated.options import require_not_abandoned
 from counterflex.cli.output import keep_inputs, line_period_s, print_json, print_table, progress_bar
 from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
@@ -22,7 +22,7 @@ Rsi = Annotated[
         "--rsi",
         help="KUKA: ETHERNET configuration file of the RSI context (.xml).",
         metavar="FILE",
-        callback=given.file,
+        callback=arguments.file,
     ),
 ]
 
@@ -61,7 +61,7 @@ def run(
     ] = None,
     plan: Annotated[
         Path | None,
-        typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN", callback=given.file),
+        typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN", callback=arguments.file),
     ] = None,
     original: Annotated[
         bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
@@ -128,12 +128,12 @@ def run(
         interrupt.keeps(f"the log up to here is in {out}; the loop ramps the correction out and ends by itself")
         typer.echo(f"waiting for the robot at {where[0]}:{where[1]}", err=True)
 
-    def told(line: str) -> None:
+    def warn(line: str) -> None:
         typer.echo(f"warning: {line}", err=True)
 
     if line_period_s() > 0.0:
         typer.echo("preparing the loop: cell, plan, sensors", err=True)
-    summary = job.run(settings, out, watch=show_status, most_s=trial.run.seconds, started=started, told=told)
+    summary = job.run(settings, out, watch=show_status, most_s=trial.run.seconds, started=started, warn=warn)
     if as_json:
         print_json(summary)
     else:
@@ -169,7 +169,9 @@ def _show(summary: dict[str, Any], out: Path) -> None:
 def cell(
     program: Program,
     cell: CellFile,
-    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
+    truth: Annotated[
+        Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=arguments.file)
+    ],
     out: Out,
     rsi: Rsi = None,
     egm: Annotated[
@@ -178,7 +180,7 @@ def cell(
             "--egm",
             help="ABB: where EGM messages go; set up by [egm] of the cell.",
             metavar="HOST:PORT",
-            callback=given.host_port,
+            callback=arguments.host_port,
         ),
     ] = None,
     original: Annotated[
@@ -187,7 +189,7 @@ def cell(
             "--original",
             help="The uncompensated program, reference of a compensated one.",
             metavar="PROGRAM",
-            callback=given.file,
+            callback=arguments.file,
         ),
     ] = None,
     parameters: Parameters = None,
@@ -243,6 +245,6 @@ def cell(
 
     with progress_bar(f"milling {program.name}") as progress:
         summary = job.run(settings, out, started=started, progress=progress)
-    found = summary["online"]
-    typer.echo(f"{found['ended']} after {found['cycles']} telegrams, {found['late_answers']} late; wrote {out}")
-    left_alone(found["ended"])
+    online = summary["online"]
+    typer.echo(f"{online['ended']} after {online['cycles']} telegrams, {online['late_answers']} late; wrote {out}")
+    require_not_abandoned(online["ended"])

@@ -8,7 +8,7 @@ from typing import Final
 import typer
 
 from counterflex.app.run.process_events import shown_event
-from counterflex.app.run.status import Status, force_said
+from counterflex.app.run.status import Status, force_message
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.estimator.fusion import level
 
@@ -36,48 +36,48 @@ def status_line(status: Status) -> str:
 def process_lines(status: Status) -> Iterator[str]:
     """A line for each thing that process monitoring has found."""
     for event in status.events:
-        found = shown_event(event)
+        shown = shown_event(event)
         yield (
-            f"PROCESS: {found['event'].replace('_', ' ')} at {found['path_mm']:.1f} mm of the path:"
-            f" {found['value']:g} {found['unit']}, limit {found['limit']:g}"
+            f"PROCESS: {shown['event'].replace('_', ' ')} at {shown['path_mm']:.1f} mm of the path:"
+            f" {shown['value']:g} {shown['unit']}, limit {shown['limit']:g}"
         )
 
 
 def _sources(status: Status) -> str:
     """From which sources the correction is, and what became of the tracker's samples."""
-    said = f"  from {level(status.sources)}" if status.sources else ""
+    text = f"  from {level(status.sources)}" if status.sources else ""
     if status.rejected:
-        said += f"  {status.rejected} tracker samples rejected"
+        text += f"  {status.rejected} tracker samples rejected"
     if status.set_back:
-        said += f"  tracker's clock set back, {status.set_back} times"
-    return said + (f" ({status.degraded.name.lower().replace('_', ' ')})" if status.degraded else "")
+        text += f"  tracker's clock set back, {status.set_back} times"
+    return text + (f" ({status.degraded.name.lower().replace('_', ' ')})" if status.degraded else "")
 
 
 def _dangers(status: Status) -> str:
-    said = "  feed held" if status.feed_hold else ""
+    text = "  feed held" if status.feed_hold else ""
     if status.log_trouble or status.records_lost:
-        said += f"  LOGGING STOPPED: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
+        text += f"  LOGGING STOPPED: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
     if status.still_s > _STILL_S:
-        said += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
+        text += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
     if status.tracker_off:
-        said += f"  NOT READY: {status.tracker_off}"
+        text += f"  NOT READY: {status.tracker_off}"
     if status.tares:
-        said += (
+        text += (
             f"  TARE FAILED: {status.idle_n:.1f} N and {status.idle_nm:.1f} N m without a cut, limits"
             f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
             " take the tool off the part, or identify the payload"
         )
-    said += force_said(status)
+    text += force_message(status)
     if status.trouble:
-        said += f"  INTERNAL: {status.trouble}"
-    return said + (f"  UNKNOWN SENDER: {status.foreign}" if status.foreign else "")
+        text += f"  INTERNAL: {status.trouble}"
+    return text + (f"  UNKNOWN SENDER: {status.foreign}" if status.foreign else "")
 
 
 def _whereabouts(status: Status) -> str:
     """Place, force and the ages of the sources, as far as they are known."""
-    said = "" if status.place is None else f"  at {100.0 * status.place:.1f} %"
+    text = "" if status.place is None else f"  at {100.0 * status.place:.1f} %"
     if status.force_n is not None:
-        said += f"  {status.force_n:.0f} N"
-        said += "" if status.planned_n is None else f" of {status.planned_n:.0f} planned"
+        text += f"  {status.force_n:.0f} N"
+        text += "" if status.planned_n is None else f" of {status.planned_n:.0f} planned"
     ages = [f"{name} {'-' if age is None else f'{1e3 * age:.0f}'}" for name, age in status.ages_s]
-    return said + (f"  age ms: {' '.join(ages)}" if ages else "")
+    return text + (f"  age ms: {' '.join(ages)}" if ages else "")

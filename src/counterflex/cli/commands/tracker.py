@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
+from counterflex.cli.arguments import address
 from counterflex.cli.commands.question import AsJson
-from counterflex.cli.given import address
 from counterflex.core.errors import FileFormatError
 
 _tracker = typer.Typer(no_args_is_help=True, help="Laser trackers: bring their measurements to the loop.")
@@ -33,13 +33,13 @@ def bridge(
         typer.Argument(
             help="Where datagrams go: the loop's tracker.address.",
             metavar="HOST:PORT",
-            callback=given.host_port,
+            callback=arguments.host_port,
         ),
     ],
     file: Annotated[
         Path | None,
         typer.Option(
-            "--file", help="Read lines from there; else from standard input.", metavar="CSV", callback=given.file
+            "--file", help="Read lines from there; else from standard input.", metavar="CSV", callback=arguments.file
         ),
     ] = None,
     as_json: AsJson = False,
@@ -60,14 +60,14 @@ def bridge(
 
     peer = address(to, "HOST:PORT")
     if file is None:
-        found = forward(sys.stdin, peer, "standard input", complain=complain)
+        summary = forward(sys.stdin, peer, "standard input", complain=complain)
     else:
         try:
             with file.open(encoding="utf-8-sig") as lines:
-                found = forward(lines, peer, str(file), complain=complain)
+                summary = forward(lines, peer, str(file), complain=complain)
         except (FileNotFoundError, IsADirectoryError, UnicodeDecodeError) as fault:
             raise FileFormatError("the file cannot be read", where=str(file), value=str(fault)) from fault
     if as_json:
-        print_json(found)
+        print_json(summary)
     else:
-        typer.echo(f"{found['sent']} datagrams sent, {found['left_out']} lines skipped")
+        typer.echo(f"{summary['sent']} datagrams sent, {summary['left_out']} lines skipped")

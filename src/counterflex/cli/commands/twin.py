@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
+from counterflex.cli.arguments import LARGEST_SEED
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.commands.proxy import register as register_proxy
 from counterflex.cli.commands.question import AsJson
@@ -15,7 +16,6 @@ from counterflex.cli.commands.run import register_twin
 from counterflex.cli.commands.simulated.egm import register as register_egm
 from counterflex.cli.commands.simulated.instruments import register as register_fakes
 from counterflex.cli.commands.simulated.rsi import register as register_rsi
-from counterflex.cli.given import LARGEST_SEED
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
 
@@ -42,10 +42,14 @@ def _group() -> None:
 def measure(
     proposal: Annotated[
         Path,
-        typer.Argument(help="Proposal that identify RECIPE --propose wrote.", metavar="PROPOSAL", callback=given.file),
+        typer.Argument(
+            help="Proposal that identify RECIPE --propose wrote.", metavar="PROPOSAL", callback=arguments.file
+        ),
     ],
     cell: CellFile,
-    truth: Annotated[Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=given.file)],
+    truth: Annotated[
+        Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=arguments.file)
+    ],
     out: Out,
     seed: Annotated[
         int,
@@ -68,9 +72,10 @@ def measure(
     from counterflex.app.campaign import laboratory
 
     with progress_bar(f"measuring {proposal.name}") as progress:
-        found = laboratory.measure(proposal, cell, truth, out, seed=seed, session=session, progress=progress)
-    typer.echo(f"wrote {found['manifest']}: {found['rows']} rows of {found['kind']}, {', '.join(found['channels'])}")
-    typer.echo(f"next: counterflex identify {found['recipe']} {found['manifest']} --cell {cell} --out DIR")
+        measured = laboratory.measure(proposal, cell, truth, out, seed=seed, session=session, progress=progress)
+    channels = ", ".join(measured["channels"])
+    typer.echo(f"wrote {measured['manifest']}: {measured['rows']} rows of {measured['kind']}, {channels}")
+    typer.echo(f"next: counterflex identify {measured['recipe']} {measured['manifest']} --cell {cell} --out DIR")
 
 
 def scenarios(

@@ -34,10 +34,10 @@ def si_of(unit: str) -> tuple[str, float]:
     )
 
 
-def _of(unit: str, wanted: tuple[str, ...], what: str) -> None:
+def _of(unit: str, allowed: tuple[str, ...], what: str) -> None:
     si, _ = si_of(unit)
-    if si not in wanted:
-        raise ValueError(f"{what} is no unit of {' or '.join(wanted)}: '{unit}'")
+    if si not in allowed:
+        raise ValueError(f"{what} is no unit of {' or '.join(allowed)}: '{unit}'")
 
 
 class AdsTrackerTable(Table):
@@ -56,8 +56,8 @@ class AdsTrackerTable(Table):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        given = [value is not None for value in (self.qw, self.qx, self.qy, self.qz)]
-        if any(given) and not all(given):
+        present = [value is not None for value in (self.qw, self.qx, self.qy, self.qz)]
+        if any(present) and not all(present):
             raise ValueError("qw, qx, qy and qz belong together; give all or none")
         _of(self.length_unit, ("m",), "length_unit")
         _of(self.angle_unit, ("rad",), "angle_unit")

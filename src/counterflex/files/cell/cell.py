@@ -194,7 +194,7 @@ class Cell:
         """
         if self.part.stock is None:
             raise self._lacking("[part.stock]")
-        with _said_of(f"{self.path}: part.stock"):
+        with _located(f"{self.path}: part.stock"):
             return _stock(self.part.stock, self.path.parent)
 
 
@@ -239,24 +239,24 @@ def resolve(tables: CellTables, path: Path) -> Cell:
     end_effector = EndEffector(bodies, tables.tcp.matrix())
     true_robot, true_end_effector = robot, end_effector
     if tables.robot.calibration:
-        with _said_of(f"{where}: robot.calibration"):
+        with _located(f"{where}: robot.calibration"):
             true_robot, true_end_effector = calibrated(robot, end_effector, _calibration(tables))
-    with _said_of(where):
+    with _located(where):
         chain = ElasticChain.build(true_robot, true_end_effector)
         cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector)
     if tables.material is not None:
-        with _said_of(f"{where}: material"):
+        with _located(f"{where}: material"):
             _ = cell.force_law
-    with _said_of(f"{where}: {'drive_error' if tables.drive_error is not None else 'axis_sag'}"):
+    with _located(f"{where}: {'drive_error' if tables.drive_error is not None else 'axis_sag'}"):
         _ = cell.drive_errors
     for tool in tables.tools:
-        with _said_of(f"{where}: tool T{tool.number}"):
+        with _located(f"{where}: tool T{tool.number}"):
             cell.cutter(tool.number)
     return cell
 
 
 @contextlib.contextmanager
-def _said_of(where: str) -> Iterator[None]:
+def _located(where: str) -> Iterator[None]:
     """Put the file and the key in front of the place of a fault that was found deeper down."""
     try:
         yield
@@ -272,17 +272,17 @@ def _said_of(where: str) -> Iterator[None]:
 def _robot(tables: CellTables, path: Path) -> Robot:
     table = tables.robot
     if table.catalog is not None:
-        with _said_of(f"{path}: robot.catalog"):
+        with _located(f"{path}: robot.catalog"):
             return catalog.load(table.catalog)
     if table.geometry is not None:
-        with _said_of(f"{path}: robot.geometry"):
+        with _located(f"{path}: robot.geometry"):
             return _own_robot(table.geometry, tables.name)
     if table.dh is not None:
-        with _said_of(f"{path}: robot.dh"):
+        with _located(f"{path}: robot.dh"):
             return table.dh.robot(tables.name)
     from counterflex.robot.model import urdf  # heavy, optional dependency
 
-    with _said_of(f"{path}: robot.urdf"):
+    with _located(f"{path}: robot.urdf"):
         return urdf.load_urdf(path.parent / str(table.urdf), tip_link=table.urdf_tip)
 
 
@@ -351,7 +351,7 @@ def _with_drives(robot: Robot, tables: CellTables) -> Robot:
 
 def _force_law(table: MaterialTable, where: str) -> ForceLaw:
     if table.catalog is not None:
-        with _said_of(f"{where}: material.catalog"):
+        with _located(f"{where}: material.catalog"):
             return material.load(table.catalog).with_ratios(kr_over_kc=table.kr_over_kc, ka_over_kc=table.ka_over_kc)
     h_min, h_max = table.chip_min_um * UM, table.chip_max_um * UM
     if h_min >= h_max:
@@ -360,7 +360,7 @@ def _force_law(table: MaterialTable, where: str) -> ForceLaw:
             where=f"{where}: material",
             value=f"{table.chip_min_um:g} and {table.chip_max_um:g}",
         )
-    with _said_of(f"{where}: material.law"):
+    with _located(f"{where}: material.law"):
         return built(table.law, table.law_values(), ValidFor(h_min, h_max, table.source, "cell file"))
 
 

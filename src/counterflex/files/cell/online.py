@@ -178,8 +178,8 @@ class OnlineTable(Table):
 
     @property
     def _torque_nm(self) -> tuple[float, float, float, float, float, float]:
-        given = self.torque_noise_nm
-        return given if isinstance(given, tuple) else (given, given, given, given, given, given)
+        torques = self.torque_noise_nm
+        return torques if isinstance(torques, tuple) else (torques, torques, torques, torques, torques, torques)
 
     def _tuning(self, delays: Delays, period_s: float, mode: tuple[float, float] | None) -> TrackerTuning:
         gain, proportional, notch = self.tracker_gain, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0)

@@ -38,7 +38,7 @@ from counterflex.files.cell.tables import CellTables
 _TURN = 2.0 * math.pi
 _SAME = 4e-3  # of a twelfth of pi, 1e-3 rad
 _TURNS: Final = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
-_APART: Final = 30.0
+_RATIO: Final = 30.0
 """Ratio of the rotational compliances of one element that is told; published ones are at most 4.3 apart (Haehn2020)."""
 
 
@@ -232,7 +232,7 @@ class Unusual:
     hint: str
     refused: bool
 
-    def said(self) -> str:
+    def sentence(self) -> str:
         """One line."""
         hint = f"; {self.hint}" if self.hint else ""
         return f"{self.key} = {self.value:g} is unusual: {self.low:g} to {self.high:g} are{hint}"
@@ -245,14 +245,14 @@ def unusual(tables: CellTables) -> list[Unusual]:
         tables: As read.
     """
     identified = [value.value for table in tables.identified for value in table.values]
-    given = tables.model_dump(exclude_unset=True, exclude={"identified", "calibration"})
-    own = set(_own(given))
+    values = tables.model_dump(exclude_unset=True, exclude={"identified", "calibration"})
+    own = set(_own(values))
 
     def was_identified(value: float) -> bool:
         return any(math.isclose(value, other, rel_tol=_ROUNDED) for other in identified)
 
-    results = [one for one in _apart(given) if one.key not in own and not was_identified(one.value)]
-    numbers = list(_numbers(given))
+    results = [one for one in _unlike_axes(values) if one.key not in own and not was_identified(one.value)]
+    numbers = list(_numbers(values))
     largest: dict[str, float] = {}
     for key, name, value in numbers:
         if name in _PLACES:
@@ -273,7 +273,7 @@ def unusual(tables: CellTables) -> list[Unusual]:
         refused = not window.least <= size <= window.most
         if key in own and not refused:
             continue
-        hint = "is it in rad?" if radian else _meant(size, window, unit)
+        hint = "is it in rad?" if radian else _unit_hint(size, window, unit)
         low, high = (window.least, window.most) if refused else (window.low, window.high)
         results.append(Unusual(key, value, low, high, hint, refused))
     reported = {one.key for one in results if one.hint != _AMONG}
@@ -305,35 +305,35 @@ def require_units(tables: CellTables, where: str) -> None:
     )
 
 
-def _numbers(found: Any, path: str = "", name: str = "") -> Iterator[tuple[str, str, float]]:
+def _numbers(table: Any, path: str = "", name: str = "") -> Iterator[tuple[str, str, float]]:
     """Every number with its place, its table and key, and its value."""
-    if isinstance(found, dict):
-        for key, value in found.items():
+    if isinstance(table, dict):
+        for key, value in table.items():
             yield from _numbers(value, f"{path}.{key}" if path else key, f"{name.rsplit('.', 1)[-1]}.{key}")
-    elif isinstance(found, list | tuple):
-        for k, value in enumerate(found, start=1):
+    elif isinstance(table, list | tuple):
+        for k, value in enumerate(table, start=1):
             yield from _numbers(value, f"{path}[{k}]", name)
-    elif isinstance(found, int | float) and not isinstance(found, bool):
-        yield path, name, float(found)
+    elif isinstance(table, int | float) and not isinstance(table, bool):
+        yield path, name, float(table)
 
 
-def _apart(found: Any, path: str = "") -> Iterator[Unusual]:
+def _unlike_axes(table: Any, path: str = "") -> Iterator[Unusual]:
     """Elements of which one rotational compliance is far from the others: the one farthest from their median."""
-    if isinstance(found, list | tuple):
-        for k, value in enumerate(found, start=1):
-            yield from _apart(value, f"{path}[{k}]")
+    if isinstance(table, list | tuple):
+        for k, value in enumerate(table, start=1):
+            yield from _unlike_axes(value, f"{path}[{k}]")
         return
-    if not isinstance(found, dict):
+    if not isinstance(table, dict):
         return
-    for key, value in found.items():
-        yield from _apart(value, f"{path}.{key}" if path else key)
-    turns = {key: abs(found[key]) for key in _TURNS if isinstance(found.get(key), int | float) and found[key] != 0.0}
-    if len(turns) < 2 or max(turns.values()) <= _APART * min(turns.values()):
+    for key, value in table.items():
+        yield from _unlike_axes(value, f"{path}.{key}" if path else key)
+    turns = {key: abs(table[key]) for key in _TURNS if isinstance(table.get(key), int | float) and table[key] != 0.0}
+    if len(turns) < 2 or max(turns.values()) <= _RATIO * min(turns.values()):
         return
     middle = sorted(turns.values())[len(turns) // 2]
     odd = max(turns, key=lambda key: abs(math.log(turns[key] / middle)))
     others = [value for key, value in turns.items() if key != odd]
-    yield Unusual(f"{path}.{odd}", found[odd], max(others) / _APART, min(others) * _APART, _AMONG, refused=False)
+    yield Unusual(f"{path}.{odd}", table[odd], max(others) / _RATIO, min(others) * _RATIO, _AMONG, refused=False)
 
 
 def _place(key: str) -> str:
@@ -345,18 +345,18 @@ def _place(key: str) -> str:
     return f"{table}.{'com' if stem.startswith('com') else 'place' if stem in _AXES else stem}"
 
 
-def _own(found: Any, path: str = "") -> Iterator[str]:
+def _own(table: Any, path: str = "") -> Iterator[str]:
     """Keys of numbers that an identification wrote, by the source that it gave their table."""
-    if isinstance(found, dict):
-        own = str(found.get("source", "")).startswith(_OWN)
-        for key, value in found.items():
+    if isinstance(table, dict):
+        own = str(table.get("source", "")).startswith(_OWN)
+        for key, value in table.items():
             place = f"{path}.{key}" if path else key
             if own and _WRITTEN.fullmatch(key):
                 yield from (at for at, _, _ in _numbers(value, place, key))
             else:
                 yield from _own(value, place)
-    elif isinstance(found, list | tuple):
-        for k, value in enumerate(found, start=1):
+    elif isinstance(table, list | tuple):
+        for k, value in enumerate(table, start=1):
             yield from _own(value, f"{path}[{k}]")
 
 
@@ -365,7 +365,7 @@ def _unit(name: str) -> str:
     return max((unit for unit in _OTHER if name.endswith(f"_{unit}")), key=len, default="")
 
 
-def _meant(size: float, window: Window, unit: str) -> str:
+def _unit_hint(size: float, window: Window, unit: str) -> str:
     for factor, other in _OTHER.get(unit, ()):
         if window.low <= size * factor <= window.high:
             return f"is it in {other}?"

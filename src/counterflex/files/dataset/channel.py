@@ -220,18 +220,18 @@ class Raw:
         variance = np.zeros((n, count))
         scale = self._sigma_factors(count)
         if table.sigma is not None:
-            given = np.array(table.sigma, dtype=np.float64)
-            if len(given) not in (1, count, len(set(self.kind.si_units(count)))):
+            sigma = np.array(table.sigma, dtype=np.float64)
+            if len(sigma) not in (1, count, len(set(self.kind.si_units(count)))):
                 raise FileFormatError(
-                    "sigma has another number of values", where=self.where, value=len(given), limit=f"1 or {count}"
+                    "sigma has another number of values", where=self.where, value=len(sigma), limit=f"1 or {count}"
                 )
-            if len(given) == 1 and len(set(self.kind.si_units(count))) > 1:
+            if len(sigma) == 1 and len(set(self.kind.si_units(count))) > 1:
                 raise FileFormatError(
                     "one sigma cannot stand for two quantities",
                     where=f"{self.where}.sigma",
                     limit=f"one for each of {', '.join(dict.fromkeys(self.kind.si_units(count)))}, or {count}",
                 )
-            variance += self._turned(raw, _by_quantity(given, self.kind, count) * scale * np.ones((n, count))) ** 2
+            variance += self._turned(raw, _by_quantity(sigma, self.kind, count) * scale * np.ones((n, count))) ** 2
         if self.sigma is not None:
             columns = self.sigma.values[rows]
             if columns.shape[1] not in (1, count):
@@ -344,13 +344,13 @@ def _factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, w
             shown = f'"{names[0]}"' if len(names) == 1 else "[" + ", ".join(f'"{name}"' for name in names) + "]"
             raise FileFormatError("the unit is missing", where=where, hint=f"Say unit = {shown}, or whichever it is")
         return np.array([units.factor(str(unit), s, where) for unit, s in zip(cells.units, si, strict=True)])
-    given = _spread(table.unit, kind, count)
-    if len(given) != count:
+    factors = _spread(table.unit, kind, count)
+    if len(factors) != count:
         raise FileFormatError(
             "unit has another number of values", where=f"{where}.unit", value=len(table.unit), limit=f"1 or {count}"
         )
     if len(cells.units) == count:
-        for header, name, result, s in zip(cells.names, given, cells.units, si, strict=True):
+        for header, name, result, s in zip(cells.names, factors, cells.units, si, strict=True):
             if result in units.UNITS.get(s, {}) and result != units.plain(name):
                 raise FileFormatError(
                     "the unit is not the one in the header of the column",
@@ -359,7 +359,7 @@ def _factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, w
                     limit=f"{result!r} as in '{header}'",
                     hint='Where the header is wrong, say header_units = "ignore" under [[files]]',
                 )
-    return np.array([units.factor(name, s, f"{where}.unit") for name, s in zip(given, si, strict=True)])
+    return np.array([units.factor(name, s, f"{where}.unit") for name, s in zip(factors, si, strict=True)])
 
 
 def _spread(stated: Sequence[str], kind: ChannelKind, count: int) -> tuple[str, ...]:
@@ -370,11 +370,11 @@ def _spread(stated: Sequence[str], kind: ChannelKind, count: int) -> tuple[str, 
     return tuple(stated)
 
 
-def _by_quantity(given: Float, kind: ChannelKind, count: int) -> Float:
+def _by_quantity(factors: Float, kind: ChannelKind, count: int) -> Float:
     quantities = list(dict.fromkeys(kind.si_units(count)))
-    if len(given) == len(quantities) and count != len(given):
-        return np.array([given[quantities.index(si)] for si in kind.si_units(count)])
-    return given
+    if len(factors) == len(quantities) and count != len(factors):
+        return np.array([factors[quantities.index(si)] for si in kind.si_units(count)])
+    return factors
 
 
 def _listed(key: str, values: Sequence[float], count: int, where: str) -> Float:

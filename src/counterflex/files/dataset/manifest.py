@@ -95,20 +95,20 @@ class ChannelTable(Table):
     def _sigma(cls, value: Any) -> Any:
         if value is None or value == REPEATS:
             return value
-        given = value if isinstance(value, list) else [value]
-        if not all(isinstance(s, int | float) and not isinstance(s, bool) and 0.0 < s < math.inf for s in given):
+        entries = value if isinstance(value, list) else [value]
+        if not all(isinstance(s, int | float) and not isinstance(s, bool) and 0.0 < s < math.inf for s in entries):
             raise ValueError(f'sigma = {value!r}; expected finite standard deviations above zero, or "repeats"')
-        return tuple(given)
+        return tuple(entries)
 
     @field_validator("columns", "sigma_columns", mode="before")
     @classmethod
     def _columns(cls, value: Any) -> Any:
-        given = value if isinstance(value, list) else [value]
-        for column in given:
+        entries = value if isinstance(value, list) else [value]
+        for column in entries:
             whole = isinstance(column, int) and not isinstance(column, bool)
             if not (whole and column >= 1) and not (isinstance(column, str) and column):
                 raise ValueError(f"a column is {column!r}; expected the text of its header, or its number from 1")
-        return tuple(given)
+        return tuple(entries)
 
     @field_validator("columns")
     @classmethod

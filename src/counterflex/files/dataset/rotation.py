@@ -51,9 +51,9 @@ def faulty(convention: str, numbers: Float) -> tuple[Bool, str]:
         return bad, "the quaternion does not have length 1"
     if convention == "matrix":
         M = numbers.reshape(-1, 3, 3)
-        left = np.linalg.det(M) < 0.0
-        if np.any(left):
-            return left, "the matrix is left-handed (its determinant is negative): an axis is mirrored"
+        left_handed = np.linalg.det(M) < 0.0
+        if np.any(left_handed):
+            return left_handed, "the matrix is left-handed (its determinant is negative): an axis is mirrored"
         off = np.max(np.abs(M @ np.swapaxes(M, 1, 2) - np.eye(3)), axis=(1, 2)) > TOLERANCE
         return off, "the matrix is no rotation: its rows are not unit vectors at right angles"
     return np.zeros(len(numbers), dtype=np.bool_), ""

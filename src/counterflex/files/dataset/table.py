@@ -87,11 +87,11 @@ class TextTable:
             f"{self.path.name} has no such column", where=where, value=repr(reference), hint=self._hint(requested)
         )
 
-    def _hint(self, wanted: str) -> str:
+    def _hint(self, column: str) -> str:
         other = _other_separator(self.how, self.header)
         if other is not None:
             return f"The file has one column only. {other}"
-        close = close_to(wanted, self.header, 1)
+        close = close_to(column, self.header, 1)
         if close:
             return f"Did you mean '{close[0]}'?"
         shown = ", ".join(self.header[:12]) + (", ..." if len(self.header) > 12 else "")

@@ -23,20 +23,20 @@ _NEEDED: Final = ("cycle", "received_ns", "sent_ns", "out_state", "out_cause", "
 """Columns without which nothing can be said about a run."""
 
 
-def columns_of(found: Salvaged, made_by: str, file: Path) -> tuple[str, ...]:
+def columns_of(readable: Salvaged, made_by: str, file: Path) -> tuple[str, ...]:
     """Columns that the records of a segment have: those of today, or fewer where older code wrote it.
 
     Columns have only ever been added, so that a name stands for the same number in all logs.
 
     Args:
-        found: What can be read.
+        readable: What can be read.
         made_by: Version that wrote it, for the message.
         file: For the message.
 
     Raises:
         FileFormatError: Columns that this program does not know, or without which nothing can be said.
     """
-    for chunk in found.chunks:
+    for chunk in readable.chunks:
         for opcode, content in chunk.records():
             schema = parsed(Schema, content) if opcode == Opcode.SCHEMA else None
             if schema is None or schema.name != CYCLES:

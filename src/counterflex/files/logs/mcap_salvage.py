@@ -136,18 +136,18 @@ def salvage(data: bytes | mmap) -> Salvaged:
         result = _sound(data, at)
         if result is None:
             begin = at
-            behind = None if unchecked is None else _chunk_within(data, unchecked, at)
-            if behind is not None and unchecked is not None:
+            after = None if unchecked is None else _chunk_within(data, unchecked, at)
+            if after is not None and unchecked is not None:
                 out.records.pop()
                 begin, unchecked = unchecked, None
             else:
-                behind = _next(data, at)
-            if behind is None:
+                after = _next(data, at)
+            if after is None:
                 break
             if out.damage and out.damage[-1].chunks == len(out.chunks):  # one stretch with what was sound within it
                 begin = out.damage.pop().begin
-            out.damage.append(Damage(begin, behind, len(out.chunks)))
-            at = behind
+            out.damage.append(Damage(begin, after, len(out.chunks)))
+            at = after
             continue
         record, end = result
         if isinstance(record, Chunk):

@@ -9,7 +9,7 @@ from typing import Final
 
 GONE: Final = -1
 """In place of the number of a system's error."""
-_SAID: Final = "its folder or file was removed, moved or replaced"
+_REMOVED_TEXT: Final = "its folder or file was removed, moved or replaced"
 LOOKED_S: Final = 0.5
 """How often it is looked for."""
 _NOT_THERE: Final = (errno.ENOENT, errno.ENOTDIR, errno.ESTALE)
@@ -19,7 +19,7 @@ class LogGone(OSError):
     """The file of the log is not where it was begun."""
 
     def __init__(self) -> None:
-        super().__init__(GONE, _SAID)
+        super().__init__(GONE, _REMOVED_TEXT)
 
 
 class LogPlace:
@@ -86,8 +86,8 @@ def _may_be_there(path: Path) -> bool:
     return True
 
 
-def trouble_said(number: int) -> str:
+def trouble_message(number: int) -> str:
     """What the number of a trouble means: of the system's error, or :data:`GONE`; empty for 0."""
     if number == 0:
         return ""
-    return _SAID if number == GONE else os.strerror(number)
+    return _REMOVED_TEXT if number == GONE else os.strerror(number)

@@ -16,7 +16,7 @@ from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.core.held import boot_id, own
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.files.logs.columns import require_all
-from counterflex.files.logs.run_log import HELD
+from counterflex.files.logs.run_log import BOOT_KEY
 from counterflex.files.logs.segment import KIND, VERSION, add_about, add_record, add_state, begin_segment
 from counterflex.files.logs.segments import Segment, read_segment
 from counterflex.runtime.record_ring import CYCLE
@@ -76,7 +76,7 @@ def repair_segment(
         OutputError: The folder cannot be written.
     """
     file = Path(path)
-    held = _held(file)  # before it is read: who is gone now has written his last
+    locked = _is_locked(file)  # before it is read: who is gone now has written his last
     try:
         result = read_segment(file)
     except FileFormatError as fault:
@@ -86,8 +86,8 @@ def repair_segment(
     if result.whole:
         return None
     require_all(result.absent, result.about or about or {}, str(file), "written anew")
-    _require_ended(file, result, held, now_s)
-    kept = _free_name(file)
+    _require_ended(file, result, locked, now_s)
+    original = _free_name(file)
     rows, states = result.rows, sorted(result.states, key=lambda state: state.cycle)
     made_of = result.about or about or {}
     finder = MissingFinder(_begin(result, made_of) if cycle is None else cycle)
@@ -99,7 +99,7 @@ def repair_segment(
         **made_of,
         "repaired": {
             "records": len(rows),
-            "original": kept.name,
+            "original": original.name,
             "missing": missing,
             "missing_at_end": result.lost_at_end,
             "damage": [[d.begin, d.end] for d in result.damage],
@@ -118,11 +118,11 @@ def repair_segment(
             writer.finish()
             stream.flush()
             os.fsync(stream.fileno())
-        _keep(file, kept)
-    return Repaired(file.name, kept.name, len(rows), "", missing, len(result.damage))
+        _keep(file, original)
+    return Repaired(file.name, original.name, len(rows), "", missing, len(result.damage))
 
 
-def _held(file: Path) -> bool | None:
+def _is_locked(file: Path) -> bool | None:
     """Whether a process that lives holds the file; None: nobody can say."""
     try:
         handle = os.open(file, os.O_RDWR)
@@ -135,13 +135,13 @@ def _held(file: Path) -> bool | None:
     return None if ours is None else not ours
 
 
-def _require_ended(file: Path, segment: Segment, held: bool | None, now_s: float | None) -> None:
+def _require_ended(file: Path, segment: Segment, locked: bool | None, now_s: float | None) -> None:
     """Who holds a segment decides; where it was held on this computer, the time of the file says nothing more."""
     context = {"where": str(file), "hint": "End the run first"}
-    if held:
+    if locked:
         raise InputError("this segment is being written", value="a living process writes to it", **context)
     boot = boot_id()
-    if segment.finished or (held is False and boot and segment.about.get(HELD) == boot):
+    if segment.finished or (locked is False and boot and segment.about.get(BOOT_KEY) == boot):
         return
     age = (time.time() if now_s is None else now_s) - file.stat().st_mtime
     if abs(age) < STILL_S:
@@ -168,16 +168,16 @@ def _free_name(file: Path) -> Path:
     raise OutputError("too many originals are stored here", where=str(file))
 
 
-def _keep(file: Path, kept: Path) -> None:
+def _keep(file: Path, original: Path) -> None:
     """A second name for the original; a copy where the file system has no links."""
     try:
-        kept.hardlink_to(file)
+        original.hardlink_to(file)
     except FileExistsError:
         raise
     except OSError:
         try:
-            shutil.copy2(file, kept)
+            shutil.copy2(file, original)
         except OSError:
             with contextlib.suppress(OSError):
-                kept.unlink()
+                original.unlink()
             raise

@@ -44,7 +44,7 @@ SYNC_S: Final = 1.0
 SEGMENT_BYTES: Final = 64 << 20
 
 
-HELD: Final = "held"
+BOOT_KEY: Final = "held"
 """Key of the start of the computer on which a segment was held (:mod:`counterflex.core.held`) while it was written."""
 
 
@@ -116,7 +116,7 @@ class RunLog:
             self._facts = {"format": KIND, "version": VERSION, "run": self.first, "segment": self._number}
             self._facts.update(self._about)
             if own(stream.fileno()):
-                self._facts[HELD] = boot_id()
+                self._facts[BOOT_KEY] = boot_id()
             writer, self._channel, self._states = begin_segment(stream, self._facts)
             writer.flush()
         except BaseException:
@@ -186,11 +186,11 @@ class RunLog:
                 self._leave()
                 self._begin()
         except LogGone as fault:
-            self._gone(fault, now)
+            self._handle_lost(fault, now)
         except OSError as fault:
             self._fail(fault, remaining, now)
 
-    def _gone(self, fault: LogGone, now: float) -> None:
+    def _handle_lost(self, fault: LogGone, now: float) -> None:
         """Count as lost what is not there any more; what was moved away is finished where it is now."""
         with contextlib.suppress(OSError):
             self._finish()
@@ -237,7 +237,7 @@ class RunLog:
                 self._place.check()
             self._finish()
         except LogGone as fault:
-            self._gone(fault, 0.0)
+            self._handle_lost(fault, 0.0)
         except OSError as fault:
             self._fail(fault, 0, 0.0)
         self._look_back()

@@ -89,9 +89,9 @@ def add_state(writer: Writer, channel: int, state: LoopState) -> None:
     writer.add_message(channel, log_time=state.time_ns, data=data, publish_time=state.time_ns)
 
 
-def read_about(found: Salvaged) -> dict[str, Any]:
+def read_about(salvaged: Salvaged) -> dict[str, Any]:
     """What the run was made of: the first copy whose checksum is right; logs of before had one copy without."""
-    for record in found.records:
+    for record in salvaged.records:
         if isinstance(record, Metadata) and record.name == _ABOUT:
             values = dict(record.metadata)
             checksum = values.pop(_CHECKSUM, None)
@@ -101,12 +101,12 @@ def read_about(found: Salvaged) -> dict[str, Any]:
     return {}
 
 
-def lost_at_end(found: Salvaged, rows: Float) -> int:
+def lost_at_end(salvaged: Salvaged, rows: Float) -> int:
     """Cycles that the indexes beside the chunks name behind the last record: the index of a chunk stands outside it."""
     last = int(rows[-1, 1]) if len(rows) else -1
     stamps = {
         time_ns
-        for record in found.records
+        for record in salvaged.records
         if isinstance(record, MessageIndex) and record.channel_id == CYCLE_CHANNEL
         for time_ns, _ in record.records
     }
@@ -123,17 +123,17 @@ def require_ours(channel: Channel | None, where: str) -> None:
         raise FileFormatError("not a run log", where=where, value=channel.topic)
 
 
-def nothing_said(found: Salvaged, size: int) -> tuple[str, str]:
+def unreadable_reason(salvaged: Salvaged, size: int) -> tuple[str, str]:
     """What a file is of which not one record can be read, and what to do.
 
     Args:
-        found: In it.
+        salvaged: In it.
         size: Of the file, bytes.
     """
     remove = "Nothing in it can be saved: remove it, or move it out of this folder"
     if size == 0:
         return "empty", f"The run ended before it wrote, or its disk was full. {remove}"
-    if found.magic:
+    if salvaged.magic:
         return "not one record of a run can be read", f"It was truncated or overwritten after its beginning. {remove}"
     return "not an MCAP file", f"Give the folder that run wrote with --out; if this is it, it was overwritten. {remove}"
 

@@ -26,9 +26,9 @@ from counterflex.files.logs.segment import (
     VERSION,
     Unreadable,
     lost_at_end,
-    nothing_said,
     read_about,
     require_ours,
+    unreadable_reason,
 )
 from counterflex.runtime.record_ring import COLUMNS, CYCLE
 from counterflex.runtime.state_slots import LoopState
@@ -111,7 +111,7 @@ def read_segment(path: str | Path) -> Segment:
                 require_ours(parsed(Channel, content), str(file))
         before.append(len(rows))
     if not about and not rows:
-        text, hint = nothing_said(result, file.stat().st_size)
+        text, hint = unreadable_reason(result, file.stat().st_size)
         raise FileFormatError(text, where=str(file), nothing=True, hint=hint)
     damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in result.damage)
     table = placed(np.array(rows).reshape(-1, len(columns)), columns)

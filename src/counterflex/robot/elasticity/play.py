@@ -51,11 +51,11 @@ def imbalance(
 
     Never rises with s, and is linear in pieces. Arguments as for :func:`settle_axis`.
     """
-    left = torque - spring_torque(s, compliance, half_band)
+    remaining = torque - spring_torque(s, compliance, half_band)
     for e in range(limit.shape[0]):
         if limit[e] > 0.0:
-            left += min(max(force[e] - limit[e] / slip[e] * (moved + s), -limit[e]), limit[e])
-    return left
+            remaining += min(max(force[e] - limit[e] / slip[e] * (moved + s), -limit[e]), limit[e])
+    return remaining
 
 
 @kernel()
@@ -105,15 +105,15 @@ def settle_axis(
             s = (force[e] / limit[e] + side) * slip[e] - moved
         if not low < s < high:
             continue
-        left = imbalance(s, moved, torque, compliance, half_band, limit, slip, force)
-        if left > 0.0:
-            low, at_low = s, left
-        elif left < 0.0:
-            high, at_high = s, left
+        remaining = imbalance(s, moved, torque, compliance, half_band, limit, slip, force)
+        if remaining > 0.0:
+            low, at_low = s, remaining
+        elif remaining < 0.0:
+            high, at_high = s, remaining
         elif s <= start:
-            low, at_low = s, left
+            low, at_low = s, remaining
         else:
-            high, at_high = s, left
+            high, at_high = s, remaining
     if at_low == at_high:  # free within the play
         return min(max(start, low), high)
     return low + (high - low) * at_low / (at_low - at_high)

@@ -24,7 +24,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.robot.model.description import Servo
 
-_APART = 1e-6  # relative distance kept between the two poles
+_POLE_SEPARATION = 1e-6  # relative distance kept between the two poles
 
 
 @kernel()
@@ -52,11 +52,11 @@ def yielding(
         slip: rad.
         out: (n,) rad, written.
     """
-    held, before, first, second = 0.0, 0.0, 0.0, 0.0
+    friction_torque, before, first, second = 0.0, 0.0, 0.0, 0.0
     for n in range(q.shape[0]):
         if n > 0 and friction > 0.0:
-            held = min(max(held - friction / slip * (q[n] - q[n - 1]), -friction), friction)
-        torque = load[n] - load[0] + held
+            friction_torque = min(max(friction_torque - friction / slip * (q[n] - q[n - 1]), -friction), friction)
+        torque = load[n] - load[0] + friction_torque
         h = time_s[n] - time_s[n - 1] if n > 0 else 0.0
         if h > 0.0:
             decay = math.exp(-fast * h)
@@ -95,8 +95,8 @@ def servo_error(servo: tuple[Servo | None, ...], q: Float, load: Float, time_s: 
         if entry is None:
             continue
         fast, slow = entry.position_gain_per_s, 1.0 / entry.integral_time_s
-        if abs(fast - slow) < _APART * slow:
-            fast = slow * (1.0 + _APART)
+        if abs(fast - slow) < _POLE_SEPARATION * slow:
+            fast = slow * (1.0 + _POLE_SEPARATION)
         yielding(
             np.ascontiguousarray(angles[:, axis]), np.ascontiguousarray(torque[:, axis]), time,
             entry.speed_gain_nm_s, fast, slow, entry.friction_nm, entry.slip_rad, column,

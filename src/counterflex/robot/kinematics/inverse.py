@@ -312,9 +312,9 @@ def _solution(chain: ElasticChain, target: Float, q: Float, sigma: float, wrist:
     return Solution(q, branch, float(room[axis]), axis, wrist, sigma, None if reserve is None else float(reserve))
 
 
-def _add(found: list[Solution], new: Solution) -> None:
-    if all(np.max(np.abs(new.q - s.q)) > _SAME_RAD for s in found):
-        found.append(new)
+def _add(solutions: list[Solution], new: Solution) -> None:
+    if all(np.max(np.abs(new.q - s.q)) > _SAME_RAD for s in solutions):
+        solutions.append(new)
 
 
 def _wrapped(q: Float) -> Float:

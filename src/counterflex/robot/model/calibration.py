@@ -73,10 +73,10 @@ def calibrated(
         moves[name] = displacement(d)
     if not moves:
         return robot, end_effector
-    arm, behind = _moved(robot.segments, moves, moves.get(BASE))
-    T_last_flange: Float = robot.T_last_flange if behind is None else behind @ robot.T_last_flange
-    hand, behind = _moved(end_effector.segments, moves, None)
-    T_last_tcp: Float = end_effector.T_last_tcp if behind is None else behind @ end_effector.T_last_tcp
+    arm, next_move = _moved(robot.segments, moves, moves.get(BASE))
+    T_last_flange: Float = robot.T_last_flange if next_move is None else next_move @ robot.T_last_flange
+    hand, next_move = _moved(end_effector.segments, moves, None)
+    T_last_tcp: Float = end_effector.T_last_tcp if next_move is None else next_move @ end_effector.T_last_tcp
     if TCP in moves:
         T_last_tcp = T_last_tcp @ moves[TCP]
     return (

@@ -75,13 +75,13 @@ def outside(regions: Sequence[ElasticRegion], q: Float) -> tuple[ElasticRegion, 
 def beyond_regions(regions: Sequence[ElasticRegion], q: Float) -> list[str]:
     """What is told where joint angles (..., 6) rad leave the angles of regions."""
     return [
-        f"axis {r.axis + 1} leaves the angles at which {said(r)} was measured ({r.angles_rad[0] / DEG:.0f} to "
+        f"axis {r.axis + 1} leaves the angles at which {describe(r)} was measured ({r.angles_rad[0] / DEG:.0f} to "
         f"{r.angles_rad[-1] / DEG:.0f} deg, [[robot.elastic_region]]): there the mean compliance is used"
         for r in outside(regions, q)
     ]
 
 
-def said(region: ElasticRegion) -> str:
+def describe(region: ElasticRegion) -> str:
     """The spring of a region and the axis it changes over, in words."""
     return f"{region.segment}.{DIRECTIONS[region.direction]} over the angle of axis {region.axis + 1}"
 
@@ -106,7 +106,7 @@ def check_regions(regions: Sequence[ElasticRegion], names: Sequence[str], compli
             )
         if not (0 <= region.direction <= 5 and 0 <= region.axis <= 5):
             raise ModelError("an elastic region names no spring or axis", value=(region.direction, region.axis + 1))
-        i, where = list(names).index(region.segment), said(region)
+        i, where = list(names).index(region.segment), describe(region)
         if compliance[i, region.direction] == 0.0:
             raise ModelError(
                 "an elastic region of a spring that is rigid changes nothing",

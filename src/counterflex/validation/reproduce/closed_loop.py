@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from counterflex.app.long_jobs.workers import end_with_parent, interrupts_held
+from counterflex.app.long_jobs.workers import end_with_parent, interrupts_deferred
 from counterflex.app.run import run as online
 from counterflex.app.run import session as online_session
 from counterflex.app.run.status import Status
@@ -101,7 +101,7 @@ def run(
             raise fault
 
     try:
-        with interrupts_held():
+        with interrupts_deferred():
             process.start()
         outcome = online.run(loop, log, watch=watch, ended=lambda: not process.is_alive())
         process.join(_END_S)

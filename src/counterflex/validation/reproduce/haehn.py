@@ -19,7 +19,7 @@ from counterflex.app.campaign import campaign
 from counterflex.app.campaign.step import CELL
 from counterflex.app.compensation import compensate
 from counterflex.app.long_jobs.step_cache import Mark, begin, fingerprint, finish, finished, made_again
-from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
+from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.proof import evaluate
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
@@ -113,11 +113,11 @@ def _mill_all(
     results: dict[tuple[int, str, str, str], dict[str, Any]] = {}
     shares, weights = Shares(len(jobs)), [1.0] * len(jobs)
     with pool_of(count_of(workers, len(jobs)), shares) as pool:
-        with interrupts_held():
+        with interrupts_deferred():
             plans = [pool.submit(_prepare, place, key[1], cells[key[0]]) for key, place in places.items()]
         for plan in plans:
             plan.result()
-        with interrupts_held():
+        with interrupts_deferred():
             waiting = {
                 pool.submit(_one_at, k, places[job[:2]], cells[job[0]].with_name(campaign.TRUTH), job): job
                 for k, job in enumerate(jobs)

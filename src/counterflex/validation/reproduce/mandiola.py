@@ -17,7 +17,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished, made_again
-from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_held, pool_of, share
+from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.proof import simulate
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
@@ -107,11 +107,11 @@ def _run_all(
     jobs = sorted(order, key=lambda job: SHAPES.index(job[1]))
     shares, weights = Shares(len(jobs)), [1.0] * len(jobs)
     with pool_of(count_of(workers, len(order)), shares) as pool:
-        with interrupts_held():
+        with interrupts_deferred():
             plans = [pool.submit(prepare, next(iter(cases.values())), shape) for shape in SHAPES]
         for plan in plans:
             plan.result()
-        with interrupts_held():
+        with interrupts_deferred():
             waiting = {pool.submit(_one_at, k, cases[job[0]], job[1], job[2]): job for k, job in enumerate(jobs)}
 
         def report() -> None:

@@ -247,7 +247,7 @@ def page(summary: Mapping[str, Any], case: Case, read: Any) -> str:
         subtitle=f"400 mm square and 150 mm circle at 700 mm/min, size {summary['scale']:g}; drawn: seed {case.seed}",
         created="",
         verdict=verdict(summary),
-        beside=paper_comparison(summary),
+        comparison=paper_comparison(summary),
         columns=COLUMNS,
         rows=figure_rows(summary),
         margin_columns=MARGIN_COLUMNS,

@@ -6,18 +6,18 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
+from counterflex.cli.arguments import address
 from counterflex.cli.commands.program import CellFile, Program
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
     Fault,
     RecordFile,
-    left_alone,
     print_refused,
     print_reply,
     print_start,
+    require_not_abandoned,
 )
-from counterflex.cli.given import address
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.cli.scenario import Layers
 
@@ -36,7 +36,7 @@ def egm(
             "--egm",
             help="Where messages go: counterflex run --egm PORT.",
             metavar="HOST:PORT",
-            callback=given.host_port,
+            callback=arguments.host_port,
         ),
     ] = "127.0.0.1:6510",
     seconds: Annotated[float | None, typer.Option("--seconds", help="At most so long.", min=0.01)] = None,
@@ -81,13 +81,15 @@ def egm(
         faults=shown.schedule(trial, fault),
     )
     with progress_bar(f"EGM {program.name}") as progress:
-        found = job.run(settings, Watched(record, print_start, progress))
+        summary = job.run(settings, Watched(record, print_start, progress))
     if as_json:
-        print_json(found)
-        left_alone(found["ended"])
+        print_json(summary)
+        require_not_abandoned(summary["ended"])
         return
-    typer.echo(f"{found['ended']} after {found['cycles']} messages, {found['late_answers']} cycles without one for us")
-    print_refused(found)
-    typer.echo(f"largest distance of the tool from its program: {found['largest_shift_mm']:g} mm")
-    print_reply(found)
-    left_alone(found["ended"])
+    typer.echo(
+        f"{summary['ended']} after {summary['cycles']} messages, {summary['late_answers']} cycles without one for us"
+    )
+    print_refused(summary)
+    typer.echo(f"largest distance of the tool from its program: {summary['largest_shift_mm']:g} mm")
+    print_reply(summary)
+    require_not_abandoned(summary["ended"])

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
+from counterflex.cli.arguments import address
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import Fault, Seconds
-from counterflex.cli.given import address
 from counterflex.cli.output import print_json
 from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
@@ -31,7 +31,7 @@ def netft(
             "--file",
             help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.",
             metavar="CSV",
-            callback=given.file,
+            callback=arguments.file,
         ),
     ] = None,
     seconds: Seconds = None,
@@ -77,30 +77,30 @@ def netft(
     def started(udp: tuple[str, int], http: tuple[str, int]) -> None:
         typer.echo(f"force sensor at {udp[0]}:{udp[1]}, scaling at port {http[1]}", err=True)
 
-    found = job.run_netft(settings, started=started)
+    summary = job.run_netft(settings, started=started)
     if as_json:
-        print_json(found)
+        print_json(summary)
         return
-    typer.echo(f"{found['ended']} after {found['samples']} samples; {found['records']} records left")
-    _given_up(found["given_up"])
+    typer.echo(f"{summary['ended']} after {summary['samples']} samples; {summary['records']} records left")
+    _show_skipped(summary["given_up"])
 
 
 def tracker(
-    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=given.host_port)],
+    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=arguments.host_port)],
     log: Annotated[
         Path | None,
         typer.Option(
-            "--log", help="Replay a tracker log instead, with its own clock.", metavar="CSV", callback=given.file
+            "--log", help="Replay a tracker log instead, with its own clock.", metavar="CSV", callback=arguments.file
         ),
     ] = None,
     run_log: Annotated[
         Path | None,
         typer.Option(
-            "--run-log", help="Replay what a run has logged, with --cell.", metavar="DIR", callback=given.folder
+            "--run-log", help="Replay what a run has logged, with --cell.", metavar="DIR", callback=arguments.folder
         ),
     ] = None,
     cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file of that run.", metavar="CELL", callback=given.file)
+        Path | None, typer.Option("--cell", help="Cell file of that run.", metavar="CELL", callback=arguments.file)
     ] = None,
     seconds: Seconds = None,
     scenario: Layers = None,
@@ -152,15 +152,15 @@ def tracker(
         clock_drift_ppm=table.clock_drift_ppm,
         faults=faults,
     )
-    found = job.run_tracker(settings)
+    summary = job.run_tracker(settings)
     if as_json:
-        print_json(found)
+        print_json(summary)
         return
-    typer.echo(f"{found['ended']} after {found['measurements']} measurements")
-    _given_up(found["given_up"])
+    typer.echo(f"{summary['ended']} after {summary['measurements']} measurements")
+    _show_skipped(summary["given_up"])
 
 
-def _given_up(count: int) -> None:
+def _show_skipped(count: int) -> None:
     if count:
         typer.echo(f"{count} samples were given up: this computer is too slow for the rate", err=True)
 
@@ -204,10 +204,10 @@ def ads(
         seconds=seconds,
         faults=schedule(trial, fault),
     )
-    found = job.run(
+    summary = job.run(
         settings, started=lambda server: typer.echo(f"TwinCAT at {server.address[0]}:{server.address[1]}", err=True)
     )
     if as_json:
-        print_json(found)
+        print_json(summary)
         return
-    typer.echo(f"{found['ended']} after {found['requests']} requests")
+    typer.echo(f"{summary['ended']} after {summary['requests']} requests")

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
 
 Fault = Annotated[
     list[str] | None,
@@ -16,26 +16,28 @@ Fault = Annotated[
         help="One fault, repeatable: lost=0.05, late=0.1,late_ms=6, silent@2+0.5 (from 2 s for 0.5 s), garbage#100+3 "
         "(datagrams 100 to 102), dying@3.",
         metavar="FAULT",
-        callback=given.faults,
+        callback=arguments.faults,
     ),
 ]
 Seconds = Annotated[float | None, typer.Option("--seconds", help="How long; else until Ctrl-C.", min=0.001)]
 RecordFile = Annotated[
     Path | None,
-    typer.Option("--record", help="Write what was applied in every cycle.", metavar="CSV", callback=given.output_file),
+    typer.Option(
+        "--record", help="Write what was applied in every cycle.", metavar="CSV", callback=arguments.output_file
+    ),
 ]
 
 
-def print_refused(found: dict[str, Any]) -> None:
+def print_refused(summary: dict[str, Any]) -> None:
     """Answers that were refused, by reason."""
-    if found["refused"]:
-        typer.echo("refused: " + ", ".join(f"{why} {count}" for why, count in found["refused"].items()))
+    if summary["refused"]:
+        typer.echo("refused: " + ", ".join(f"{why} {count}" for why, count in summary["refused"].items()))
 
 
-def print_reply(found: dict[str, Any]) -> None:
+def print_reply(summary: dict[str, Any]) -> None:
     """Time that replies took, where it was real time."""
-    if found["reply_us"] is not None:
-        typer.echo("reply: " + ", ".join(f"{name} {value:g} us" for name, value in found["reply_us"].items()))
+    if summary["reply_us"] is not None:
+        typer.echo("reply: " + ", ".join(f"{name} {value:g} us" for name, value in summary["reply_us"].items()))
 
 
 def print_start(_: tuple[str, int], where: tuple[str, int]) -> None:
@@ -43,11 +45,11 @@ def print_start(_: tuple[str, int], where: tuple[str, int]) -> None:
     typer.echo(f"sending to {where[0]}:{where[1]}", err=True)
 
 
-LEFT = ("no more answers from the sensor program", "RSITimeout", "ERR_UDPUC_COMM")
+ABANDONED = ("no more answers from the sensor program", "RSITimeout", "ERR_UDPUC_COMM")
 """Ends of a simulated controller for which it had no part in it: nobody answered any more."""
 
 
-def left_alone(ended: str) -> None:
+def require_not_abandoned(ended: str) -> None:
     """End with status 3 where the partner has vanished before the program had ended; a Stop from it is an answer.
 
     Args:
@@ -56,5 +58,5 @@ def left_alone(ended: str) -> None:
     Raises:
         typer.Exit: It was left alone.
     """
-    if ended in LEFT:
+    if ended in ABANDONED:
         raise typer.Exit(3)

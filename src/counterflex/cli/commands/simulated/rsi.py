@@ -7,15 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.cli import given
+from counterflex.cli import arguments
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
     Fault,
     RecordFile,
-    left_alone,
     print_refused,
     print_reply,
     print_start,
+    require_not_abandoned,
 )
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.cli.scenario import Layers, host_port
@@ -31,18 +31,20 @@ def rsi(
     rsi: Annotated[
         Path,
         typer.Argument(
-            help="ETHERNET configuration file of the RSI context (.xml).", metavar="RSI", callback=given.file
+            help="ETHERNET configuration file of the RSI context (.xml).", metavar="RSI", callback=arguments.file
         ),
     ],
     program: Annotated[
         Path | None,
         typer.Option(
-            "--program", help="G-code that the robot runs, with --cell.", metavar="PROGRAM", callback=given.file
+            "--program", help="G-code that the robot runs, with --cell.", metavar="PROGRAM", callback=arguments.file
         ),
     ] = None,
     cell: Annotated[
         Path | None,
-        typer.Option("--cell", help="Cell file: robot, tool and part as the controller has them.", callback=given.file),
+        typer.Option(
+            "--cell", help="Cell file: robot, tool and part as the controller has them.", callback=arguments.file
+        ),
     ] = None,
     seconds: Annotated[
         float | None, typer.Option("--seconds", help="How long; 10 s without a program.", min=0.01)
@@ -100,22 +102,24 @@ def rsi(
         faults=shown.schedule(trial, fault),
     )
     with progress_bar(f"RSI {rsi.name}") as progress:
-        found = job.run(settings, Watched(record, print_start, progress))
+        summary = job.run(settings, Watched(record, print_start, progress))
     if as_json:
-        print_json(found)
+        print_json(summary)
     else:
-        _tell_rsi(found)
-    left_alone(found["ended"])
+        _tell_rsi(summary)
+    require_not_abandoned(summary["ended"])
 
 
-def _tell_rsi(found: dict[str, Any]) -> None:
-    correction, step = found["largest_correction"], found["largest_step"]
-    typer.echo(f"{found['ended']} after {found['cycles']} telegrams, {found['late_answers']} answers late or refused")
-    print_refused(found)
+def _tell_rsi(summary: dict[str, Any]) -> None:
+    correction, step = summary["largest_correction"], summary["largest_step"]
+    typer.echo(
+        f"{summary['ended']} after {summary['cycles']} telegrams, {summary['late_answers']} answers late or refused"
+    )
+    print_refused(summary)
     for name, value in (("largest correction", correction), ("largest step", step)):
         typer.echo(f"{name}: {value['mm']:g} mm, {value['deg']:g} deg, axes {value['axes_deg']:g} deg")
-    age = found["age_cycles"]
+    age = summary["age_cycles"]
     typer.echo(f"correction in force at most {age['max']} cycles old; 4 or less in {age['share_at_most_4']:.4%}")
-    print_reply(found)
-    if found["stalls"]:
-        typer.echo(f"{found['stalls']} telegrams sent late: this computer is too slow for real time", err=True)
+    print_reply(summary)
+    if summary["stalls"]:
+        typer.echo(f"{summary['stalls']} telegrams sent late: this computer is too slow for real time", err=True)

@@ -143,12 +143,12 @@ def step_range(
     """Steps for the points first..last-1: ``out`` (n, 19) = deflection, q_c, residual, sigma."""
     m = len(chain.stations) - 1
     elastic = Elastic(chain, np.empty(1, STEP), np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(1, WORK))
-    given, result = np.empty(12), elastic.results[0]
+    inputs, result = np.empty(12), elastic.results[0]
     for n in range(first, last):
         for k in range(6):
-            given[k] = q[n, k]
-            given[6 + k] = w[n, k]
-        status[n] = step(elastic, given, gravity)
+            inputs[k] = q[n, k]
+            inputs[6 + k] = w[n, k]
+        status[n] = step(elastic, inputs, gravity)
         for k in range(6):
             out[n, k] = result.deflection[k]
             out[n, 6 + k] = result.q[k]

@@ -107,7 +107,7 @@ def write_pose(tip: Float, out: Float) -> None:
 
 
 @kernel("int64(Elastic, float64[::1], int64)", Elastic=ELASTIC)
-def deflect(elastic: Elastic, given: Float, gravity: int) -> int:
+def deflect(elastic: Elastic, inputs: Float, gravity: int) -> int:
     """Deflection, compliance and rigid Jacobian for ``given = [q, w_tcp_base]`` (12,): the first half of :func:`step`.
 
     Both poses, compliance, deflection and sigma are written; the work space then holds the Jacobian and the inverse of
@@ -117,10 +117,10 @@ def deflect(elastic: Elastic, given: Float, gravity: int) -> int:
     result, work = elastic.results[0], elastic.works[0]
     trig, jac, low, inv, error = work.trig[:], work.jacobian[:], work.factor[:], work.inverse[:], work.error[:]
     nominal, tip = work.nominal[:], frame[len(chain.stations) - 1]
-    joint_trig(given, trig)
+    joint_trig(inputs, trig)
     chain_pass(chain, trig, delta, 0, frame)
-    loads(chain, frame, given, given[6:], gravity, delta)
-    tcp_compliance(chain, frame, given, result.compliance[:])
+    loads(chain, frame, inputs, inputs[6:], gravity, delta)
+    tcp_compliance(chain, frame, inputs, result.compliance[:])
     rigid_jacobian(chain, frame, jac)
     for k in range(12):
         nominal[k] = tip[k]
@@ -141,7 +141,7 @@ def deflect(elastic: Elastic, given: Float, gravity: int) -> int:
 
 
 @kernel("int64(Elastic, float64[::1], int64)", Elastic=ELASTIC)
-def step(elastic: Elastic, given: Float, gravity: int) -> int:
+def step(elastic: Elastic, inputs: Float, gravity: int) -> int:
     """One online step for ``given = [q, w_tcp_base]`` (12,), see :func:`counterflex.robot.elasticity.equations.step`.
 
     Returns the status bits.
@@ -150,12 +150,12 @@ def step(elastic: Elastic, given: Float, gravity: int) -> int:
     result, work = elastic.results[0], elastic.works[0]
     trig, jac, inv, error = work.trig[:], work.jacobian[:], work.inverse[:], work.error[:]
     half, move, nominal = work.half[:], work.move[:], work.nominal[:]
-    w, tip = given[6:], frame[len(chain.stations) - 1]
-    status = deflect(elastic, given, gravity)
+    w, tip = inputs[6:], frame[len(chain.stations) - 1]
+    status = deflect(elastic, inputs, gravity)
     q, residual, Tc = result.q[:], result.residual[:], result.Tc[:]
     for k in range(6):
         residual[k] = error[k]
-        q[k] = given[k]
+        q[k] = inputs[k]
     for k in range(16):
         Tc[k] = result.T0[k]
     if status & REFUSED:
