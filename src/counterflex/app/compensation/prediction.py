@@ -191,7 +191,7 @@ def beyond_measured(cell: Cell, plan: Plan) -> list[str]:
         f"axis {axis + 1} leaves the angles at which its periodic errors were measured ({low} to {high} deg, "
         "[drive_error] measured_deg): there they fade to nothing"
         for axis, (low, high) in ranges.items()
-    ] + beyond_regions(cell.chain.regions, plan.q)
+    ] + (beyond_regions(cell.chain.regions, plan.q) if cell.chain.regions else [])
 
 
 def summary_of(
