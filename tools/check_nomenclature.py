@@ -11,7 +11,7 @@ floating-point numbers (``float``, ``Float``, ``Float32``, tuples and sequences 
 Left out are compiled kernels, whose arguments are those of the functions that call them, and the inside of the G-code
 interpreter, whose values are words of a program. What the page lists and the package does not use is a fault too, so
 that the page cannot go stale. Words that the project no longer uses (``retired_words.toml`` beside this file) are
-refused everywhere, with what to write.
+refused everywhere, with what to write; those that are fine in a sentence only as names in src/.
 
     python tools/check_nomenclature.py
 """
@@ -214,6 +214,31 @@ def retired_words(text: str, where: str, words: dict[str, str]) -> list[str]:
     ]
 
 
+def retired_names(source: str, where: str, names: dict[str, str]) -> list[str]:
+    """Faults of a module that calls something by a retired name.
+
+    Args:
+        source: Of the module.
+        where: Its path, for the fault.
+        names: What to write, by name without underscores around it, in small letters.
+    """
+    out = []
+    for node in ast.walk(ast.parse(source, where)):
+        name = ""
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            name = node.name
+        elif isinstance(node, ast.arg):
+            name = node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            name = node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            name = node.attr
+        key = name.strip("_").lower()
+        if key in names:
+            out.append(f"{where}:{getattr(node, 'lineno', 0)}: '{name}' is retired as a name; write: {names[key]}")
+    return out
+
+
 def texts() -> Iterator[Path]:
     """Everything that is read: code, messages, pages."""
     for folder in ("src", "tests", "tools", "benchmarks", "docs", "examples"):
@@ -234,9 +259,13 @@ def main() -> int:
         text = (ROOT / "docs" / name).read_text(encoding="utf-8")
         faults += [f"docs/{name}: `{key}` is missing" for key in missing_keys(text, keys)]
         count += len(keys)
-    words = {row["pattern"]: row["write"] for row in tomllib.loads(RETIRED.read_text(encoding="utf-8"))["word"]}
+    retired = tomllib.loads(RETIRED.read_text(encoding="utf-8"))
+    words = {row["pattern"]: row["write"] for row in retired["word"]}
     for path in texts():
-        faults += retired_words(path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix(), words)
+        text, where = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
+        faults += retired_words(text, where, words)
+        if path.suffix == ".py" and path.is_relative_to(SOURCES):
+            faults += retired_names(text, where, retired["names"])
     for fault in faults:
         print(fault)
     names = len({item.name for item in found})

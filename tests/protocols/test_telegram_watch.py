@@ -24,7 +24,7 @@ class _Line:
     def come(self, *, skew_ns: int = 0, answered: bool = True, malformed: int = 0, repeated: int = 0) -> SOFT_AND_HARD:
         self.k += 1
         elapsed, self.last = self.k - self.last, self.k
-        return self.watch.came(
+        return self.watch.received(
             elapsed,
             4 * self.k,
             PERIOD_NS * self.k + skew_ns,

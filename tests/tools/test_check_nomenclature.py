@@ -100,3 +100,13 @@ def test_a_retired_word_is_refused_with_what_to_write() -> None:
     words = {r"\bundone\b": "compensation"}
     found = _load().retired_words("one line\nplay is undone here\nabundonement", "docs/page.md", words)
     assert found == ["docs/page.md:2: 'undone' is retired; write: compensation"]
+
+
+def test_a_retired_name_is_refused_in_code_and_not_in_a_sentence() -> None:
+    source = 'def _found(told, text):\n    """What was found."""\n    self.came = text\n    return told\n'
+    faults = _load().retired_names(source, "src/a.py", {"found": "match", "told": "progress", "came": "received"})
+    assert sorted(faults) == [
+        "src/a.py:1: '_found' is retired as a name; write: match",
+        "src/a.py:1: 'told' is retired as a name; write: progress",
+        "src/a.py:3: 'came' is retired as a name; write: received",
+    ]

@@ -31,13 +31,13 @@ class _BeforeKernels:
         def begins(_: object) -> None:
             self._notify()
 
-        class Heard(event.Listener):  # type: ignore[misc]
+        class CompileListener(event.Listener):  # type: ignore[misc]
             on_start = staticmethod(begins)
 
             def on_end(self, event: object) -> None:
                 pass
 
-        event.register("numba:compile", Heard())
+        event.register("numba:compile", CompileListener())
 
 
 def tell(notify: Callable[[], None]) -> None:

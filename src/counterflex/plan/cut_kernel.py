@@ -312,7 +312,7 @@ def _engaged(depth: Float, edges: Float, radius: float, cell: float) -> tuple[fl
         sine += column * math.sin(0.5 * (edges[b] + edges[b + 1]))
     if total <= 0.0:
         return 0.0, math.nan, math.nan, 0.0
-    wanted = max(2.0 * cell, 0.125 * radius)
+    length = max(2.0 * cell, 0.125 * radius)
     first, last = bins, -1
     deepest, area, width = 0.0, 0.0, 0.0
     for b in range(bins):
@@ -327,7 +327,7 @@ def _engaged(depth: Float, edges: Float, radius: float, cell: float) -> tuple[fl
         strip = radius * (math.cos(edges[b]) - math.cos(edges[b + 1]))
         area += column * strip
         width += strip
-        if width >= wanted:
+        if width >= length:
             deepest = max(deepest, area / width)
             area, width = 0.0, 0.0
     if deepest == 0.0:

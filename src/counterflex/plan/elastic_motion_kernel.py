@@ -156,14 +156,14 @@ def rest(motion: Motion, row: int) -> None:
     for a in range(AXES):
         torque = motion.weight[row, a]
         lean = min(max(torque, -1.0), 1.0) * motion.half_band[a]
-        asked = motion.q_command[row, a] - motion.q_ref[row, a]
-        motion.x[a] = asked + torque / stiffness[a] + lean
-        motion.drives[0, a] = asked
-        motion.drives[1, a] = asked
+        offset = motion.q_command[row, a] - motion.q_ref[row, a]
+        motion.x[a] = offset + torque / stiffness[a] + lean
+        motion.drives[0, a] = offset
+        motion.drives[1, a] = offset
         motion.drives[2, a] = 0.0
         motion.drives[3, a] = 0.0
         motion.drives[4, a] = torque
-        motion.drives[5, a] = asked
+        motion.drives[5, a] = offset
         motion.drives[6, a] = motion.q_ref[row, a]
         for e in range(motion.limit.shape[1]):
             motion.held[a, e] = 0.0

@@ -71,9 +71,9 @@ def held_in_holes(path: ToolPath, contact: Bool, correction: Float, turn: Float)
         lowest = np.minimum(height, np.concatenate([height[:1], height[:-1]]))
         inside = rows[(lowest < height[first - 1] - _SIDEWAYS_M) & (rows > begin + last)]
         here = axis[inside]
-        held = correction[begin + last]
-        own = np.sum(correction[inside] * here, axis=1) - here @ held
-        correction[inside] = held + own[:, None] * here
+        bottom = correction[begin + last]
+        own = np.sum(correction[inside] * here, axis=1) - here @ bottom
+        correction[inside] = bottom + own[:, None] * here
         turn[inside] = turn[begin + last]
     return correction, turn
 

@@ -123,7 +123,7 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     for index in dwells:
         if last[index] >= first[index] >= 1 and not relieved_along_axis(path, command, int(first[index])):
             command[first[index] : last[index] + 1] = command[first[index] - 1]
-    held = float(np.linalg.norm(command[1:] - compensated.p_part_command[1:], axis=1).max(initial=0.0))
+    largest = float(np.linalg.norm(command[1:] - compensated.p_part_command[1:], axis=1).max(initial=0.0))
     shift = command - path.p_part_tcp
     shift[joint] = shift[joint - 1]
     command[joint] = path.p_part_tcp[joint] + shift[joint]
@@ -145,7 +145,7 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     vertex[:1] = True
     vertex[:-1] |= share[1:] != share[:-1]
     vertex[simplify(way, command, tolerance_m, fixed=vertex)] = True
-    return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, held, share)
+    return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, largest, share)
 
 
 def _check_ends(program: Program, path: ToolPath, last: Int) -> None:

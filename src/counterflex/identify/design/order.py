@@ -172,7 +172,7 @@ def _moved(tour: list[int], cost: Float) -> list[int] | None:
     t = np.array(tour)
     n = len(t)
     step = cost[t[:-1], t[1:]]
-    found: tuple[float, list[int]] | None = None
+    best_move: tuple[float, list[int]] | None = None
     for size in (1, 2, 3):
         first = np.arange(1, n - size + 1)  # of each stretch, one to a row
         if len(first) == 0:
@@ -189,8 +189,8 @@ def _moved(tour: list[int], cost: Float) -> list[int] | None:
         k = np.argmin(into, axis=1)
         gain = out - into[first - 1, k]
         best = int(np.argmax(gain))
-        if gain[best] > 1e-9 and (found is None or gain[best] > found[0]):
+        if gain[best] > 1e-9 and (best_move is None or gain[best] > best_move[0]):
             a, cut = int(first[best]), int(k[best]) + 1
             others = rest[best].tolist()
-            found = (float(gain[best]), [*others[:cut], *tour[a : a + size], *others[cut:]])
-    return None if found is None else found[1]
+            best_move = (float(gain[best]), [*others[:cut], *tour[a : a + size], *others[cut:]])
+    return None if best_move is None else best_move[1]

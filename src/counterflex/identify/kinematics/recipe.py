@@ -49,7 +49,7 @@ from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.drive_error import DriveError
 
 SOURCE: Final = "counterflex identify kinematics"
-CHECKING, GEOMETRY, SAG, PERIODIC, HELD_OUT, APART = (
+CHECKING, GEOMETRY, SAG, PERIODIC, HELD_OUT, BY_REGION = (
     "checking the data",
     "geometry",
     "sag and play",
@@ -57,7 +57,7 @@ CHECKING, GEOMETRY, SAG, PERIODIC, HELD_OUT, APART = (
     "held out",
     "sessions and regions held out",
 )
-WORK: Final = {CHECKING: 1.0, GEOMETRY: 2.0, SAG: 0.3, PERIODIC: 4.5, HELD_OUT: 8.0, APART: 8.5}
+WORK: Final = {CHECKING: 1.0, GEOMETRY: 2.0, SAG: 0.3, PERIODIC: 4.5, HELD_OUT: 8.0, BY_REGION: 8.5}
 """Parts of the work with what they cost: between those of a published UR10 and of 400 poses of the simulated cell."""
 
 
@@ -122,7 +122,7 @@ def identify(inputs: Inputs) -> Identification:
     parts[PERIODIC](1.0)
     errors = held_out(setup, holdout, int(options["folds"]), fit, parts[HELD_OUT]) if errors is None else errors
     parts[HELD_OUT](1.0)
-    by_region, not_by_region = ((), ()) if holdout else region_errors(setup, fit, parts[APART])
+    by_region, not_by_region = ((), ()) if holdout else region_errors(setup, fit, parts[BY_REGION])
     plays = _plays(setup, fit)
     return Identification(
         recipe="kinematics",

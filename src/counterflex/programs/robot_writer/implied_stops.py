@@ -43,27 +43,27 @@ def implied_stops(program: Program) -> ImpliedStops:
         program: As read: what was executed, in order.
     """
     out = ImpliedStops()
-    told, cooled = 0, False
+    direction, cooled = 0, False
     for number, block in enumerate(program.blocks):
         codes = {word.value for word in block.words if word.letter == "M"}
-        requested = _wanted(block, codes, told)
-        if told != 0 and 5.0 not in codes and (6.0 in codes or requested != told):
+        requested = _requested_direction(block, codes, direction)
+        if direction != 0 and 5.0 not in codes and (6.0 in codes or requested != direction):
             out.before[number] = [_saying(5, block)]
             requested = 0 if 6.0 in codes and not codes & {3.0, 4.0} else requested
         within = _within(program, block)
         if (restart := within.pop(block.first_motion + block.motion_count, None)) is not None:
             out.behind[number] = [restart]
         out.within.update(within)
-        told = requested
+        direction = requested
         cooled = 9.0 not in codes and (cooled or bool(codes & {7.0, 8.0}))
-    if told != 0 or cooled:
+    if direction != 0 or cooled:
         last = len(program.blocks) - 1
-        codes_left = [*([9] if cooled else []), *([5] if told != 0 else [])]
+        codes_left = [*([9] if cooled else []), *([5] if direction != 0 else [])]
         out.behind[last] = out.behind.get(last, []) + [_saying(code, program.blocks[last]) for code in codes_left]
     return out
 
 
-def _wanted(block: Block, codes: set[float], told: int) -> int:
+def _requested_direction(block: Block, codes: set[float], direction: int) -> int:
     """Direction in which a block wants the spindle: 1 for M3, -1 for M4, 0 stopped."""
     if 5.0 in codes:
         return 0
@@ -72,7 +72,7 @@ def _wanted(block: Block, codes: set[float], told: int) -> int:
     if any(word.letter == "S" for word in block.words):
         rpm = block.modal.spindle_rpm
         return 0 if rpm == 0.0 else 1 if rpm > 0.0 else -1
-    return told
+    return direction
 
 
 def _within(program: Program, block: Block) -> dict[int, Block]:

@@ -180,12 +180,12 @@ def choose_points(
             exact[at] = stays[at] = True
     usable = (moving & ~dwells) | (stays & (~dwells | exact))
     travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
-    apart = np.where(rapid | dwells, 0.0, point_spacing(1.0, cycle_s) * path.feed_m_s)
+    spacing = np.where(rapid | dwells, 0.0, point_spacing(1.0, cycle_s) * path.feed_m_s)
     vertices = simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)
-    fine = _Fine(refined(travel, apart, vertices))
+    fine = _Fine(refined(travel, spacing, vertices))
     way, p, travel = fine.between(way), fine.between(p), fine.between(travel)
-    turned_fine, apart = fine.between(turned), apart[fine.row]
-    chosen = spaced(way, p, turned_fine, travel, apart, fine.at_rows(stays), tolerance_m, tolerance_rad)
+    turned_fine, spacing = fine.between(turned), spacing[fine.row]
+    chosen = spaced(way, p, turned_fine, travel, spacing, fine.at_rows(stays), tolerance_m, tolerance_rad)
     keep = np.zeros(len(way), dtype=np.bool_)
     keep[chosen] = True
     keep &= usable[fine.row]
@@ -194,7 +194,7 @@ def choose_points(
     row = fine.row[at_point]
     feed = ~rapid & ~dwells
     position, angle, worst = _errors(at_point, way, p, turned_fine, feed[fine.row])
-    held = _held_speed(at_point, speed[fine.row], rapid[fine.row], way, travel)
+    point_speed = _held_speed(at_point, speed[fine.row], rapid[fine.row], way, travel)
     Ts = T[row].copy()
     Ts[:, :3, 3] = p[at_point]
     part = fine.share[at_point] < 1.0
@@ -204,11 +204,11 @@ def choose_points(
     return RobotPoints(
         row=row,
         Ts_part_tcp=Ts,
-        speed_m_s=held,
+        speed_m_s=point_speed,
         exact=fine.at_rows(exact)[at_point],
         motion=path.motion[row],
         merged=max(0, int(usable[vertices].sum()) - int(usable[0]) - len(row)) if n > 1 else 0,
-        too_close=_too_close(at_point, travel, apart),
+        too_close=_too_close(at_point, travel, spacing),
         largest_position_error_m=position,
         largest_angle_error_rad=angle,
         worst_motion=int(path.motion[fine.row[worst]]),
@@ -280,10 +280,10 @@ def _held_speed(row: Int, speed: Float, rapid: Bool, way: Float, travel: Float) 
     return out
 
 
-def _too_close(row: Int, travel: Float, apart: Float) -> int:
+def _too_close(row: Int, travel: Float, spacing: Float) -> int:
     """Points that follow closer than the controller's cycle takes, because both have to be there."""
     length = np.diff(travel[row])
-    return int(np.sum((length > 0.0) & (length < apart[row[1:]] * (1.0 - 1e-9))))
+    return int(np.sum((length > 0.0) & (length < spacing[row[1:]] * (1.0 - 1e-9))))
 
 
 def _errors(row: Int, way: Float, p: Float, turned: Float, feed: Bool) -> tuple[float, float, int]:

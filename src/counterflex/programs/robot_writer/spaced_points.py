@@ -14,11 +14,11 @@ FINER = 4
 
 @kernel("void(f8[:], f8[:,:], f8[:,:], f8[:], f8[:], b1[:], f8, f8)")
 def _open_window(
-    s: Float, p: Float, r: Float, travel: Float, apart: Float, keep: Bool, tol2: float, tol2_r: float
+    s: Float, p: Float, r: Float, travel: Float, spacing: Float, keep: Bool, tol2: float, tol2_r: float
 ) -> None:
     """Greedy opening window; ``keep`` holds the fixed vertices.
 
-    A chord is as long as the tolerance allows, but never shorter than ``apart``; where the last one before a fixed
+    A chord is as long as the tolerance allows, but never shorter than ``spacing``; where the last one before a fixed
     vertex would be shorter, the one before it is cut.
     """
     n = len(s)
@@ -29,7 +29,7 @@ def _open_window(
             stop += 1
         while a < stop:
             least = a + 1
-            while least < stop and travel[least] - travel[a] < apart[least]:
+            while least < stop and travel[least] - travel[a] < spacing[least]:
                 least += 1
             good = least
             step = 1
@@ -48,10 +48,10 @@ def _open_window(
                     good = middle
                 else:
                     bad = middle
-            if good < stop and travel[stop] - travel[good] < apart[stop]:
-                while good > least and travel[stop] - travel[good] < apart[stop]:
+            if good < stop and travel[stop] - travel[good] < spacing[stop]:
+                while good > least and travel[stop] - travel[good] < spacing[stop]:
                     good -= 1
-                if travel[stop] - travel[good] < apart[stop]:
+                if travel[stop] - travel[good] < spacing[stop]:
                     good = stop
             keep[good] = True
             a = good
@@ -111,6 +111,6 @@ def refined(travel_m: Float, apart_m: Float, vertices: Int) -> Int:
     np.add.at(near, high, -1)
     inside = np.cumsum(near[:n]) > 0
     length = np.diff(travel_m, prepend=travel_m[:1])
-    wanted = inside & (apart_m > 0.0)
-    pieces[wanted] = np.maximum(1, np.ceil(FINER * length[wanted] / apart_m[wanted])).astype(np.int64)
+    refinable = inside & (apart_m > 0.0)
+    pieces[refinable] = np.maximum(1, np.ceil(FINER * length[refinable] / apart_m[refinable])).astype(np.int64)
     return np.minimum(pieces, 64)

@@ -280,7 +280,7 @@ class OnlineSession:
             return watch.silent(counters.malformed_in_a_row)
         if hard == _RESTARTED:
             watch.restart()
-        soft, fault = watch.came(
+        soft, fault = watch.received(
             link.elapsed,
             link.counter,
             received_ns,

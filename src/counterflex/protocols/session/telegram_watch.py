@@ -110,7 +110,7 @@ class TelegramWatch:
         self.good = 0
         return self._judge(malformed_in_a_row, 0, 0)
 
-    def came(
+    def received(
         self,
         elapsed: int,
         counter_ms: int,

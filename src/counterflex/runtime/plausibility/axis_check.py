@@ -100,6 +100,6 @@ class AxisCheck:
         return out
 
     @property
-    def found(self) -> tuple[float, float]:
+    def disagreement(self) -> tuple[float, float]:
         """Disagreement of the last telegram, offset taken off, m and rad."""
         return float(self._check.distance_m), float(self._check.angle_rad)

@@ -93,17 +93,17 @@ def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:
     return MillingMachine(parameters, offsets, part_at_g54=True)
 
 
-def _understood(found: dict[int, float], file: Path) -> None:
+def _understood(parameters: dict[int, float], file: Path) -> None:
     def refuse(what: str, index: int, limit: str, hint: str) -> FileFormatError:
-        return FileFormatError(what, where=f"{file}: #{index}", value=f"{found[index]:g}", limit=limit, hint=hint)
+        return FileFormatError(what, where=f"{file}: #{index}", value=f"{parameters[index]:g}", limit=limit, hint=hint)
 
     for name, start in _OFFSETS.items():
-        if found.get(start + _ROTATION, 0.0) != 0.0:
+        if parameters.get(start + _ROTATION, 0.0) != 0.0:
             turn = "Turn the part frame of the cell file instead"
             raise refuse(f"the work offset {name} is rotated", start + _ROTATION, "0 deg", turn)
-    if found.get(_G92_IN_FORCE, 0.0) != 0.0:
+    if parameters.get(_G92_IN_FORCE, 0.0) != 0.0:
         raise refuse("an offset by G92 is in force", _G92_IN_FORCE, "0", "Clear it on the machine with G92.1")
-    if found.get(_ACTIVE, 1.0) != 1.0:
+    if parameters.get(_ACTIVE, 1.0) != 1.0:
         what = "the machine stands in another work offset than G54"
         raise refuse(what, _ACTIVE, "1 (G54)", "Select G54 on the machine, or set it in the file")
 

@@ -74,10 +74,10 @@ class Parameters:
 
     def leave(self) -> None:
         """Close it; the caller's ``#1`` ... ``#30`` come back."""
-        _, kept = self._scopes.pop()
+        _, saved = self._scopes.pop()
         for index in range(1, ARGUMENTS + 1):
             self._values.pop(index, None)
-        self._values.update(kept)
+        self._values.update(saved)
 
     def returned(self, value: float | None) -> None:
         """Store what a subroutine returned in ``#<_value>`` and whether it did in ``#<_value_returned>``."""

@@ -187,8 +187,8 @@ def read_gcode_file(
     folder = file.parent
 
     def include(label: str) -> str | None:
-        beside = folder / f"{label}.ngc"
-        return _text(beside)[0] if beside.parent == folder and beside.is_file() else None
+        neighbour = folder / f"{label}.ngc"
+        return _text(neighbour)[0] if neighbour.parent == folder and neighbour.is_file() else None
 
     text, encoding = _text(file)
     program = read_gcode(

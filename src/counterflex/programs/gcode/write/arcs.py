@@ -118,10 +118,10 @@ def _emit_pieces(
 
 def _edit_words(line: WrittenLine, code: str, words: dict[str, str], keep_turns: bool) -> None:
     """Put centre or radius words on the source's line, or turn it into a straight move."""
-    kept = line.taken_elsewhere()
+    reserved = line.taken_elsewhere()
     for word in line.words:
         stale = word.letter in "IJKR" and word.letter not in words
-        if stale or (word.letter == "P" and word.letter not in kept and not (keep_turns and words)):
+        if stale or (word.letter == "P" and word.letter not in reserved and not (keep_turns and words)):
             line.remove(word)
         elif word.letter == "G" and word.value in (2.0, 3.0) and not words:
             line.replace(word, code)

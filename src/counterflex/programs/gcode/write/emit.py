@@ -171,8 +171,8 @@ class Emitter(WrittenMachine):
                 self.hold_feed(line, modal, motion.feed_m_s, float(factors[0]))
                 self.lines.append(line.render())
             else:
-                held = self.hold_feed(None, modal, motion.feed_m_s, float(factors[step]))
-                self.lines.append(prefix + self.added(modal, rows.command[row]) + feeds[step] + held)
+                feed_word = self.hold_feed(None, modal, motion.feed_m_s, float(factors[step]))
+                self.lines.append(prefix + self.added(modal, rows.command[row]) + feeds[step] + feed_word)
             self.written[row] = self.here()
         self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
         self.arrive(index, motion)
@@ -236,9 +236,9 @@ class Emitter(WrittenMachine):
             self.arrive(i, motions[i])
 
     def _expand(self, block: Block, line: WrittenLine, indices: range) -> None:
-        kept = line.taken_elsewhere()
+        reserved = line.taken_elsewhere()
         for word in line.words:
-            of_motion = word.letter in "XYZRLPQIJK" and word.letter not in kept
+            of_motion = word.letter in "XYZRLPQIJK" and word.letter not in reserved
             if of_motion or (word.letter == "G" and word.value in _WRITTEN_OUT):
                 line.remove(word)
         stop = self.stop_word(line)
@@ -288,8 +288,8 @@ class Emitter(WrittenMachine):
         dwells = index + 1 < block.first_motion + block.motion_count and motions[index + 1].kind == "dwell"
         return not self._exact and not dwells and block.modal.motion in _CYCLE_NAMES
 
-    def _spindle(self, block: Block, turning: bool, wanted: bool) -> bool:
+    def _spindle(self, block: Block, turning: bool, requested: bool) -> bool:
         """Stop or restart the spindle inside a cycle (G86)."""
-        if turning != wanted:
-            self.lines.append("M5" if not wanted else "M4" if block.modal.spindle_rpm < 0.0 else "M3")
-        return wanted
+        if turning != requested:
+            self.lines.append("M5" if not requested else "M4" if block.modal.spindle_rpm < 0.0 else "M3")
+        return requested

@@ -169,8 +169,8 @@ def _short_enough(line: str, program: Program) -> list[str]:
 
 def _header(program: Program, tolerance_m: float, cell: str, job: str) -> list[str]:
     def plain(text: str) -> str:
-        kept = "".join(c for c in text if 32 <= ord(c) < 127 and c not in "()%;")
-        return kept[:120]
+        printable = "".join(c for c in text if 32 <= ord(c) < 127 and c not in "()%;")
+        return printable[:120]
 
     lines = [
         f"(made by counterflex {__version__} from {plain(program.name)})",

@@ -53,7 +53,7 @@ def _twice(place: str, what: str, variable: str) -> Finding:
     return Finding("two-writers", "error", place, what, variable, "a variable of its own for each", "Take a free index")
 
 
-def heard(setup: Setup) -> Iterator[Finding]:
+def variables_read(setup: Setup) -> Iterator[Finding]:
     """The program acts on FeedHold, and waits for nothing that nobody writes."""
     if setup.program is None or setup.context is None:
         return
@@ -115,4 +115,4 @@ def monitored_values(setup: Setup) -> Iterator[Finding]:
             )
 
 
-RULES: Final[tuple[Rule, ...]] = (one_writer, heard, monitored_values)
+RULES: Final[tuple[Rule, ...]] = (one_writer, variables_read, monitored_values)
