@@ -24,6 +24,7 @@ from counterflex.files.logs.run_log import RunLog
 from counterflex.protocols.system.machine import Machine
 from counterflex.protocols.system.realtime import Granted
 from counterflex.runtime import record_ring as record
+from counterflex.runtime.cycle_inputs import CycleInputs
 
 HEAVY = ("rich", "numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")
 
@@ -150,7 +151,7 @@ def run_log(folder: Path) -> None:
     loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
     rows = np.zeros((10, record.WIDTH))
     for row in rows:
-        loop.feed(T_part_tcp=np.eye(4), q=np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0]))
+        loop.feed(CycleInputs(T_part_tcp=np.eye(4), q=np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])))
         loop.run()
         row[record.GIVEN : record.MONITOR] = np.r_[*loop.inputs, *loop.answers]
         row[record.MONITOR :] = np.r_[*loop.monitor.columns[1:], loop.cycle]

@@ -24,6 +24,7 @@ from counterflex.files.logs.segments import read_log, read_segment
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose, rotation
 from counterflex.runtime import record_ring as record
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
 from counterflex.runtime.state.memory_layout import Arrays, Layout, layout_of, words_of
@@ -48,12 +49,14 @@ def cycles(loop: Loop, states: dict[int, LoopState] | None = None, *, backwards:
     out = np.zeros((CYCLES, WIDTH))
     for k in range(CYCLES):
         loop.feed(
-            T_part_tcp=pose.make(rotation.about_x(np.pi), np.array([1e-4 * k, 0.0, 0.0])),
-            q=np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0]),
-            w_tcp_part=np.r_[0.0, 200.0, -50.0, 0.0, 0.0, 0.0] + rng.standard_normal(6),
-            arm=k == 2,
-            enable=k > 10,
-            soft=Cause.FORCE_INVALID if 150 <= k < 160 else Cause.NONE,
+            CycleInputs(
+                T_part_tcp=pose.make(rotation.about_x(np.pi), np.array([1e-4 * k, 0.0, 0.0])),
+                q=np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0]),
+                w_tcp_part=np.r_[0.0, 200.0, -50.0, 0.0, 0.0, 0.0] + rng.standard_normal(6),
+                arm=k == 2,
+                enable=k > 10,
+                soft=Cause.FORCE_INVALID if 150 <= k < 160 else Cause.NONE,
+            )
         )
         loop.run()
         out[k, :5] = 4 * k, 1e9 + 4e6 * k, 1e9 + 4e6 * k + 2e4 + 100 * k, 1, 28

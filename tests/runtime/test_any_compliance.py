@@ -18,6 +18,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.model.description import ElasticRegion
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.state.supervisor import State
 from counterflex.validation.faults.demonstration import demo_cell, force_only
@@ -38,11 +39,13 @@ def corrected(chain: ElasticChain, q: Float) -> tuple[list[State], Float]:
     states, sent = [], []
     for k in range(CYCLES):
         loop.feed(
-            T_part_tcp=pose.make(rotation.about_x(np.pi), np.array([1e-4 * k, 0.0, 0.0])),
-            q=GOOD if k < ARMING else q,
-            w_tcp_part=np.r_[20.0, 5.0 * k, -50.0, 1.0, 0.0, 0.5],
-            arm=k == 2,
-            enable=k > 5,
+            CycleInputs(
+                T_part_tcp=pose.make(rotation.about_x(np.pi), np.array([1e-4 * k, 0.0, 0.0])),
+                q=GOOD if k < ARMING else q,
+                w_tcp_part=np.r_[20.0, 5.0 * k, -50.0, 1.0, 0.0, 0.5],
+                arm=k == 2,
+                enable=k > 5,
+            )
         )
         loop.run()
         states.append(State(int(loop.state)))

@@ -10,6 +10,7 @@ import pytest
 import counterflex
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import ForceMode, OnlineSettings
@@ -42,7 +43,7 @@ class Program:
         w = np.zeros(6)
         w[:3] = FORCE if CUT[0] < self.x < CUT[1] and moves else 0.0
         T = pose.make(R, np.array([self.x, 0.0, 0.0]))
-        self.loop.feed(T_part_tcp=T, q=Q, w_tcp_part=w, enable=enable, arm=arm, reset=reset)
+        self.loop.feed(CycleInputs(T_part_tcp=T, q=Q, w_tcp_part=w, enable=enable, arm=arm, reset=reset))
         self.loop.run()
         return self.loop.state
 

@@ -17,6 +17,7 @@ from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.compliance import deflection
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.override_kernel import falling
@@ -84,7 +85,7 @@ def mill(override: OverrideSettings | None, pressing: float = 1.0) -> tuple[floa
     loop = Loop(CELL.chain, ONLINE, CELL.T_base_part, slot(), override=override)
     start = pose.make(R, np.zeros(3))
     for arm, enable in ((False, False), (True, False), (False, True)):
-        loop.feed(T_part_tcp=start, q=Q, arm=arm, enable=enable)
+        loop.feed(CycleInputs(T_part_tcp=start, q=Q, arm=arm, enable=enable))
         loop.run()
     plan, robot = slot(), Robot()
     errors, speeds = [], []
@@ -95,7 +96,7 @@ def mill(override: OverrideSettings | None, pressing: float = 1.0) -> tuple[floa
         force = np.array([np.interp(x, plan.p_part[:, 0], plan.w_tcp_part[:, k]) for k in range(6)])
         force *= pressing * speed**EXPONENT
         there = bend(force) + robot(loop.correction[:3])
-        loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=force, enable=True)
+        loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=force, enable=True))
         loop.run()
         errors.append(np.linalg.norm(there[1:]))
         speeds.append(speed)
@@ -167,7 +168,7 @@ def test_a_force_near_its_limit_slows_down() -> None:
 def test_nothing_is_asked_for_while_only_watching() -> None:
     loop = Loop(CELL.chain, ONLINE, CELL.T_base_part, slot(), override=WISH)
     for x in np.arange(0.0, 0.12, FEED * T):
-        loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=np.zeros(6))
+        loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=np.zeros(6)))
         loop.run()
         assert loop.monitor.speed == 1.0
         assert loop.monitor.outcome.slowed == 0

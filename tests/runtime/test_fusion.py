@@ -20,6 +20,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.elasticity.compliance import deflection
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.estimator import fusion_kernel as fk
 from counterflex.runtime.estimator.fusion import FusionTuning, Source, level
 from counterflex.runtime.loop import Loop
@@ -243,13 +244,15 @@ class Bench:
         inputs.setdefault("force_age", 0 if force else 99)
         inputs.setdefault("tracker_age", 0 if late is not None else 10_000)
         self.loop.feed(
-            T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])),
-            q=inputs.pop("q", Q),
-            w_tcp_part=w + np.r_[5.0 * self.rng.standard_normal(3), np.zeros(3)] if force else None,
-            T_part_actual=T_part_actual,
-            tracker_late_s=when,
-            sources=has,
-            **inputs,
+            CycleInputs(
+                T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])),
+                q=inputs.pop("q", Q),
+                w_tcp_part=w + np.r_[5.0 * self.rng.standard_normal(3), np.zeros(3)] if force else None,
+                T_part_actual=T_part_actual,
+                tracker_late_s=when,
+                sources=has,
+                **inputs,
+            )
         )
         self.loop.run()
         self._sent.append(self.loop.correction[:3].copy())
@@ -421,11 +424,13 @@ def test_what_the_program_contains_is_not_corrected_again() -> None:
         p = np.array([x, *(-bent[1:] * cut)])
         actual = p + 1.1 * bent * cut
         loop.feed(
-            T_part_tcp=pose.make(R, p),
-            q=Q,
-            w_tcp_part=FORCE * cut,
-            T_part_actual=pose.make(R, actual),
-            tracker_late_s=0.0,
+            CycleInputs(
+                T_part_tcp=pose.make(R, p),
+                q=Q,
+                w_tcp_part=FORCE * cut,
+                T_part_actual=pose.make(R, actual),
+                tracker_late_s=0.0,
+            )
         )
         loop.run()
     wanted = loop.result.wanted[:3]
@@ -439,7 +444,9 @@ def test_gains_per_direction_hold_along_their_direction_only() -> None:
         options = chosen(force=ForceMode.MEASURED, proportional=gains, normal_only=False)
         loop = Loop(CELL.chain, options, CELL.T_base_part, straight())
         for k in range(300):
-            loop.feed(T_part_tcp=pose.make(R, np.array([0.05 + STEP * k, 0.0, 0.0])), q=Q, w_tcp_part=FORCE)
+            loop.feed(
+                CycleInputs(T_part_tcp=pose.make(R, np.array([0.05 + STEP * k, 0.0, 0.0])), q=Q, w_tcp_part=FORCE)
+            )
             loop.run()
         found[gains] = loop.result.wanted[:3].copy()
     np.testing.assert_allclose(found[(1.0, 0.5, 1.0)], found[1.0] * [1.0, 0.5, 1.0], rtol=1e-9)

@@ -20,6 +20,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import forward, jacobian
 from counterflex.robot.elasticity.compliance import deflection
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility.kernel import DOUBT_IDLE
@@ -53,7 +54,7 @@ def armed(plan: LoopPlan | None, chosen: OnlineSettings) -> Loop:
     loop = Loop(CELL.chain, chosen, CELL.T_base_part, plan)
     start = pose.make(R, np.zeros(3))
     for arm, enable in ((False, False), (True, False), (False, True)):
-        loop.feed(T_part_tcp=start, q=Q, arm=arm, enable=enable)
+        loop.feed(CycleInputs(T_part_tcp=start, q=Q, arm=arm, enable=enable))
         loop.run()
     assert loop.state == State.ACTIVE
     return loop
@@ -61,7 +62,9 @@ def armed(plan: LoopPlan | None, chosen: OnlineSettings) -> Loop:
 
 def mill(loop: Loop, x: float, w: Float | None = None, **inputs: Any) -> Float:
     given = np.zeros(6) if w is None else w
-    loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=given, enable=True, **inputs)
+    loop.feed(
+        CycleInputs(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=given, enable=True, **inputs)
+    )
     loop.run()
     return loop.correction.copy()
 
@@ -95,7 +98,7 @@ def test_a_part_that_stands_askew_about_two_axes_is_corrected_in_its_own_frame(t
     R_base_part = T_base_part[:3, :3]
     loop = Loop(CELL.chain, OnlineSettings(force=ForceMode.MEASURED, **WIDE), T_base_part, straight())
     for arm, enable in ((False, False), (True, False), (False, True)):
-        loop.feed(T_part_tcp=pose.make(R, np.zeros(3)), q=Q, arm=arm, enable=enable)
+        loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.zeros(3)), q=Q, arm=arm, enable=enable))
         loop.run()
     for k in range(400):
         found = mill(loop, 0.05 + 1e-4 * k, w)
@@ -115,7 +118,7 @@ def test_a_turned_correction_is_turned_into_axis_angles_of_a_part_askew(turns: t
     chosen = OnlineSettings(force=ForceMode.MEASURED, orientation=True, **WIDE)
     loop = Loop(CELL.chain, chosen, T_base_part, straight())
     for arm, enable in ((False, False), (True, False), (False, True)):
-        loop.feed(T_part_tcp=pose.make(R, np.zeros(3)), q=Q, arm=arm, enable=enable)
+        loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.zeros(3)), q=Q, arm=arm, enable=enable))
         loop.run()
     for k in range(400):
         found = mill(loop, 0.05 + 1e-4 * k, six((-150.0, 400.0, -80.0)))
@@ -269,7 +272,7 @@ def test_what_the_program_already_contains_is_not_corrected_again() -> None:
         x = 1e-4 * k
         inside = 0.03 < x < 0.17
         p = np.array([x, *(-bent[1:] if inside else (0.0, 0.0))])
-        loop.feed(T_part_tcp=pose.make(R, p), q=Q, w_tcp_part=six((0.0, 360.0 * inside, 0.0)), enable=True)
+        loop.feed(CycleInputs(T_part_tcp=pose.make(R, p), q=Q, w_tcp_part=six((0.0, 360.0 * inside, 0.0)), enable=True))
         loop.run()
     assert loop.correction[1] == pytest.approx(-0.2 * bent[1], rel=0.05)
 

@@ -10,6 +10,7 @@ from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW
 from counterflex.runtime.monitoring.settings import MonitorSettings
+from counterflex.runtime.state.planned import PLAN
 
 # First word of each array of then: fast samples 0, results 7, their bits 37, state 41, its counters 149, speed 172,
 # work space 174, memory of the fast samples 190, its counters 274.
@@ -66,7 +67,7 @@ def test_words_stand_where_older_logs_have_them(name: str) -> None:
 def test_a_loops_hash_is_over_the_arrays_of_older_logs() -> None:
     """Reals, whole numbers, limits of the speed, plan; without what samples and energies are kept over."""
     override = OverrideSettings(tolerance_m=1e-4, least=0.3, change_per_s=0.5)
-    monitor = Monitor(MonitorSettings(), override, np.zeros((5, 3)), None, 5e-3, 2e-3)
+    monitor = Monitor(MonitorSettings(), override, records(PLAN, 5), None, 5e-3, 2e-3)
     numbers = list(monitor.numbers())
     assert [(n.dtype.str, n.shape) for n in numbers] == [
         ("<f8", (21,)),

@@ -17,6 +17,7 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.compliance import deflection
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility import kernel as pk
@@ -100,12 +101,14 @@ class Plant:
         inputs.setdefault("arm", self.k == 70)
         inputs.setdefault("tracker_age", 0 if tracked else 5)
         self.loop.feed(
-            T_part_tcp=pose.make(R, nominal),
-            q=Q,
-            w_tcp_part=np.r_[force, np.zeros(3)] + np.r_[2.0 * self.rng.standard_normal(3), np.zeros(3)],
-            T_part_actual=pose.make(R, actual) if tracked else None,
-            T_part_reported=pose.make(R, nominal + self.y) if reports else None,
-            **inputs,
+            CycleInputs(
+                T_part_tcp=pose.make(R, nominal),
+                q=Q,
+                w_tcp_part=np.r_[force, np.zeros(3)] + np.r_[2.0 * self.rng.standard_normal(3), np.zeros(3)],
+                T_part_actual=pose.make(R, actual) if tracked else None,
+                T_part_reported=pose.make(R, nominal + self.y) if reports else None,
+                **inputs,
+            )
         )
         self.loop.run()
         self.k += 1

@@ -18,6 +18,7 @@ from counterflex.core.records import Record, records
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.events import Event
@@ -279,7 +280,7 @@ def active(reaction: dict[Event, Reaction] | None = None, arm: bool = True, **ch
     loop = Loop(CELL.chain, wide, CELL.T_base_part, slot(), monitor=chosen)
     start = pose.make(R, np.zeros(3))
     for given_arm, enable in ((False, False), (arm, False), (False, True)):
-        loop.feed(T_part_tcp=start, q=Q, arm=given_arm, enable=enable)
+        loop.feed(CycleInputs(T_part_tcp=start, q=Q, arm=given_arm, enable=enable))
         loop.run()
     return loop
 
@@ -296,7 +297,7 @@ def mill(
         for k in range(3):
             w[k] = factor * np.interp(x, plan.p_part[:, 0], plan.w_tcp_part[:, k])
         w[:3] += rng.standard_normal(3)
-        loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
+        loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True))
         loop.run()
         met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
         if obey and loop.result.feed_hold:
@@ -330,7 +331,7 @@ def test_overload_holds_the_feed_until_a_person_resets() -> None:
     held = pose.make(R, loop.given.nominal[9:].copy())
     stopped = 0
     for _ in range(700):  # longer than a hold may last: the correction has gone, the feed is held all the same
-        loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True)
+        loop.feed(CycleInputs(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True))
         loop.run()
         assert loop.result.feed_hold == 1
         stopped += int(loop.result.stop)
@@ -338,10 +339,10 @@ def test_overload_holds_the_feed_until_a_person_resets() -> None:
     assert stopped == loop.settings.supervisor.stop  # and the program is told to stop once the correction has gone
     assert loop.result.feed_hold == 1
     assert loop.result.soft == Cause.PROCESS_OVERLOAD
-    loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True, reset=True)
+    loop.feed(CycleInputs(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True, reset=True))
     loop.run()
     for _ in range(3):
-        loop.feed(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True)
+        loop.feed(CycleInputs(T_part_tcp=held, q=Q, w_tcp_part=np.zeros(6), enable=True))
         loop.run()
     assert loop.result.feed_hold == 0
     assert loop.monitor.events == ()
@@ -369,7 +370,7 @@ def test_a_feed_that_stands_still_is_no_missing_cut() -> None:
     held = pose.make(R, np.array([0.08, 0.0, 0.0]))
     for k in range(300):
         w = np.array([-100.0, 300.0, -60.0, 0.0, 0.0, 0.0]) * np.exp(-k / 10.0)
-        loop.feed(T_part_tcp=held, q=Q, w_tcp_part=w, enable=True)
+        loop.feed(CycleInputs(T_part_tcp=held, q=Q, w_tcp_part=w, enable=True))
         loop.run()
         assert loop.monitor.outcome.new == 0
 
@@ -392,7 +393,7 @@ def shaken(amplitude_n: float, hz: float, decay_s: float = np.inf, until: float 
         cutting = w[1] > 0.0 and since > 0.0
         w[:3] += rng.standard_normal(3)
         w[1] += amplitude_n * cutting * np.sin(2.0 * np.pi * hz * since) * np.exp(-since / decay_s)
-        loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
+        loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True))
         loop.run()
         met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
     return met
@@ -418,7 +419,7 @@ def events_of_samples(signal: Float) -> set[Event]:
         w = np.zeros(6)
         w[:3] = samples[:, :3].mean(axis=0)
         loop.take(samples, 4, 4 * k)
-        loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
+        loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True))
         loop.run()
         met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
     return met
@@ -456,7 +457,7 @@ def test_inertia_out_of_the_cut_does_not_blind_the_cut() -> None:
             z = 0.9 * z - 0.1 * 86.0 * a
             w[0] += z
             w[:3] += rng.standard_normal(3)
-            loop.feed(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True)
+            loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True))
             loop.run()
             met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}
         return met

@@ -21,6 +21,7 @@ from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.runtime import record_ring as record
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.events import Event
@@ -285,7 +286,11 @@ def test_a_loop_reset_is_as_a_loop_just_made() -> None:
         for one in (used, fresh):
             bad = k in (0, 7)
             one.feed(
-                T_part_tcp=pose.make(R, np.array([1e-3 * k, np.nan if bad else 0.0, 0.0])), q=Q, w_tcp_part=np.ones(6)
+                CycleInputs(
+                    T_part_tcp=pose.make(R, np.array([1e-3 * k, np.nan if bad else 0.0, 0.0])),
+                    q=Q,
+                    w_tcp_part=np.ones(6),
+                )
             )
             one.run()
         assert used.result.tobytes() == fresh.result.tobytes()

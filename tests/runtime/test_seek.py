@@ -6,24 +6,21 @@ import numpy as np
 import pytest
 
 from counterflex.core.arrays import Float
+from counterflex.core.records import Records, records
 from counterflex.runtime.primitives.localize import (
-    PLAN_C,
-    PLAN_COLUMNS,
-    PLAN_PLAY,
-    PLAN_TIME,
-    PLAN_W,
     SEEK_ROWS,
     contained_at,
     follow,
     seek,
     wrench_at,
 )
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.step.feed_forward import add_play_compensation
 
 
-def plan_of(points: Float) -> Float:
-    plan = np.zeros((len(points), PLAN_COLUMNS))
-    plan[:, :3] = points
+def plan_of(points: Float) -> Records:
+    plan = records(PLAN, len(points))
+    plan["point"] = points
     return plan
 
 
@@ -82,20 +79,20 @@ def test_force_and_contained_correction_between_two_rows_are_linear(share: float
     rng = np.random.default_rng(5)
     x = np.cumsum(rng.uniform(0.5, 2.0, 12))
     plan = plan_of(np.stack([x, np.zeros(12), np.zeros(12)], axis=1))
-    plan[:, PLAN_TIME] = np.cumsum(rng.uniform(0.2, 0.6, 12))
-    plan[:, PLAN_W : PLAN_W + 6] = rng.standard_normal((12, 6))
-    plan[:, PLAN_C : PLAN_C + 6] = rng.standard_normal((12, 6))
-    plan[:, PLAN_PLAY : PLAN_PLAY + 3] = rng.standard_normal((12, 3))
+    plan["time"] = np.cumsum(rng.uniform(0.2, 0.6, 12))
+    plan["wrench"] = rng.standard_normal((12, 6))
+    plan["contained"] = rng.standard_normal((12, 6))
+    plan["play"] = rng.standard_normal((12, 3))
     place, w, c, play = np.array([5.0, share]), np.zeros(6), np.zeros(6), np.zeros(6)
-    wrench_at(plan, place, lead_s, PLAN_W, w)
+    wrench_at(plan, place, lead_s, False, w)
     contained_at(plan, place, c)
     add_play_compensation(plan, place, play)
-    now = np.interp(5.0 + share, np.arange(12), plan[:, PLAN_TIME])
+    now = np.interp(5.0 + share, np.arange(12), plan["time"])
     for k in range(6):
-        assert w[k] == pytest.approx(np.interp(now + lead_s, plan[:, PLAN_TIME], plan[:, PLAN_W + k]))
-        assert c[k] == pytest.approx(np.interp(now, plan[:, PLAN_TIME], plan[:, PLAN_C + k]))
+        assert w[k] == pytest.approx(np.interp(now + lead_s, plan["time"], plan["wrench"][:, k]))
+        assert c[k] == pytest.approx(np.interp(now, plan["time"], plan["contained"][:, k]))
     for k in range(3):
-        assert play[k] == pytest.approx(np.interp(now, plan[:, PLAN_TIME], plan[:, PLAN_PLAY + k]))
+        assert play[k] == pytest.approx(np.interp(now, plan["time"], plan["play"][:, k]))
 
 
 def there_and_back(laps: int) -> Float:
@@ -133,7 +130,7 @@ def test_a_robot_whose_feed_is_held_keeps_its_place_where_the_path_passes_often_
     """Ready again in the middle of the fourth lap it was thought to be on the first, and lost when it went on."""
     plan = plan_of(there_and_back(6))
     place, sweep, row = np.array([0.0, 0.0]), np.zeros(4), 3 * 401 + 200
-    x = plan[: row + 1, 0]
+    x = plan["point"][: row + 1, 0]
     for value in x:
         follow(plan, place, value, 0.0, 0.0, 200)
     before = place.copy()
@@ -141,7 +138,7 @@ def test_a_robot_whose_feed_is_held_keeps_its_place_where_the_path_passes_often_
         seek(plan, place, sweep, x[-1], 0.0, 0.0)
         follow(plan, place, x[-1], 0.0, 0.0, 200)
     np.testing.assert_array_equal(place, before)
-    worst = max(follow(plan, place, value, 0.0, 0.0, 200) for value in plan[row : row + 190, 0])
+    worst = max(follow(plan, place, value, 0.0, 0.0, 200) for value in plan["point"][row : row + 190, 0])
     assert worst < 1e-9
     for _ in range(40):
         seek(plan, place, sweep, 0.0, 0.0, 0.0)  # started anew: the robot stands at the beginning

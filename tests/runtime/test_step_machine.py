@@ -12,6 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.place import MOST_ELAPSED
@@ -60,7 +61,7 @@ class StepMachine(RuleBasedStateMachine):
         self.before, self.state_before = self.loop.correction[:3].copy(), self.loop.state
         T = pose.make(rotation.about_x(np.pi), np.array([0.05 + self.x, 0.0, 0.0]))
         w = given.pop("w", self.force)
-        self.loop.feed(T_part_tcp=T, q=Q, w_tcp_part=w, **given)
+        self.loop.feed(CycleInputs(T_part_tcp=T, q=Q, w_tcp_part=w, **given))
         self.loop.run()
         self.state = self.loop.state
         self.allowed_m = STEP_M * min(given["elapsed"], MOST_ELAPSED)

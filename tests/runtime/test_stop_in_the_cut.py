@@ -14,6 +14,7 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.primitives.history import SPAN
@@ -68,10 +69,12 @@ class Job:
         w[:3] = FORCE if cut_at(self.x) and goes else 0.0
         before = self.correction.copy()
         self.loop.feed(
-            T_part_tcp=pose.make(R, np.array([self.x, 0.0, 0.0])),
-            q=Q,
-            w_tcp_part=w,
-            **({"enable": self.enable, "stop": self.stop} | inputs),
+            CycleInputs(
+                T_part_tcp=pose.make(R, np.array([self.x, 0.0, 0.0])),
+                q=Q,
+                w_tcp_part=w,
+                **({"enable": self.enable, "stop": self.stop} | inputs),
+            )
         )
         self.loop.run()
         self.cycles += 1

@@ -13,6 +13,7 @@ from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose, rotation
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility import kernel as pk
 from counterflex.runtime.settings import ForceMode
@@ -53,10 +54,10 @@ class Tracked:
         actual = nominal[:3, 3] + self.loop.in_effect[:3] + OFF + jump + self.noise_m * self.rng.standard_normal(3)
         if not frozen:
             self.pose = pose.make(rotation.about_z(turn) @ R, actual)
-        self.loop.feed(
+        self.loop.feed(CycleInputs(
             T_part_tcp=nominal, q=Q, w_tcp_part=np.zeros(6), T_part_actual=self.pose if seen else None,
             arm=self.k == 70, enable=self.k > 80, tracker_age=0 if seen else 5, tracker_late_s=late_s,
-        )  # fmt: skip
+        ))  # fmt: skip
         self.loop.run()
         return self.loop.state
 
@@ -216,10 +217,10 @@ def test_the_estimator_holds_samples_of_any_age_and_pause_against_their_own_time
             shown[:3, 3] += robot.noise_m * robot.rng.standard_normal(3)
             poses.append(shown)
             seen = robot.k % 10 == 0 and robot.k > 25
-            robot.loop.feed(
+            robot.loop.feed(CycleInputs(
                 T_part_tcp=nominal, q=Q, w_tcp_part=np.zeros(6), T_part_actual=poses[-26] if seen else None,
                 arm=robot.k == 70, enable=robot.k > 80, tracker_age=0 if seen else 5, tracker_late_s=0.1,
-            )  # fmt: skip
+            ))  # fmt: skip
             robot.loop.run()
 
     seldom(1000, 0.0)

@@ -18,6 +18,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.timing import ChannelTimingTable, TimingTable
 from counterflex.geometry import pose, rotation
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import Delays, OnlineSettings
@@ -60,7 +61,7 @@ def running(settings: OnlineSettings, plan: LoopPlan | None = None) -> Loop:
     loop = Loop(CELL.chain, settings, CELL.T_base_part, line() if plan is None else plan)
     start = pose.make(R, np.zeros(3))
     for arm, enable in ((False, False), (True, False), (False, True)):
-        loop.feed(T_part_tcp=start, q=Q, T_part_actual=start, arm=arm, enable=enable)
+        loop.feed(CycleInputs(T_part_tcp=start, q=Q, T_part_actual=start, arm=arm, enable=enable))
         loop.given.tracker_late = 0.0
         loop.run()
     assert loop.state == State.ACTIVE
@@ -73,7 +74,9 @@ def cycle(
     """One cycle at ``x`` with the tool ``off`` and turned about z from where it should be."""
     nominal = pose.make(R, np.array([x, 0.0, 0.0]))
     actual = pose.make(rotation.about_z(turn) @ R, nominal[:3, 3] + (np.zeros(3) if off is None else off))
-    loop.feed(T_part_tcp=nominal, q=Q, T_part_actual=actual if seen else None, enable=True, tracker_age=age)
+    loop.feed(
+        CycleInputs(T_part_tcp=nominal, q=Q, T_part_actual=actual if seen else None, enable=True, tracker_age=age)
+    )
     loop.given.tracker_late = 0.0
     loop.run()
     return loop.correction.copy()
@@ -101,7 +104,7 @@ def test_a_lost_telegram_does_not_show_in_the_speed() -> None:
         gone = 2 if n % 7 == 0 else 1
         k += gone
         nominal = pose.make(R, np.array([0.01 * T * k, 0.0, 0.0]))
-        loop.feed(T_part_tcp=nominal, q=Q, T_part_actual=nominal, enable=True, elapsed=gone)
+        loop.feed(CycleInputs(T_part_tcp=nominal, q=Q, T_part_actual=nominal, enable=True, elapsed=gone))
         loop.given.tracker_late = 0.0
         loop.run()
         if n > 250:
@@ -169,7 +172,7 @@ def test_what_was_summed_up_is_gone_when_the_correction_is_armed_anew() -> None:
     assert loop.correction[1] < -10e-6
     start = pose.make(R, np.zeros(3))
     for arm in [False] * 300 + [True]:
-        loop.feed(T_part_tcp=start, q=Q, T_part_actual=start, arm=arm)
+        loop.feed(CycleInputs(T_part_tcp=start, q=Q, T_part_actual=start, arm=arm))
         loop.given.tracker_late = 0.0
         loop.run()
     assert loop.state == State.ARMED
@@ -233,10 +236,10 @@ def test_a_stamped_sample_is_held_against_where_the_tool_was_then(late: int) -> 
     v = 0.03
     for k in range(60):
         seen = pose.make(R, np.array([v * T * max(0, k - late), 0.0, 0.0]))
-        loop.feed(
+        loop.feed(CycleInputs(
             T_part_tcp=pose.make(R, np.array([v * T * k, 0.0, 0.0])),
             q=Q, T_part_actual=seen, tracker_late_s=late * T, enable=True,
-        )  # fmt: skip
+        ))  # fmt: skip
         loop.run()
     assert loop.state == State.ACTIVE
     assert np.abs(loop.correction[:3]).max() < 1.0 * UM
@@ -247,6 +250,6 @@ def test_an_unstamped_late_sample_is_a_deviation_pair() -> None:
     for k in range(60):
         seen = pose.make(R, np.array([0.03 * T * max(0, k - 7), 0.0, 0.0]))
         nominal = pose.make(R, np.array([0.03 * T * k, 0.0, 0.0]))
-        loop.feed(T_part_tcp=nominal, q=Q, T_part_actual=seen, tracker_late_s=0.0, enable=True)
+        loop.feed(CycleInputs(T_part_tcp=nominal, q=Q, T_part_actual=seen, tracker_late_s=0.0, enable=True))
         loop.run()
     assert np.abs(loop.correction[:3]).max() > 20.0 * UM

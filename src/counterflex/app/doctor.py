@@ -30,6 +30,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import Machine, look, processor_times
 from counterflex.protocols.system.realtime import Granted, prepare
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RING_BYTES, WIDTH, RecordRing
@@ -114,7 +115,7 @@ def feed(loop: Loop, k: int) -> None:
     if k < _START:
         T = pose.make(rotation.about_x(np.pi), np.array([x, 0.0, 0.0]))
         force = np.array([45.0, 260.0, -65.0, 0.0, 0.0, 0.0])
-        loop.feed(T_part_tcp=T, q=_Q, w_tcp_part=force, T_part_actual=T, arm=k == 2, enable=k > 4)
+        loop.feed(CycleInputs(T_part_tcp=T, q=_Q, w_tcp_part=force, T_part_actual=T, arm=k == 2, enable=k > 4))
     else:
         loop.given.nominal[9] = loop.given.actual[9] = x
     loop.run()

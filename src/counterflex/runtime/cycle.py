@@ -32,6 +32,7 @@ from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.plausibility.before_and_after import after_step, before_step
 from counterflex.runtime.plausibility.force_step import believe_force
 from counterflex.runtime.state.loop_record import LOOP
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.step.axis_play_kernel import PLAY, PLAYED, play_after
 from counterflex.runtime.step.step import step
 
@@ -46,6 +47,12 @@ ARRAYS: Final = addresses(
 """Arrays beside the loop's record: the plan; chain, results and work arrays of the elastic step; coefficients of the
 force filter, and its memory, ring and place for the measured wrench and the predicted one; AxisPlay.arrays;
 Monitor.records."""
+
+
+@kernel("Plan[::1](Arrays)", Plan=PLAN, Arrays=ARRAYS)
+def _plan(table: Record) -> Records:
+    out: Records = carray(to_pointer(table.plan.place), (table.plan.rows,), PLAN)
+    return out
 
 
 @kernel("Elastic(Arrays)", Arrays=ARRAYS, Elastic=ELASTIC)
@@ -102,7 +109,7 @@ def cycle(loops: Records, tables: Records) -> None:
     loop, table = loops[0], tables[0]
     given, settings, state, ring, result = loop.given, loop.settings, loop.state, loop.ring[:], loop.result
     limits, tests, work = loop.limits, loop.tests, loop.work
-    plan, place, elastic = matrix(table.plan), state.place[:], _elastic(table)
+    plan, place, elastic = _plan(table), state.place[:], _elastic(table)
     watched, monitors, memories = _watched_plan(table), _monitor_settings(table), _monitor_memory(table)
     monitor, monitored = monitors[0], memories[0]
     hand_over(monitored, given)

@@ -11,20 +11,21 @@ from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import compile_stated
-from counterflex.core.records import as_reals, as_words, attributes, reals_and_words, records
+from counterflex.core.records import Records, as_reals, as_words, attributes, reals_and_words, records
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.records import STEP, WORK
 from counterflex.runtime.cycle import ARRAYS, cycle, take_fast
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_limits, pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.settings import MonitorSettings, unwatched
-from counterflex.runtime.primitives.localize import PLAN_COLUMNS
 from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.state.loop_record import LOOP
 from counterflex.runtime.state.memory_layout import Layout, layout_before, layout_of, put_words
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.axis_play import AxisPlay
 from counterflex.runtime.step.axis_play_kernel import PLAY, PLAYED
@@ -96,7 +97,7 @@ class Loop:
             plan = plan.at_speeds(settings, override, monitor.exponent)
         self._chain = chain.compact
         m = len(self._chain.stations) - 1
-        self._plan = np.zeros((2, PLAN_COLUMNS)) if plan is None else plan.packed()
+        self._plan = records(PLAN, 2) if plan is None else plan.packed()
         self._loop = loop = records(LOOP)
         self.given, self.result, self.step_state, self.tests = (
             loop[name][0] for name in ("given", "result", "state", "tests")
@@ -226,70 +227,27 @@ class Loop:
         """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
         take_fast(self._loop, self._table.rows, samples, count, number)
 
-    def feed(  # noqa: PLR0913 - a keyword for each field of the record that it fills
-        self,
-        *,
-        T_part_tcp: Float,
-        q: Float,
-        w_tcp_part: Float | None = None,
-        T_part_actual: Float | None = None,
-        T_part_reported: Float | None = None,
-        elapsed: int = 1,
-        force_age: int = 0,
-        tracker_age: int = 0,
-        healthy: bool = True,
-        arm: bool = False,
-        enable: bool = False,
-        stop: bool = False,
-        reset: bool = False,
-        soft: Cause = Cause.NONE,
-        hard: Cause = Cause.NONE,
-        sources: Source = Source.FORCE | Source.TRACKER,
-        tracker_late_s: float | None = None,
-        tracker_sigma_m: float = 0.0,
-        torque: Float | None = None,
-    ) -> None:
-        """Fill the inputs of a cycle; for tests, replays and experiments.
-
-        Args:
-            T_part_tcp: (4, 4) commanded pose without correction.
-            q: (6,) rad.
-            w_tcp_part: (6,) wrench of the process about the TCP, part axes; None leaves the last one.
-            T_part_actual: (4, 4) measured pose; None where there is none in this cycle.
-            T_part_reported: (4, 4) pose that the controller itself reports, correction included; None: it does not.
-            elapsed: Cycles since the last telegram; 0 where none came.
-            force_age: Cycles since the last good force.
-            tracker_age: Cycles since the last good tracker sample.
-            healthy: Telegrams, sensors and self-tests are good.
-            arm: The operator arms.
-            enable: The robot program wants the correction.
-            stop: Stop.
-            reset: The operator resets a fault.
-            soft: Cause of a hold found elsewhere.
-            hard: Cause of a fault found elsewhere.
-            sources: What the cell has beside the plan, for the estimator.
-            tracker_late_s: Time from the measurement of ``T_part_actual`` to now; None is the identified one.
-            tracker_sigma_m: Standard deviation that the tracker states; 0 where it does not.
-            torque: (6,) N m, torque of the process about the axes from motor currents; None where there are none.
-        """
+    def feed(self, inputs: CycleInputs) -> None:
+        """Fill the inputs of a cycle; for tests, replays and experiments."""
         given = self.given
-        _put_pose(given.nominal, T_part_tcp)
-        given.q[:] = q
-        if w_tcp_part is not None:
-            given.wrench[:] = w_tcp_part
-        if T_part_actual is not None:
-            _put_pose(given.actual, T_part_actual)
-        if T_part_reported is not None:
-            _put_pose(given.reported, T_part_reported)
-        new = int(T_part_actual is not None)
-        given.tracker_late = -1.0 if tracker_late_s is None else tracker_late_s
-        given.tracker_sigma = tracker_sigma_m
-        if torque is not None:
-            given.torque[:] = torque
+        _put_pose(given.nominal, inputs.T_part_tcp)
+        given.q[:] = inputs.q
+        if inputs.w_tcp_part is not None:
+            given.wrench[:] = inputs.w_tcp_part
+        if inputs.T_part_actual is not None:
+            _put_pose(given.actual, inputs.T_part_actual)
+        if inputs.T_part_reported is not None:
+            _put_pose(given.reported, inputs.T_part_reported)
+        new = int(inputs.T_part_actual is not None)
+        given.tracker_late = -1.0 if inputs.tracker_late_s is None else inputs.tracker_late_s
+        given.tracker_sigma = inputs.tracker_sigma_m
+        if inputs.torque is not None:
+            given.torque[:] = inputs.torque
         self.inputs[1][:] = (
-            elapsed, force_age, new, tracker_age, healthy, arm, enable, stop, reset, soft, hard, sources,
-            int(torque is None) * _NO_CURRENTS, int(T_part_reported is not None),
-        )  # fmt: skip
+            *(inputs.elapsed, inputs.force_age, new, inputs.tracker_age, inputs.healthy),
+            *(inputs.arm, inputs.enable, inputs.stop, inputs.reset, inputs.soft, inputs.hard, inputs.sources),
+            *(int(inputs.torque is None) * _NO_CURRENTS, int(inputs.T_part_reported is not None)),
+        )
 
     def run(self) -> None:
         """One cycle."""
@@ -335,8 +293,7 @@ class Loop:
         for array in (
             as_words(self._loop["settings"]),
             as_words(self._loop["limits"]),
-            self._plan,
-            *(as_words(array) for array in self._chain),
+            *(as_words(array) for array in (self._plan, *self._chain)),
             m.coefficients,
             np.array(m.ring.shape),
             *self.monitor.numbers(),
@@ -393,7 +350,7 @@ def _put_pose(out: Float, T: Float) -> None:
 
 def _monitor(
     settings: OnlineSettings,
-    path: Float,
+    path: Records,
     plan: LoopPlan | None,
     monitor: MonitorSettings,
     override: OverrideSettings | None,

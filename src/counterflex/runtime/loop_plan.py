@@ -8,23 +8,13 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.core.records import Records
+from counterflex.core.records import Records, records
 from counterflex.runtime.monitoring.override_plan import SpeedPlan, speed_plan
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.plan import monitor_plan
 from counterflex.runtime.monitoring.settings import MonitorSettings
-from counterflex.runtime.primitives.localize import (
-    PLAN_A,
-    PLAN_C,
-    PLAN_COLUMNS,
-    PLAN_CUT,
-    PLAN_P,
-    PLAN_PLAY,
-    PLAN_TIME,
-    PLAN_V,
-    PLAN_W,
-)
 from counterflex.runtime.settings import OnlineSettings
+from counterflex.runtime.state.planned import PLAN
 from counterflex.signals.ahead import Ahead
 
 
@@ -71,8 +61,8 @@ class LoopPlan:
     ahead: Ahead | None = None
     speed: Float | None = None
 
-    def packed(self) -> Float:
-        """(n, PLAN_COLUMNS) for the step, with feed directions.
+    def packed(self) -> Records:
+        """(n,) PLAN for the step, with feed directions.
 
         Raises:
             InputError: Fewer than two rows, wrong shapes, numbers that are not finite, time that runs backwards.
@@ -84,20 +74,20 @@ class LoopPlan:
         time = as_float("plan: time_s", self.time_s, (n,))
         if np.any(np.diff(time) < 0.0):
             raise InputError("time of the plan runs backwards", value=f"row {int(np.argmin(np.diff(time))) + 1}")
-        out = np.zeros((n, PLAN_COLUMNS))
-        out[:, PLAN_P : PLAN_P + 3] = p
-        out[:, PLAN_TIME] = time
-        out[:, PLAN_W : PLAN_W + 6] = as_float("plan: w_tcp_part", self.w_tcp_part, (n, 6))
+        out = records(PLAN, n)
+        out["point"] = p
+        out["time"] = time
+        out["wrench"] = as_float("plan: w_tcp_part", self.w_tcp_part, (n, 6))
         ahead = self.w_tcp_part if self.w_ahead_part is None else self.w_ahead_part
-        out[:, PLAN_A : PLAN_A + 6] = as_float("plan: w_ahead_part", ahead, (n, 6))
-        out[:, PLAN_CUT] = as_float("plan: cutting", self.cutting, (n,))
-        out[:, PLAN_C : PLAN_C + 6] = as_float("plan: contained", self.contained, (n, 6))
+        out["ahead"] = as_float("plan: w_ahead_part", ahead, (n, 6))
+        out["cut"] = as_float("plan: cutting", self.cutting, (n,))
+        out["contained"] = as_float("plan: contained", self.contained, (n, 6))
         if self.undo_play is not None:
-            out[:, PLAN_PLAY : PLAN_PLAY + 3] = as_float("plan: undo_play", self.undo_play, (n, 3))
-        step_p = np.diff(p - out[:, PLAN_C : PLAN_C + 3], axis=0)
+            out["play"] = as_float("plan: undo_play", self.undo_play, (n, 3))
+        step_p = np.diff(p - out["contained"][:, :3], axis=0)
         length = np.linalg.norm(step_p, axis=1, keepdims=True)
-        out[:-1, PLAN_V : PLAN_V + 3] = step_p / np.where(length > 0.0, length, 1.0)
-        out[-1, PLAN_V : PLAN_V + 3] = out[-2, PLAN_V : PLAN_V + 3]
+        out["direction"][:-1] = step_p / np.where(length > 0.0, length, 1.0)
+        out["direction"][-1] = out["direction"][-2]
         return out
 
     def watched(self, settings: MonitorSettings) -> Records:

@@ -20,6 +20,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import SensorTable, flange_sensor
 from counterflex.files.plan_file import read_plan
 from counterflex.geometry import pose
+from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
@@ -138,15 +139,17 @@ def mill(
         if shown is not None:
             shown[:3, 3] += 15e-6 * rng.standard_normal(3)
         loop.feed(
-            T_part_tcp=report.T_part_nominal,
-            q=report.q_command,
-            w_tcp_part=w if sensor else None,
-            force_age=0 if sensor else 1000,
-            T_part_actual=shown,
-            tracker_late_s=late,
-            arm=k == 90,
-            enable=k > 95,
-            sources=has,
+            CycleInputs(
+                T_part_tcp=report.T_part_nominal,
+                q=report.q_command,
+                w_tcp_part=w if sensor else None,
+                force_age=0 if sensor else 1000,
+                T_part_actual=shown,
+                tracker_late_s=late,
+                arm=k == 90,
+                enable=k > 95,
+                sources=has,
+            )
         )
         loop.run()
         sent = (

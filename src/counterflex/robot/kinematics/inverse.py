@@ -289,7 +289,8 @@ def _follow(
     ws = np.zeros((1, 6)) if loads is None else np.array(loads)
     done, code, axis = inverse_kernel.follow(
         chain.compact, Ts, ws, problem.gravity, problem.loaded, problem.length,
-        np.array(first.q), np.array(chain.joint_limits_rad), int(enforce), sigma_floor, q, out, axes, fault,
+        np.array(first.q), inverse_kernel.Bounds(np.array(chain.joint_limits_rad), int(enforce), float(sigma_floor)),
+        inverse_kernel.Followed(q, out, axes, fault),
     )  # fmt: skip
     if code != inverse_kernel.OK:
         raise reach_errors.path_fault(chain, Ts[done], done, code, axis, fault, sigma_floor)

@@ -9,6 +9,7 @@ vanishes with the residual, so that the iteration still ends exactly. Steps are 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -209,10 +210,40 @@ def newton(
     return False
 
 
+class Bounds(NamedTuple):
+    """What is accepted along a path.
+
+    Attributes:
+        limits: (6, 2) rad.
+        enforce: Not 0: joint limits are faults.
+        sigma_floor: Smallest singular value accepted, at the points and between them.
+    """
+
+    limits: Float
+    enforce: int
+    sigma_floor: float
+
+
+class Followed(NamedTuple):
+    """Results along a path.
+
+    Attributes:
+        q: (n, 6) rad.
+        measures: (n, 3) joint-limit margin rad, smallest singular value since the point before, ``|sin|`` of the wrist.
+        axes: (n,) axis 0..5 nearest to its limit.
+        fault: (2,) of a fault: the value, its limit's index (0 lower, 1 upper) or the threshold.
+    """
+
+    q: Float
+    measures: Float
+    axes: Int
+    fault: Float
+
+
 @kernel()
 def follow(
     chain: Compact, targets: Float, ws: Float, gravity: int, loaded: int, length: float, start: Float,
-    limits: Float, enforce: int, sigma_floor: float, out_q: Float, out: Float, axes: Int, fault: Float,
+    bounds: Bounds, followed: Followed,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Follow a path of poses on one branch, each point seeded by the one before; stops at the first fault.
 
@@ -227,18 +258,14 @@ def follow(
         loaded: See :func:`newton`.
         length: See :func:`newton`.
         start: (6,) rad near the first point.
-        limits: (6, 2) rad.
-        enforce: Not 0: joint limits are faults.
-        sigma_floor: Smallest singular value accepted, at the points and between them.
-        out_q: (n, 6) result, rad.
-        out: (n, 3) result: joint-limit margin rad, smallest singular value since the point before, ``|sin|`` of the
-            wrist.
-        axes: (n,) result: axis 0..5 nearest to its limit.
-        fault: (2,) result of a fault: the value, its limit's index (0 lower, 1 upper) or the threshold.
+        bounds: What is accepted.
+        followed: Results, written.
 
     Returns:
         Points done, how the next one ended (:data:`OK` where all are done), axis of the fault.
     """
+    limits, enforce, sigma_floor = bounds.limits, bounds.enforce, bounds.sigma_floor
+    out_q, out, axes, fault = followed.q, followed.measures, followed.axes, followed.fault
     points = targets.shape[0]
     q, measures = start.copy(), np.empty(3)
     before, here, angle = q.copy(), q.copy(), 0.0

@@ -20,12 +20,12 @@ from counterflex.runtime.estimator.fusion_kernel import (
 )
 from counterflex.runtime.estimator.idle_torque import follow_idle, less_force
 from counterflex.runtime.primitives.frames import pose_deviation
-from counterflex.runtime.primitives.history import row_at
+from counterflex.runtime.primitives.history import row_at, row_back
 from counterflex.runtime.primitives.lag_filters import lag
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.memory import PAST, STATE
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause
 
@@ -88,7 +88,7 @@ def answered(ring: Records, here: int, back: int, settings: Record, state: Recor
         settings: Of the loop.
         state: Of the step; changed.
     """
-    sent = ring[(here - back + PAST_ROWS) % PAST_ROWS]
+    sent = ring[row_back(here, back)]
     lag(sent.sent[:], settings.answer[:], state.answer_filter[:], state.in_effect[:])
 
 
@@ -223,8 +223,8 @@ def _swing(settings: Record, bent: Float, here: int, ring: Records, state: Recor
         ring: Past cycles; written.
         state: Of the step; changed.
     """
-    now, one = ring[here], ring[(here - _SPAN + PAST_ROWS) % PAST_ROWS]
-    two = ring[(here - 2 * _SPAN + PAST_ROWS) % PAST_ROWS]
+    later, earlier = row_back(here, _SPAN), row_back(here, 2 * _SPAN)
+    now, one, two = ring[here], ring[later], ring[earlier]
     square = 0.0
     for k in range(3):
         stand = now.nominal[9 + k] + now.in_effect[k]

@@ -28,7 +28,7 @@ class Monitor:
     Args:
         settings: What is watched.
         override: How the program's speed may be changed; None leaves it alone.
-        path: (n, PLAN_COLUMNS) the plan as the step has it.
+        path: (n,) PLAN the plan as the step has it.
         plan: (n,) PLAN_ROW of :func:`counterflex.runtime.monitoring.plan.monitor_plan`; None without a plan.
         off_path_m: Distance from the plan at which it is not believed.
         radius_m: Largest correction.
@@ -48,7 +48,7 @@ class Monitor:
         self,
         settings: MonitorSettings,
         override: OverrideSettings | None,
-        path: Float,
+        path: Records,
         plan: Records | None,
         off_path_m: float,
         radius_m: float,

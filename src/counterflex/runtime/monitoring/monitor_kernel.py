@@ -33,8 +33,8 @@ from counterflex.runtime.monitoring.events import EVENTS, Event
 from counterflex.runtime.monitoring.feed_frame import feed_frame
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.monitoring.wear import new_tool
-from counterflex.runtime.primitives.localize import PLAN_V
 from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause, State
 
@@ -223,15 +223,16 @@ def _reset_events(m: Record) -> None:
 
 
 @kernel(
-    "void(Given, Result, float64[::1], float64[:, ::1], PlanRow[::1], Settings[::1], Memory[::1])",
+    "void(Given, Result, float64[::1], Plan[::1], PlanRow[::1], Settings[::1], Memory[::1])",
     Given=GIVEN,
     Result=RESULT,
     PlanRow=PLAN_ROW,
     Settings=SETTINGS,
     Memory=MEMORY,
+    Plan=PLAN,
 )
 def watch(
-    given: Record, result: Record, place: Float, path: Float, plan: Records, settings: Records, memories: Records
+    given: Record, result: Record, place: Float, path: Records, plan: Records, settings: Records, memories: Records
 ) -> None:
     """One cycle; see the module and :class:`counterflex.runtime.monitoring.monitor.Monitor`, which owns the records.
 
@@ -239,7 +240,7 @@ def watch(
         given: GIVEN of the step.
         result: RESULT of the step; a feed hold that is asked for is written.
         place: (2,) on the plan, row and fraction.
-        path: (n, PLAN_COLUMNS) the plan as the step has it.
+        path: (n,) PLAN the plan as the step has it.
         plan: (n,) PLAN_ROW of :func:`counterflex.runtime.monitoring.plan.monitor_plan`.
         settings: (1,) SETTINGS.
         memories: (1,) MEMORY; changed.
@@ -252,8 +253,9 @@ def watch(
         planned = s.planned == 1 and place[0] >= 0.0 and result.path_distance <= s.off_path
         row = max(0, int(place[0])) if s.planned == 1 else 0
         here, there, u = plan[row], plan[min(row + 1, plan.shape[0] - 1)], place[1]
+        feed = path[row].direction[:]
         feed_frame(
-            path[row, PLAN_V], path[row, PLAN_V + 1], path[row, PLAN_V + 2],
+            feed[0], feed[1], feed[2],
             -given.nominal[2], -given.nominal[5], -given.nominal[8], m.directions[:], m.now.frame[:],
         )  # fmt: skip
         moved = _progress(m, s, here, there, u, given.elapsed) if planned else 0.0

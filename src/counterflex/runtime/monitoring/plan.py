@@ -15,7 +15,6 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Records, records
 from counterflex.runtime.monitoring.records import PLAN_ROW
 from counterflex.runtime.monitoring.settings import MonitorSettings
-from counterflex.runtime.primitives.localize import PLAN_CUT, PLAN_P, PLAN_TIME, PLAN_W
 
 STEADY_SHARE: Final = 0.1
 """A force is steady where its size changes by no more than this share over the time it takes to see a drop."""
@@ -100,11 +99,11 @@ def lost_tooth(teeth: Int, exponent: float) -> Float:
     return out
 
 
-def monitor_plan(plan: Float, settings: MonitorSettings, turn_per_s: Float, teeth: Int, tool: Int) -> Records:
+def monitor_plan(plan: Records, settings: MonitorSettings, turn_per_s: Float, teeth: Int, tool: Int) -> Records:
     """The plan as the monitor needs it.
 
     Args:
-        plan: (n, PLAN_COLUMNS) of :meth:`counterflex.runtime.loop.LoopPlan.packed`.
+        plan: (n,) PLAN of :meth:`counterflex.runtime.loop.LoopPlan.packed`.
         settings: Of the monitor.
         turn_per_s: (n,) spindle speed, turns per second; 0 is not known.
         teeth: (n,) of the tool; 0 is not known.
@@ -115,12 +114,12 @@ def monitor_plan(plan: Float, settings: MonitorSettings, turn_per_s: Float, teet
     """
     n = len(plan)
     out = records(PLAN_ROW, n)
-    time = np.ascontiguousarray(plan[:, PLAN_TIME])
-    cutting = plan[:, PLAN_CUT] > 0.0
+    time = np.ascontiguousarray(plan["time"])
+    cutting = plan["cut"] > 0.0
     touching = cutting.copy()
     touching[:-1] |= cutting[1:]
-    force = np.ascontiguousarray(plan[:, PLAN_W : PLAN_W + 3]) * touching[:, None]
-    step = np.linalg.norm(np.diff(plan[:, PLAN_P : PLAN_P + 3], axis=0, prepend=plan[:1, PLAN_P : PLAN_P + 3]), axis=1)
+    force = np.ascontiguousarray(plan["wrench"][:, :3]) * touching[:, None]
+    step = np.linalg.norm(np.diff(plan["point"], axis=0, prepend=plan["point"][:1]), axis=1)
     distance = np.ascontiguousarray(np.cumsum(step))
     extremes = np.empty((n, 3))
     bounds(time, distance, force, settings.follow_s, settings.timing_s, settings.place_m, extremes)

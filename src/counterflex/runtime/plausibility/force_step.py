@@ -44,10 +44,12 @@ from counterflex.runtime.plausibility.force_change import (
     zero_is_right,
 )
 from counterflex.runtime.primitives.frames import directions
+from counterflex.runtime.primitives.history import row_back
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.doubts import CUT, LIMITS, MEMORY, STEP_MOST, WORK
 from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.memory import PAST, STATE
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.supervisor import Cause, State
 
 SUSPECTED: Final = 1
@@ -81,8 +83,8 @@ _NOTHING_N: Final = 1.0
 @kernel("Tuple((float64, float64))(Past[::1], int64, float64[::1], float64)", Past=PAST)
 def _commanded_motion(ring: Records, here: int, nominal: Float, period: float) -> tuple[float, float]:
     """Way of the commanded point in the last cycles, m, and its acceleration over twice as many, m/s2."""
-    one = ring[(here - _SPAN + PAST_ROWS) % PAST_ROWS]
-    two = ring[(here - 2 * _SPAN + PAST_ROWS) % PAST_ROWS]
+    later, earlier = row_back(here, _SPAN), row_back(here, 2 * _SPAN)
+    one, two = ring[later], ring[earlier]
     square = second = 0.0
     for k in range(3):
         p, q, r = nominal[9 + k], one.nominal[9 + k], two.nominal[9 + k]
@@ -106,6 +108,12 @@ def _uneven(now: Record, before: Record) -> float:
     return 1.0 - min(now.way, before.way) / most if most > STANDS_M else 1.0
 
 
+@kernel("int64(int64, int64)")
+def _sample_back(place: int, samples: int) -> int:
+    """Row of the samples that was written some samples before row ``place``, at most STEP_MOST."""
+    return (place - samples + STEP_MOST) % STEP_MOST
+
+
 @kernel("void(Given, float64, float64, State, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Given=GIVEN, State=STATE)
 def _take(given: Record, way: float, swing_n: float, state: Record, limits: Record, memory: Record) -> None:
     """Keep a sample, and what swings on of what plan, program and force did before.
@@ -119,7 +127,7 @@ def _take(given: Record, way: float, swing_n: float, state: Record, limits: Reco
         memory: Of the tests; changed.
     """
     place, few = memory.sample_row, limits.step_few
-    row, last = memory.samples[place], memory.samples[(place - 1 + STEP_MOST) % STEP_MOST]
+    row, last = memory.samples[place], memory.samples[_sample_back(place, 1)]
     square = change = 0.0
     for k in range(6):
         row.cut.residual[k] = given.wrench[k] - state.predicted_late[k]
@@ -138,13 +146,13 @@ def _take(given: Record, way: float, swing_n: float, state: Record, limits: Reco
     planned = row.cut.planned[:]
     spread, fade = distance(state.preview[:3], planned), limits.step_fade
     for back in range(1, window):
-        old = memory.samples[(place - back + STEP_MOST) % STEP_MOST]
+        old = memory.samples[_sample_back(place, back)]
         spread = max(spread, distance(old.cut.planned[:], planned))
     memory.plan_change = max(spread, fade * memory.plan_change)
     memory.swing_n = max(swing_n, fade * memory.swing_n)
     memory.force_size = max(math.sqrt(square), fade * memory.force_size)
     # Not what belongs to the samples in which a step shows now.
-    known = memory.samples[(place - few - 1 + STEP_MOST) % STEP_MOST].change
+    known = memory.samples[_sample_back(place, few + 1)].change
     memory.residual_change = max(known, limits.step_memory * memory.residual_change)
     row.ringing = memory.residual_change
 
@@ -283,7 +291,7 @@ def _judge(
 
 
 @kernel(
-    "void(Given, Settings, float64[:, ::1], State, Past[::1], float64[::1], float64, Limits, Memory, Work)",
+    "void(Given, Settings, Plan[::1], State, Past[::1], float64[::1], float64, Limits, Memory, Work)",
     Limits=LIMITS,
     Memory=MEMORY,
     Work=WORK,
@@ -291,11 +299,12 @@ def _judge(
     Settings=SETTINGS,
     State=STATE,
     Past=PAST,
+    Plan=PLAN,
 )
 def believe_force(
     given: Record,
     settings: Record,
-    plan: Float,
+    plan: Records,
     state: Record,
     ring: Records,
     jac: Float,
@@ -313,7 +322,7 @@ def believe_force(
     Args:
         given: Inputs of the cycle; changed.
         settings: Of the loop.
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         state: Of the step; written.
         ring: Past cycles.
         jac: (36,) rigid Jacobian of the TCP in the last cycle, base axes, by rows.

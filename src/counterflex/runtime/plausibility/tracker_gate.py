@@ -33,7 +33,7 @@ from counterflex.runtime.plausibility.kernel import (
     DOUBT_STAMP,
     gap_cycles,
 )
-from counterflex.runtime.primitives.history import row_at
+from counterflex.runtime.primitives.history import row_at, row_back
 from counterflex.runtime.state.doubts import LIMITS, MEMORY
 from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
@@ -60,8 +60,8 @@ def _turned(ring: Records, here: int, v: Float) -> float:
     """Largest change of the commanded motion, m per cycle, against what it was up to 0.3 s ago."""
     most = 0.0
     for back in _LOOK_BACK:
-        later = ring[(here - back + PAST_ROWS) % PAST_ROWS]
-        earlier = ring[(here - back - 1 + PAST_ROWS) % PAST_ROWS]
+        later = ring[row_back(here, back)]
+        earlier = ring[row_back(here, back + 1)]
         square = 0.0
         for k in range(3):
             square += (v[k] - later.nominal[9 + k] + earlier.nominal[9 + k]) ** 2
@@ -179,7 +179,7 @@ def sample_doubt(
         Bits ``DOUBT_JUMP``, ``DOUBT_FROZEN``, ``DOUBT_STAMP``, or 0; REPEATED: no news, not to be used.
     """
     period = limits.period
-    before = ring[(here - 1 + PAST_ROWS) % PAST_ROWS]
+    before = ring[row_back(here, 1)]
     elapsed = max(1, given.elapsed)
     v, stands = work[:3], work[3:9]
     speed = 0.0

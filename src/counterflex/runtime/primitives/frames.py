@@ -6,7 +6,8 @@ import math
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.runtime.primitives.localize import PLAN_V
+from counterflex.core.records import Records
+from counterflex.runtime.state.planned import PLAN
 
 
 @kernel("void(float64[::1], int64, float64[::1], int64)")
@@ -57,20 +58,22 @@ def pose_deviation(actual: Float, at: int, nominal: Float, contained: Float, out
     out[3], out[4], out[5] = scale * x + contained[3], scale * y + contained[4], scale * z + contained[5]
 
 
-@kernel("void(float64[::1], int64, float64[:, ::1], int64)")
-def across(x: Float, begin: int, plan: Float, row: int) -> None:
+@kernel("void(float64[::1], int64, Plan[::1], int64)", Plan=PLAN)
+def across(x: Float, begin: int, plan: Records, row: int) -> None:
     """Take the component along the feed out of ``x[begin:begin+3]`` (Haehn2020 eq. 10-11)."""
-    a, b, c = plan[row, PLAN_V], plan[row, PLAN_V + 1], plan[row, PLAN_V + 2]
+    feed = plan[row].direction[:]
+    a, b, c = feed[0], feed[1], feed[2]
     along = x[begin] * a + x[begin + 1] * b + x[begin + 2] * c
     x[begin] -= along * a
     x[begin + 1] -= along * b
     x[begin + 2] -= along * c
 
 
-@kernel("void(float64[:, ::1], int64, float64[::1], float64[::1])")
-def directions(plan: Float, row: int, nominal: Float, frame: Float) -> None:
+@kernel("void(Plan[::1], int64, float64[::1], float64[::1])", Plan=PLAN)
+def directions(plan: Records, row: int, nominal: Float, frame: Float) -> None:
     """Unit vectors (9,): feed, tool axis cross feed, tool axis; part axes themselves where nothing moves."""
-    vx, vy, vz = plan[row, PLAN_V], plan[row, PLAN_V + 1], plan[row, PLAN_V + 2]
+    feed = plan[row].direction[:]
+    vx, vy, vz = feed[0], feed[1], feed[2]
     ax, ay, az = nominal[2], nominal[5], nominal[8]
     nx, ny, nz = ay * vz - az * vy, az * vx - ax * vz, ax * vy - ay * vx
     size = math.sqrt(nx * nx + ny * ny + nz * nz)

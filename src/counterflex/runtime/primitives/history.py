@@ -14,6 +14,12 @@ SPAN: Final = 25
 STANDS_M: Final = 20e-6
 
 
+@kernel("int64(int64, int64)")
+def row_back(here: int, cycles: int) -> int:
+    """Row of the ring that was written some cycles before row ``here``, at most PAST_ROWS."""
+    return (here - cycles + PAST_ROWS) % PAST_ROWS
+
+
 @kernel("void(Past, Past, float64, Past, Past)", Past=PAST)
 def _between(earlier: Record, later: Record, u: float, near: Record, out: Record) -> None:
     """Numbers between two cycles, at ``u`` 0..1 on the way; rotations and directions of the nearer one."""
@@ -56,7 +62,7 @@ def row_at(ring: Records, newest: int, clock: float, out: Record) -> bool:
     if clock > ring[later].clock + 1.0:
         return False
     for back in range(PAST_ROWS - 1):
-        earlier = (newest - back + PAST_ROWS) % PAST_ROWS
+        earlier = row_back(newest, back)
         stamp = ring[earlier].clock
         if stamp <= 0.0:
             return False
@@ -82,13 +88,12 @@ def moves(ring: Records, here: int, nominal: Float) -> bool:
         here: Row of this cycle; it need not be written.
         nominal: (12,) commanded pose now.
     """
-    one = ring[(here - SPAN + PAST_ROWS) % PAST_ROWS]
-    two = ring[(here - 2 * SPAN + PAST_ROWS) % PAST_ROWS]
-    three = ring[(here - 3 * SPAN + PAST_ROWS) % PAST_ROWS]
+    one, two, three = row_back(here, SPAN), row_back(here, 2 * SPAN), row_back(here, 3 * SPAN)
+    last, middle, first = ring[one], ring[two], ring[three]
     now = before = 0.0
     for k in range(9, 12):
-        now += (nominal[k] - one.nominal[k]) ** 2
-        before += (two.nominal[k] - three.nominal[k]) ** 2
+        now += (nominal[k] - last.nominal[k]) ** 2
+        before += (middle.nominal[k] - first.nominal[k]) ** 2
     return min(now, before) > STANDS_M * STANDS_M
 
 
@@ -102,7 +107,7 @@ def stands(ring: Records, here: int, nominal: Float) -> bool:
         nominal: (12,) commanded pose now, without correction.
     """
     for back in (SPAN // 2, SPAN):
-        row = ring[(here - back + PAST_ROWS) % PAST_ROWS]
+        row = ring[row_back(here, back)]
         way = 0.0
         for k in range(9, 12):
             way += (nominal[k] - row.nominal[k]) ** 2

@@ -1,6 +1,6 @@
 """Where on the planned path the robot is, and what the plan says there and a little later.
 
-A plan is an array with one row per path point; its columns are the constants ``PLAN_...`` of this module.
+A plan is an array of records, :data:`counterflex.runtime.state.planned.PLAN`, one per path point.
 """
 
 from __future__ import annotations
@@ -10,16 +10,8 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-
-PLAN_P: Final = 0  # 3: point as the program sends it, part frame, m
-PLAN_TIME: Final = 3  # planned time, s
-PLAN_V: Final = 4  # 3: unit feed direction, part axes; zero where nothing moves
-PLAN_W: Final = 7  # 6: predicted wrench on the tool about the TCP, part axes
-PLAN_CUT: Final = 13  # 1 where material is cut
-PLAN_C: Final = 14  # 6: correction that the program already contains, m and rotation vector, part axes
-PLAN_PLAY: Final = 20  # 3: correction to be sent here so that play and friction are undone in time
-PLAN_A: Final = 23  # 6: wrench whose deflection is to be commanded here, so that it is undone in time
-PLAN_COLUMNS: Final = 29
+from counterflex.core.records import Records
+from counterflex.runtime.state.planned import PLAN
 
 SEGMENTS_BACK: Final = 2
 """Segments behind the last place that are looked at."""
@@ -35,11 +27,12 @@ SEEK_ROWS: Final = 400
 """Segments that one call of :func:`seek` looks at: about 10 us."""
 
 
-@kernel("Tuple((float64, float64))(float64[:, ::1], int64, float64, float64, float64)")
-def _on_segment(plan: Float, row: int, x: float, y: float, z: float) -> tuple[float, float]:
+@kernel("Tuple((float64, float64))(Plan[::1], int64, float64, float64, float64)", Plan=PLAN)
+def _on_segment(plan: Records, row: int, x: float, y: float, z: float) -> tuple[float, float]:
     """Squared distance of a point from segment ``row`` -> ``row + 1``, and the place 0..1 of its foot."""
-    ax, ay, az = plan[row, 0], plan[row, 1], plan[row, 2]
-    bx, by, bz = plan[row + 1, 0] - ax, plan[row + 1, 1] - ay, plan[row + 1, 2] - az
+    a, b = plan[row], plan[row + 1]
+    ax, ay, az = a.point[0], a.point[1], a.point[2]
+    bx, by, bz = b.point[0] - ax, b.point[1] - ay, b.point[2] - az
     dx, dy, dz = x - ax, y - ay, z - az
     length = bx * bx + by * by + bz * bz
     u = 0.0
@@ -49,8 +42,8 @@ def _on_segment(plan: Float, row: int, x: float, y: float, z: float) -> tuple[fl
     return ex * ex + ey * ey + ez * ez, u
 
 
-@kernel("float64(float64[:, ::1], float64[::1], float64, float64, float64, int64)")
-def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int) -> float:
+@kernel("float64(Plan[::1], float64[::1], float64, float64, float64, int64)", Plan=PLAN)
+def follow(plan: Records, place: Float, x: float, y: float, z: float, window: int) -> float:
     """Bring the place on the path up to date.
 
     Looks from two segments behind the last place up to ``window`` ahead, and no farther once the distance has grown by
@@ -60,7 +53,7 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
     below zero) looks at the whole path and takes the earliest place that is as near as any.
 
     Args:
-        plan: (n, PLAN_COLUMNS), n >= 2.
+        plan: (n,) PLAN, n >= 2.
         place: (2,) row and fraction of the segment that begins there; row -1 is unknown. Changed.
         x: Commanded position, part frame, m.
         y: Likewise.
@@ -97,8 +90,8 @@ def follow(plan: Float, place: Float, x: float, y: float, z: float, window: int)
     return math.sqrt(best)
 
 
-@kernel("void(float64[:, ::1], float64[::1], float64[::1], float64, float64, float64)")
-def seek(plan: Float, place: Float, sweep: Float, x: float, y: float, z: float) -> None:
+@kernel("void(Plan[::1], float64[::1], float64[::1], float64, float64, float64)", Plan=PLAN)
+def seek(plan: Records, place: Float, sweep: Float, x: float, y: float, z: float) -> None:
     """Go on looking for the place on the whole path, some segments in a call, while the robot is not on its way yet.
 
     When the last segment has been looked at, the earliest place that was nearer than the present one is taken, and the
@@ -107,7 +100,7 @@ def seek(plan: Float, place: Float, sweep: Float, x: float, y: float, z: float) 
     path it goes to the beginning.
 
     Args:
-        plan: (n, PLAN_COLUMNS), n >= 2.
+        plan: (n,) PLAN, n >= 2.
         place: (2,) as for :func:`follow`; changed when a sweep is over.
         sweep: (4,) next row, least distance so far, its row and fraction; changed. Zeros begin.
         x: Commanded position, part frame, m.
@@ -135,15 +128,15 @@ def seek(plan: Float, place: Float, sweep: Float, x: float, y: float, z: float) 
         place[0], place[1] = sweep[2], at
 
 
-@kernel("float64(float64[:, ::1], float64[::1], float64, int64, float64[::1])")
-def wrench_at(plan: Float, place: Float, lead_s: float, column: int, w: Float) -> float:
+@kernel("float64(Plan[::1], float64[::1], float64, boolean, float64[::1])", Plan=PLAN)
+def wrench_at(plan: Records, place: Float, lead_s: float, ahead: bool, w: Float) -> float:
     """Predicted wrench some time after, or before, the present place.
 
     Args:
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         place: (2,) of :func:`follow`.
         lead_s: How much later along the plan; below zero earlier.
-        column: ``PLAN_W`` or ``PLAN_A``.
+        ahead: The wrench to be commanded there (``ahead``), not the predicted one.
         w: (6,) N, N m, part axes; written. Zero where nothing is cut.
 
     Returns:
@@ -152,21 +145,26 @@ def wrench_at(plan: Float, place: Float, lead_s: float, column: int, w: Float) -
     n = plan.shape[0]
     i = int(place[0])
     u = place[1]
-    time = plan[i, PLAN_TIME] + u * (plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]) + lead_s
-    while i < n - 2 and plan[i + 1, PLAN_TIME] < time:
+    time = plan[i].time + u * (plan[i + 1].time - plan[i].time) + lead_s
+    while i < n - 2 and plan[i + 1].time < time:
         i += 1
-    while i > 0 and plan[i, PLAN_TIME] > time:
+    while i > 0 and plan[i].time > time:
         i -= 1
-    span = plan[i + 1, PLAN_TIME] - plan[i, PLAN_TIME]
-    u = min(1.0, max(0.0, (time - plan[i, PLAN_TIME]) / span)) if span > 0.0 else 1.0
+    here, there = plan[i], plan[i + 1]
+    span = there.time - here.time
+    u = min(1.0, max(0.0, (time - here.time) / span)) if span > 0.0 else 1.0
+    first, last = here.wrench[:], there.wrench[:]
+    if ahead:
+        first, last = here.ahead[:], there.ahead[:]
     for k in range(6):
-        w[k] = (1.0 - u) * plan[i, column + k] + u * plan[i + 1, column + k]
-    return float(plan[i + 1, PLAN_CUT])
+        w[k] = (1.0 - u) * first[k] + u * last[k]
+    return float(there.cut)
 
 
-@kernel("void(float64[:, ::1], float64[::1], float64[::1])")
-def contained_at(plan: Float, place: Float, c: Float) -> None:
+@kernel("void(Plan[::1], float64[::1], float64[::1])", Plan=PLAN)
+def contained_at(plan: Records, place: Float, c: Float) -> None:
     """Correction that the program contains at the present place, (6,) written."""
     i, u = int(place[0]), place[1]
+    first, last = plan[i].contained[:], plan[i + 1].contained[:]
     for k in range(6):
-        c[k] = (1.0 - u) * plan[i, PLAN_C + k] + u * plan[i + 1, PLAN_C + k]
+        c[k] = (1.0 - u) * first[k] + u * last[k]

@@ -106,6 +106,68 @@ def _ask_the_robot(at: Record, given: Record, settings: Record, following: int, 
 
 
 @kernel(
+    "Tuple((int64, int64))(Supervisor, Supervised)",
+    Supervisor=SUPERVISOR,
+    Supervised=SUPERVISED,
+)
+def _until_active(at: Record, given: Record) -> tuple[int, int]:
+    """State and cause after IDLE, READY or ARMED."""
+    state, cause, soft = at.state, at.cause, given.soft
+    if state == _IDLE:
+        if given.healthy == 1 and given.hard == 0 and soft == 0 and given.at_zero == 1:
+            return _READY, cause if at.feed_hold == 1 else 0
+    elif state == _READY:
+        if given.healthy == 0:
+            return _IDLE, soft if soft != 0 else cause
+        free = given.arm == 1 and given.stop == 0 and soft == 0
+        if free and given.at_zero == 1 and given.enable == 0 and given.away == 0:
+            return _ARMED, 0
+    elif given.stop == 1:
+        return _READY, _OPERATOR
+    elif soft != 0:
+        return _READY, soft
+    elif given.away == 1:
+        return _READY, _ENABLE_LOST
+    elif given.enable == 1:
+        return _ACTIVE, 0
+    return state, cause
+
+
+@kernel(
+    "Tuple((int64, int64))(Supervisor, Supervised, Supervision, boolean)",
+    Supervisor=SUPERVISOR,
+    Supervised=SUPERVISED,
+    Supervision=SUPERVISION,
+)
+def _from_active(at: Record, given: Record, settings: Record, ends: bool) -> tuple[int, int]:
+    """State and cause after ACTIVE, HOLD or RAMP_OUT."""
+    state, cause, soft = at.state, at.cause, given.soft
+    # The correction moves towards zero only where the robot stands, or where nothing is cut.
+    may_ramp = given.in_cut == 0 or given.stands == 1
+    if state == _ACTIVE:
+        if soft != 0:
+            return _HOLD, soft
+        if ends:
+            following = _RAMP_OUT if may_ramp else _HOLD
+            if given.stop == 1:
+                return following, _OPERATOR
+            return following, _ENABLE_LOST if given.away == 1 else _PROGRAM
+    elif state == _HOLD:
+        may_return = (cause < _OF_PROCESS or cause >= _RUN_LOST) and at.returns < settings.returns and not ends
+        if ends and may_ramp:
+            return _RAMP_OUT, cause
+        if at.held >= settings.hold:
+            return (_RAMP_OUT, cause) if given.stands == 1 else (_FAULT, _TOO_LONG)
+        if may_return and at.good >= settings.good and soft == 0:
+            return _ACTIVE, 0
+    elif given.at_zero == 1:
+        return _READY if given.healthy == 1 else _IDLE, cause
+    elif not may_ramp:  # it goes on, or has come into the cut: held for what is left of the hold's time
+        return (_HOLD, cause) if at.held < settings.hold else (_FAULT, _TOO_LONG)
+    return state, cause
+
+
+@kernel(
     "void(Supervisor, Supervised, Supervision)",
     Supervisor=SUPERVISOR,
     Supervised=SUPERVISED,
@@ -119,65 +181,15 @@ def supervise(at: Record, given: Record, settings: Record) -> None:
         given: Inputs of the cycle.
         settings: Cycles of :class:`SupervisorSettings`.
     """
-    state, cause = at.state, at.cause
+    state, following, cause = at.state, at.state, at.cause
     soft, hard = given.soft, given.hard
-    following = state
-    # The correction moves towards zero only where the robot stands, or where nothing is cut.
-    may_ramp = given.in_cut == 0 or given.stands == 1
     ends = at.ending == 1 or given.stop == 1 or given.enable == 0
     if hard != 0 and state != _FAULT and state != _IDLE:
         following, cause = _FAULT, hard
-    elif state == _IDLE:
-        if given.healthy == 1 and hard == 0 and soft == 0 and given.at_zero == 1:
-            following = _READY
-            cause = cause if at.feed_hold == 1 else 0
-    elif state == _READY:
-        if given.healthy == 0:
-            following = _IDLE
-            cause = soft if soft != 0 else cause
-        elif (
-            given.arm == 1
-            and given.stop == 0
-            and soft == 0
-            and given.at_zero == 1
-            and given.enable == 0
-            and given.away == 0
-        ):
-            following, cause = _ARMED, 0
-    elif state == _ARMED:
-        if given.stop == 1:
-            following, cause = _READY, _OPERATOR
-        elif soft != 0:
-            following, cause = _READY, soft
-        elif given.away == 1:
-            following, cause = _READY, _ENABLE_LOST
-        elif given.enable == 1:
-            following, cause = _ACTIVE, 0
-    elif state == _ACTIVE:
-        if soft != 0:
-            following, cause = _HOLD, soft
-        elif ends:
-            following = _RAMP_OUT if may_ramp else _HOLD
-            if given.stop == 1:
-                cause = _OPERATOR
-            else:
-                cause = _ENABLE_LOST if given.away == 1 else _PROGRAM
-    elif state == _HOLD:
-        may_return = (cause < _OF_PROCESS or cause >= _RUN_LOST) and at.returns < settings.returns and not ends
-        if ends and may_ramp:
-            following = _RAMP_OUT
-        elif at.held >= settings.hold:
-            if given.stands == 1:
-                following = _RAMP_OUT
-            else:
-                following, cause = _FAULT, _TOO_LONG
-        elif may_return and at.good >= settings.good and soft == 0:
-            following, cause = _ACTIVE, 0
-    elif state == _RAMP_OUT:
-        if given.at_zero == 1:
-            following = _READY if given.healthy == 1 else _IDLE
-        elif not may_ramp:  # it goes on, or has come into the cut: held for what is left of the hold's time
-            following, cause = (_HOLD, cause) if at.held < settings.hold else (_FAULT, _TOO_LONG)
+    elif state in (_IDLE, _READY, _ARMED):
+        following, cause = _until_active(at, given)
+    elif state != _FAULT:
+        following, cause = _from_active(at, given, settings, ends)
     elif given.reset == 1 and given.at_zero == 1 and hard in (0, _STOPPED):
         # A controller whose next session nobody answered would not wait for a reset: it may come before.
         following, cause = _IDLE, 0

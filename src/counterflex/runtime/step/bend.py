@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.core.records import Record
+from counterflex.core.records import Record, Records
 from counterflex.robot.elasticity.kernels.records import ELASTIC, Elastic
 from counterflex.robot.elasticity.kernels.step import REFUSED, deflect
 from counterflex.runtime.primitives.frames import across, turn, turn_back
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause
 
@@ -18,22 +18,23 @@ _NOT_FINITE, _SINGULAR = int(Cause.NOT_FINITE), int(Cause.SINGULAR)
 
 
 @kernel(
-    "void(Given, Settings, float64[:, ::1], Cycle, Result, Elastic)",
+    "void(Given, Settings, Plan[::1], Cycle, Result, Elastic)",
     Given=GIVEN,
     Settings=SETTINGS,
     Cycle=CYCLE,
     Result=RESULT,
     Elastic=ELASTIC,
+    Plan=PLAN,
 )
 def find_deflection(
-    given: Record, settings: Record, plan: Float, cycle: Record, result: Record, elastic: Elastic
+    given: Record, settings: Record, plan: Records, cycle: Record, result: Record, elastic: Elastic
 ) -> None:
     """Deflection under the wrench that is corrected, part axes.
 
     Args:
         given: Inputs of the cycle.
         settings: Of the loop.
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         cycle: With the wrench; status of the elastic step is written.
         result: Deflection and smallest singular value are written.
         elastic: Chain and arrays of the elastic step; changed.

@@ -9,11 +9,12 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.estimator.deflection import answered, estimate_deviation
 from counterflex.runtime.primitives.frames import across, pose_deviation, size_of
-from counterflex.runtime.primitives.history import row_at
+from counterflex.runtime.primitives.history import row_at, row_back
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.memory import PAST, STATE
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.runtime.step.feed_forward import known_ahead
@@ -25,8 +26,8 @@ INTEGRATOR, OBSERVER, DESIGNED = 1, 2, 3
 _TRACKER_LOST, _NOT_FINITE = int(Cause.TRACKER_LOST), int(Cause.NOT_FINITE)
 
 
-@kernel("void(Given, Settings, float64[:, ::1], float64[::1], Cycle)", Given=GIVEN, Settings=SETTINGS, Cycle=CYCLE)
-def _deviate(given: Record, settings: Record, plan: Float, nominal: Float, cycle: Record) -> None:
+@kernel("void(Given, Settings, Plan[::1], float64[::1], Cycle)", Given=GIVEN, Settings=SETTINGS, Cycle=CYCLE, Plan=PLAN)
+def _deviate(given: Record, settings: Record, plan: Records, nominal: Float, cycle: Record) -> None:
     """Deviation of the measured pose from the commanded one that it belongs to."""
     pose_deviation(given.actual[:], 0, nominal, cycle.contained[:], cycle.deviation[:])
     if settings.normal_only == 1 and cycle.planned == 1:
@@ -34,14 +35,17 @@ def _deviate(given: Record, settings: Record, plan: Float, nominal: Float, cycle
 
 
 @kernel(
-    "void(Given, Settings, State, Past[::1], float64[:, ::1], Cycle)",
+    "void(Given, Settings, State, Past[::1], Plan[::1], Cycle)",
     Given=GIVEN,
     Settings=SETTINGS,
     State=STATE,
     Past=PAST,
     Cycle=CYCLE,
+    Plan=PLAN,
 )
-def _designed_stage(given: Record, settings: Record, state: Record, ring: Records, plan: Float, cycle: Record) -> None:
+def _designed_stage(
+    given: Record, settings: Record, state: Record, ring: Records, plan: Records, cycle: Record
+) -> None:
     """Designed controller: what is known ahead, then the sample by the pose of its own time."""
     here = state.ring_row
     now = ring[here]
@@ -67,44 +71,46 @@ def _designed_stage(given: Record, settings: Record, state: Record, ring: Record
 
 
 @kernel(
-    "void(Given, Settings, State, Past[::1], float64[:, ::1], Cycle)",
+    "void(Given, Settings, State, Past[::1], Plan[::1], Cycle)",
     Given=GIVEN,
     Settings=SETTINGS,
     State=STATE,
     Past=PAST,
     Cycle=CYCLE,
+    Plan=PLAN,
 )
-def _delayed_stage(given: Record, settings: Record, state: Record, ring: Records, plan: Float, cycle: Record) -> None:
+def _delayed_stage(given: Record, settings: Record, state: Record, ring: Records, plan: Records, cycle: Record) -> None:
     """Published integrator and observer: the sample by the pose that belongs to it by the delays of the cell."""
     here = state.ring_row
-    past = ring[(here - settings.nominal_back + PAST_ROWS) % PAST_ROWS].nominal[:]
+    past = ring[row_back(here, settings.nominal_back)].nominal[:]
     nominal = given.nominal[:] if settings.nominal_back == 0 else past
     _deviate(given, settings, plan, nominal, cycle)
     if settings.tracker == INTEGRATOR:
         if cycle.active == 1:
             sum_up(cycle.deviation[:], settings.gain, settings.saturation[:], state)
         return
-    then = ring[(here - settings.deflection_back + PAST_ROWS) % PAST_ROWS]
+    then = ring[row_back(here, settings.deflection_back)]
     largest = settings.largest_jump if cycle.active == 1 else math.inf
     if not observe(cycle, then.deflection[:], settings.noise[:], largest, state) and cycle.soft == 0:
         cycle.soft = _TRACKER_LOST
 
 
 @kernel(
-    "void(Given, Settings, State, Past[::1], float64[:, ::1], float64[::1], Cycle, Result)",
+    "void(Given, Settings, State, Past[::1], Plan[::1], float64[::1], Cycle, Result)",
     Given=GIVEN,
     Settings=SETTINGS,
     State=STATE,
     Past=PAST,
     Cycle=CYCLE,
     Result=RESULT,
+    Plan=PLAN,
 )
 def find_deviation(
     given: Record,
     settings: Record,
     state: Record,
     ring: Records,
-    plan: Float,
+    plan: Records,
     C: Float,
     cycle: Record,
     result: Record,
@@ -116,7 +122,7 @@ def find_deviation(
         settings: Of the loop.
         state: Of the step; changed.
         ring: Past cycles; changed.
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         C: (36,) compliance of the arm at the tip, base axes.
         cycle: Deviation and cause are written.
         result: Written.

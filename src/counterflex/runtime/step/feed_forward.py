@@ -15,9 +15,9 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import across, pose_deviation
 from counterflex.runtime.primitives.history import row_at
-from counterflex.runtime.primitives.localize import PLAN_PLAY
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.memory import PAST, STATE
+from counterflex.runtime.state.planned import PLAN
 
 SPAN: Final = 2
 """Cycles over which a rate is taken; two of them lie behind an acceleration."""
@@ -92,28 +92,30 @@ def lag_correction(rate: Float, second: Float, filter_: Float, largest: float, m
     return share
 
 
-@kernel("void(float64[:, ::1], float64[::1], float64[::1])")
-def add_play_compensation(plan: Float, place: Float, out: Float) -> None:
+@kernel("void(Plan[::1], float64[::1], float64[::1])", Plan=PLAN)
+def add_play_compensation(plan: Records, place: Float, out: Float) -> None:
     """Correction of the plan that undoes play, (3,) m, part axes, added to ``out``.
 
     Args:
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         place: (2,) of :func:`counterflex.runtime.primitives.localize.follow`.
         out: (3,) at least.
     """
     i, u = int(place[0]), place[1]
+    first, last = plan[i].play[:], plan[i + 1].play[:]
     for k in range(3):
-        out[k] += (1.0 - u) * plan[i, PLAN_PLAY + k] + u * plan[i + 1, PLAN_PLAY + k]
+        out[k] += (1.0 - u) * first[k] + u * last[k]
 
 
 @kernel(
-    "float64(float64[:, ::1], Past[::1], float64[::1], Settings, boolean, State, float64[::1], float64[::1])",
+    "float64(Plan[::1], Past[::1], float64[::1], Settings, boolean, State, float64[::1], float64[::1])",
     Past=PAST,
     Settings=SETTINGS,
     State=STATE,
+    Plan=PLAN,
 )
 def known_ahead(
-    plan: Float,
+    plan: Records,
     ring: Records,
     nominal: Float,
     settings: Record,
@@ -125,7 +127,7 @@ def known_ahead(
     """Correction known ahead of any measurement, written into the state: lag behind the program, then play.
 
     Args:
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         ring: Past cycles, this one's pose and clock written.
         nominal: (12,) commanded pose now.
         settings: Of the loop.

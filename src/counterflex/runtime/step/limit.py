@@ -10,6 +10,7 @@ from counterflex.robot.elasticity.kernels.records import WORK
 from counterflex.robot.elasticity.kernels.step import DAMPED, REFUSED, cholesky_inverse, newton_step
 from counterflex.runtime.estimator.deflection import answered
 from counterflex.runtime.primitives.frames import shorten, turn
+from counterflex.runtime.primitives.history import row_back
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
@@ -103,7 +104,7 @@ def remember(given: Record, settings: Record, state: Record, ring: Records, cycl
     here = state.ring_row
     now = ring[here]
     if cycle.hard == _NOT_FINITE:  # nothing of it into what is remembered: filters over the past would never forget it
-        ring[here] = ring[(here - 1 + PAST_ROWS) % PAST_ROWS]
+        ring[here] = ring[row_back(here, 1)]
         now.clock = state.clock
     else:
         for k in range(12):

@@ -24,6 +24,7 @@ from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.memory import PAST, STATE
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.signals.filters import smooth
@@ -139,7 +140,7 @@ def _use_scaled(given: Record, settings: Record, state: Record, cycle: Record, r
 
 
 @kernel(
-    f"void(Given, Settings, State, Past[::1], float64[:, ::1], Work, Cycle, Result, {FILTER}, {FILTER})",
+    f"void(Given, Settings, State, Past[::1], Plan[::1], Work, Cycle, Result, {FILTER}, {FILTER})",
     Work=WORK,
     Given=GIVEN,
     Settings=SETTINGS,
@@ -147,13 +148,14 @@ def _use_scaled(given: Record, settings: Record, state: Record, cycle: Record, r
     Past=PAST,
     Cycle=CYCLE,
     Result=RESULT,
+    Plan=PLAN,
 )
 def find_load(
     given: Record,
     settings: Record,
     state: Record,
     ring: Records,
-    plan: Float,
+    plan: Records,
     work: Record,
     cycle: Record,
     result: Record,
@@ -167,7 +169,7 @@ def find_load(
         settings: Of the loop.
         state: Of the step; changed.
         ring: Past cycles.
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         work: Of the elastic step, with the rigid Jacobian of the last cycle, base axes.
         cycle: Written.
         result: Measured, used and predicted wrench are written.

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.core.records import Record
+from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.finite import is_finite
-from counterflex.runtime.primitives.localize import PLAN_A, PLAN_W, contained_at, follow, seek, wrench_at
+from counterflex.runtime.primitives.localize import contained_at, follow, seek, wrench_at
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.memory import STATE
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.supervisor import Cause, State
 
 FAULT_LOST: Final = 10
@@ -57,16 +57,21 @@ def begin(given: Record, settings: Record, state: Record, cycle: Record) -> None
 
 
 @kernel(
-    "void(Given, Settings, State, float64[:, ::1], Cycle)", Given=GIVEN, Settings=SETTINGS, State=STATE, Cycle=CYCLE
+    "void(Given, Settings, State, Plan[::1], Cycle)",
+    Given=GIVEN,
+    Settings=SETTINGS,
+    State=STATE,
+    Cycle=CYCLE,
+    Plan=PLAN,
 )
-def localize(given: Record, settings: Record, state: Record, plan: Float, cycle: Record) -> None:
+def localize(given: Record, settings: Record, state: Record, plan: Records, cycle: Record) -> None:
     """Find the place on the plan, and read there what it expects.
 
     Args:
         given: Inputs of the cycle.
         settings: Of the loop.
         state: Of the step; its place is changed.
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         cycle: Predicted forces, contained correction, row and distance are written.
     """
     if cycle.planned == 0:
@@ -79,11 +84,10 @@ def localize(given: Record, settings: Record, state: Record, plan: Float, cycle:
     # The plan's time runs slower where less speed is asked for, and its forces are smaller.
     speed = state.speed
     predicted, ahead, behind, preview = cycle.predicted[:], cycle.ahead[:], cycle.behind[:], state.preview[:]
-    cycle.cut = wrench_at(plan, place, 0.0, PLAN_W, predicted)
-    column = PLAN_A if settings.reads_ahead == 1 else PLAN_W
-    wrench_at(plan, place, speed * (settings.lead - settings.follow), column, ahead)
-    wrench_at(plan, place, -speed * settings.follow, PLAN_W, behind)
-    wrench_at(plan, place, speed * settings.preview, PLAN_W, preview)
+    cycle.cut = wrench_at(plan, place, 0.0, False, predicted)
+    wrench_at(plan, place, speed * (settings.lead - settings.follow), settings.reads_ahead == 1, ahead)
+    wrench_at(plan, place, -speed * settings.follow, False, behind)
+    wrench_at(plan, place, speed * settings.preview, False, preview)
     for k in range(6):
         preview[k] *= state.force_at_speed
         predicted[k] *= state.force_at_speed

@@ -6,11 +6,12 @@ import math
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.core.records import Record
+from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import across, size_of
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.memory import STATE
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.runtime.step.deviation import DESIGNED, INTEGRATOR, OBSERVER
@@ -22,19 +23,20 @@ _SOFT_LIMIT, _HARD_LIMIT, _NOT_FINITE = int(Cause.LIMIT_SOFT), int(Cause.LIMIT_H
 
 
 @kernel(
-    "void(Settings, State, float64[:, ::1], Cycle, Result)",
+    "void(Settings, State, Plan[::1], Cycle, Result)",
     Settings=SETTINGS,
     State=STATE,
     Cycle=CYCLE,
     Result=RESULT,
+    Plan=PLAN,
 )
-def request_correction(settings: Record, state: Record, plan: Float, cycle: Record, result: Record) -> None:
+def request_correction(settings: Record, state: Record, plan: Records, cycle: Record, result: Record) -> None:
     """Correction of the deflection, and of what the tracker shows.
 
     Args:
         settings: Of the loop.
         state: Of the step; sum and last deflection are changed.
-        plan: (n, PLAN_COLUMNS).
+        plan: (n,) PLAN.
         cycle: With what was found before.
         result: With the deflection; the wanted correction is written.
     """

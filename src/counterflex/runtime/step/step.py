@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.robot.elasticity.kernels.records import ELASTIC, Elastic
@@ -16,6 +15,7 @@ from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.memory import PAST, STATE
+from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.step.bend import find_deflection
 from counterflex.runtime.step.deviation import find_deviation
@@ -27,7 +27,7 @@ from counterflex.runtime.step.supervise import supervise_cycle
 
 
 @kernel(
-    f"void(Given, Settings, State, Past[::1], float64[:, ::1], Cycle, Result, Elastic, {FILTER}, {FILTER})",
+    f"void(Given, Settings, State, Past[::1], Plan[::1], Cycle, Result, Elastic, {FILTER}, {FILTER})",
     Given=GIVEN,
     Settings=SETTINGS,
     State=STATE,
@@ -35,13 +35,14 @@ from counterflex.runtime.step.supervise import supervise_cycle
     Cycle=CYCLE,
     Result=RESULT,
     Elastic=ELASTIC,
+    Plan=PLAN,
 )
 def step(
     given: Record,
     settings: Record,
     state: Record,
     ring: Records,
-    plan: Float,
+    plan: Records,
     cycle: Record,
     result: Record,
     elastic: Elastic,
@@ -55,7 +56,7 @@ def step(
         settings: Of the loop.
         state: What the step remembers; changed.
         ring: Past cycles; changed.
-        plan: (n, PLAN_COLUMNS), or two rows that mean nothing without a plan.
+        plan: (n,) PLAN, or two rows that mean nothing without a plan.
         cycle: What the stages hand to each other; written.
         result: Written.
         elastic: Chain and arrays of the elastic step; changed.

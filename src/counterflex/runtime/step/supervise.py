@@ -7,11 +7,11 @@ from typing import Final
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import size_of
-from counterflex.runtime.primitives.history import SPAN, STANDS_M, stands
+from counterflex.runtime.primitives.history import SPAN, STANDS_M, row_back, stands
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.state.memory import PAST, STATE
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import (
     Cause,
@@ -67,8 +67,8 @@ def in_force(given: Record, ring: Records, here: int, state: Record) -> int:
     Returns:
         KEPT, NOTHING or UNKNOWN.
     """
-    before = ring[(here - 1 + PAST_ROWS) % PAST_ROWS]
-    earlier = ring[(here - 1 - SPAN + PAST_ROWS) % PAST_ROWS]
+    last, first = row_back(here, 1), row_back(here, 1 + SPAN)
+    before, earlier = ring[last], ring[first]
     jumped = moved = along = last_along = 0.0
     for k in range(3):
         way = before.nominal[9 + k] - earlier.nominal[9 + k]

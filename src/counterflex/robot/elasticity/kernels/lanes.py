@@ -15,6 +15,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel, prange
+from counterflex.core.records import Record
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, deflection_range
 from counterflex.robot.elasticity.kernels.records import Compact
 from counterflex.robot.elasticity.kernels.scalar import SMALL, small_asin_ratio, small_cos, small_sin
@@ -136,10 +137,10 @@ def lane_slide(S: Float, F: Float, W: Float, cx: float, cy: float, cz: float) ->
 
 @kernel()
 def lane_bend(
-    S: Float, F: Float, tip: Float, W: Float, peak: Float, cosine: Float, sine: Float, sign: float,
-    cx: float, cy: float, cz: float,
-) -> None:  # fmt: skip
+    S: Float, F: Float, tip: Float, W: Float, peak: Float, cosine: Float, sine: Float, sign: float, station: Record
+) -> None:
     """Drive every pose and rotate it z-y'-x'' by compliance times the moment about the rigid frames ``F``."""
+    cx, cy, cz = station.compliance[3], station.compliance[4], station.compliance[5]
     for p in range(L):
         fx, fy, fz = W[p], W[L + p], W[2 * L + p]
         x, y, z = tip[9 * L + p] - F[9 * L + p], tip[10 * L + p] - F[10 * L + p], tip[11 * L + p] - F[11 * L + p]
@@ -213,12 +214,11 @@ def lane_pass(
         if slides:
             lane_slide(S, F[i], W, s.compliance[0], s.compliance[1], s.compliance[2])
         if bends:
-            x, y, z = s.compliance[3], s.compliance[4], s.compliance[5]
             if driven and not slides:
                 cosine, sine = trig[joint * L : joint * L + L], trig[(6 + joint) * L : (7 + joint) * L]
-                lane_bend(S, F[i], F[m], W, peak, cosine, sine, s.sign, x, y, z)
+                lane_bend(S, F[i], F[m], W, peak, cosine, sine, s.sign, s)
             else:
-                lane_bend(S, F[i], F[m], W, peak, unit[0:L], unit[L : 2 * L], 1.0, x, y, z)
+                lane_bend(S, F[i], F[m], W, peak, unit[0:L], unit[L : 2 * L], 1.0, s)
     if elastic == 0:
         F[m, :] = S
 
