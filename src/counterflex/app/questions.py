@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
@@ -132,6 +133,7 @@ def check_cell(path: str) -> dict[str, Any]:
     chain = cell.chain
     warnings: list[str] = [one.sentence() for one in unusual(cell.tables)]
     law = None if cell.tables.material is None else cell.force_law
+    warnings += unknown_stiffness(chain)
     missing = cell.missing_for_milling()
     if missing:
         warnings.append(f"no {', '.join(missing)}: good for calibration (counterflex identify), nothing can be milled")

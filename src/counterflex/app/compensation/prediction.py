@@ -13,6 +13,7 @@ from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.inputs import Job
+from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
@@ -216,7 +217,12 @@ def summary_of(
         tolerance_m: Largest distance between the written path and the planned one.
     """
     predicted = figures(plan)
-    remarks = (*doubtful_readings(job.program), *beyond_measured(cell, plan), *chatter_warnings(predicted["chatter"]))
+    remarks = (
+        *unknown_stiffness(cell.chain),
+        *doubtful_readings(job.program),
+        *beyond_measured(cell, plan),
+        *chatter_warnings(predicted["chatter"]),
+    )
     written = written | {
         "tolerance_um": round(tolerance_m / UM, 3),
         "lines_in": len("\n".join(job.program.lines).splitlines()),
