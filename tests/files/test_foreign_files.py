@@ -41,6 +41,8 @@ def parquet() -> bytes:
         ("bom.csv", b"\xef\xbb\xbfA1,A2\r\n1,2\r\n", "a table of data (CSV)"),
         ("poses.json", b'{"A1": [1, 2]}', "JSON"),
         ("poses.xml", b'<?xml version="1.0"?>\n<poses/>', "XML"),
+        ("part.ngc", b"%\nG21 G90 (mm, absolute)\nT1 M6\n", "a G-code program"),
+        ("numbered.nc", b"(PART, 3 CUTS)\nN10 G21\nN20 G0 X0\n", "a G-code program"),
         ("poses.mat", b"MATLAB 5.0 MAT-file, Platform: PCWIN64", "MATLAB"),
     ],
 )
@@ -79,3 +81,10 @@ def test_a_list_of_another_length_says_how_many_there_are(key: str, count: int, 
         parse(Counted, {key: [1.0] * count}, where="file")
     assert f"got {count} " in str(fault.value)
     assert limit in str(fault.value).split("expected")[1]
+
+
+def test_a_file_of_another_command_is_named_with_the_option_that_reads_it(tmp_path: Path) -> None:
+    file = tmp_path / "truth.toml"
+    file.write_text('format = "counterflex-truth"\nversion = 1\n')
+    with pytest.raises(FileFormatError, match="truth file, as --truth reads it"):
+        read_cell(file)

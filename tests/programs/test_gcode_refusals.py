@@ -167,5 +167,5 @@ def test_files_that_are_no_programs(tmp_path: Path) -> None:
         read_gcode_file(tmp_path)
     binary = tmp_path / "binary.ngc"
     binary.write_bytes(b"G0\0X1")
-    with pytest.raises(ProgramError, match="no text"):
+    with pytest.raises(ProgramError, match="not a text file"):
         read_gcode_file(binary)

@@ -246,7 +246,7 @@ def _joints(chain: ElasticChain, joints_deg: list[float]) -> Float:
         axis = int(np.argmax(outside))
         low, high = chain.joint_limits_rad[axis] / DEG
         raise InputError(
-            f"axis {axis + 1} of {chain.name} cannot be there",
+            f"axis {axis + 1} of {chain.name} is outside its joint limits",
             where="--joints-deg",
             value=f"{joints_deg[axis]:g} deg",
             limit=f"{low:g} to {high:g} deg",

@@ -242,7 +242,7 @@ class _Compiling:
         now = time.monotonic()
         if self._count == 1:
             self._begin = self._last = now
-            self._say("once on this computer: takes a minute or some")
+            self._say("once on this computer: takes about a minute")
         elif now - self._last >= self._period_s:
             self._last = now
             self._say(f"{self._count} so far, in {now - self._begin:.0f} s")

@@ -206,11 +206,11 @@ def judge(samples: LoopSamples) -> Judgement:
     in_time = float(np.mean(np.nan_to_num(samples.reply_s, nan=np.inf) <= budget))
     unfit: list[str] = []
     if n < ENOUGH_CYCLES:
-        unfit.append(f"{n} cycles say nothing about 99.9 %: measure for {ENOUGH_CYCLES * period:g} s or longer")
+        unfit.append(f"{n} cycles are too few for 99.9 %: measure for {ENOUGH_CYCLES * period:g} s or longer")
     if reply.p999_s > budget:
         unfit.append(
-            f"99.9 % of the replies take up to {_ms(reply.p999_s)}, and {_ms(budget)} is what a cycle of"
-            f" {_ms(period)} leaves: {_slowest(late, compute, samples.echo_s)}"
+            f"99.9 % of the replies take up to {_ms(reply.p999_s)}, limit {_ms(budget)} in a cycle of"
+            f" {_ms(period)}: {_slowest(late, compute, samples.echo_s)}"
         )
     if not samples.ring_fits:
         unfit.append("no shared memory for the records: make room in /dev/shm")
@@ -242,7 +242,7 @@ def _weaknesses(samples: LoopSamples, compute: Float, period: float) -> list[str
     if len(samples.sync_s) and percentiles(samples.sync_s).p99_s > _SLOW_SYNC_S:
         results.append(
             f"the disk of the log takes up to {_ms(percentiles(samples.sync_s).p99_s)}:"
-            " more of the log is lost with a power failure; write it elsewhere"
+            " a power failure loses that much of the log; write it to a faster disk"
         )
     return results
 

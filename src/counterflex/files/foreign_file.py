@@ -16,6 +16,14 @@ _BY_FIRST_BYTES: Final[tuple[tuple[bytes, str], ...]] = (
     (b"\x1f\x8b", "a gzip archive"),
 )
 _TABLE_MARKS: Final = (";", "\t", ",")
+_GCODE: Final = re.compile(r"\s*(?:N\d+\s*)?[GMT]\d", re.IGNORECASE)
+_FORMATS: Final[dict[str, str]] = {
+    "counterflex-cell": "This is a cell file, as --cell reads it",
+    "counterflex-truth": "This is a truth file, as --truth reads it",
+    "counterflex-scenario": "This is a scenario file, as --scenario reads it",
+    "counterflex-dataset": "This is a manifest of measured data, as identify and dataset check read it",
+    "counterflex-proposal": "This is a proposal, as twin measure reads it",
+}
 _KEY: Final = re.compile(r"\s*(?:[A-Za-z0-9_.\-]+|\"[^\"]*\"|'[^']*')\s*=")
 
 
@@ -25,7 +33,7 @@ def of_bytes(data: bytes) -> str | None:
 
 
 def of_text(text: str) -> str | None:
-    """What a text that is no TOML is: a table of data, JSON, XML, or None where it looks like TOML with a mistake."""
+    """What a text is: a table of data, G-code, JSON, XML, or None where it looks like TOML with a mistake."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")][:5]
     if not lines:
         return None
@@ -35,11 +43,18 @@ def of_text(text: str) -> str | None:
         return "a JSON file"
     if any(_KEY.match(line) or re.fullmatch(r"\s*\[\[?[^\[\]]+\]\]?\s*", line) for line in lines):
         return None
+    if any(_GCODE.match(line) for line in lines):
+        return "a G-code program"
     for mark in _TABLE_MARKS:
         counts = [line.count(mark) for line in lines]
         if min(counts) >= 1 and len(lines) > 1:
             return "a table of data (CSV)"
     return None
+
+
+def of_format(found: object) -> str | None:
+    """What a file of counterflex is by its key ``format``, and what reads it; None for an unknown format."""
+    return _FORMATS.get(found) if isinstance(found, str) else None
 
 
 def what_to_do(kind: str) -> str | None:

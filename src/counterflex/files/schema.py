@@ -173,7 +173,10 @@ def check_header(data: dict[str, Any], *, kind: str, version: int, where: str) -
     if "format" not in data:
         raise FileFormatError("the key 'format' is missing", where=where, limit=f'format = "{kind}"')
     if data["format"] != kind:
-        raise FileFormatError(f"not a {kind} file", where=where, value=repr(data["format"]), limit=f'format = "{kind}"')
+        raise FileFormatError(
+            f"not a {kind} file", where=where, value=repr(data["format"]), limit=f'format = "{kind}"',
+            hint=foreign_file.of_format(data["format"]),
+        )  # fmt: skip
     if "version" not in data:
         raise FileFormatError("the key 'version' is missing", where=where, limit=f"version = {version}")
     result = data["version"]

@@ -96,15 +96,16 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...
             )
         elif after["max_mm"] > (1.0 - _ENOUGH) * before["max_mm"]:
             steps.append(
-                f"Up to {after['max_mm']:.3f} mm remain where the force changes faster than the robot follows: a lower "
-                f"feed there leaves less, counterflex compensate {program} --feed-for-tolerance-um "
+                f"Up to {after['max_mm']:.3f} mm remain where the force changes faster than the robot follows. A lower "
+                f"feed there reduces it: counterflex compensate {program} --feed-for-tolerance-um "
                 f"{500.0 * after['max_mm']:.0f} ..."
             )
     steps.append("Run the program above the part first, at reduced speed, with the tool that was planned with.")
     steps.append(
-        "Correct while milling what no plan can know: counterflex run --plan plan.parquet ..."
+        "Correct the errors that cannot be planned for during milling: counterflex run --plan plan.parquet ..."
         if cell.tables.online is not None
-        else "Correct while milling what no plan can know: add [online] to the cell file, then counterflex run."
+        else "Correct the errors that cannot be planned for during milling: add [online] to the cell file, then "
+        "counterflex run."
     )
     return tuple(steps)
 
@@ -133,7 +134,7 @@ def after_proof(rows: Sequence[FeatureRow], summary: Mapping[str, Any]) -> tuple
     steps.append(
         f"The largest error that remains, {path['max_mm']:.3f} mm, is {_PLACES[part]}. "
         + (
-            "A lower feed there leaves less: counterflex compensate --feed-for-tolerance-um."
+            "A lower feed there reduces it: counterflex compensate --feed-for-tolerance-um."
             if part != "plateau"
             else "There the constants of the model decide: measure the cell, counterflex identify."
         )
@@ -141,5 +142,5 @@ def after_proof(rows: Sequence[FeatureRow], summary: Mapping[str, Any]) -> tuple
     steps.append(
         "Your own program: counterflex compensate PROGRAM --cell CELL --out DIR, with your robot in the cell file."
     )
-    steps.append("What no plan can know is corrected while milling: counterflex run.")
+    steps.append("Errors that cannot be planned for are corrected during milling: counterflex run.")
     return tuple(steps)

@@ -228,7 +228,7 @@ def entry(name: str) -> CatalogEntry:
         raise InputError(
             f"no robot {name!r} in the catalogue",
             limit="one of " + ", ".join(near) if near else None,
-            hint="'counterflex robots' lists all; an own robot goes into the cell file by its geometry",
+            hint="'counterflex robots' lists all. Describe another robot by its lengths in the cell file",
             nearest=near,
         )
     source = _file(name)

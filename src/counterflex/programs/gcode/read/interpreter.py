@@ -91,7 +91,7 @@ class Interpreter(FlowRunner):
                     place.index = len(place.source.lines) - 1
                     raise self._fault(
                         "the program stops without M2, M30 or a closing %", 0,
-                        hint="It may have been cut off. If it is complete: --without-end of path and compensate",
+                        hint="The file may be truncated. If it is complete, add --without-end",
                     )  # fmt: skip
                 break
             steps += 1

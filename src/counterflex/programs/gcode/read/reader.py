@@ -219,8 +219,8 @@ def _text(file: Path) -> tuple[str, str]:
         raise ProgramError("the file is in UTF-16 or UTF-32", where=str(file), hint="Save it as ASCII or UTF-8")
     if b"\0" in data:
         line = data[: data.index(b"\0")].count(b"\n") + 1
-        hint = "G-code is plain text: take the zero bytes out, or post it again"
-        raise ProgramError("the file is no text: it holds zero bytes", where=f"{file}:{line}", hint=hint)
+        hint = "G-code is plain text. Give the program itself, or write it again with the postprocessor"
+        raise ProgramError("not a text file: it contains zero bytes", where=f"{file}:{line}", hint=hint)
     encoding = "utf-8-sig" if data.startswith(codecs.BOM_UTF8) else "utf-8"
     try:
         return data.decode(encoding), encoding
