@@ -39,7 +39,7 @@ MEASURED: dict[str, tuple[Mapping[str, float], Mapping[str, float]]] = {
         {"checking the data": 0.08, "compliances": 0.12, "regions of stiffness": 0.06, "held out": 0.15},
     ),
     "prove, a groove": (
-        prove._work(4.4, 1, 3, 2, exact=True),
+        prove._work(4.4, [1], 3, 2, exact=True),
         {"planning": 1.9, "planning, seed 1": 1.5, "starting the simulated cells": 10.0, "machining": 3.0,
          "judging": 0.5},
     ),
