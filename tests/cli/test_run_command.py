@@ -93,7 +93,7 @@ def rows(*states: tuple[State, Cause]) -> Float:
 @pytest.mark.parametrize("asked", [Cause.OPERATOR, Cause.FORCE_STALE])
 @pytest.mark.parametrize("holds_feed", [False, True])
 def test_a_stop_that_cannot_hold_the_feed_is_the_operators_end(asked: Cause, holds_feed: bool) -> None:
-    """A link without a word for feed hold (EGM path correction) stops a robot that goes on: no fault, if asked for."""
+    """A link that has no feed hold (EGM path correction) stops a robot that goes on: no fault, if asked for."""
     end = RunEnd()
     end.add(rows((State.ARMED, Cause.NONE), (State.ACTIVE, Cause.NONE), (State.HOLD, asked)))
     end.add(rows((State.HOLD, asked), (State.FAULT, Cause.HELD_TOO_LONG), (State.FAULT, Cause.HELD_TOO_LONG)))

@@ -162,7 +162,7 @@ def test_a_place_that_is_small_as_a_whole_is_told(
 
 
 def test_nothing_is_told_of_what_an_identification_wrote(tmp_path: Path) -> None:
-    """Mass and centre of gravity by the payload, a stiff element by pulls: the file is read back without a word."""
+    """Mass and centre of gravity by the payload, a stiff element by pulls: the file is read back silently."""
     file = changed(tmp_path, ("name",), "own")
     cell = read_cell(file)
     changes = (

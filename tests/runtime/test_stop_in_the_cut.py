@@ -228,7 +228,7 @@ def test_after_a_stop_in_the_cut_the_correction_moves_only_where_the_robot_stand
 @pytest.mark.parametrize("enable", [True, False])
 @pytest.mark.parametrize("why", ["a check", "never switched on", "the operator"])
 def test_a_cut_that_begins_uncorrected_although_it_was_armed_is_held(why: str, enable: bool) -> None:
-    """A soft cause disarmed for good, and a program that does not wait for the state cut on without a word."""
+    """A soft cause disarmed for good, and a program that does not wait for the state cut on silently."""
     job = Job(obeys=False)
     for arm in (False, False, True):
         job.cycle(enable=False, arm=arm)

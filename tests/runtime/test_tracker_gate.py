@@ -87,7 +87,7 @@ class Tracked:
 @pytest.mark.parametrize("jump_mm", [0.5, 2.0, 1000.0])
 @pytest.mark.parametrize("axis", [1, 2])
 def test_one_sample_that_jumps_moves_nothing_and_is_counted(tracker: str, jump_mm: float, axis: int) -> None:
-    """A jump of 1 m drove the correction by 2 mm in 160 ms, one of 0.5 mm was followed without a word."""
+    """A jump of 1 m drove the correction by 2 mm in 160 ms, one of 0.5 mm was followed silently."""
     robot = Tracked(tracker).settled()
     before = robot.learnt()
     robot.cycle(np.eye(3)[axis] * jump_mm * MM)

@@ -101,7 +101,7 @@ def test_what_it_could_not_do_and_its_death_are_told() -> None:
 
 
 def test_a_recorder_that_dies_while_the_loop_gets_ready_is_told(supervised: Supervised) -> None:
-    """It was a broken pipe like that of a closed terminal: exit status 0 or 1 without a word."""
+    """It was a broken pipe like that of a closed terminal: exit status 0 or 1 silently."""
     with pytest.raises(OutputError, match="the recorder's process died before it began"):
         supervised.begin()
     supervised.close()

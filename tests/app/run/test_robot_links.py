@@ -9,7 +9,8 @@ import pytest
 
 import counterflex
 from counterflex.app.run.robot_links import egm_link, rsi_link
-from counterflex.core.errors import InputError
+from counterflex.app.run.session import RunSettings, one_protocol
+from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.monitor import OverrideTable
@@ -66,3 +67,11 @@ def test_path_correction_over_egm_changes_no_speed() -> None:
             host=HERE,
             port=0,
         )
+
+
+def test_another_file_given_as_the_rsi_configuration_is_refused_before_anything_else(tmp_path: Path) -> None:
+    """The cell does not exist: the configuration is read before it, and long before the kernels are compiled."""
+    file = tmp_path / "cell.toml"
+    file.write_text('format = "counterflex-cell"\n')
+    with pytest.raises(FileFormatError, match="not an XML file"):
+        one_protocol(RunSettings(tmp_path / "missing.toml", rsi=file))

@@ -51,7 +51,7 @@ def test_before_arming_they_are_answered_with_zero() -> None:
 def test_a_tracker_that_shows_nothing_before_the_start_is_the_cause_of_idle(
     force: ForceMode, status: int | None
 ) -> None:
-    """It stood in idle without a word, and nobody knew what it was waiting for."""
+    """It stood in idle silently, and nobody knew what it was waiting for."""
     settings = OnlineSettings(force=force, tracker=TrackerMode.INTEGRATOR, normal_only=False)
     tracker = TrackerLink()
     try:

@@ -1,4 +1,4 @@
-"""Whole regions and whole files held out: what cannot be judged so is said, not left out without a word."""
+"""Whole regions and whole files held out: what cannot be judged so is said, not left out silently."""
 
 from __future__ import annotations
 

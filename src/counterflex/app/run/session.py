@@ -22,6 +22,7 @@ from counterflex.protocols.abb_egm.force import EgmForce
 from counterflex.protocols.abb_egm.link import EgmLink
 from counterflex.protocols.force.sensors import Opening, link_values, opened
 from counterflex.protocols.force.source import ForceSource
+from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.senses import Sensing, tracker_frames
 from counterflex.protocols.session.session import OnlineSession, SessionChecks, compile_kernels
@@ -85,10 +86,11 @@ class RunSettings:
 
 
 def one_protocol(settings: RunSettings) -> None:
-    """Check that the robot's protocol is chosen.
+    """Check that the robot's protocol is chosen and its configuration can be read, before anything is compiled.
 
     Raises:
         InputError: None or both are.
+        FileFormatError: The configuration is not that of RSI.
     """
     if (settings.rsi is None) == (not settings.egm):
         raise InputError(
@@ -97,6 +99,8 @@ def one_protocol(settings: RunSettings) -> None:
             limit="one of RSI and EGM",
             hint="Give --rsi FILE for a KUKA robot, --egm for an ABB one",
         )
+    if settings.rsi is not None:
+        read_config(settings.rsi)
 
 
 def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:

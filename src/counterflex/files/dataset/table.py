@@ -328,7 +328,7 @@ def _names(path: Path, how: FileTable, header: list[str] | None, rows: list[list
     numbers = [_NUMBER.fullmatch(name) is not None for name in decimals]
     missing = [name.lower() in _MISSING for name in decimals]
     if any(numbers) and np.all(np.logical_or(numbers, missing)) and not _counts_up(decimals):
-        # Taken for names, the first measurement would be lost without a word.
+        # Taken for names, the first measurement would be lost silently.
         raise FileFormatError(
             "the header line holds numbers only",
             where=f"{path}:{how.header_line}",

@@ -7,7 +7,7 @@ mean. So there are two stages:
 
 1. *suspected*: the mean of a few samples departs from r0 by more than a bound. At once the loop goes on with
    ``planned + r0`` in place of the measured force, before its filters: what was on its way is all that is followed.
-2. a period later the mean over it says whether the force has *swung back* (it is used again, without a word) or
+2. a period later the mean over it says whether the force has *swung back* (it is used again, silently) or
    *stands off*: that is told, with what was set to follow.
 
 A wrong factor of the planned force changes r too, but only where the planned force changes or the program's speed does:

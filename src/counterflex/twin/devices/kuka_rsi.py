@@ -38,7 +38,7 @@ class RsiContext:
         cycle_s: 4 ms (#IPO_FAST) or 12 ms (#IPO).
         timeout: Late answers at which the motion stops (RSITimeout).
         precision: Decimal places that are sent.
-        clamp_m: POSCORR: largest correction per axis; beyond it is clamped without a word.
+        clamp_m: POSCORR: largest correction per axis; beyond it is clamped silently.
         clamp_rad: POSCORR: MaxRotAngle.
         monitor_m: POSCORRMON: MaxTrans; beyond it the motion stops.
         monitor_rad: POSCORRMON: MaxRotAngle.

@@ -310,7 +310,7 @@ SCENARIOS: Final = (
     Scenario(
         "R15",
         "force-rail",
-        "the force sensor's counts stand at the end of their range, without a word in its status",
+        "the force sensor's counts stand at the end of their range, without a bit in its status",
         "not followed by more than 0.1 mm, named; never the cut without its correction",
         _force(_rail, (Cause.FORCE_SATURATED,)),
     ),

@@ -109,7 +109,7 @@ def run(
         if isinstance(fault, BaseException):
             raise fault
         if process.exitcode != 0:
-            raise SimulationError("the simulated cell ended without a word", value=process.exitcode)
+            raise SimulationError("the simulated cell ended silently", value=process.exitcode)
     finally:
         if process.is_alive():
             process.terminate()

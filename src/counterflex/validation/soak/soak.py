@@ -254,7 +254,7 @@ def _message(pipe: Any, process: BaseProcess) -> Any:
     """What a process says next.
 
     Raises:
-        OutputError: It ended without a word.
+        OutputError: It ended silently.
     """
     while not pipe.poll(0.2):
         if not process.is_alive() and not pipe.poll(0.0):
