@@ -52,9 +52,9 @@ def of_text(text: str) -> str | None:
     return None
 
 
-def of_format(found: object) -> str | None:
+def of_format(name: object) -> str | None:
     """What a file of counterflex is by its key ``format``, and what reads it; None for an unknown format."""
-    return _FORMATS.get(found) if isinstance(found, str) else None
+    return _FORMATS.get(name) if isinstance(name, str) else None
 
 
 def what_to_do(kind: str) -> str | None:
