@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from counterflex.evaluate.truth_level import TRUTH_LEVELS
 from counterflex.files.summary_file import read_summary
 
 README = Path(__file__).resolve().parents[1] / "README.md"
@@ -41,7 +42,7 @@ def block(summary: dict[str, Any]) -> str:
         "| the planner knows | seeds | 99.7 %, median seed | worst seed | largest, worst seed |",
         "|---|---|---|---|---|",
     ]
-    for level, name in (("catalogue", "the cell file only"), ("exact", "the exact parameters of the simulated cell")):
+    for level, name in TRUTH_LEVELS.items():
         if level in summary["over_seeds"]:
             over = summary["over_seeds"][level]
             path = over["path"]

@@ -10,18 +10,17 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM
 from counterflex.evaluate.figures import Figures, reduction
 from counterflex.evaluate.path_deviation import PathFigures
 from counterflex.evaluate.surface import SurfaceDeviation
+from counterflex.evaluate.truth_level import TruthLevel
 
 FORMAT: Final = "counterflex-summary"
 VERSION: Final = 2
-TruthLevel = Literal["exact", "catalogue", "identified"]
-"""What the planner knew of the simulated cell: its exact constants, the cell file, or identified constants."""
 _FIGURES = ("max_mm", "p997_mm", "rms_mm")
 _PARTS = ("path", "entry", "exit", "plateau", "air", "along", "surface", "floor", "wall")
 
@@ -47,8 +46,7 @@ class SeedResult:
 
     Attributes:
         seed: Of the truth, None for a truth that agrees with the cell file.
-        truth_level: What the planner was given: ``exact`` constants of the truth, ``catalogue`` (the cell file only) or
-            ``identified`` constants.
+        truth_level: What the planner knew of the simulated cell.
         variants: By name: ``nominal`` and ``compensated``.
     """
 

@@ -27,7 +27,8 @@ from counterflex.app.proof.truth import make_truth
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
-from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
+from counterflex.evaluate.summary import SeedResult, summary
+from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.update import copied_text
 from counterflex.files.summary_file import write_summary

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from counterflex import __version__
+from counterflex.evaluate.truth_level import TRUTH_LEVELS
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.report.campaign_page import (
     CampaignData,
@@ -83,7 +84,7 @@ def rows_of(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     for seed, levels in by.items():
         before = next(iter(levels.values()))["variants"]["nominal"]["path"]["p997_mm"]
         cells = ["none" if seed is None else str(seed), f"{before:.3f}"]
-        for level in ("catalogue", "identified", "exact"):
+        for level in TRUTH_LEVELS:
             if level not in levels:
                 cells += ["-", "-"]
                 continue

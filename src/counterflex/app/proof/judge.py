@@ -18,8 +18,9 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import find_features
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
 from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
-from counterflex.evaluate.summary import SeedResult, TruthLevel, Variant, summary
+from counterflex.evaluate.summary import SeedResult, Variant, summary
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
+from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary

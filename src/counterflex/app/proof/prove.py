@@ -25,7 +25,8 @@ from counterflex.app.proof.truth import knowing, truth_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
+from counterflex.evaluate.summary import SeedResult, summary
+from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import write_plan
 from counterflex.files.run_file import write_run
