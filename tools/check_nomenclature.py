@@ -153,7 +153,7 @@ def all_quantities() -> list[Quantity]:
     """Public quantities of the whole package."""
     found: list[Quantity] = []
     for path in sorted(SOURCES.rglob("*.py")):
-        if not path.name.startswith("_") and not _INNER.search(path.as_posix()):
+        if not path.name.startswith("_") and not _INNER.search(path.relative_to(SOURCES).as_posix()):
             found += quantities(path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix())
     return found
 
