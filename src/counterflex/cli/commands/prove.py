@@ -13,6 +13,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.twin.truth.family import FAMILIES
 
 Seeds = Annotated[
     str,
@@ -24,6 +25,7 @@ FamilyName = Annotated[
         "--family",
         help="How far the simulated cell is from the cell file: mild or wide (docs/twin.md).",
         metavar="FAMILY",
+        callback=arguments.one_of(FAMILIES, "family of truths"),
     ),
 ]
 Workers = Annotated[
