@@ -113,21 +113,6 @@ def test_no_kernel_of_a_session_is_left_to_be_compiled_in_a_cycle() -> None:
     assert printed(started(text)) == ["True []", "ACTIVE []"]
 
 
-@kernel("float64(float64[::1])")
-def total(x: Any) -> float:
-    """Sum."""
-    out = 0.0
-    for value in x:
-        out += value
-    return out
-
-
-@kernel("float64(float64[::1])")
-def twice(x: Any) -> float:
-    """Twice the sum."""
-    return 2.0 * total(x)
-
-
 @pytest.mark.parametrize("wrong", [np.zeros((2, 2)), np.zeros(2, dtype=np.int64), np.zeros(4)[::2], None])
 def test_a_wrong_type_is_refused_at_the_first_call_and_later(wrong: Any) -> None:
     @kernel("float64(float64[::1])")
@@ -155,9 +140,29 @@ def test_threads_that_call_a_kernel_for_the_first_time_wait_for_it() -> None:
         assert list(threads.map(call, (1.0, 2.0, 3.0, 4.0))) == [1.0, 8.0, 27.0, 64.0]
 
 
-def test_a_kernel_that_calls_another_compiles_it_for_its_stated_types() -> None:
-    assert twice(np.ones(3)) == 6.0
-    assert [len(one.signatures) for one in (twice, total)] == [1, 1]  # type: ignore[attr-defined]
+PAIR = """
+from counterflex.core.jit import kernel
+
+@kernel("float64(float64)")
+def half(x):
+    return 0.5 * x
+
+@kernel("float64(float64)")
+def quarter(x):
+    return half(half(x))
+"""
+
+
+def test_a_kernel_that_calls_another_compiles_it_unless_its_own_code_is_in_the_cache(tmp_path: Path) -> None:
+    (tmp_path / "pair.py").write_text(PAIR)
+    text = f"""
+        import sys
+        sys.path.insert(0, {str(tmp_path)!r})
+        import pair
+        print(pair.quarter(1.0), [len(one.signatures) for one in (pair.quarter, pair.half)])
+    """
+    assert printed(started(text, tmp_path / "cache")) == ["0.25 [1, 1]"]
+    assert printed(started(text, tmp_path / "cache")) == ["0.25 [1, 0]"]
 
 
 def test_kernels_are_compiled_before_they_are_called() -> None:

@@ -165,13 +165,13 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
         raise _refuse(path, fault) from fault
 
 
-def _second_name(file: Path, original: Path) -> None:
+def _second_name(file: Path, link: Path) -> None:
     """Keep a file under a second name; a copy where the file system has no links."""
-    original.unlink()
+    link.unlink()
     try:
-        original.hardlink_to(file)
+        link.hardlink_to(file)
     except OSError:
-        shutil.copy2(file, original)
+        shutil.copy2(file, link)
 
 
 def _move_into(path: Path, staging: Path) -> None:

@@ -16,8 +16,8 @@ from typing import Final
 
 _RECENT: Final = 0.3
 """Share of the time of a part so far that counts as recent."""
-_DECAY: Final = 0.0025
-"""So far apart are the fractions that are remembered."""
+_SPACING: Final = 0.0025
+"""Least distance between two fractions that are remembered."""
 _FIRST: Final = 0.01
 """Below this fraction nothing is said about the time left."""
 _ALONE: Final = 0.1
@@ -72,7 +72,7 @@ class Meter:
             self.fraction = fraction
             self._steps += 1
             self._last = (self._clock(), fraction)
-            if fraction - self._seen[-1][1] >= _DECAY or fraction in self._ends:
+            if fraction - self._seen[-1][1] >= _SPACING or fraction in self._ends:
                 self._seen.append(self._last)
         if self.on_change is not None:
             self.on_change()
