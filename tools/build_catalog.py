@@ -94,6 +94,8 @@ KR300_SOURCES = {
         "source": f"{HAEHN}, frames 3 and 5; values as published, place and axes of the frames ASSUMED: link arm at "
         "mid length with k_B about its long axis and k_A about axis 2, arm 0.20 m ahead of axis 3 with k_A about "
         "the forearm and k_B about axis 3",
+        "effect": "with k_B and k_C of the arm exchanged, the deflections of the 60 published load cases change by 4 % "
+        "in the mean and 8 % at most; of the link arm by 3 and 9 %",
     },
     "counterbalance": {
         "status": "SECONDARY",

@@ -1,42 +1,142 @@
-"""A robot without stiffness says so, in `cell check` and in a compensated program, instead of passing for rigid."""
+"""A robot without stiffness passes for rigid nowhere: nothing is planned on it, unless its class is asked for."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from counterflex.app.compensation.compensate import compensate
+from counterflex.app.compensation.compensate import compensate, run
+from counterflex.app.inputs import setting_of
+from counterflex.app.proof.prove import prove
+from counterflex.app.proof.truth import truth_of
 from counterflex.app.questions import check_cell
-from counterflex.app.unknown_stiffness import rigid_axes
+from counterflex.app.run.session import RunSettings, open_session
+from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
+from counterflex.files.plan_file import CLASS_ASSUMED, read_plan
+from counterflex.robot.elasticity import compliance
+from counterflex.robot.elasticity.axis_springs import axis_deflections, rigid_axes
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-KNOWN = "kuka_kr300_r2500_ultra"
+GROOVE = EXAMPLES / "programs" / "groove.ngc"
+SMALL = EXAMPLES / "cells" / "kr300_d16_small.toml"
+KNOWN, UNKNOWN = "kuka_kr300_r2500_ultra", "kuka_kr270_r2700_ultra"
+ALL = "A1, A2, A3, A4, A5, A6"
+
+
+def cell_file(folder: Path, robot: str = UNKNOWN, more: str = "") -> Path:
+    """The small cell with another robot."""
+    text = SMALL.read_text(encoding="utf-8").replace(f'catalog = "{KNOWN}"', f'catalog = "{robot}"\n{more}')
+    file = folder / "cell.toml"
+    file.write_text(text, encoding="utf-8")
+    return file
 
 
 @pytest.fixture
 def unknown(tmp_path: Path) -> Path:
     """The small cell with a robot of the same geometry family of which no stiffness is published."""
-    text = (EXAMPLES / "cells" / "kr300_d16_small.toml").read_text(encoding="utf-8")
-    file = tmp_path / "cell.toml"
-    file.write_text(text.replace(KNOWN, "kuka_kr270_r2700_ultra"), encoding="utf-8")
-    return file
-
-
-def said(warnings: list[str]) -> list[str]:
-    return [one for one in warnings if "no stiffness is known of A1, A2, A3, A4, A5, A6" in one]
+    return cell_file(tmp_path)
 
 
 def test_every_axis_of_a_robot_with_published_stiffness_is_elastic() -> None:
-    cell = EXAMPLES / "cells" / "kr300_d16_small.toml"
-    assert rigid_axes(read_cell(cell).chain) == []
-    assert not any("no stiffness" in one for one in check_cell(str(cell))["warnings"])
+    cell = read_cell(SMALL)
+    assert rigid_axes(cell.chain) == ()
+    assert read_cell(SMALL, assume_class=True).class_stiffness is None
+    assert not any("no stiffness" in one for one in check_cell(str(SMALL))["warnings"])
 
 
-def test_cell_check_and_program_say_what_is_missing(unknown: Path) -> None:
-    found = said(check_cell(str(unknown))["warnings"])
+def test_cell_check_says_what_is_missing_and_what_it_costs(unknown: Path) -> None:
+    found = [one for one in check_cell(str(unknown))["warnings"] if f"no stiffness is known of {ALL}" in one]
     assert len(found) == 1
+    assert "in nine of ten robots of this class) under 500 N along" in found[0]
     assert "counterflex identify stiffness" in found[0]
-    summary = compensate(EXAMPLES / "programs" / "groove.ngc", read_cell(unknown), predict=False).summary
-    assert said(summary["written"]["warnings"]) == found
+
+
+def test_nothing_is_planned_and_nothing_is_written(unknown: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match=f"no stiffness is known of {ALL}") as refused:
+        run(GROOVE, unknown, out)
+    assert not out.exists()
+    line = str(refused.value)
+    assert "mm in nine of ten robots of this class) in groove.ngc" in line
+    assert "identify stiffness --propose" in line
+    assert "--assume-class" in line
+    with pytest.raises(InputError, match="no stiffness is known"):
+        prove(GROOVE, unknown, tmp_path)
+    with pytest.raises(InputError, match="no stiffness is known"):
+        open_session(RunSettings(cell=unknown, egm=True))
+    with pytest.raises(InputError, match="under 500 N"):
+        setting_of(read_cell(unknown))
+
+
+def test_on_the_class_a_plan_is_marked_everywhere(unknown: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    summary = run(GROOVE, unknown, out, assume_class=True, predict=False)
+    assumed = summary["assumed"]["stiffness"]
+    assert assumed["axes"] == [1, 2, 3, 4, 5, 6]
+    low, high = assumed["left_mm"]["of_90_percent"]
+    assert 0.0 < low < assumed["left_mm"]["median"] < high
+    assert summary["prediction"]["peak_deflection_um"]["value"] > 100.0
+    assert any(f"{ALL} of {UNKNOWN} is assumed from its class" in one for one in summary["written"]["warnings"])
+    assert f"stiffness of {ALL} assumed from the robot's class" in (out / "groove.ngc").read_text().splitlines()[1]
+    assert "ASSUMED: median of the robot&#39;s class" in (out / "report.html").read_text(encoding="utf-8")
+    assert read_plan(out / "plan.parquet")[1][CLASS_ASSUMED]
+    with pytest.raises(FileFormatError, match=r"no table \[online\]"):  # no longer refused for its stiffness
+        open_session(RunSettings(cell=unknown, egm=True, plan=out / "plan.parquet"))
+
+
+def test_an_axis_that_the_file_states_keeps_what_it_states(tmp_path: Path) -> None:
+    rows = "\n".join(
+        f'[[robot.elastic]]\nsegment = "axis{axis}"\nrz_urad_per_knm = {value}' for axis, value in ((1, 250), (6, 0))
+    )
+    cell = read_cell(cell_file(tmp_path, more=rows), assume_class=True)
+    assert cell.class_stiffness is not None
+    assert cell.class_stiffness.axes == (1, 2, 3, 4)
+    about = {name: cell.chain.compliance[i, 5] for i, name in enumerate(cell.chain.names)}
+    assert about["axis1"] == pytest.approx(250e-9)
+    assert about["axis6"] == 0.0
+    assert about["axis2"] == pytest.approx(1.0 / cell.class_stiffness.prior.median_nm_per_rad[1])
+
+
+def test_a_file_that_states_all_axes_is_planned_as_before(tmp_path: Path) -> None:
+    rows = "\n".join(f'[[robot.elastic]]\nsegment = "axis{i}"\nrz_urad_per_knm = 500' for i in range(1, 7))
+    cell = read_cell(cell_file(tmp_path, more=rows))
+    summary = compensate(GROOVE, cell, predict=False).summary
+    assert "assumed" not in summary
+    assert not any("stiffness" in one for one in summary["written"]["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("robot", "said"),
+    [("abb_irb120", "payload 3 kg; expected 20 to 1000 kg"), ("staubli_tx2_90", "payload of the robot")],
+)
+def test_an_arm_without_class_is_refused_with_the_reason(tmp_path: Path, robot: str, said: str) -> None:
+    file = cell_file(tmp_path, robot)
+    with pytest.raises(InputError, match=said) as refused:
+        setting_of(read_cell(file))
+    assert "--assume-class" not in str(refused.value)
+    with pytest.raises(ValueError, match=said):
+        read_cell(file, assume_class=True)
+
+
+def test_springs_about_the_axes_are_the_chain_with_these_springs(unknown: Path) -> None:
+    """The law: J (J^T w) / k summed over the axes is the compliance of the chain that has these springs alone."""
+    rigid, elastic = read_cell(unknown), read_cell(unknown, assume_class=True)
+    assert elastic.class_stiffness is not None
+    q = np.deg2rad([[10.0, -80.0, 110.0, 20.0, -40.0, 5.0]])
+    w = np.array([[120.0, -300.0, 200.0, 5.0, -8.0, 3.0]])
+    k = elastic.class_stiffness.prior.median_nm_per_rad
+    added = np.einsum("nad,a->nd", axis_deflections(rigid.chain, q, w, tuple(range(6))), 1.0 / k)
+    C = compliance.cartesian_compliance(elastic.chain, q) - compliance.cartesian_compliance(rigid.chain, q)
+    np.testing.assert_allclose(added, np.einsum("nij,nj->ni", C, w)[:, :3], rtol=1e-6)
+
+
+def test_truths_of_a_class_spread_as_far_as_the_class(unknown: Path) -> None:
+    """A proof on the class meets robots of the class, not its median with ten per cent."""
+    cell = read_cell(unknown, assume_class=True)
+    assert cell.class_stiffness is not None
+    axis2 = [truth_of(cell, seed).bodies[1].compliance[5] for seed in range(200)]
+    spread = np.std(np.log(axis2))
+    assert 0.7 < spread / cell.class_stiffness.prior.log_sigma[1] < 1.3

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +14,11 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM
+from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain, flange, forward, frames
 from counterflex.robot.elasticity.gravity import counterbalance_torque
-from counterflex.robot.model import catalog
+from counterflex.robot.kinematics import inverse
+from counterflex.robot.model import catalog, load_cases
 from counterflex.robot.model.description import EndEffector, Opw
 from counterflex.robot.model.opw_chain import Element
 
@@ -263,3 +267,23 @@ def test_impossible_limits_compliances_and_masses_are_refused() -> None:
         catalog.from_opw("own", opw, LIMITS, masses_kg=np.array([1.0, -1, 1, 1, 1, 1]))
     with pytest.raises(InputError, match="shape"):
         catalog.from_opw("own", opw, LIMITS, np.zeros((6, 3)))
+
+
+def test_what_the_assumed_axes_of_the_kr_300_may_change_is_what_the_catalogue_says() -> None:
+    """With k_B and k_C of a body exchanged, the deflections of the published load cases change as ``effect`` states."""
+    robot, tool = catalog.load(KR300), load_cases.end_effector()
+    chain = ElasticChain.build(robot, tool)
+    figures = []
+    for body in ("arm", "link_arm"):
+        other = chain.compliance.copy()
+        i = chain.names.index(body)
+        other[i, [3, 4]] = other[i, [4, 3]]
+        changed = replace(chain, compliance=other)
+        change = []
+        for case in load_cases.cases():
+            q = inverse.inverse_all(chain, case.T_base_tcp)[0].q
+            d, e = ((compliance.cartesian_compliance(c, q) @ case.w_tcp_base)[:3] for c in (chain, changed))
+            change.append(np.linalg.norm(e - d) / np.linalg.norm(d))
+        figures += [f"{100 * np.mean(change):.0f}", f"{100 * np.max(change):.0f}"]
+    effect = catalog.entry(KR300).sources["stiffness_links"].effect
+    assert re.findall(r"\d+", effect.partition("change by ")[2]) == figures

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError, ProgramError
 from counterflex.core.units import MM
@@ -149,7 +150,13 @@ def setting_of(
     chain: ElasticChain | None = None,
     law: ForceLaw | None = None,
 ) -> Setting:
-    """The plan's setting for a cell; ``chain`` and ``law`` replace what the cell file says about robot and force."""
+    """The plan's setting for a cell; ``chain`` and ``law`` replace what the cell file says about robot and force.
+
+    Raises:
+        InputError: Without ``chain``, a cell with axes of unknown stiffness.
+    """
+    if chain is None:
+        require_stiffness(cell)
     tables = cell.tables
     return Setting(
         chain=cell.chain if chain is None else chain,

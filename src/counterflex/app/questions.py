@@ -133,7 +133,7 @@ def check_cell(path: str) -> dict[str, Any]:
     chain = cell.chain
     warnings: list[str] = [one.sentence() for one in unusual(cell.tables)]
     law = None if cell.tables.material is None else cell.force_law
-    warnings += unknown_stiffness(chain)
+    warnings += unknown_stiffness(cell)
     missing = cell.missing_for_milling()
     if missing:
         warnings.append(f"no {', '.join(missing)}: good for calibration (counterflex identify), nothing can be milled")
@@ -167,8 +167,21 @@ def check_cell(path: str) -> dict[str, Any]:
             }
             for entry in cell.tables.identified
         ],
+        "assumptions": _assumptions(cell),
         "warnings": warnings,
     }
+
+
+def _assumptions(cell: Cell) -> list[str]:
+    """What the catalogue assumes of the robot's elastic bodies, unless the cell file states them itself."""
+    name, stated = cell.tables.robot.catalog, {row.segment for row in cell.tables.robot.elastic}
+    if name is None:
+        return []
+    entry = catalog.entry(name)
+    links, bodies = entry.sources["stiffness_links"], {body.name for body in entry.elements}
+    if not links.effect or bodies <= stated:
+        return []
+    return [f"the axes of {' and '.join(sorted(bodies))} are assumed in the catalogue: {links.effect}"]
 
 
 _NO_BLANK: Final[dict[str, Any]] = {

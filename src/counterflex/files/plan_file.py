@@ -13,6 +13,8 @@ from counterflex.plan.plan import Plan, job_hash
 
 KIND = "counterflex-plan"
 VERSION = 1
+CLASS_ASSUMED = "stiffness_assumed_from_class"
+"""Key of the metadata: the plan stands on the median of the robot's class, and so must what runs it."""
 
 LAYOUT = (
     Column("time_s", "path.time_s"),

@@ -166,7 +166,7 @@ def test_the_identified_cell_file_knows_where_the_unloaded_tool_is(folder: Path,
         left[name] = float(np.mean(np.linalg.norm(off - off.mean(axis=0), axis=1)))
     assert left["with"] < 0.5 * left["without"]
     # What planning believes of the unloaded tool over the part changes by what hangs there.
-    setting = setting_of(cell)
+    setting = setting_of(cell, chain=cell.chain)
     p_part = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.2, 0.1]])
     q = held[:3]
     unknown = replace(setting, drive_errors=DriveErrors())

@@ -23,6 +23,8 @@ from counterflex.report.data import CellDrawing, Fact
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
 from counterflex.robot.model import catalog
 
+_CLASS: Final = "ASSUMED: median of the robot's class, not measured"
+
 
 def robot_name(cell: Cell) -> str:
     """Maker and model of a catalogue robot, otherwise the name of the chain."""
@@ -49,6 +51,10 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
         entry = catalog.entry(tables.robot.catalog)
         for group, source in entry.sources.items():
             facts.append(Fact(f"Robot: {group.replace('_', ' ')}", source.status, source.source))
+    given = cell.class_stiffness
+    if given is not None:
+        k = ", ".join(f"{value:.2g}" for value in given.prior.median_nm_per_rad[list(given.axes)])
+        facts.append(Fact(f"Robot: stiffness of {given.named}", f"{k} Nm/rad", _CLASS))
     facts += [
         Fact(f"End effector: {body.name}", f"{body.mass_kg:g} kg", body.source or "cell file")
         for body in tables.end_effector

@@ -18,13 +18,14 @@ from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.app.compensation.languages import require_tolerance, write
 from counterflex.app.compensation.prediction import prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
+from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.plan_file import write_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance, at_feed
@@ -94,6 +95,7 @@ def compensate(
     refuse_compensated(job.program)
     if kind.dialect is not None:
         check_machine(job, cell, kind.dialect)
+    require_stiffness_for(job, cell, parts[PLANNING])
     setting = setting_of(cell, normal_only=normal_only, orientation=kind.orientation)
     with faults_in(job):
         if feed is None:
@@ -117,6 +119,7 @@ def run(
     cell_file: str | Path,
     out: str | Path,
     *,
+    assume_class: bool = False,
     report: bool = True,
     progress: Progress = silent,
     **options: Any,
@@ -127,16 +130,18 @@ def run(
         program: G-code file.
         cell_file: Cell file.
         out: Folder; made when missing.
+        assume_class: Give axes that no stiffness is known of the median of the robot's class, and say so.
         report: Write the HTML page.
         progress: Progress callback, fraction 0 to 1.
         options: As for :func:`compensate`; returned is its summary.
     """
-    cell = read_cell(cell_file)
+    cell = read_cell(cell_file, assume_class=assume_class)
     with atomic.atomic_folder(out) as staging:
         parts = in_parts(progress, {"compensating": 1.0 - _PAGE_SHARE, PAGE: _PAGE_SHARE})
         result = compensate(program, cell, progress=parts["compensating"], **options)
         parts[PAGE](0.0)
         about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
+        about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
         write_plan(staging / "plan.parquet", result.plan, about)

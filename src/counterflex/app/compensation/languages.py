@@ -107,7 +107,7 @@ def written(name: str, order: WritingOrder) -> Written:
 def _gcode(order: WritingOrder) -> Written:
     job, plan = order.job, order.plan
     commanded = CompensatedPath.from_correction(job.sampled, plan.correction_part, plan.rotvec_part)
-    text = write_gcode(job.program, commanded, tolerance_m=order.tolerance_m, cell=order.cell.name, job=job_hash(plan))
+    text = write_gcode(job.program, commanded, tolerance_m=order.tolerance_m, cell=order.cell.label, job=job_hash(plan))
     facts = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
     return {Path(job.program.name).name: text.text}, facts
 
@@ -124,7 +124,7 @@ def _krl(order: WritingOrder) -> Written:
         acc_m_s2=controller.acceleration_m_s2,
         blend_m=controller.blending_m,
         cycle_s=controller.cycle_s,
-        cell=cell.name,
+        cell=cell.label,
         job=job_hash(plan),
         tool_data={tool: int(value) for tool, value in data.items()},
     )
@@ -144,7 +144,7 @@ def _rapid(order: WritingOrder) -> Written:
         p_flange_cog=com,
         rapid_m_s=controller.rapid_m_s,
         cycle_s=controller.cycle_s,
-        cell=cell.name,
+        cell=cell.label,
         job=job_hash(plan),
         tool_data=tool_data(job, cell, "rapid"),
     )

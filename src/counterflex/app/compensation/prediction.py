@@ -12,6 +12,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
 from counterflex.app.compensation.next_steps import after_compensation, to_load
+from counterflex.app.cost_of_unknown_stiffness import assumed, left_by_class
 from counterflex.app.inputs import Job
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float
@@ -139,6 +140,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
                 )
             )
     notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
+    notes += [f"{text[0].upper()}{text[1:]}." for text in unknown_stiffness(cell, left_by_class(plan, cell))]
     if predicted["extrapolated_force_share"] > 0.0:
         notes.append(
             f"{100 * predicted['extrapolated_force_share']:.2g} % of the force comes from chips outside the range "
@@ -218,7 +220,7 @@ def summary_of(
     """
     predicted = figures(plan)
     remarks = (
-        *unknown_stiffness(cell.chain),
+        *unknown_stiffness(cell, left_by_class(plan, cell)),
         *doubtful_readings(job.program),
         *beyond_measured(cell, plan),
         *chatter_warnings(predicted["chatter"]),
@@ -239,4 +241,5 @@ def summary_of(
         "job_hash": job_hash(plan),
         "written": written,
         "prediction": predicted,
+        **assumed(plan, cell),
     }

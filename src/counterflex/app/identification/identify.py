@@ -20,10 +20,11 @@ from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.history import keep
 from counterflex.app.identification.propose import propose as propose
 from counterflex.app.identification.recipe_settings import Setting, read_settings
+from counterflex.app.identification.starting_cell import starting_cell
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.files.cell.update import check_update, updated_text
 from counterflex.files.dataset.reader import read_dataset
@@ -68,6 +69,7 @@ class Task:
         data: Datasets that parameters are fitted to.
         holdout: Datasets that are only predicted; empty for k folds of ``data``.
         settings: Of the recipe, with ``seed``.
+        remark: What the cell begins with besides what its file says; may be empty.
     """
 
     recipe: Recipe
@@ -75,6 +77,7 @@ class Task:
     data: tuple[Dataset, ...]
     holdout: tuple[Dataset, ...]
     settings: Mapping[str, Any]
+    remark: str = ""
 
 
 def prepare(
@@ -102,11 +105,11 @@ def prepare(
     """
     recipe: Recipe = RECIPES[name]
     chosen = read_settings(recipe, settings or {}, seed)
-    known = read_cell(cell)
+    known, chosen, remark = starting_cell(cell, recipe, chosen)
     fitted, unseen = _with_unique_names(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))
     recipe.require_usable((*fitted, *unseen))
     require_disjoint(fitted, unseen)
-    return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen)
+    return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen, remark)
 
 
 def _with_unique_names(*parts: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], ...]:
@@ -166,6 +169,7 @@ def run(
     with atomic.atomic_folder(folder) as staging:
         identified = task.recipe.identify(model_of(task.cell), task.data, task.holdout, task.settings, parts[FINDING])
         parts[WRITING](0.0)
+        identified = replace(identified, remarks=(*identified.remarks, *([task.remark] if task.remark else [])))
         check_better(identified)
         date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
         entry = provenance(task, identified, date)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.recipe_settings import Setting, read_settings
+from counterflex.app.identification.starting_cell import starting_cell
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
-from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.proposal import PROPOSAL, ROWS, form_names, write_proposal
 from counterflex.files.shop_unit import shop
 from counterflex.identify.data.channels import CHANNELS_OF
@@ -67,8 +68,10 @@ def _write(name: str, count: int, cell: Path, out: Path, settings: Mapping[str, 
         raise InputError("the number of measurements is below 1", value=count)
     recipe: Recipe = RECIPES[name]
     chosen = read_settings(recipe, settings, seed)
-    model = model_of(read_cell(cell))
+    known, chosen, remark = starting_cell(cell, recipe, chosen)
+    model = model_of(known)
     with atomic.atomic_folder(out) as staging:
         proposal = recipe.propose(model, count, chosen)
+        proposal = replace(proposal, remarks=(*proposal.remarks, *([remark] if remark else [])))
         write_proposal(staging, proposal)
     return proposal

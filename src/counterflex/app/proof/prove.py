@@ -16,19 +16,21 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import figures
+from counterflex.app.cost_of_unknown_stiffness import assumed, left_by_class, require_stiffness_for
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import knowing, truth_of
+from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, summary
 from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.plan_file import write_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, write_plan
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
@@ -58,6 +60,7 @@ def prove(
     seeds: Sequence[int] = (FIRST_SEED,),
     family: Family = MILD,
     exact: bool = True,
+    assume_class: bool = False,
     workers: int | None = None,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
@@ -71,6 +74,8 @@ def prove(
         seeds: Truth seeds.
         family: Family that the truths are drawn from.
         exact: Also machine the program planned with the truth's exact constants.
+        assume_class: Plan with the median of the robot's class where no stiffness is known; the truths then are robots
+            of that class.
         workers: Processes; None is one per core.
         reading: How the program is read.
         progress: Progress callback, fraction 0 to 1.
@@ -81,8 +86,9 @@ def prove(
     """
     if not seeds:
         raise InputError("there are no truth seeds")
-    cell = read_cell(cell_file)
+    cell = read_cell(cell_file, assume_class=assume_class)
     job = read_job(program, cell, reading=reading)
+    require_stiffness_for(job, cell)
     begin = time.perf_counter()
     count = len(seeds) * (3 if exact else 2)
     parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), exact=exact))
@@ -124,6 +130,7 @@ def prove(
         for seed in truths
         if (seed, name) in judged
     ]
+    remarks = unknown_stiffness(cell, left_by_class(plan, cell))
     about = {
         "job": "prove",
         "program": Path(job.program.name).name,
@@ -131,7 +138,8 @@ def prove(
         "robot": cell.chain.name,
         "family": family.name,
         "prediction": figures(plan),
-        "written": written,
+        "written": written | {"warnings": [*written.get("warnings", ()), *remarks]},
+        **assumed(plan, cell),
         "seconds": {name: round(value, 2) for name, value in timing.items()},
         "counterflex": __version__,
     }
@@ -147,6 +155,7 @@ def run(
     seeds: Sequence[int] = (FIRST_SEED,),
     family: Family = MILD,
     exact: bool = True,
+    assume_class: bool = False,
     workers: int | None = None,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
@@ -171,6 +180,7 @@ def run(
             seeds=seeds,
             family=family,
             exact=exact,
+            assume_class=assume_class,
             workers=workers,
             reading=reading,
             progress=progress,
@@ -184,6 +194,7 @@ def run(
         atomic.write_bytes(staging / "original" / name, Path(program).read_bytes())
         atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
+        about |= {CLASS_ASSUMED: True} if assume_class else {}
         write_plan(staging / "plan.parquet", proof.plan, about)
         for seed, truth in proof.truths.items():
             write_truth(staging / f"truth-{seed}.toml", truth)

@@ -45,7 +45,8 @@ def proof_page(proof: Proof) -> str:
 def comparison_page(comparison: Comparison) -> str:
     """The page of two machined programs, as HTML; what the model says about the first is planned anew."""
     job, cell = comparison.reference.job, comparison.reference.cell
-    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), predict=False)
+    setting = setting_of(cell, chain=cell.chain)  # what was machined is judged, also where the stiffness is unknown
+    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=False)
     return _page(comparison, plan, figures(plan), {})
 
 

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.errors import ModelError
 from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw, KienzleLaw
 from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.class_stiffness import ClassStiffness
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model.description import EndEffector, Robot
 from counterflex.twin.truth.described import described
@@ -16,6 +20,8 @@ from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import CuttingTruth, SensorPlace, Truth
+
+_ABOUT_Z = 5
 
 
 def cutting_truth(law: ForceLaw) -> CuttingTruth:
@@ -32,16 +38,41 @@ def cutting_truth(law: ForceLaw) -> CuttingTruth:
 
 
 def truth_of(cell: Cell, seed: int | None, family: Family = MILD) -> Truth:
-    """The truth of a cell: nominal for None, otherwise put off by seed and family."""
+    """The truth of a cell: nominal for None, otherwise put off by seed and family.
+
+    Where the cell stands on the median of the robot's class, the truth of a seed is a robot of that class: axes that
+    nothing is known of get a stiffness drawn from it, on top of what the family puts off.
+    """
     truth = nominal_truth(cell.nominal_robot, cell.nominal_end_effector, cutting_truth(cell.force_law), name=cell.name)
     table = cell.tables.sensor
     if table is not None:
         truth = replace(truth, sensor=SensorPlace(table.segment, table.matrix()))
-    return truth if seed is None else perturbed(truth, seed, family)
+    if seed is None:
+        return truth
+    return perturbed(
+        truth if cell.class_stiffness is None else _of_class(truth, cell.class_stiffness, seed), seed, family
+    )
+
+
+def _of_class(truth: Truth, given: ClassStiffness, seed: int) -> Truth:
+    """The truth with stiffnesses about the axes drawn from the class in place of its median."""
+    drawn = given.prior.drawn(1, seed)[0]
+    bodies = []
+    for body in truth.bodies:
+        compliance = np.array(body.compliance)
+        if body.joint in given.axes:
+            compliance[_ABOUT_Z] = 1.0 / drawn[body.joint]
+        bodies.append(replace(body, compliance=compliance))
+    return replace(truth, bodies=tuple(bodies))
 
 
 def make_truth(cell: Cell, seed: int | None, out: str | Path, family: Family = MILD) -> Truth:
-    """Write the truth of a cell to a file."""
+    """Write the truth of a cell to a file.
+
+    Raises:
+        InputError: Axes of the cell have no stiffness: the simulated robot would be rigid.
+    """
+    require_stiffness(cell)
     truth = truth_of(cell, seed, family)
     write_truth(out, truth)
     return truth

@@ -40,6 +40,13 @@ Parameters = Annotated[
         callback=arguments.file,
     ),
 ]
+AssumeClass = Annotated[
+    bool,
+    typer.Option(
+        "--assume-class",
+        help="Give axes of unknown stiffness the median of the robot's class; marked in everything that comes out.",
+    ),
+]
 WithoutEnd = Annotated[
     bool, typer.Option("--without-end", help="The program is complete though it stops without M2, M30 or a closing %.")
 ]
@@ -110,6 +117,7 @@ def compensate(
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     scenario: Layers = None,
+    assume_class: AssumeClass = False,
     predict: Annotated[
         bool, typer.Option("--predict/--no-predict", help="Predict the path error before and after.")
     ] = True,
@@ -145,6 +153,7 @@ def compensate(
             program,
             cell,
             out,
+            assume_class=assume_class,
             report=report,
             progress=progress,
             language=language,

@@ -11,7 +11,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS
-from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import AssumeClass, CellFile, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.twin.truth.family import FAMILIES
 
@@ -58,6 +58,7 @@ def truth(
         ),
     ] = None,
     family: FamilyName = "mild",
+    assume_class: AssumeClass = False,
 ) -> None:
     """Make a truth file: the parameters of a simulated cell, which differ from the cell file as in a real cell.
 
@@ -72,7 +73,7 @@ def truth(
     from counterflex.files.cell.cell import read_cell
     from counterflex.twin.truth.family import family_of
 
-    made = make_truth(read_cell(cell), seed, out, family_of(family))
+    made = make_truth(read_cell(cell, assume_class=assume_class), seed, out, family_of(family))
     say_written(out, f"wrote {out}: {len(made.bodies)} bodies, seed {'none' if seed is None else seed}")
 
 
@@ -188,6 +189,7 @@ def prove(
     exact: Annotated[
         bool, typer.Option("--exact/--no-exact", help="Also plan with the truth's exact constants.")
     ] = True,
+    assume_class: AssumeClass = False,
     workers: Workers = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
@@ -212,6 +214,7 @@ def prove(
             seeds=numbers,
             family=family_of(family),
             exact=exact,
+            assume_class=assume_class,
             workers=workers,
             reading=reading,
             progress=progress,
@@ -251,6 +254,8 @@ def show_proof(summary: dict[str, Any], out: Path) -> None:
         f"depth {peak['peak_axial_depth_mm']['value']:.1f} mm, joints "
         f"{json.dumps([round(v, 1) for v in peak['peak_deflection_um']['joints_deg']])} deg"
     )
+    for warning in summary.get("written", {}).get("warnings", ()):
+        typer.echo(f"warning: {warning}")
     typer.echo(f"report: {out / 'report.html'}")
 
 

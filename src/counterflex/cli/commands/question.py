@@ -279,6 +279,8 @@ def cell_check(
             ],
             note="Values with their standard deviations: counterflex cell check CELL --json.",
         )
+    for assumption in answer["assumptions"]:
+        typer.echo(f"note: {assumption}")
     for warning in answer["warnings"]:
         typer.echo(f"warning: {warning}")
     typer.echo("cell file ok" if not answer["warnings"] else f"cell file readable, {len(answer['warnings'])} warnings")

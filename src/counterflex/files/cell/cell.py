@@ -18,6 +18,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import HeightMap
+from counterflex.files.cell.class_stiffness import ClassStiffness, prior_of, unknown_axes, with_class_stiffness
 from counterflex.files.cell.measured import CalibrationTable
 from counterflex.files.cell.plausibility import require_units
 from counterflex.files.cell.robot import OpwTable
@@ -45,6 +46,8 @@ class Cell:
         chain: Both as one elastic chain.
         nominal_robot: Robot without calibration: the geometry that its controller computes with.
         nominal_end_effector: End effector without calibration.
+        class_stiffness: What the robot's class gave the axes that no stiffness is known of; None where nothing was
+            asked of it, or where every axis has one.
     """
 
     tables: CellTables
@@ -54,6 +57,15 @@ class Cell:
     chain: ElasticChain
     nominal_robot: Robot
     nominal_end_effector: EndEffector
+    class_stiffness: ClassStiffness | None = None
+
+    @property
+    def label(self) -> str:
+        """Name of the cell and what in it is only assumed, for the headers of programs."""
+        given = self.class_stiffness
+        if given is None:
+            return self.name
+        return f"{self.name[:50]}, stiffness of {given.named} assumed from the robot's class"
 
     @property
     def name(self) -> str:
@@ -117,6 +129,11 @@ class Cell:
             where=str(self.path),
             hint="Only calibration does without; docs/cell-file.md lists the keys",
         )
+
+    @cached_property
+    def unknown_axes(self) -> tuple[int, ...]:
+        """Numbers 0..5 of the axes that no stiffness is known of and that are taken as rigid."""
+        return unknown_axes(self.nominal_robot, self.tables.robot)
 
     @cached_property
     def controller_chain(self) -> ElasticChain:
@@ -198,25 +215,35 @@ class Cell:
             return _stock(self.part.stock, self.path.parent)
 
 
-def read_cell(path: str | Path) -> Cell:
+def read_cell(path: str | Path, *, assume_class: bool = False) -> Cell:
     """Read a cell file and resolve what it names.
 
+    Args:
+        path: The file.
+        assume_class: Give axes that no stiffness is known of the median of the robot's class.
+
     Raises:
+        InputError: With ``assume_class``, a robot whose class says nothing.
         FileFormatError: Missing file, wrong format or version, unknown key, value out of range or by magnitude in
             another unit, unknown robot, segment or material; one line that says where and what to do.
         ModelError: The numbers contradict each other (compliance or mass far outside of what robots are made of).
     """
     file = Path(path)
-    cell = resolve(CellTables.read(file, kind=KIND, version=VERSION), file)
+    cell = resolve(CellTables.read(file, kind=KIND, version=VERSION), file, assume_class=assume_class)
     require_units(cell.tables, str(file))
     return cell
 
 
-def resolve(tables: CellTables, path: Path) -> Cell:
+def resolve(tables: CellTables, path: Path, *, assume_class: bool = False) -> Cell:
     """Build the objects of a cell from its tables. Raises as :func:`read_cell`."""
     where = str(path)
     robot = _with_drives(_with_elastic(_robot(tables, path), tables, where), tables)
     robot = replace(robot, regions=(*robot.regions, *(row.region() for row in tables.robot.elastic_region)))
+    given = None
+    if assume_class and (axes := unknown_axes(robot, tables.robot)):
+        with _located(f"{where}: robot"):
+            given = ClassStiffness(axes, prior_of(robot, tables.robot))
+        robot = with_class_stiffness(robot, given)
     taken = {segment.name for segment in robot.segments}
     for body in tables.end_effector:
         if body.name in taken:
@@ -243,7 +270,7 @@ def resolve(tables: CellTables, path: Path) -> Cell:
             true_robot, true_end_effector = calibrated(robot, end_effector, _calibration(tables))
     with _located(where):
         chain = ElasticChain.build(true_robot, true_end_effector)
-        cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector)
+        cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector, given)
     if tables.material is not None:
         with _located(f"{where}: material"):
             _ = cell.force_law

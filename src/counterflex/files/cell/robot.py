@@ -167,6 +167,7 @@ class RobotTable(Table):
     dh: DhTable | None = None
     urdf: str | None = None
     urdf_tip: str | None = None
+    payload_kg: Annotated[float, Field(gt=0.0, le=5000.0)] | None = None
     elastic: tuple[ElasticTable, ...] = ()
     elastic_region: Annotated[tuple[ElasticRegionTable, ...], Field(max_length=MOST_REGIONS)] = ()
     play: tuple[PlayTable, ...] = ()

@@ -51,10 +51,11 @@ class _Table(BaseModel):
 
 
 class Provenance(_Table):
-    """Where a group of numbers comes from and how far to trust it."""
+    """Where a group of numbers comes from, how far to trust it, and what an assumption in it may change."""
 
     status: Status
     source: str
+    effect: str = ""
 
 
 class Check(_Table):
