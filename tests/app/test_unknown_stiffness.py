@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from counterflex.app.compensation.compensate import compensate, run
+from counterflex.app.identification.recipe_settings import read_settings
+from counterflex.app.identification.starting_cell import starting_cell
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof.prove import prove
 from counterflex.app.proof.truth import truth_of
@@ -16,6 +18,9 @@ from counterflex.app.run.session import RunSettings, open_session
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, read_plan
+from counterflex.identify.geometry.compliances import springs
+from counterflex.identify.recipe import Recipe
+from counterflex.identify.recipes import RECIPES
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.axis_springs import axis_deflections, rigid_axes
 
@@ -140,3 +145,16 @@ def test_truths_of_a_class_spread_as_far_as_the_class(unknown: Path) -> None:
     axis2 = [truth_of(cell, seed).bodies[1].compliance[5] for seed in range(200)]
     spread = np.std(np.log(axis2))
     assert 0.7 < spread / cell.class_stiffness.prior.log_sigma[1] < 1.3
+
+
+def test_pulls_at_such_a_robot_determine_its_axes(unknown: Path) -> None:
+    """An axis that is rigid in the file would stay rigid: identification begins with the class, and widely."""
+    recipe: Recipe = RECIPES["stiffness"]
+    cell, chosen, remark = starting_cell(unknown, recipe, read_settings(recipe, {"wide": "sensor"}))
+    found = springs(cell.chain, chosen).parameters
+    sigma = {one.name: one.prior_sigma for one in found}
+    assert [sigma[f"axis{axis}.rz"] for axis in range(1, 7)] == [1.0] * 6
+    assert sigma["sensor.rx"] == 1.0
+    assert sigma["spindle.rx"] == 0.3
+    assert f"{ALL} begin with the median of the robot's class" in remark
+    assert starting_cell(SMALL, recipe, read_settings(recipe, {}))[2] == ""
