@@ -19,7 +19,7 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.twin.devices.commanded_motion import CommandedMotion
 from counterflex.twin.devices.commanded_motion import Report as Report
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex.twin.plant.controller import Controller
+from counterflex.twin.plant.controller import Controller, as_it_is
 from counterflex.twin.plant.drives import FollowingLag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process
@@ -27,6 +27,13 @@ from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
 from counterflex.twin.plant.setup import touched_part_frame
 from counterflex.twin.plant.simulate import as_delivered, hermite, near_stock
 from counterflex.twin.truth.truth import Truth
+
+
+def _answer(answer: PathAnswer | None, truth: Truth, cycle_s: float) -> PathAnswer:
+    """What was asked for, with the dead time that this controller has beside it."""
+    requested = PathAnswer() if answer is None else answer
+    kind = truth.other.controller
+    return requested if kind is None else replace(requested, dead_s=requested.dead_s + kind.dead_cycles * cycle_s)
 
 
 @dataclass(eq=False)
@@ -82,7 +89,8 @@ class LiveCell:
         if not 0.0 <= own_backlash <= 1.5:
             raise InputError("share of the play that the controller compensates", value=own_backlash, limit="0 .. 1.5")
         own = own_backlash * np.array([drive.dead_band_rad for drive in truth.drives])
-        self.motion = CommandedMotion(path, replace(controller, following_gain_per_s=None), answer, own)
+        running = as_it_is(replace(controller, following_gain_per_s=None), truth.other.controller)
+        self.motion = CommandedMotion(path, running, _answer(answer, truth, controller.cycle_s), own)
         self.reference = self.motion.reference
         self.plant = Plant(truth, step_s=step_s)
         self.T_base_part, self._residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))

@@ -7,7 +7,7 @@ by ``v / Kv``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.robot.model.description import EndEffector, Opw, Robot
 from counterflex.robot.model.opw import BRANCHES, branches, nearest_turn, turns
 from counterflex.twin.plant.drives import first_order_lag
+from counterflex.twin.truth.other import ControllerKind
 
 CYCLE_S = 4.0e-3
 
@@ -41,6 +42,7 @@ class Controller:
         rapid_m_s: Speed of rapid moves.
         following_gain_per_s: Kv of a drive without speed feed-forward, or None for full feed-forward.
         cycle_s: Interpolation cycle.
+        smoothing_s: Length of the moving mean over the axis references, 0 for none.
     """
 
     opw: Opw
@@ -54,6 +56,7 @@ class Controller:
     rapid_m_s: float = 0.25
     following_gain_per_s: float | None = None
     cycle_s: float = CYCLE_S
+    smoothing_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -66,6 +69,7 @@ class Controller:
         as_positive("acceleration_m_s2", self.acceleration_m_s2)
         as_positive("rapid_m_s", self.rapid_m_s)
         as_positive("cycle_s", self.cycle_s)
+        as_positive("smoothing_s", self.smoothing_s, zero=True)
         if self.following_gain_per_s is not None:
             as_positive("following_gain_per_s", self.following_gain_per_s)
 
@@ -167,6 +171,35 @@ class Reference:
     source: Int
 
 
+def as_it_is(controller: Controller, kind: ControllerKind | None) -> Controller:
+    """The controller with what it makes of programs beside what it was told; the same where that is None."""
+    if kind is None:
+        return controller
+    return replace(controller, blending_m=controller.blending_m * kind.blending_share, smoothing_s=kind.smoothing_s)
+
+
+def moving_mean(q: Float, count: int) -> Float:
+    """Mean over ``count`` samples about each one, the path standing still before its beginning and after its end.
+
+    A controller's filter takes past samples only and is late by half its length, everywhere alike; that delay, which
+    moves no point of the path, is left out. An even count is made odd.
+
+    Args:
+        q: (n, m) samples at equal steps, any unit.
+        count: >= 1.
+
+    Returns:
+        (n, m).
+    """
+    half = count // 2
+    if half == 0:
+        return q
+    padded = np.concatenate([np.repeat(q[:1], half + 1, axis=0), q, np.repeat(q[-1:], half, axis=0)])
+    total = np.cumsum(padded - q[0], axis=0)
+    out: Float = q[0] + (total[2 * half + 1 :] - total[: -(2 * half + 1)]) / (2 * half + 1)
+    return out
+
+
 def interpolate(path: ToolPath, controller: Controller) -> Reference:
     """Run a tool path on the controller.
 
@@ -193,6 +226,8 @@ def interpolate(path: ToolPath, controller: Controller) -> Reference:
     if len(t) < 2:
         raise InputError("the tool path does not move", value=len(path))
     q = controller.joints(p, axis)
+    if controller.smoothing_s > 0.0:
+        q = moving_mean(q, max(1, round(controller.smoothing_s / controller.cycle_s)))
     if controller.following_gain_per_s is not None:
         q = first_order_lag(q, controller.cycle_s, controller.following_gain_per_s)
     qd: Float = np.gradient(q, controller.cycle_s, axis=0)

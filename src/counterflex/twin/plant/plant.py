@@ -18,6 +18,7 @@ from counterflex.twin.plant.drives import apply_drives, gains
 from counterflex.twin.plant.friction import apply_friction, play_torque, slip_parameters
 from counterflex.twin.plant.loads import apply_loads, balance_parameters
 from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
+from counterflex.twin.plant.other_forces import OtherForces
 from counterflex.twin.plant.posture_springs import PostureSprings
 from counterflex.twin.truth.truth import Truth
 
@@ -105,6 +106,9 @@ class Plant:
             self._slip_stiffness, self._slip_limit = np.zeros((6, 4)), np.zeros((6, 4))
         self._slip_force: Float = np.zeros((6, 4))
         self._slip_angle: Float = np.zeros((6, 2))
+        self._more = (
+            OtherForces(truth, c, self._torsion_stiffness, self._band, friction=friction) if truth.other else None
+        )
         self._pid = gains(truth.drives)
         self._integral: Float = np.zeros(6)
         self._balance = balance_parameters(truth.counterbalance)
@@ -167,6 +171,7 @@ class Plant:
         floating[c.torsion[sprung]] = np.clip(0.5 * dry, 1e-6, _FLOAT_NM)[sprung]
         soft = self._elastic
         applied: Float = np.zeros(len(c.kind))
+        straight: Float = np.zeros(len(c.kind))
         for _ in range(_ROUNDS):
             mujoco.mj_forward(self._model, d)
             applied[:] = 0.0
@@ -175,7 +180,10 @@ class Plant:
                 self._balance, applied,
             )  # fmt: skip
             net: Float = applied - d.qfrc_bias
-            target = net[soft] / self._stiffness[soft] + np.clip(net[soft] / floating[soft], -1.0, 1.0) * band[soft]
+            straight[soft] = net[soft] / self._stiffness[soft]
+            if self._more is not None:
+                self._more.bend(straight, net)
+            target = straight[soft] + np.clip(net[soft] / floating[soft], -1.0, 1.0) * band[soft]
             change = float(np.max(np.abs(target - self._qpos[soft]), initial=0.0))
             if not np.isfinite(change) or change > 1.0:
                 break
@@ -194,6 +202,8 @@ class Plant:
         for i in sprung:
             t = c.torsion[i]
             spring = play_torque(self._qpos[t], self._torsion_stiffness[i], self._band[i])
+            if self._more is not None:
+                spring = self._more.spring(int(i), self._qpos[t], spring)
             if dry[i] > 0.0:  # what the play leaves unsupported is held by stiction
                 self._slip_force[i, :-1] = -self._sign[i] * (net[t] + spring) * self._slip_limit[i, :-1] / dry[i]
         self._integral[:] = -net[c.motor] - np.sum(self._slip_force[:, :-1], axis=1)
@@ -202,6 +212,8 @@ class Plant:
         self._slip_angle[:, 0], self._slip_angle[:, 1] = link, q
         if qd is not None:
             self._qvel[c.motor] = as_float("qd", qd, (6,))
+        if self._more is not None:
+            self._more.rest(self._qpos)
         self.time_s = 0.0
         self._load[:], self._q_ref[:] = load, q
         self._speed_before[:] = self._qvel
@@ -224,6 +236,8 @@ class Plant:
             self._slip_force, self._slip_angle, q_ref, qd_ref, self._pid, self._integral, self.step_s, self._force,
             self.drive_torque,
         )  # fmt: skip
+        if self._more is not None:
+            self._more.apply(self._qpos, self._force)
         self._load[:], self._q_ref[:], self._speed_before[:] = w_tcp_base, q_ref, self._qvel
         mujoco.mj_step2(self._model, self._data)
         self.time_s += self.step_s

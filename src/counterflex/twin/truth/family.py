@@ -2,7 +2,9 @@
 
 ``mild`` is a cell that was identified a year ago: every value 5 to 20 % off, independently, so that much of it averages
 out. ``wide`` is a cell of which only catalogue and handbook are known: large deviations of each value and, in addition,
-one common factor of all compliances and one of all force constants, which nothing averages out.
+one common factor of all compliances and one of all force constants, which nothing averages out. ``other`` is a cell
+with other kinds of physics than any planner here has a model of, see :mod:`counterflex.twin.truth.draw_other`; its
+values are off by amounts between the two, its drives by more.
 """
 
 from __future__ import annotations
@@ -37,6 +39,7 @@ class Family:
         servo_sigma: Of the gain of each speed loop.
         loop_sigma: Of position gain and integral time of each axis.
         mass_sigma: Of each body, its inertia with it.
+        other: Whether there are other kinds of physics.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Family:
     servo_sigma: float
     loop_sigma: float
     mass_sigma: float
+    other: bool = False
 
 
 MILD: Final = Family(
@@ -81,7 +85,22 @@ WIDE: Final = Family(
     loop_sigma=0.30,
     mass_sigma=0.15,
 )
-FAMILIES: Final = {family.name: family for family in (MILD, WIDE)}
+OTHER: Final = Family(
+    name="other",
+    compliance_sigma=0.15,
+    compliance_common_sigma=0.10,
+    region_sigma=0.30,
+    force_common_sigma=0.10,
+    force_each_sigma=0.10,
+    friction_sigma=0.30,
+    play_sigma=0.30,
+    slip_sigma=0.30,
+    servo_sigma=0.35,
+    loop_sigma=0.35,
+    mass_sigma=0.15,
+    other=True,
+)
+FAMILIES: Final = {family.name: family for family in (MILD, WIDE, OTHER)}
 
 
 def family_of(name: str) -> Family:

@@ -2,38 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 import tomli_w
 
-from counterflex.core.arrays import Float
 from counterflex.core.atomic import write_text
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.similar import missing_file
 from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
-from counterflex.geometry import pose, rotation
 from counterflex.robot.model.description import Counterbalance, ElasticRegion
 from counterflex.twin.truth.family import MILD, family_of
+from counterflex.twin.truth.other_file import other_from, other_to_dict
+from counterflex.twin.truth.table import DIRECTIONS, Table, closed, in_unit, pose_to
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
 
-T = TypeVar("T")
 FORMAT: Final = "counterflex-truth"
 VERSION: Final = 1
-_DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
-
-
-def _list(values: Float | tuple[float, ...], unit: float) -> list[float]:
-    return [float(v) / unit for v in values]
-
-
-def _pose_to(T: Float) -> dict[str, Any]:
-    return {"position_mm": _list(T[:3, 3], MM), "abc_deg": _list(rotation.to_zyx(T[:3, :3]), DEG)}
 
 
 def to_dict(truth: Truth) -> dict[str, Any]:
@@ -42,14 +31,14 @@ def to_dict(truth: Truth) -> dict[str, Any]:
     if truth.seed is not None:
         out |= {"seed": truth.seed, "family": truth.family}
     out["stock_top_offset_mm"] = truth.stock_top_offset_m / MM
-    out["gravity_base_m_s2"] = _list(truth.gravity_base, 1.0)
-    out["tcp"] = _pose_to(truth.T_last_tcp)
+    out["gravity_base_m_s2"] = in_unit(truth.gravity_base, 1.0)
+    out["tcp"] = pose_to(truth.T_last_tcp)
     c = truth.cutting
     out["cutting"] = {
-        "k11_n_mm2": _list(c.k_pa, N_PER_MM2),
+        "k11_n_mm2": in_unit(c.k_pa, N_PER_MM2),
         "h_ref_mm": c.h_ref_m / MM,
         "exponent": list(c.exponent),
-        "edge_n_mm": _list(c.edge_n_m, N_PER_MM),
+        "edge_n_mm": in_unit(c.edge_n_m, N_PER_MM),
         "edge_onset_um": c.edge_onset_m / UM,
         "runout_um": c.runout_m / UM,
     }
@@ -65,12 +54,12 @@ def to_dict(truth: Truth) -> dict[str, Any]:
             "gas_volume_max_mm3": b.gas_volume_max_m3 / MM**3,
         }
     if truth.sensor is not None:
-        out["sensor"] = {"segment": truth.sensor.segment, **_pose_to(truth.sensor.T_seg_sensor)}
+        out["sensor"] = {"segment": truth.sensor.segment, **pose_to(truth.sensor.T_seg_sensor)}
     if truth.regions:
         out["elastic_regions"] = [
             {
                 "body": r.segment,
-                "direction": _DIRECTIONS[r.direction],
+                "direction": DIRECTIONS[r.direction],
                 "axis": r.axis + 1,
                 "angles_deg": [a / DEG for a in r.angles_rad],
                 "factors": list(r.factors),
@@ -88,11 +77,12 @@ def to_dict(truth: Truth) -> dict[str, Any]:
             "motor_friction_nm": d.motor_friction_nm,
             "motor_slip_urad": d.motor_slip_rad / URAD,
             "link_friction_nm": list(d.link_friction_nm),
-            "link_slip_urad": _list(d.link_slip_rad, URAD),
+            "link_slip_urad": in_unit(d.link_slip_rad, URAD),
             **({} if d.following_gain_per_s is None else {"following_gain_per_s": d.following_gain_per_s}),
         }
         for d in truth.drives
     ]
+    out |= other_to_dict(truth.other)
     out["bodies"] = [_body_to(body) for body in truth.bodies]
     return out
 
@@ -103,88 +93,22 @@ def _body_to(body: Body) -> dict[str, Any]:
         row |= {"axis": body.joint + 1, "sign": body.sign}
     return row | {
         "offset_deg": body.offset_rad / DEG,
-        **_pose_to(body.T_prev_seg),
-        "translation_um_per_kn": _list(body.compliance[:3], UM_PER_KN),
-        "rotation_urad_per_knm": _list(body.compliance[3:], URAD_PER_KNM),
+        **pose_to(body.T_prev_seg),
+        "translation_um_per_kn": in_unit(body.compliance[:3], UM_PER_KN),
+        "rotation_urad_per_knm": in_unit(body.compliance[3:], URAD_PER_KNM),
         "damping_ms": body.damping_s / MS,
-        "bearing_mm": _list(body.p_seg_bearing, MM),
+        "bearing_mm": in_unit(body.p_seg_bearing, MM),
         "mass_kg": body.mass_kg,
-        "com_mm": _list(body.p_seg_com, MM),
-        "inertia_kg_m2": _list(body.inertia_kg_m2, 1.0),
+        "com_mm": in_unit(body.p_seg_com, MM),
+        "inertia_kg_m2": in_unit(body.inertia_kg_m2, 1.0),
     }
 
 
-def _family_of(table: _Table, seed: int | None) -> str:
+def _family_of(table: Table, seed: int | None) -> str:
     """Files of before the families are of the first one."""
     if "family" not in table:
         return "" if seed is None else MILD.name
     return family_of(table.text("family")).name
-
-
-class _Table:
-    """Takes keys out of a table one by one and refuses what is left."""
-
-    def __init__(self, data: Any, where: str) -> None:
-        if not isinstance(data, Mapping):
-            raise FileFormatError("not a table", where=where, value=type(data).__name__)
-        self._unread, self.where = dict(data), where
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._unread
-
-    def raw(self, key: str) -> Any:
-        if key not in self._unread:
-            raise FileFormatError(f"the key '{key}' is missing", where=self.where)
-        return self._unread.pop(key)
-
-    def number(self, key: str, unit: float = 1.0) -> float:
-        return self._number(key, self.raw(key)) * unit
-
-    def integer(self, key: str) -> int:
-        value = self.raw(key)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise FileFormatError("not a whole number", where=f"{self.where}: {key}", value=repr(value))
-        return value
-
-    def axis(self) -> int:
-        """Axis 0..5 from the key ``axis``, 1..6."""
-        value = self.integer("axis")
-        if not 1 <= value <= 6:
-            raise FileFormatError("no such axis", where=f"{self.where}: axis", value=value, limit="1 .. 6")
-        return value - 1
-
-    def text(self, key: str) -> str:
-        value = self.raw(key)
-        if not isinstance(value, str):
-            raise FileFormatError("not a text", where=f"{self.where}: {key}", value=repr(value))
-        return value
-
-    def numbers(self, key: str, count: int, unit: float = 1.0) -> tuple[float, ...]:
-        value = self.raw(key)
-        if not isinstance(value, list) or len(value) != count:
-            raise FileFormatError("wrong list", where=f"{self.where}: {key}", value=repr(value)[:60], limit=count)
-        return tuple(self._number(key, v) * unit for v in value)
-
-    def rows(self, key: str) -> list[_Table]:
-        value = self.raw(key)
-        if not isinstance(value, list):
-            raise FileFormatError("not a list of tables", where=f"{self.where}: {key}")
-        return [_Table(row, f"{self.where}: {key}[{i + 1}]") for i, row in enumerate(value)]
-
-    def pose(self) -> Float:
-        return pose.from_xyz_zyx(
-            np.array(self.numbers("position_mm", 3, MM)), np.array(self.numbers("abc_deg", 3, DEG))
-        )
-
-    def close(self) -> None:
-        if self._unread:
-            keys = ", ".join(f"'{key}'" for key in sorted(map(str, self._unread)))
-            raise FileFormatError(f"unknown key {keys}", where=self.where, hint="Remove it")
-
-    def _number(self, key: str, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise FileFormatError("not a finite number", where=f"{self.where}: {key}", value=repr(value))
-        return float(value)
 
 
 def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
@@ -197,7 +121,7 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     Raises:
         FileFormatError: The data is not a truth of version 1, or a value is impossible.
     """
-    top = _Table(data, where)
+    top = Table(data, where)
     if top.text("format") != FORMAT:
         raise FileFormatError("not a truth file", where=where, value=repr(data["format"]), limit=FORMAT)
     version = top.integer("version")
@@ -212,10 +136,10 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     if version != VERSION:
         raise FileFormatError("no such version of the truth file", where=where, value=version, limit=VERSION)
     try:
-        cutting = _Table(top.raw("cutting"), f"{where}: cutting")
+        cutting = Table(top.raw("cutting"), f"{where}: cutting")
         drives = top.rows("drives")
         bodies = top.rows("bodies")
-        tcp = _Table(top.raw("tcp"), f"{where}: tcp")
+        tcp = Table(top.raw("tcp"), f"{where}: tcp")
         seed = top.integer("seed") if "seed" in top else None
         truth = Truth(
             name=top.text("name"),
@@ -223,17 +147,18 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
             family=_family_of(top, seed),
             stock_top_offset_m=top.number("stock_top_offset_mm", MM),
             gravity_base=np.array(top.numbers("gravity_base_m_s2", 3)),
-            T_last_tcp=_closed(tcp, _Table.pose),
-            cutting=_closed(cutting, _cutting_from),
-            counterbalance=_closed(_Table(top.raw("counterbalance"), f"{where}: counterbalance"), _balance_from)
+            T_last_tcp=closed(tcp, Table.pose),
+            cutting=closed(cutting, _cutting_from),
+            counterbalance=closed(Table(top.raw("counterbalance"), f"{where}: counterbalance"), _balance_from)
             if "counterbalance" in top
             else None,
-            sensor=_closed(_Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from) if "sensor" in top else None,
-            drives=tuple(_closed(row, _drive_from) for row in drives),
-            regions=tuple(_closed(row, _region_from) for row in top.rows("elastic_regions"))
+            sensor=closed(Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from) if "sensor" in top else None,
+            drives=tuple(closed(row, _drive_from) for row in drives),
+            regions=tuple(closed(row, _region_from) for row in top.rows("elastic_regions"))
             if "elastic_regions" in top
             else (),
-            bodies=tuple(_closed(row, _body_from) for row in bodies),
+            other=other_from(top),
+            bodies=tuple(closed(row, _body_from) for row in bodies),
         )
     except FileFormatError:
         raise
@@ -243,17 +168,11 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     return truth
 
 
-def _closed(table: _Table, read: Callable[[_Table], T]) -> T:
-    out = read(table)
-    table.close()
-    return out
-
-
 def _three(values: tuple[float, ...]) -> tuple[float, float, float]:
     return values[0], values[1], values[2]
 
 
-def _cutting_from(t: _Table) -> CuttingTruth:
+def _cutting_from(t: Table) -> CuttingTruth:
     return CuttingTruth(
         k_pa=_three(t.numbers("k11_n_mm2", 3, N_PER_MM2)),
         exponent=_three(t.numbers("exponent", 3)),
@@ -264,7 +183,7 @@ def _cutting_from(t: _Table) -> CuttingTruth:
     )
 
 
-def _balance_from(t: _Table) -> Counterbalance:
+def _balance_from(t: Table) -> Counterbalance:
     return Counterbalance(
         joint=t.integer("axis") - 1,
         anchor_column_m=t.number("anchor_column_mm", MM),
@@ -276,28 +195,28 @@ def _balance_from(t: _Table) -> Counterbalance:
     )
 
 
-def _sensor_from(t: _Table) -> SensorPlace:
+def _sensor_from(t: Table) -> SensorPlace:
     return SensorPlace(segment=t.text("segment"), T_seg_sensor=t.pose())
 
 
-def _region_from(t: _Table) -> ElasticRegion:
+def _region_from(t: Table) -> ElasticRegion:
     direction = t.text("direction")
-    if direction not in _DIRECTIONS:
+    if direction not in DIRECTIONS:
         raise FileFormatError(
-            "no such direction", where=f"{t.where}: direction", value=direction, limit=" ".join(_DIRECTIONS)
+            "no such direction", where=f"{t.where}: direction", value=direction, limit=" ".join(DIRECTIONS)
         )
     angles = t.raw("angles_deg")
     count = len(angles) if isinstance(angles, list) else 0
     return ElasticRegion(
         segment=t.text("body"),
-        direction=_DIRECTIONS.index(direction),
+        direction=DIRECTIONS.index(direction),
         axis=t.axis(),
-        angles_rad=_Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
+        angles_rad=Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
         factors=t.numbers("factors", count),
     )
 
 
-def _drive_from(t: _Table) -> Drive:
+def _drive_from(t: Table) -> Drive:
     return Drive(
         rotor_inertia_kg_m2=t.number("rotor_inertia_kg_m2"),
         servo_inertia_kg_m2=t.number("servo_inertia_kg_m2"),
@@ -313,7 +232,7 @@ def _drive_from(t: _Table) -> Drive:
     )
 
 
-def _body_from(t: _Table) -> Body:
+def _body_from(t: Table) -> Body:
     driven = "axis" in t
     return Body(
         name=t.text("name"),

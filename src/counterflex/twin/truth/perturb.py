@@ -1,23 +1,20 @@
 """How the true cell differs from what a planner knows: seeded amounts, the same on every machine.
 
-Every quantity has a random stream of its own, named by seed and quantity, so that adding one changes no other. The
-uniform numbers come from the Mersenne generator, whose output is fixed, and values are rounded to twelve digits, so
-that no library or processor shows in them.
+How the numbers are drawn: :mod:`counterflex.twin.truth.draws`; what other kinds of physics a family may have:
+:mod:`counterflex.twin.truth.draw_other`.
 """
 
 from __future__ import annotations
 
-import math
-import random
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 
 import numpy as np
 
-from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD, MS, N_PER_MM2, UM, URAD
 from counterflex.robot.model.description import ElasticRegion
+from counterflex.twin.truth.draw_other import other_cutting, other_physics
+from counterflex.twin.truth.draws import draw, factor, vector
 from counterflex.twin.truth.family import MILD, Family
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
 
@@ -30,24 +27,6 @@ DAMPING_SIGMA = 0.15
 RUNOUT_M = 5.0e-6
 RUNOUT_SIGMA = 0.30
 STOCK_TOP_M = 0.05e-3
-
-_DIGITS = 12
-_NORMAL = NormalDist()
-
-
-def _draw(seed: int, name: str) -> float:
-    """A standard normal number that depends on seed and name only; within 3 sigma."""
-    uniform = random.Random(f"counterflex-truth-1:{seed}:{name}").random()
-    low = _NORMAL.cdf(-3.0)
-    return float(f"{_NORMAL.inv_cdf(low + uniform * (1.0 - 2.0 * low)):.{_DIGITS}g}")
-
-
-def _factor(seed: int, name: str, sigma: float) -> float:
-    return float(f"{math.exp(sigma * _draw(seed, name)):.{_DIGITS}g}")
-
-
-def _vector(seed: int, name: str, sigma: float) -> Float:
-    return np.array([sigma * _draw(seed, f"{name}.{c}") for c in "xyz"])
 
 
 def perturbed(truth: Truth, seed: int, family: Family = MILD) -> Truth:
@@ -71,8 +50,8 @@ def perturbed(truth: Truth, seed: int, family: Family = MILD) -> Truth:
     if seed < 0:
         raise InputError("seed of the truth", value=seed, limit=">= 0")
     moved_tip = np.array(truth.T_last_tcp)
-    moved_tip[:3, 3] += _vector(seed, "tcp", LINK_M)
-    return replace(
+    moved_tip[:3, 3] += vector(seed, "tcp", LINK_M)
+    off = replace(
         truth,
         name=f"seed {seed}" if family is MILD else f"{family.name}, seed {seed}",
         seed=seed,
@@ -80,51 +59,52 @@ def perturbed(truth: Truth, seed: int, family: Family = MILD) -> Truth:
         bodies=tuple(_body(body, seed, family) for body in truth.bodies),
         T_last_tcp=moved_tip,
         drives=tuple(_drive(drive, seed, axis, family) for axis, drive in enumerate(truth.drives)),
-        cutting=_cutting(truth.cutting, seed, family),
-        stock_top_offset_m=truth.stock_top_offset_m + STOCK_TOP_M * _draw(seed, "stock.top"),
+        cutting=other_cutting(_cutting(truth.cutting, seed, family), seed, family),
+        stock_top_offset_m=truth.stock_top_offset_m + STOCK_TOP_M * draw(seed, "stock.top"),
         regions=tuple(_region(region, seed, family) for region in truth.regions),
     )
+    return replace(off, other=other_physics(off, seed, family))
 
 
 def _region(region: ElasticRegion, seed: int, family: Family) -> ElasticRegion:
     """By how much the factors differ from 1 is off, in proportion."""
-    off = _factor(seed, f"{region.segment}.{region.direction}.region{region.axis + 1}", family.region_sigma)
+    off = factor(seed, f"{region.segment}.{region.direction}.region{region.axis + 1}", family.region_sigma)
     return replace(region, factors=tuple(max(1.0 + off * (f - 1.0), 0.5 * f) for f in region.factors))
 
 
 def _body(body: Body, seed: int, family: Family) -> Body:
     T = np.array(body.T_prev_seg)
-    T[:3, 3] += _vector(seed, f"{body.name}.link", LINK_M)
-    softer = _factor(seed, f"{body.name}.compliance", family.compliance_sigma)
-    softer *= _factor(seed, "compliance.common", family.compliance_common_sigma)
-    mass = _factor(seed, f"{body.name}.mass", family.mass_sigma)
+    T[:3, 3] += vector(seed, f"{body.name}.link", LINK_M)
+    softer = factor(seed, f"{body.name}.compliance", family.compliance_sigma)
+    softer *= factor(seed, "compliance.common", family.compliance_common_sigma)
+    mass = factor(seed, f"{body.name}.mass", family.mass_sigma)
     return replace(
         body,
         T_prev_seg=T,
         offset_rad=body.offset_rad
-        + (JOINT_OFFSET_RAD * _draw(seed, f"{body.name}.offset") if body.joint is not None else 0.0),
+        + (JOINT_OFFSET_RAD * draw(seed, f"{body.name}.offset") if body.joint is not None else 0.0),
         compliance=body.compliance * softer,
-        damping_s=body.damping_s * _factor(seed, f"{body.name}.damping", DAMPING_SIGMA),
-        p_seg_bearing=body.p_seg_bearing + _vector(seed, f"{body.name}.bearing", BEARING_M),
+        damping_s=body.damping_s * factor(seed, f"{body.name}.damping", DAMPING_SIGMA),
+        p_seg_bearing=body.p_seg_bearing + vector(seed, f"{body.name}.bearing", BEARING_M),
         mass_kg=body.mass_kg * mass,
         inertia_kg_m2=body.inertia_kg_m2 * mass,
     )
 
 
 def _drive(drive: Drive, seed: int, axis: int, family: Family) -> Drive:
-    dry = _factor(seed, f"axis{axis + 1}.friction", family.friction_sigma)
-    slip = _factor(seed, f"axis{axis + 1}.slip", family.slip_sigma)
+    dry = factor(seed, f"axis{axis + 1}.friction", family.friction_sigma)
+    slip = factor(seed, f"axis{axis + 1}.slip", family.slip_sigma)
     trailing = drive.following_gain_per_s
     if trailing is not None:
-        trailing *= _factor(seed, f"axis{axis + 1}.following", family.loop_sigma)
+        trailing *= factor(seed, f"axis{axis + 1}.following", family.loop_sigma)
     return replace(
         drive,
-        speed_bandwidth_per_s=drive.speed_bandwidth_per_s * _factor(seed, f"axis{axis + 1}.servo", family.servo_sigma),
-        position_gain_per_s=drive.position_gain_per_s * _factor(seed, f"axis{axis + 1}.kv", family.loop_sigma),
-        integral_time_s=drive.integral_time_s * _factor(seed, f"axis{axis + 1}.ti", family.loop_sigma),
+        speed_bandwidth_per_s=drive.speed_bandwidth_per_s * factor(seed, f"axis{axis + 1}.servo", family.servo_sigma),
+        position_gain_per_s=drive.position_gain_per_s * factor(seed, f"axis{axis + 1}.kv", family.loop_sigma),
+        integral_time_s=drive.integral_time_s * factor(seed, f"axis{axis + 1}.ti", family.loop_sigma),
         motor_slip_rad=drive.motor_slip_rad * slip,
         link_slip_rad=tuple(angle * slip for angle in drive.link_slip_rad),
-        dead_band_rad=drive.dead_band_rad * _factor(seed, f"axis{axis + 1}.play", family.play_sigma),
+        dead_band_rad=drive.dead_band_rad * factor(seed, f"axis{axis + 1}.play", family.play_sigma),
         motor_friction_nm=drive.motor_friction_nm * dry,
         link_friction_nm=tuple(f * dry for f in drive.link_friction_nm),
         following_gain_per_s=trailing,
@@ -132,10 +112,10 @@ def _drive(drive: Drive, seed: int, axis: int, family: Family) -> Drive:
 
 
 def _cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTruth:
-    common = _factor(seed, "cutting.common", family.force_common_sigma)
-    edge = _factor(seed, "cutting.edge", EDGE_SIGMA)
+    common = factor(seed, "cutting.common", family.force_common_sigma)
+    edge = factor(seed, "cutting.edge", EDGE_SIGMA)
     c, r, a = (
-        k * common * _factor(seed, f"cutting.{name}", family.force_each_sigma)
+        k * common * factor(seed, f"cutting.{name}", family.force_each_sigma)
         for name, k in zip("cra", cutting.k_pa, strict=True)
     )
     return replace(
@@ -146,7 +126,7 @@ def _cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTruth:
             cutting.edge_n_m[1] + EDGE_N_M[1] * edge,
             cutting.edge_n_m[2] + EDGE_N_M[2] * edge,
         ),
-        runout_m=cutting.runout_m + RUNOUT_M * _factor(seed, "cutting.runout", RUNOUT_SIGMA),
+        runout_m=cutting.runout_m + RUNOUT_M * factor(seed, "cutting.runout", RUNOUT_SIGMA),
     )
 
 
@@ -187,8 +167,8 @@ def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
     rows: list[Difference] = []
     for a, b in zip(known.bodies, true.bodies, strict=True):
         if a.compliance.any():
-            factor = float(np.max(a.compliance) / np.max(b.compliance))
-            rows.append(Difference("stiffness", a.name, 100.0, 100.0 * factor, "%"))
+            ratio = float(np.max(a.compliance) / np.max(b.compliance))
+            rows.append(Difference("stiffness", a.name, 100.0, 100.0 * ratio, "%"))
             gap = float(np.linalg.norm(b.p_seg_bearing - a.p_seg_bearing)) / MM
             rows.append(Difference("bearings", a.name, 0.0, gap, "mm off"))
         moved = float(np.linalg.norm(b.T_prev_seg[:3, 3] - a.T_prev_seg[:3, 3])) / MM

@@ -16,6 +16,7 @@ from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import STANDARD_GRAVITY
 from counterflex.geometry import pose, rotation
 from counterflex.robot.model.description import Counterbalance, ElasticRegion
+from counterflex.twin.truth.other import OtherPhysics
 
 SLIP_ELEMENTS = 3
 
@@ -203,6 +204,7 @@ class Truth:
         sensor: Where the force sensor is said to sit; None: in the axes of the body that carries it.
         regions: Elastic coordinates that are other in other postures: a factor on the compliance over the motor angle
             of an axis, linear between its angles, within 10 deg beyond them fading to 1.
+        other: Kinds of physics that no planner here has a model of.
     """
 
     name: str
@@ -217,6 +219,7 @@ class Truth:
     gravity_base: Float = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     sensor: SensorPlace | None = None
     regions: tuple[ElasticRegion, ...] = ()
+    other: OtherPhysics = field(default_factory=OtherPhysics)
 
     def __post_init__(self) -> None:
         """Check the chain."""
@@ -230,7 +233,10 @@ class Truth:
         names = [b.name for b in self.bodies]
         if self.sensor is not None and self.sensor.segment not in names:
             raise ModelError("body of the truth's sensor", value=self.sensor.segment, limit=", ".join(names))
-
+        driven = [b for b in self.bodies if b.joint is not None]
+        for gear in self.other.gears:
+            if driven[gear.axis].compliance[5] == 0.0:
+                raise ModelError("gear of the truth on an axis without torsion", value=f"axis {gear.axis + 1}")
         for region in self.regions:
             body = next((b for b in self.bodies if b.name == region.segment), None)
             if body is None or body.compliance[region.direction] == 0.0:
