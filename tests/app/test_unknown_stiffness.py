@@ -55,7 +55,7 @@ def test_every_axis_of_a_robot_with_published_stiffness_is_elastic() -> None:
 def test_cell_check_says_what_is_missing_and_what_it_costs(unknown: Path) -> None:
     found = [one for one in check_cell(str(unknown))["warnings"] if f"no stiffness is known of {ALL}" in one]
     assert len(found) == 1
-    assert "in nine of ten robots of this class) under 500 N along" in found[0]
+    assert "in nine of ten robots of this class) under 500 N at a corner" in found[0]
     assert "counterflex identify stiffness" in found[0]
 
 

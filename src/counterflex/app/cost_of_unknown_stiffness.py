@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from counterflex.app.inputs import Job, faults_in, setting_of
+from counterflex.app.cut_points import points_of_plan, points_of_program
+from counterflex.app.inputs import Job
 from counterflex.app.unknown_stiffness import Expected, drawn_deflections, expected, refusal
-from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import prior_of
-from counterflex.plan.inputs import Inputs, solve_joints
 from counterflex.plan.plan import Plan
-from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.robot.elasticity.axis_springs import axis_deflections
-from counterflex.robot.model.class_prior import ClassPrior
-
-_POINTS: Final = 1000
-"""Points of the cut that are looked at, evenly along it."""
-_SHARE: Final = 0.997
 
 
 def require_stiffness_for(job: Job, cell: Cell, progress: Progress = silent) -> None:
@@ -60,58 +52,11 @@ def cost_in_cut(job: Job, cell: Cell, progress: Progress = silent) -> Expected |
         prior = prior_of(cell.nominal_robot, cell.tables.robot)
     except InputError:
         return None
-    setting = setting_of(cell, chain=cell.chain)
-    path, line = job.path, job.line_of_motion[job.path.motion]
-    with faults_in(job):
-        q = solve_joints(path, line, setting).q
-        cut = undisturbed_cut(Inputs(path, line, cell.stock(), setting, q), progress)
-    name = Path(job.program.name).name
-    what = f"in {name} ({100.0 * _SHARE:g} % of the path in the cut)"
-    return cost_along(cell, prior, path.p_part_tcp, q, cut.w_tcp_part, cut.contact, what=what)
-
-
-def cost_along(
-    cell: Cell,
-    prior: ClassPrior,
-    p_part: Float,
-    q: Float,
-    w_tcp_part: Float,
-    contact: Bool,
-    *,
-    what: str,
-    beyond_median: bool = False,
-) -> Expected | None:
-    """The same along a path whose forces are known.
-
-    Args:
-        cell: The cell; its axes that nothing, or only their class, is known of yield.
-        prior: Of its class.
-        p_part: (n, 3) m.
-        q: (n, 6) rad.
-        w_tcp_part: (n, 6) N, N m, about the tip, part axes.
-        contact: (n,) whether material is cut.
-        what: What the length is, for messages.
-        beyond_median: What a compensation with the median of the class leaves, not the whole.
-    """
-    axes = cell.unknown_axes if cell.class_stiffness is None else cell.class_stiffness.axes
-    rows = np.flatnonzero(contact)
-    rows = rows[:: max(1, len(rows) // _POINTS)]
-    if not len(rows):
+    points = points_of_program(job, cell, progress)
+    if points is None:
         return None
-    step = np.diff(p_part, axis=0, prepend=p_part[:1])[rows]
-    length = np.linalg.norm(step, axis=1, keepdims=True)
-    along = step / np.where(length > 0.0, length, 1.0)
-    R = cell.T_base_part[:3, :3]
-    w = w_tcp_part[rows].reshape(-1, 2, 3) @ R.T
-    per_stiffness = axis_deflections(cell.chain, q[rows], w.reshape(-1, 6), axes) @ R
-    per_stiffness -= np.sum(per_stiffness * along[:, None, :], axis=2, keepdims=True) * along[:, None, :]
-    d = drawn_deflections(prior, per_stiffness, axes)
-    if beyond_median:
-        d -= np.einsum("a,nad->nd", 1.0 / prior.median_nm_per_rad[list(axes)], per_stiffness)
-    sizes = np.linalg.norm(d, axis=2)
-    weights = np.broadcast_to(np.maximum(length[:, 0], 1e-12), sizes.shape)
-    large = np.quantile(sizes, _SHARE, axis=1, weights=weights, method="inverted_cdf")
-    return expected(large, what)
+    per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, cell.unknown_axes)
+    return expected(points.sizes(drawn_deflections(prior, per_stiffness, cell.unknown_axes)), points.of)
 
 
 def left_by_class(plan: Plan, cell: Cell) -> Expected | None:
@@ -125,12 +70,13 @@ def left_by_class(plan: Plan, cell: Cell) -> Expected | None:
         Deflection square to the path that stays, below which 99.7 % of the path in the cut stay; None where nothing is
         assumed or nothing is cut.
     """
-    given = cell.class_stiffness
-    if given is None:
+    given, points = cell.class_stiffness, points_of_plan(plan, cell, "the program")
+    if given is None or points is None:
         return None
-    what = "of what the class does not know remains"
-    p_part, q, w = plan.path.p_part_tcp, plan.q, plan.w_tcp_part
-    return cost_along(cell, given.prior, p_part, q, w, plan.cutting, what=what, beyond_median=True)
+    per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, given.axes)
+    d = drawn_deflections(given.prior, per_stiffness, given.axes)
+    d -= np.einsum("a,nad->nd", 1.0 / given.prior.median_nm_per_rad[list(given.axes)], per_stiffness)
+    return expected(points.sizes(d), points.of)
 
 
 def assumed(plan: Plan, cell: Cell) -> dict[str, Any]:

@@ -7,7 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.cut_points import corner_points, points_of_program
+from counterflex.app.inputs import read_job
 from counterflex.app.unknown_stiffness import unknown_stiffness
+from counterflex.app.unknowns import shown, unknowns
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
@@ -123,11 +126,15 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> list[dict[str, A
     return sorted(rows, key=lambda row: -abs(float(row["share"])))
 
 
-def check_cell(path: str) -> dict[str, Any]:
-    """Resolve a cell and judge it: reach of the stock's corners, compliance at the part, weakest element, warnings.
+def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
+    """Resolve a cell and judge it: reach of the stock's corners, compliance at the part, weakest element, unknowns.
 
     A cell for calibration only, without blank, is judged without what is seen at the blank's corners: those entries are
     None or empty, ``missing_for_milling`` names the tables.
+
+    Args:
+        path: The cell file.
+        program: G-code file in whose cut the unknowns are judged; None is a force at a corner of the blank.
     """
     cell = read_cell(path)
     chain = cell.chain
@@ -167,9 +174,16 @@ def check_cell(path: str) -> dict[str, Any]:
             }
             for entry in cell.tables.identified
         ],
+        "unknowns": None if missing else _unknowns(cell, program),
         "assumptions": _assumptions(cell),
         "warnings": warnings,
     }
+
+
+def _unknowns(cell: Cell, program: str | Path | None) -> dict[str, Any] | None:
+    """What is not known and what it leaves; None where the program cuts nothing."""
+    points = corner_points(cell) if program is None else points_of_program(read_job(program, cell), cell)
+    return None if points is None else shown(unknowns(cell, points), points, cell.path.name)
 
 
 def _assumptions(cell: Cell) -> list[str]:

@@ -24,6 +24,7 @@ from counterflex.robot.model.class_prior import ClassPrior
 
 FORCE_N: Final = 500.0
 """Force of a roughing cut, for what is said without a program."""
+UNDER_FORCE: Final = f"under {FORCE_N:g} N at a corner of the blank, in the softest of the base axes"
 _ROBOTS: Final = 2000
 _QUANTILES: Final = (0.5, 0.05, 0.95)
 OPTION: Final = "--assume-class"
@@ -108,8 +109,7 @@ def cost_at_blank(cell: Cell) -> Expected | None:
     w[:, :3] = FORCE_N * np.eye(3)
     per_stiffness = axis_deflections(cell.chain, np.tile(q, (3, 1)), w, axes)
     sizes = np.linalg.norm(drawn_deflections(prior, per_stiffness, axes), axis=2)
-    softest = int(np.argmax(np.median(sizes, axis=0)))
-    return expected(sizes[:, softest], f"under {FORCE_N:g} N along {'xyz'[softest]} at a corner of the blank")
+    return expected(sizes.max(axis=1), UNDER_FORCE)
 
 
 def why_no_prior(cell: Cell) -> str:

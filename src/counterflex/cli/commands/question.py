@@ -234,15 +234,24 @@ def _share(row: dict[str, Any]) -> list[str]:
 
 def cell_check(
     cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=arguments.file)],
+    program: Annotated[
+        Path | None,
+        typer.Option(
+            "--program",
+            help="G-code file in whose cut the unknowns are judged.",
+            metavar="PROGRAM",
+            callback=arguments.file,
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check a cell file: units, plausibility, reach, the weakest element and its share.
+    """Check a cell file: units, plausibility, reach, the weakest element, and what is not known by what it costs in mm.
 
     Example: `counterflex cell check cell.toml`
     """
     from counterflex.app import questions
 
-    answer = questions.check_cell(str(cell))
+    answer = questions.check_cell(str(cell), program)
     if as_json:
         print_json(answer)
         return
@@ -279,11 +288,36 @@ def cell_check(
             ],
             note="Values with their standard deviations: counterflex cell check CELL --json.",
         )
+    if answer["unknowns"] is not None:
+        _show_unknowns(answer["unknowns"])
     for assumption in answer["assumptions"]:
         typer.echo(f"note: {assumption}")
     for warning in answer["warnings"]:
         typer.echo(f"warning: {warning}")
     typer.echo("cell file ok" if not answer["warnings"] else f"cell file readable, {len(answer['warnings'])} warnings")
+
+
+def _show_unknowns(unknowns: dict[str, Any]) -> None:
+    """What is not known, by what it leaves, and what to measure first."""
+    print_table(
+        f"Not known, by what it leaves uncorrected {unknowns['where']}",
+        ["unknown", "known from", "leaves mm", "90 % of cells, mm", "measure"],
+        [
+            [
+                row["unknown"],
+                row["known_from"],
+                "" if row["leaves_mm"] is None else f"{row['leaves_mm']:.2f}",
+                "not at rest"
+                if row["of_90_percent_mm"] is None
+                else f"{row['of_90_percent_mm'][0]:.2f} to {row['of_90_percent_mm'][1]:.2f}",
+                row["measure"],
+            ]
+            for row in unknowns["rows"]
+        ],
+    )
+    first = unknowns["measure_first"]
+    if first is not None:
+        typer.echo(f"measure first: {first['command']} ({first['removes_mm']:.2f} mm, up to {first['up_to_mm']:.2f})")
 
 
 def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:

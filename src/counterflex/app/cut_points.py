@@ -1,0 +1,109 @@
+"""Where a deflection is judged that is known by its distribution only: points of a cut, or a corner of the blank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.inputs import Job, faults_in, setting_of
+from counterflex.app.unknown_stiffness import FORCE_N, UNDER_FORCE, corner_of_blank
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.progress import Progress, silent
+from counterflex.files.cell.cell import Cell
+from counterflex.plan.inputs import Inputs, solve_joints
+from counterflex.plan.plan import Plan
+from counterflex.plan.undisturbed_cut import undisturbed_cut
+
+_POINTS: Final = 500
+"""Points of a cut that are looked at, evenly along it."""
+_SHARE: Final = 0.997
+
+
+@dataclass(frozen=True, eq=False)
+class CutPoints:
+    """Points with the load on the tool.
+
+    Attributes:
+        q: (n, 6) rad.
+        w_tcp_base: (n, 6) N, N m.
+        feed_base: (n, 3) direction of the path, base axes; zero where every direction counts.
+        weight_m: (n,) length of path that each stands for.
+        of: What they are, for messages.
+    """
+
+    q: Float
+    w_tcp_base: Float
+    feed_base: Float
+    weight_m: Float
+    of: str
+
+    def sizes(self, displacements: Float) -> Float:
+        """What 99.7 % of the path stay below, square to it.
+
+        Args:
+            displacements: (draws, n, 3) m, base axes.
+
+        Returns:
+            (draws,) m.
+        """
+        along = np.sum(displacements * self.feed_base, axis=2, keepdims=True) * self.feed_base
+        size = np.linalg.norm(displacements - along, axis=2)
+        weights = np.broadcast_to(self.weight_m, size.shape)
+        out: Float = np.quantile(size, _SHARE, axis=1, weights=weights, method="inverted_cdf")
+        return out
+
+
+def points_of_plan(plan: Plan, cell: Cell, name: str) -> CutPoints | None:
+    """Points of the cut of a plan; None where nothing is cut."""
+    return _points(cell, plan.path.p_part_tcp, plan.q, plan.w_tcp_part, plan.cutting, name)
+
+
+def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutPoints | None:
+    """Points of the cut of a program, with the force of the undisturbed cut.
+
+    Args:
+        job: The program.
+        cell: The cell; what its robot yields does not matter.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        The points; None where nothing is cut.
+
+    Raises:
+        CounterflexError: The program does not fit the cell.
+    """
+    setting = setting_of(cell, chain=cell.chain)
+    path, line = job.path, job.line_of_motion[job.path.motion]
+    with faults_in(job):
+        q = solve_joints(path, line, setting).q
+        cut = undisturbed_cut(Inputs(path, line, cell.stock(), setting, q), progress)
+    return _points(cell, path.p_part_tcp, q, cut.w_tcp_part, cut.contact, Path(job.program.name).name)
+
+
+def corner_points(cell: Cell) -> CutPoints:
+    """The first corner of the blank's top under 500 N along each of the base axes, the softest of which counts.
+
+    Raises:
+        CounterflexError: There is no blank, or it cannot be reached.
+    """
+    w = np.zeros((3, 6))
+    w[:, :3] = FORCE_N * np.eye(3)
+    q = np.tile(corner_of_blank(cell), (3, 1))
+    return CutPoints(q, w, np.zeros((3, 3)), np.ones(3), UNDER_FORCE)
+
+
+def _points(cell: Cell, p_part: Float, q: Float, w_tcp_part: Float, cutting: Bool, name: str) -> CutPoints | None:
+    rows = np.flatnonzero(cutting)
+    rows = rows[:: max(1, len(rows) // _POINTS)]
+    if not len(rows):
+        return None
+    step = np.diff(p_part, axis=0, prepend=p_part[:1])[rows]
+    length = np.linalg.norm(step, axis=1)
+    R_base_part = cell.T_base_part[:3, :3]
+    feed = (step / np.where(length > 0.0, length, 1.0)[:, None]) @ R_base_part.T
+    w = (w_tcp_part[rows].reshape(-1, 2, 3) @ R_base_part.T).reshape(-1, 6)
+    what = f"in {name} ({100.0 * _SHARE:g} % of the path in the cut)"
+    return CutPoints(q[rows], w, feed, np.maximum(length, 1e-12), what)

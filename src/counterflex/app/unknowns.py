@@ -1,0 +1,205 @@
+"""What a cell file does not know, by what each of it leaves uncorrected in mm, and what to measure first.
+
+Each unknown is drawn from what is known of it and leaves a displacement of the tool; all others stay as the file has
+them. At rest and linear: what it is in motion, a plan says.
+
+- Stiffness: of an axis without any, the whole deflection by the class of the robot; where the class is assumed, what is
+  beyond its median; of an element of the file, :data:`STATED` of its deflection, or its standard deviation once
+  identified.
+- Cutting force: :data:`HANDBOOK` of the deflection, until constants are identified.
+- Play: of an axis without ``[[robot.play]]``, half of a lost motion between zero and :data:`LOST_MOTION_RAD`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.cut_points import CutPoints
+from counterflex.app.unknown_stiffness import Expected, drawn_deflections, expected, why_no_prior
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM
+from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.class_stiffness import axis_names, prior_of
+from counterflex.robot.elasticity.axis_springs import axis_deflections
+from counterflex.robot.elasticity.chain import jacobian
+from counterflex.robot.elasticity.compliance import shares
+
+STATED: Final = 0.3
+"""Relative standard deviation of a compliance that nobody measured on this cell: that of ``identify stiffness``."""
+HANDBOOK: Final = 0.3
+"""Relative standard deviation of handbook constants: published sets of one alloy differ by up to 1.8."""
+IDENTIFIED: Final = 0.05
+"""The same of identified constants."""
+LOST_MOTION_RAD: Final = DEG / 60.0
+"""What catalogues of precision gears (cycloidal, harmonic) allow: 1 arcmin."""
+_DRAWS: Final = 1000
+_PULLS: Final = "stiffness --propose 30"
+_PLAY: Final = "play --propose 24"
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """Something that is not known of a cell.
+
+    Attributes:
+        name: What.
+        known_from: What is known of it, and from where.
+        cost: What it leaves uncorrected; None where that cannot be said at rest.
+        recipe: What to measure: ``identify`` with these words, the recipe first.
+    """
+
+    name: str
+    known_from: str
+    cost: Expected | None
+    recipe: str
+
+
+def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
+    """Everything that is not known of a cell, the most expensive first.
+
+    Args:
+        cell: The cell.
+        points: Where it is judged.
+    """
+    listed = [*_axes_of_the_class(cell, points), *_stated(cell, points), _force(cell, points), *_play(cell, points)]
+    if cell.chain.servo is None:
+        listed.append(Unknown("loop gains of the drives", "nothing; shown by what moves", None, "servo"))
+    if not np.any(cell.chain.mass[: cell.chain.flange_segment + 1]):
+        listed.append(Unknown("masses of the arm", "nothing; matters in larger parts", None, "kinematics"))
+    return sorted(listed, key=lambda one: -1.0 if one.cost is None else one.cost.median_m, reverse=True)
+
+
+def first_measurement(ranked: list[Unknown]) -> tuple[str, Expected] | None:
+    """The recipe whose unknowns leave the most, root of the sum of squares of the medians, and what they leave."""
+    total: dict[str, list[Expected]] = {}
+    for one in ranked:
+        if one.cost is not None:
+            total.setdefault(one.recipe, []).append(one.cost)
+    if not total:
+        return None
+    joined = {
+        recipe: Expected(
+            median_m=float(np.linalg.norm([one.median_m for one in costs])),
+            low_m=float(np.linalg.norm([one.low_m for one in costs])),
+            high_m=float(np.linalg.norm([one.high_m for one in costs])),
+            of=costs[0].of,
+        )
+        for recipe, costs in total.items()
+    }
+    recipe = max(joined, key=lambda name: joined[name].median_m)
+    return recipe, joined[recipe]
+
+
+def shown(ranked: list[Unknown], points: CutPoints, cell_file: str) -> dict[str, Any]:
+    """Plain values for ``cell check``: rows and what to measure first, mm."""
+    first = first_measurement(ranked)
+    return {
+        "where": points.of,
+        "rows": [
+            {
+                "unknown": one.name,
+                "known_from": one.known_from,
+                "leaves_mm": None if one.cost is None else round(one.cost.median_m / MM, 3),
+                "of_90_percent_mm": None
+                if one.cost is None
+                else [round(one.cost.low_m / MM, 3), round(one.cost.high_m / MM, 3)],
+                "measure": f"identify {one.recipe.split()[0]}",
+            }
+            for one in ranked
+        ],
+        "measure_first": None
+        if first is None
+        else {
+            "command": f"counterflex identify {first[0]} --cell {cell_file} --out proposal",
+            "removes_mm": round(first[1].median_m / MM, 3),
+            "up_to_mm": round(first[1].high_m / MM, 3),
+        },
+    }
+
+
+def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Unknown]:
+    """Axes that have no stiffness, or that of their class."""
+    given = cell.class_stiffness
+    axes = cell.unknown_axes if given is None else given.axes
+    if not axes:
+        return []
+    name = f"stiffness of {axis_names(axes)}"
+    per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, axes)
+    if given is not None:
+        d = drawn_deflections(given.prior, per_stiffness, axes)
+        d -= np.einsum("a,nad->nd", 1.0 / given.prior.median_nm_per_rad[list(axes)], per_stiffness)
+        return [Unknown(name, "class prior: its median", expected(points.sizes(d), points.of), _PULLS)]
+    try:
+        prior = prior_of(cell.nominal_robot, cell.tables.robot)
+    except InputError:
+        return [Unknown(name, "nothing, and no class", None, _PULLS)]
+    d = drawn_deflections(prior, per_stiffness, axes)
+    return [Unknown(name, "nothing; by the class prior", expected(points.sizes(d), points.of), _PULLS)]
+
+
+def _stated(cell: Cell, points: CutPoints) -> list[Unknown]:
+    """Elastic elements of the file: those of the robot and those beyond its flange, by where they come from."""
+    chain, parts = cell.chain, shares(cell.chain, points.q, points.w_tcp_base)[..., :3]
+    relative = _identified(cell)
+    assumed = set() if cell.class_stiffness is None else {f"axis{axis + 1}" for axis in cell.class_stiffness.axes}
+    groups: dict[tuple[str, str], list[int]] = {}
+    for i, name in enumerate(chain.names):
+        if np.any(parts[:, i] != 0.0) and name not in assumed:
+            where = "robot" if i <= chain.flange_segment else "end effector"
+            groups.setdefault((where, "identified" if name in relative else "stated, not measured"), []).append(i)
+    out = []
+    for (where, known), elements in groups.items():
+        sigma = np.array([relative.get(chain.names[i], STATED) for i in elements])
+        d = _scaled(parts[:, elements], sigma)
+        out.append(Unknown(f"stiffness of the {where}", known, expected(points.sizes(d), points.of), _PULLS))
+    return out
+
+
+def _identified(cell: Cell) -> dict[str, float]:
+    """Relative standard deviation of identified segments: the largest of their directions."""
+    out: dict[str, float] = {}
+    for entry in cell.tables.identified:
+        for one in entry.values:
+            segment, _, direction = one.name.partition(".")
+            if direction in ("tx", "ty", "tz", "rx", "ry", "rz") and one.value > 0.0 and one.seen != "prior":
+                out[segment] = max(out.get(segment, 0.0), one.sigma / one.value)
+    return out
+
+
+def _force(cell: Cell, points: CutPoints) -> Unknown:
+    """Constants of the material: they scale every deflection."""
+    known = any(entry.recipe == "cutting" for entry in cell.tables.identified)
+    whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1, keepdims=True)
+    if cell.unknown_axes and not why_no_prior(cell):
+        k = prior_of(cell.nominal_robot, cell.tables.robot).median_nm_per_rad[list(cell.unknown_axes)]
+        per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, cell.unknown_axes)
+        whole += np.sum(per_stiffness / k[:, None], axis=1, keepdims=True)
+    d = _scaled(whole, np.array([IDENTIFIED if known else HANDBOOK]))
+    cost = expected(points.sizes(d), points.of)
+    return Unknown("cutting force", "identified" if known else "handbook constants", cost, "cutting --propose 12")
+
+
+def _play(cell: Cell, points: CutPoints) -> list[Unknown]:
+    """Lost motion of axes without a row of ``[[robot.play]]``."""
+    known = cell.chain.play or (None,) * 6
+    axes = [axis for axis in range(6) if known[axis] is None]
+    if not axes:
+        return []
+    columns = jacobian(cell.chain, points.q)[..., :3, axes]
+    rng = np.random.default_rng(0)
+    half = 0.5 * LOST_MOTION_RAD * rng.uniform(-1.0, 1.0, (_DRAWS, len(axes)))
+    d = np.einsum("nda,ra->rnd", columns, half)
+    name = f"play of {axis_names(tuple(axes))}"
+    return [Unknown(name, "nothing; gears lose up to 1 arcmin", expected(points.sizes(d), points.of), _PLAY)]
+
+
+def _scaled(parts: Float, sigma: Float) -> Float:
+    """Displacements (draws, n, 3) by elements (n, k, 3) whose compliances are off by relative ``sigma`` (k,)."""
+    z = np.random.default_rng(0).standard_normal((_DRAWS, len(sigma)))
+    off = np.exp(np.sqrt(np.log1p(sigma**2)) * z) - 1.0
+    out: Float = np.einsum("rk,nkd->rnd", off, parts)
+    return out

@@ -1,0 +1,108 @@
+"""What a cell does not know is ranked by what it leaves, and what was measured leaves less."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterflex.app.cut_points import CutPoints, corner_points
+from counterflex.app.questions import check_cell
+from counterflex.app.unknown_stiffness import cost_at_blank
+from counterflex.app.unknowns import STATED, Unknown, first_measurement, unknowns
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
+from counterflex.robot.elasticity import compliance
+from counterflex.robot.model.description import Play
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+ABB, KUKA = (EXAMPLES / "cells" / f"{name}.toml" for name in ("irb6640_d16", "kr300_d16_small"))
+
+
+def named(cell: Cell, points: CutPoints | None = None) -> dict[str, Unknown]:
+    return {one.name: one for one in unknowns(cell, corner_points(cell) if points is None else points)}
+
+
+def median_mm(one: Unknown) -> float:
+    assert one.cost is not None
+    return 1e3 * one.cost.median_m
+
+
+def with_identified(cell: Cell, recipe: str, values: dict[str, float] | None = None) -> Cell:
+    """The cell after an identification: relative standard deviations by name."""
+    rows = tuple(
+        IdentifiedValue(name=name, value=500.0, sigma=500.0 * share, unit="urad/kNm")
+        for name, share in (values or {}).items()
+    )
+    entry = IdentifiedTable(recipe=recipe, date="", data=(), data_sha256=(), counterflex="", holdout="", values=rows)
+    tables = cell.tables.model_copy(update={"identified": (*cell.tables.identified, entry)})
+    return replace(cell, tables=tables)
+
+
+def test_the_most_expensive_comes_first_and_says_what_to_measure() -> None:
+    answer = check_cell(str(ABB))["unknowns"]
+    known = [row["leaves_mm"] for row in answer["rows"] if row["leaves_mm"] is not None]
+    assert known == sorted(known, reverse=True)
+    assert answer["rows"][0]["unknown"] == "stiffness of A1, A2, A3, A4, A5, A6"
+    assert answer["rows"][0]["known_from"] == "nothing; by the class prior"
+    assert answer["measure_first"]["command"].startswith("counterflex identify stiffness --propose 30 --cell irb6640")
+    cost = cost_at_blank(read_cell(ABB))
+    assert cost is not None
+    assert answer["rows"][0]["leaves_mm"] == pytest.approx(1e3 * cost.median_m, abs=1e-3)
+
+
+def test_in_the_cut_of_a_program_the_force_is_that_of_the_cut() -> None:
+    at_corner = check_cell(str(ABB))["unknowns"]
+    in_cut = check_cell(str(ABB), EXAMPLES / "programs" / "groove.ngc")["unknowns"]
+    assert "in groove.ngc" in in_cut["where"]
+    assert 0.1 < in_cut["rows"][0]["leaves_mm"] < at_corner["rows"][0]["leaves_mm"]
+
+
+def test_the_class_assumed_leaves_less_than_nothing_known() -> None:
+    axes = "stiffness of A1, A2, A3, A4, A5, A6"
+    rigid, assumed = named(read_cell(ABB)), named(read_cell(ABB, assume_class=True))
+    assert median_mm(assumed[axes]) < 0.7 * median_mm(rigid[axes])
+    assert assumed[axes].known_from == "class prior: its median"
+
+
+def test_what_was_identified_leaves_less() -> None:
+    cell = read_cell(KUKA)
+    before = named(cell)
+    sigma = {f"{name}.rz": 0.03 for name in cell.chain.names}
+    after = named(with_identified(with_identified(cell, "stiffness", sigma), "cutting"))
+    for name in ("stiffness of the robot", "stiffness of the end effector", "cutting force"):
+        assert median_mm(after[name]) < 0.3 * median_mm(before[name])
+        assert after[name].known_from == "identified"
+
+
+def test_handbook_force_is_its_share_of_the_deflection() -> None:
+    """Lognormal of relative deviation s: the median of what it leaves is about 0.67 s of the whole deflection."""
+    cell = read_cell(KUKA)
+    points = corner_points(cell)
+    C = compliance.cartesian_compliance(cell.chain, points.q[0])[:3, :3]
+    whole_mm = 1e3 * 500.0 * np.linalg.norm(C, axis=0).max()
+    assert median_mm(named(cell)["cutting force"]) == pytest.approx(0.67 * STATED * whole_mm, rel=0.1)
+
+
+def test_play_is_unknown_of_the_axes_that_have_no_row() -> None:
+    cell = read_cell(ABB)
+    assert "play of A1, A2, A3, A4, A5, A6" in named(cell)
+    rows = (Play(), None, Play(), Play(), None, Play())
+    assert "play of A2, A5" in named(replace(cell, chain=replace(cell.chain, play=rows)))
+
+
+def test_measurements_add_up_by_recipe() -> None:
+    found = unknowns(read_cell(ABB), corner_points(read_cell(ABB)))
+    first = first_measurement(found)
+    assert first is not None
+    costs = [one.cost.median_m for one in found if one.cost is not None and one.recipe == first[0]]
+    assert len(costs) == 2
+    assert first[1].median_m == pytest.approx(np.linalg.norm(costs))
+
+
+def test_a_cell_for_calibration_only_is_not_judged(tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    file.write_text(ABB.read_text(encoding="utf-8").partition("[part]")[0], encoding="utf-8")
+    assert check_cell(str(file))["unknowns"] is None
