@@ -59,6 +59,8 @@ class LiveSettings:
         own_backlash: Share of the play of its gears that the controller compensates itself; axis corrections go
             past it.
         hose_share: Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out.
+        touched: Truth file of the cell as it was when the part was touched, where the arm has drifted since; None: as
+            it is now.
     """
 
     program: Path
@@ -82,6 +84,7 @@ class LiveSettings:
     answer: PathAnswer = field(default_factory=PathAnswer)
     own_backlash: float = 0.0
     hose_share: float = 1.0
+    touched: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,7 @@ def run(
         datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         answer=settings.answer,
         own_backlash=settings.own_backlash,
+        touched=None if settings.touched is None else read_truth(settings.touched),
     )
     if not robot_controller.guides:
         live.skip_to_contact()

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.commands.prove import FamilyName, Workers
 from counterflex.cli.output import print_json, print_made_again, print_table, progress_bar
 from counterflex.core.errors import Interrupted
 
@@ -20,6 +21,7 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     _reproduce.command("haehn2020")(haehn2020)
     _reproduce.command("mandiola2023")(mandiola2023)
+    _reproduce.command("online")(online)
     _reproduce.callback()(_group)
     app.add_typer(_reproduce, name="reproduce")
 
@@ -155,3 +157,66 @@ def _show_mandiola(summary: dict[str, Any]) -> None:
     missed = [name.replace("_", " ") for name, goal in summary["goals"].items() if not goal["reached"]]
     if missed:
         typer.echo("goals missed: " + ", ".join(missed))
+
+
+def online(
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
+    ],
+    seeds: Annotated[
+        str,
+        typer.Option(
+            "--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"
+        ),
+    ] = "1001-1003",
+    family: FamilyName = "wide",
+    quick: Annotated[
+        bool, typer.Option("--quick", help="One truth, its payload identified, worn tool only: does it work at all?")
+    ] = False,
+    workers: Workers = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """A groove whose plan is wrong as plans are wrong, corrected by force, pilot control, hybrid, tracker and all.
+
+    Worn tool, another alloy, a higher blank, a softer robot, an arm that drifted, a longer tool: each run in lockstep
+    over RSI, Net F/T and a tracker's datagrams on identified cells, and judged by where the simulated tool truly was.
+    Interrupted, the same command goes on where it was.
+
+    Example: `counterflex reproduce online --out online`
+    """
+    from counterflex.twin.truth.family import family_of
+    from counterflex.validation.reproduce import online as job
+
+    numbers = arguments.seeds(seeds)
+    with progress_bar("online") as progress:
+        try:
+            summary = job.run(
+                out, seeds=numbers, family=family_of(family), quick=quick, workers=workers, progress=progress
+            )
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
+            ) from stop
+    if as_json:
+        print_json(summary)
+    else:
+        _show_online(summary)
+        print_made_again(summary)
+        typer.echo(f"wrote {out}")
+
+
+def _show_online(summary: dict[str, Any]) -> None:
+    from counterflex.validation.reproduce import online_report as report
+    from counterflex.validation.reproduce.online_case import WAYS
+
+    count = len({row["seed"] for row in summary["seeds"]})
+    about = f"median / worst of {count} truths ({summary['family']}, {summary['truth_level']})"
+    for title, kind in (
+        (f"Path error, 99.7 %, mm: {about}", "p997_mm"),
+        (f"Largest path error, mm: {about}", "max_mm"),
+        ("Restored of what the wrong plan loses, %: median / worst", "restored"),
+    ):
+        print_table(title, ["what is wrong", *WAYS], report.table_rows(summary, kind))
+    if any(item["refused"] for row in summary["rows"].values() for item in row.values()):
+        typer.echo(report.REFUSED)
+    typer.echo(report.verdict(summary))

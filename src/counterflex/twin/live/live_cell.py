@@ -60,6 +60,7 @@ class LiveCell:
             controller has it.
         answer: How the controller answers a correction.
         own_backlash: Share of the true play of its gears that the controller compensates itself, 0 .. 1.5.
+        touched: The cell as it was when the robot touched the datum points, where it has drifted since; None: as now.
         step_s: Integration step.
 
     Attributes:
@@ -80,6 +81,7 @@ class LiveCell:
         datum_points_part: Float | None = None,
         answer: PathAnswer | None = None,
         own_backlash: float = 0.0,
+        touched: Truth | None = None,
         step_s: float = STEP_S,
     ) -> None:
         substeps = round(controller.cycle_s / step_s)
@@ -95,7 +97,8 @@ class LiveCell:
         self.plant = Plant(truth, step_s=step_s)
         self.T_base_part, self._residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
         if datum_points_part is not None:
-            self.T_base_part, self._residual = touched_part_frame(self.plant, controller, datum_points_part)
+            then = self.plant if touched is None else Plant(touched, step_s=step_s)
+            self.T_base_part, self._residual = touched_part_frame(then, controller, datum_points_part)
         blank = as_delivered(stock, truth.stock_top_offset_m)
         self._process = Process(blank, cutter, truth.cutting, step_s, self.T_base_part)
         self._near = near_stock(self.reference.p_part_command, blank, cutter.radius_m)

@@ -21,15 +21,15 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.atomic import write_text
-from counterflex.core.units import DEG, MM, MS
-from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.core.units import MM, MS
+from counterflex.files.cell.cell import read_cell
 from counterflex.files.schema import write_toml
-from counterflex.geometry import pose, rotation
-from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
+from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.setup import touched_part_frame
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.perturb import perturbed
+from counterflex.validation.reproduce.fiducials import tracker_table
 
 SIDE_M: Final = 400.0 * MM
 RADIUS_M: Final = 150.0 * MM
@@ -40,12 +40,8 @@ DEAD_S: Final = 8.0 * MS
 """Two cycles until a set-point reaches the drives."""
 RUN_IN_DEG: Final = 10.0
 DWELL_S: Final = 4.0
-_ROUNDS: Final = 20
-"""Readings of each fiducial, and of the target on the spindle, of which the mean is taken."""
 _TOUCHED: Final = 0.5
 """Part of the square, at its first corner, where the robot touched the part: its error grows away from there."""
-_FIDUCIALS: Final = 1.2
-"""Extent of the fiducials around the paths, in sizes of the square."""
 
 _COMMON: Final[dict[str, Any]] = {
     "force": "none",
@@ -149,7 +145,7 @@ def write_case(folder: Path, seed: int, *, scale: float = 1.0) -> Case:
     read_job(case.program("square"), cell)
     controller = simulate.controller(cell)
     T_base_part, _ = touched_part_frame(Plant(truth), controller, cell.datum_points_part)
-    tracker = _tracker_table(cell, lab, T_base_part)
+    tracker = tracker_table(cell, lab, T_base_part)
     for name, online in VARIANTS.items():
         write_toml(case.cell(name), {**bare, "tracker": tracker, "online": {**_COMMON, **online}})
     return case
@@ -170,32 +166,6 @@ def _cell_table(scale: float) -> dict[str, Any]:
     }
     data["controller"] = {"cycle_ms": 4.0, "blending_mm": 0.0, "acceleration_mm_s2": 250.0, "rapid_mm_s": 250.0}
     return data
-
-
-def _tracker_table(cell: Cell, lab: Laboratory, T_base_part: Float) -> dict[str, Any]:
-    """What registering fiducials and calibrating the target gave: the tracker's frame tied to the part's.
-
-    The fiducials stand around the part, their places in it are known; the tracker measures each twenty times, and
-    so it does the target on the standing spindle.
-    """
-    noise = lab.noise("fiducials of the part")
-    h = 0.5 * _FIDUCIALS * SIDE_M
-    points = np.array([[-h, -h, 0.0], [h, -h, 0.0], [h, h, 0.0], [-h, h, 0.0], [0.0, 0.0, 0.2]])
-    seen = pose.transform(pose.inverse(lab.T_base_tracker) @ T_base_part, points)
-    seen = seen + lab.tracker_m / np.sqrt(_ROUNDS) * noise.standard_normal(seen.shape)
-    T_part_tracker, _ = pose.register(points, seen)
-    T = cell.T_base_part @ T_part_tracker
-    target = lab.T_tcp_target.copy()
-    target[:3, 3] += lab.tracker_m / np.sqrt(_ROUNDS) * noise.standard_normal(3)
-    turned = rotation.exp(lab.tracker_rad / np.sqrt(_ROUNDS) * noise.standard_normal(3))
-    target[:3, :3] = turned @ target[:3, :3]
-    return {**_frame(T, ""), **_frame(target, "target_"), "target_on": "tcp", "source": "fiducials around the part"}
-
-
-def _frame(T: Float, prefix: str) -> dict[str, float]:
-    angles = rotation.to_zyx(T[:3, :3]) / DEG
-    out = {f"{prefix}{name}_mm": float(v) / MM for name, v in zip("xyz", T[:3, 3], strict=True)}
-    return out | {f"{prefix}{name}_deg": float(v) for name, v in zip("abc", angles, strict=True)}
 
 
 def _square(corners_mm: Float) -> str:

@@ -1,0 +1,92 @@
+"""The page of wrong plans: what each way of correcting leaves, as tables and as marks over the simulated cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from counterflex.report.figure_data import numbers
+from counterflex.report.groove_page import COLOURS
+from counterflex.report.page import render
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One groove.
+
+    Attributes:
+        row: What is wrong with its plan.
+        way: How it was corrected.
+        seed: Of the truth.
+        path_mm: Path error, 99.7 %.
+    """
+
+    row: str
+    way: str
+    seed: int
+    path_mm: float
+
+
+@dataclass(frozen=True)
+class WrongPlansData:
+    """Everything on the page.
+
+    Attributes:
+        title: Headline.
+        subtitle: One line below it.
+        verdict: The result in one sentence.
+        ways: Columns of the tables.
+        about: Name and meaning of each way of correcting.
+        tables: Heading and rows, the first cell of a row what is wrong.
+        refused: What is said of runs that are not counted, or empty.
+        marks: Every groove.
+        created: Date as printed, or empty.
+        timing: See :class:`counterflex.report.data.ReportData`.
+        versions: See there.
+    """
+
+    title: str
+    subtitle: str
+    verdict: str
+    ways: Sequence[str]
+    about: Sequence[tuple[str, str]]
+    tables: Sequence[tuple[str, Sequence[Sequence[str]]]]
+    refused: str
+    marks: Sequence[Mark]
+    created: str = ""
+    timing: tuple[Any, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def wrong_plans_page(data: WrongPlansData) -> str:
+    """The page, as HTML text."""
+    return render("wrong_plans.html.j2", {"marks": _marks(data)}, [], data=data)
+
+
+def _marks(data: WrongPlansData) -> dict[str, Any]:
+    """Path error of every groove by what is wrong, a colour for each way of correcting."""
+    rows = list(dict.fromkeys(mark.row for mark in data.marks))
+    traces = [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "name": way,
+            "x": numbers(np.array([m.path_mm for m in data.marks if m.way == way], dtype=np.float64), 4),
+            "y": [m.row for m in data.marks if m.way == way],
+            "text": [f"truth {m.seed}" for m in data.marks if m.way == way],
+            "hovertemplate": f"{way}: %{{x}} mm, %{{text}}<extra></extra>",
+            "marker": {"color": COLOURS[k % len(COLOURS)], "size": 9},
+        }
+        for k, way in enumerate(data.ways)
+    ]
+    layout = {
+        "height": 140 + 50 * len(rows),
+        "margin": {"l": 130, "r": 12, "t": 40, "b": 44},
+        "legend": {"orientation": "h", "y": 1.04, "yanchor": "bottom", "x": 0.0},
+        "xaxis": {"title": {"text": "path error, 99.7 %, mm"}, "rangemode": "tozero"},
+        "yaxis": {"categoryorder": "array", "categoryarray": rows[::-1], "automargin": True},
+    }
+    return {"data": traces, "layout": layout}
