@@ -76,7 +76,7 @@ def run(
     start, begun, folder = time.perf_counter(), time.time(), Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     numbers = tuple(seeds[:1]) if quick else tuple(seeds)
-    wanted = QUICK_ROWS if quick else tuple(row for row in WRONG if row in rows or row == next(iter(WRONG)))
+    required = QUICK_ROWS if quick else tuple(row for row in WRONG if row in rows or row == next(iter(WRONG)))
     recipes = ("tracker-frame", "payload") if quick else RECIPES
     parts = in_parts(progress, {"identifying": 1.0 if quick else 2.0, "milling": 8.0})
     catalogue = online_case.catalogue_cell(folder)
@@ -89,8 +89,8 @@ def run(
         workers=workers,
         progress=parts["identifying"],
     )
-    results = run_tasks(_tasks(folder, numbers, wanted), workers, parts["milling"])
-    summary = _summary(results, numbers, wanted, family, "catalogue" if quick else "identified")
+    results = run_tasks(_tasks(folder, numbers, required), workers, parts["milling"])
+    summary = _summary(results, numbers, required, family, "catalogue" if quick else "identified")
     summary |= {"made_again": made_again(folder, begun), "seconds": round(time.perf_counter() - start, 1)}
     write_summary(folder / "summary.json", summary)
     write_page(online_report.page(summary), folder / "report.html")

@@ -132,7 +132,7 @@ def verdict(summary: Mapping[str, Any]) -> str:
     """The goals in one sentence, nothing rounded in favour of a method."""
     goal = summary["goals"]
 
-    def said(name: str, text: str, unit: str) -> str:
+    def text_of(name: str, text: str, unit: str) -> str:
         item = goal[name]
         if item["worst"] is None:
             return f"{text}: no run counts"
@@ -143,11 +143,11 @@ def verdict(summary: Mapping[str, Any]) -> str:
         "Worst of all runs: "
         + "; ".join(
             (
-                said("hybrid_restores", "hybrid restores of what wrong forces cost", "%"),
-                said("all_restores", "all sources of what any wrong plan costs", "%"),
-                said("hybrid_not_worse_mm", "hybrid is worse than the plan by", "mm"),
-                said("all_not_worse_mm", "all sources by", "mm"),
-                said("hybrid_mm", "hybrid with a right plan leaves", "mm"),
+                text_of("hybrid_restores", "hybrid restores of what wrong forces cost", "%"),
+                text_of("all_restores", "all sources of what any wrong plan costs", "%"),
+                text_of("hybrid_not_worse_mm", "hybrid is worse than the plan by", "mm"),
+                text_of("all_not_worse_mm", "all sources by", "mm"),
+                text_of("hybrid_mm", "hybrid with a right plan leaves", "mm"),
             )
         )
         + "."
