@@ -15,14 +15,14 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.path.toolpath import ToolPath
+from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.devices.commanded_motion import CommandedMotion
 from counterflex.twin.devices.commanded_motion import Report as Report
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.plant.controller import Controller, as_it_is
 from counterflex.twin.plant.drives import FollowingLag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
-from counterflex.twin.plant.process import Process
+from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
 from counterflex.twin.plant.setup import touched_part_frame
 from counterflex.twin.plant.simulate import as_delivered, hermite, near_stock
@@ -100,6 +100,9 @@ class LiveCell:
             then = self.plant if touched is None else Plant(touched, step_s=step_s)
             self.T_base_part, self._residual = touched_part_frame(then, controller, datum_points_part)
         blank = as_delivered(stock, truth.stock_top_offset_m)
+        tools = path.tool[path.kind == FEED]
+        self._tool = int(tools[0]) if len(tools) else 0
+        cutter = as_ground(cutter, truth.other.tool(self._tool))
         self._process = Process(blank, cutter, truth.cutting, step_s, self.T_base_part)
         self._near = near_stock(self.reference.p_part_command, blank, cutter.radius_m)
         self._spindle = path.spindle_rad_s[self.reference.source]
@@ -113,6 +116,7 @@ class LiveCell:
         self._following = FollowingLag(gains, self.period_s, self._q)
         self._qd: Float = np.zeros(6)
         self._torque: Float = np.zeros(6)
+        self.plant.program_time(0.0, self._tool)
         self.plant.reset(self._q, None, self._qd)
 
     def start(self) -> None:
@@ -141,6 +145,7 @@ class LiveCell:
         self.motion.at = float(k)
         self._q = self.reference.q_ref[k].copy()
         self._following.reset(self._q)
+        self.plant.program_time(k * self.period_s, self._tool)
         self.plant.reset(self._q, None, np.zeros(6))
 
     def advance(

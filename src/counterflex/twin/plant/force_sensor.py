@@ -17,6 +17,7 @@ from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation, wrench
 from counterflex.twin.plant.hose import Hose
 from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.slow_changes import hose_of
 from counterflex.twin.truth.truth import Truth
 
 BIAS_N, BIAS_NM = 30.0, 4.0
@@ -59,7 +60,12 @@ class ForceSensor:
         T_sensor_base = pose.inverse(T_base_sensor)
         T_base_carried = plant.body_pose(self.carried)
         w = wrench.carry(T_sensor_base @ T_base_carried, plant.section_wrench(self.carried))
-        if self.hose is not None:
+        pack = plant.truth.other.hose
+        if pack is not None:  # the hose that loads the arm is the one that the sensor feels
+            arm, tool = pack.arm_body, plant.truth.bodies[-1].name
+            place, pull = hose_of(pack).on_tool(plant.body_pose(arm), plant.body_pose(tool), gravity_base)
+            w = w + wrench.carry(T_sensor_base @ pose.make(p=place), pull)
+        elif self.hose is not None:
             place, pull = self.hose.on_tool(plant.body_pose(self.arm), T_base_carried, gravity_base)
             w = w + wrench.carry(T_sensor_base @ pose.make(p=place), pull)
         return w

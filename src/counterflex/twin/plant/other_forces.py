@@ -2,12 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.jit import kernel
+from counterflex.twin.plant.bristle_friction import apply_bristles, bristle_limit, bristle_parameters
+from counterflex.twin.plant.coupled_springs import apply_couplings, coupling_parameters
+from counterflex.twin.plant.friction import play_torque
 from counterflex.twin.plant.gear_curves import apply_gears, gear_parameters, gear_torque, wind_up
 from counterflex.twin.plant.mjcf import Coordinates
+from counterflex.twin.plant.slow_changes import EVERY_S, SlowChanges
 from counterflex.twin.truth.truth import Truth
+
+_STILL: Final = 0.0
+
+
+@kernel()
+def gear_loads(qpos: Float, torsion: Int, stiffness: Float, half_band: Float, curves: Float, out: Float) -> None:
+    """Set ``out`` (6,) to the torques of the gears without hysteresis, N m; straight ones where the curve is zero."""
+    for i in range(6):
+        t = torsion[i]
+        out[i] = 0.0
+        if t < 0:
+            continue
+        if curves[i, 2] == 0.0:
+            out[i] = play_torque(qpos[t], stiffness[i], half_band[i])
+        else:
+            out[i] = gear_torque(qpos[t], stiffness[i], half_band[i], curves[i])
 
 
 class OtherForces:
@@ -16,28 +39,94 @@ class OtherForces:
     Args:
         truth: With other kinds.
         coordinates: Of the truth.
+        slow: What changes slowly.
+        sign: (6,) of each driven axis.
         stiffness: (6,) N m/rad, live, of the torsions.
         half_band: (6,) rad, of the dead bands.
-        friction: False leaves out hysteresis.
+        step_s: Integration step, s.
+        friction: False leaves out hysteresis and bristles.
+
+    Attributes:
+        replaced: (6,) axes whose bristles stand in place of the slip elements on the link side.
+        dry: (6,) N m, friction of the bristles of a warm, unloaded joint at standstill.
+        bristle_force: (6,) N m, what they hold now.
     """
 
     def __init__(
-        self, truth: Truth, coordinates: Coordinates, stiffness: Float, half_band: Float, *, friction: bool
+        self,
+        truth: Truth,
+        coordinates: Coordinates,
+        slow: SlowChanges,
+        *,
+        sign: Float,
+        stiffness: Float,
+        half_band: Float,
+        step_s: float,
+        friction: bool,
     ) -> None:
+        other = truth.other
+        self._slow, self._sign = slow, sign
+        self._motor: Int = coordinates.motor
         self._torsion: Int = coordinates.torsion
         self._stiffness, self._band = stiffness, half_band
-        self._curves = gear_parameters(truth.other.gears)
+        self._curves = gear_parameters(other.gears)
         if not friction:
             self._curves[:, 5:7] = 0.0
         self._gear_slip: Float = np.zeros(6)
         self._gear_angle: Float = np.zeros(6)
-        self._curved = [gear.axis for gear in truth.other.gears]
+        self._curved = [gear.axis for gear in other.gears]
+        self.replaced: Bool = np.zeros(6, dtype=bool)
+        self.replaced[[f.axis for f in other.frictions]] = True
+        self._bristles = bristle_parameters(other.frictions if friction else ())
+        self._cold: Float = np.zeros(6)
+        self._warming_s: Float = np.ones(6)
+        for f in other.frictions:
+            self._cold[f.axis], self._warming_s[f.axis] = f.cold_share, f.warming_s
+        self._warm: Float = 1.0 + self._cold
+        self._load: Float = np.zeros(6)
+        self._link: Float = np.zeros(6)
+        self.bristle_force: Float = np.zeros(6)
+        self.dry: Float = np.array([bristle_limit(_STILL, 0.0, 1.0, row) if row[0] else 0.0 for row in self._bristles])
+        self._place, self._value = coupling_parameters(truth, coordinates)
+        self._before_s = 0.0 if other.thermal is None else other.thermal.before_s
+        self._step_s = step_s
+        self._every = max(1, round(EVERY_S / step_s))
+        self._clock_s, self._count = 0.0, 0
 
-    def apply(self, q_all: Float, force: Float) -> None:
-        """Add them to ``force`` (n,) at the coordinates ``q_all`` (n,), and advance what remembers."""
+    def program_time(self, time_s: float, tool_growth_m: float) -> None:
+        """Put the clock to a time since the start of the program, with the tool in use; before, it is just touched."""
+        self._clock_s = self._before_s + time_s
+        self._slow.tool_growth_m = tool_growth_m
+
+    def apply(self, q_all: Float, speeds: Float, force: Float) -> None:
+        """Add them to ``force`` (n,) at the coordinates (n,) and their speeds (n,), and advance what remembers."""
+        if self._count % self._every == 0:
+            self._slow_down()
+        self._count += 1
+        self._clock_s += self._step_s
+        gear_loads(q_all, self._torsion, self._stiffness, self._band, self._curves, self._load)
         apply_gears(
             q_all, self._torsion, self._stiffness, self._band, self._curves, self._gear_slip, self._gear_angle, force
         )
+        apply_bristles(
+            q_all, speeds, self._motor, self._torsion, self._sign, self._load, self._warm, self._bristles,
+            self.bristle_force, self._link, force,
+        )  # fmt: skip
+        self.resting(q_all, force)
+
+    def _slow_down(self) -> None:
+        self._slow.update(self._clock_s)
+        self._warm[:] = 1.0 + self._cold * np.exp(-self._clock_s / self._warming_s)
+
+    def start(self) -> None:
+        """Bring what changes slowly up to date, before the search for an equilibrium."""
+        self._count = 0
+        self._slow_down()
+
+    def resting(self, q_all: Float, force: Float) -> None:
+        """Add what acts at rest as well to ``force`` (n,): couplings at the coordinates (n,), and the hose."""
+        apply_couplings(q_all, self._place, self._value, force)
+        force += self._slow.hose_force
 
     def bend(self, target: Float, net: Float) -> None:
         """Put the wind-ups of curved gears in place of the straight springs' in a search for the equilibrium.
@@ -50,13 +139,20 @@ class OtherForces:
             t = self._torsion[i]
             target[t] = wind_up(float(net[t]), float(self._stiffness[i]), self._curves[i])
 
+    def follow(self) -> None:
+        """Take the hose along to the engine's present kinematics, in a search for the equilibrium."""
+        self._slow.pull()
+
     def spring(self, axis: int, angle: float, straight: float) -> float:
         """Torque of an axis' gear at a wind-up, N m, without hysteresis; ``straight`` where the gear is not curved."""
         if axis not in self._curved:
             return straight
         return gear_torque(angle, float(self._stiffness[axis]), float(self._band[axis]), self._curves[axis])
 
-    def rest(self, q_all: Float) -> None:
-        """Relax what remembers, at the coordinates ``q_all`` (n,) of an equilibrium."""
+    def rest(self, q_all: Float, held: Float) -> None:
+        """Relax what remembers at the coordinates (n,) of an equilibrium; the bristles hold ``held`` (6,) N m."""
         self._gear_slip[:] = 0.0
-        self._gear_angle[:] = np.where(self._torsion >= 0, q_all[self._torsion], 0.0)
+        torsion = np.where(self._torsion >= 0, q_all[self._torsion], 0.0)
+        self._gear_angle[:] = torsion
+        self.bristle_force[:] = held
+        self._link[:] = q_all[self._motor] + self._sign * torsion

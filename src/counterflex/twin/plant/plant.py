@@ -1,4 +1,4 @@
-"""The elastic robot in motion. The only module that touches the physics engine.
+"""The elastic robot in motion. Nothing else steps the physics engine.
 
 Each step takes the kinematics of the present state, adds drives, friction, play, cylinder and the process wrench as
 applied forces, and lets MuJoCo integrate (``implicitfast``: elastic dampers implicit, no numerical damping).
@@ -11,15 +11,16 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, SimulationError
-from counterflex.core.jit import kernel
 from counterflex.geometry import pose
 from counterflex.geometry.wrench import cross
-from counterflex.twin.plant.drives import apply_drives, gains
-from counterflex.twin.plant.friction import apply_friction, play_torque, slip_parameters
+from counterflex.twin.plant.applied_forces import applied_forces
+from counterflex.twin.plant.drives import gains
+from counterflex.twin.plant.friction import play_torque, slip_parameters
 from counterflex.twin.plant.loads import apply_loads, balance_parameters
-from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
+from counterflex.twin.plant.mjcf import Coordinates, body_ids, coordinates, model_xml
 from counterflex.twin.plant.other_forces import OtherForces
 from counterflex.twin.plant.posture_springs import PostureSprings
+from counterflex.twin.plant.slow_changes import SlowChanges
 from counterflex.twin.truth.truth import Truth
 
 STEP_S = 0.5e-3
@@ -27,42 +28,6 @@ mujoco.set_mju_user_warning(lambda _: None)  # Plant.check raises; the engine wo
 _FLOAT_NM = 1.0  # a link with less load than this floats within its play, held by dry friction
 _SETTLED = 1e-13  # rad or m, change of an elastic coordinate at which the equilibrium has been found
 _ROUNDS = 200
-
-
-@kernel()
-def _applied(
-    qpos: Float,
-    qvel: Float,
-    anchor: Float,
-    axis: Float,
-    hinge: Bool,
-    motor: Int,
-    torsion: Int,
-    sign: Float,
-    p_base_tcp: Float,
-    w_tcp_base: Float,
-    balance: Float,
-    torsion_stiffness: Float,
-    half_band: Float,
-    slip_stiffness: Float,
-    slip_limit: Float,
-    slip_force: Float,
-    slip_angle: Float,
-    q_ref: Float,
-    qd_ref: Float,
-    pid: Float,
-    integral: Float,
-    step_s: float,
-    force: Float,
-    torque: Float,
-) -> None:
-    force[:] = 0.0
-    apply_loads(qpos, anchor, axis, hinge, motor, torsion, sign, p_base_tcp, w_tcp_base, balance, force)
-    apply_friction(
-        qpos, motor, torsion, sign, torsion_stiffness, half_band, slip_stiffness, slip_limit, slip_force, slip_angle,
-        force,
-    )  # fmt: skip
-    apply_drives(qpos, qvel, motor, q_ref, qd_ref, pid, integral, step_s, force, torque)
 
 
 class Plant:
@@ -106,9 +71,6 @@ class Plant:
             self._slip_stiffness, self._slip_limit = np.zeros((6, 4)), np.zeros((6, 4))
         self._slip_force: Float = np.zeros((6, 4))
         self._slip_angle: Float = np.zeros((6, 2))
-        self._more = (
-            OtherForces(truth, c, self._torsion_stiffness, self._band, friction=friction) if truth.other else None
-        )
         self._pid = gains(truth.drives)
         self._integral: Float = np.zeros(6)
         self._balance = balance_parameters(truth.counterbalance)
@@ -125,8 +87,29 @@ class Plant:
         self._speed_before: Float = np.zeros(self._model.nv)
         self._load: Float = np.zeros(6)
         self._q_ref: Float = np.zeros(6)
-        self._body_id = _body_ids(self._model, truth)
+        self._body_id = body_ids(self._model, truth)
+        self._more = self._other_forces(site, friction) if truth.other else None
         self.reset(np.zeros(6))
+
+    def _other_forces(self, site: int, friction: bool) -> OtherForces:
+        more = OtherForces(
+            self.truth,
+            self.coordinates,
+            SlowChanges(self.truth, self._model, self._data, site, self._body_id),
+            sign=self._sign,
+            stiffness=self._torsion_stiffness,
+            half_band=self._band,
+            step_s=self.step_s,
+            friction=friction,
+        )
+        for elements in (self._slip_stiffness, self._slip_limit):
+            elements[more.replaced, :-1] = 0.0
+        return more
+
+    def program_time(self, time_s: float, tool: int) -> None:
+        """Say how long the program has run and with which tool; until then the part is just being touched."""
+        if self._more is not None:
+            self._more.program_time(time_s, self.truth.other.tool(tool).length_m)
 
     def equilibrium(self, q: Float, w_tcp_base: Float | None = None) -> Float:
         """Static equilibrium with the motors held: pose of the tool tip.
@@ -168,6 +151,9 @@ class Plant:
         sprung = np.flatnonzero(c.torsion >= 0)
         band[c.torsion[sprung]] = self._band[sprung]
         dry = np.sum(self._slip_limit[:, :-1], axis=1)
+        if self._more is not None:
+            dry += self._more.dry
+            self._more.start()
         floating[c.torsion[sprung]] = np.clip(0.5 * dry, 1e-6, _FLOAT_NM)[sprung]
         soft = self._elastic
         applied: Float = np.zeros(len(c.kind))
@@ -179,6 +165,9 @@ class Plant:
                 self._qpos, self._anchor, self._axis, self._hinge, c.motor, c.torsion, self._sign, self._p, load,
                 self._balance, applied,
             )  # fmt: skip
+            if self._more is not None:
+                self._more.follow()
+                self._more.resting(self._qpos, applied)
             net: Float = applied - d.qfrc_bias
             straight[soft] = net[soft] / self._stiffness[soft]
             if self._more is not None:
@@ -199,6 +188,7 @@ class Plant:
                 hint="Check masses and compliances of the truth",
             )
         self._slip_force[:] = 0.0
+        held: Float = np.zeros(6)
         for i in sprung:
             t = c.torsion[i]
             spring = play_torque(self._qpos[t], self._torsion_stiffness[i], self._band[i])
@@ -206,14 +196,17 @@ class Plant:
                 spring = self._more.spring(int(i), self._qpos[t], spring)
             if dry[i] > 0.0:  # what the play leaves unsupported is held by stiction
                 self._slip_force[i, :-1] = -self._sign[i] * (net[t] + spring) * self._slip_limit[i, :-1] / dry[i]
+                held[i] = -self._sign[i] * (net[t] + spring) - np.sum(self._slip_force[i, :-1])
         self._integral[:] = -net[c.motor] - np.sum(self._slip_force[:, :-1], axis=1)
-        self.drive_torque[:] = self._integral
         link = q + np.where(c.torsion >= 0, self._sign * self._qpos[c.torsion], 0.0)
         self._slip_angle[:, 0], self._slip_angle[:, 1] = link, q
         if qd is not None:
             self._qvel[c.motor] = as_float("qd", qd, (6,))
         if self._more is not None:
-            self._more.rest(self._qpos)
+            held[~self._more.replaced] = 0.0
+            self._integral -= held
+            self._more.rest(self._qpos, held)
+        self.drive_torque[:] = self._integral
         self.time_s = 0.0
         self._load[:], self._q_ref[:] = load, q
         self._speed_before[:] = self._qvel
@@ -230,14 +223,14 @@ class Plant:
         c = self.coordinates
         if self._springs:
             self._take_posture()
-        _applied(
+        applied_forces(
             self._qpos, self._qvel, self._anchor, self._axis, self._hinge, c.motor, c.torsion, self._sign, self._p,
             w_tcp_base, self._balance, self._torsion_stiffness, self._band, self._slip_stiffness, self._slip_limit,
             self._slip_force, self._slip_angle, q_ref, qd_ref, self._pid, self._integral, self.step_s, self._force,
             self.drive_torque,
         )  # fmt: skip
         if self._more is not None:
-            self._more.apply(self._qpos, self._force)
+            self._more.apply(self._qpos, self._qvel, self._force)
         self._load[:], self._q_ref[:], self._speed_before[:] = w_tcp_base, q_ref, self._qvel
         mujoco.mj_step2(self._model, self._data)
         self.time_s += self.step_s
@@ -385,12 +378,3 @@ class Plant:
     def state(self) -> tuple[Float, Float]:
         """Copies of coordinates (n,) and speeds (n,)."""
         return np.array(self._qpos), np.array(self._qvel)
-
-
-def _body_ids(model: mujoco.MjModel, truth: Truth) -> dict[str, int]:
-    """Number of each body in the engine: the part behind its drive where the drive has a carrier of its own."""
-    out = {}
-    for index, body in enumerate(truth.bodies):
-        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}e")
-        out[body.name] = number if number >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}")
-    return out

@@ -7,6 +7,7 @@ stock the previous teeth have not touched, free of the staircase of the cells ju
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from counterflex.twin.plant.chip import (
     coupled_wrench,
     cut,
 )
+from counterflex.twin.truth.other import ToolOff
 from counterflex.twin.truth.truth import CuttingTruth
 
 LAG_CELLS = 4.0
@@ -55,6 +57,15 @@ def corner_slices(cutter: Cutter) -> tuple[Float, Float]:
     length = np.full_like(mid, corner * (rim[1] - rim[0]))
     faces = [inner + corner * np.sin(mid), corner * (1.0 - np.cos(mid)), length, np.sin(mid), np.cos(mid)]
     return np.ascontiguousarray(rims), np.ascontiguousarray(np.stack(faces, axis=1))
+
+
+def as_ground(cutter: Cutter, off: ToolOff) -> Cutter:
+    """A cutter with its true diameter; a ball stays one, another corner keeps its radius."""
+    if off.diameter_m == 0.0:
+        return cutter
+    diameter = cutter.diameter_m + off.diameter_m
+    corner = 0.5 * diameter if cutter.is_ball else min(cutter.corner_radius_m, 0.5 * diameter)
+    return replace(cutter, diameter_m=diameter, corner_radius_m=corner)
 
 
 def force_law(cutting: CuttingTruth) -> Float:

@@ -15,7 +15,7 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.controller import Controller, Reference, as_it_is, interpolate
 from counterflex.twin.plant.drives import first_order_lag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
-from counterflex.twin.plant.process import Process
+from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
 from counterflex.twin.plant.setup import touched_part_frame
 from counterflex.twin.truth.truth import Truth
@@ -69,6 +69,7 @@ def simulate(
     tools = np.unique(path.tool[path.kind == FEED])
     if len(tools) > 1:
         raise InputError("the simulation runs one tool at a time", value=tools.tolist(), hint="Split the program")
+    number = int(tools[0]) if len(tools) else 0
     substeps = round(controller.cycle_s / step_s)
     if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
         raise InputError("integration step does not divide the controller's cycle", value=step_s)
@@ -79,9 +80,11 @@ def simulate(
     if datum_points_part is not None:
         T_base_part, residual = touched_part_frame(plant, controller, datum_points_part)
     blank = as_delivered(stock, truth.stock_top_offset_m)
+    cutter = as_ground(cutter, truth.other.tool(number))
     process = Process(blank, cutter, truth.cutting, step_s, T_base_part)
     near = near_stock(reference.p_part_command, blank, cutter.radius_m)
     run = _Run(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
+    run.tool = number
     stretches = _stretches(near, controller.cycle_s, skip_air)
     parts = in_parts(progress, {str(first): float(last - first) for first, last in stretches} or {"": 1.0})
     for first, last in stretches:
@@ -156,6 +159,7 @@ class _Run:
         n = len(reference.time_s)
         self.plant, self.process, self.reference = plant, process, reference
         self.spindle, self.near, self.substeps = spindle, near, substeps
+        self.tool = 0
         self.place, self.speed = hermite(substeps, float(reference.time_s[1]))
         self.p_base_tcp: Float = np.zeros((n, 3))
         self.R_base_tcp: Float = np.zeros((n, 3, 3))
@@ -174,6 +178,7 @@ class _Run:
 
     def stretch(self, first: int, last: int, progress: Progress) -> None:
         plant, process, reference = self.plant, self.process, self.reference
+        plant.program_time(float(reference.time_s[first]), self.tool)
         plant.reset(reference.q_ref[first], None, reference.qd_ref[first])
         turning, was_near = np.nan, False
         free: Float = np.zeros(6)

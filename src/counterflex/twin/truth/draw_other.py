@@ -6,16 +6,27 @@ source gives the form only, the range is an assumption of the order that data sh
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.units import MM, N_PER_MM, UM
-from counterflex.twin.truth.draws import between, happens
+from counterflex.twin.truth.draws import between, draw, happens, vector
 from counterflex.twin.truth.family import Family
-from counterflex.twin.truth.other import ControllerKind, GearCurve, OtherPhysics
-from counterflex.twin.truth.truth import Body, CuttingTruth, Truth
+from counterflex.twin.truth.other import (
+    BristleFriction,
+    ControllerKind,
+    Coupling,
+    GearCurve,
+    HosePack,
+    OtherPhysics,
+    Thermal,
+    ToolOff,
+)
+from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
 
 SHARE_OF_KINDS: Final = 0.7
 """Probability of each kind."""
@@ -31,6 +42,10 @@ _EXPONENT: Final = (0.10, 0.40)
 """Exponents of Kienzle's law: 0.18 to 0.34 in tables of steel and aluminium, wider for r and a."""
 _EDGE_N_M: Final = ((2.0 * N_PER_MM, 8.0 * N_PER_MM), (3.0 * N_PER_MM, 12.0 * N_PER_MM), (0.0, 2.0 * N_PER_MM))
 _RUNOUT_M: Final = (5.0 * UM, 20.0 * UM)
+_COUPLED: Final = (-0.15, 0.15)
+_GAS: Final = (0.6, 1.0)
+"""What is left of a counterbalance's gas: cylinders lose it and are refilled in service."""
+_TOOLS: Final = 8
 
 
 def other_cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTruth:
@@ -66,8 +81,8 @@ def other_cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTr
     )
 
 
-def other_physics(truth: Truth, seed: int, family: Family) -> OtherPhysics:
-    """The kinds that a truth of a seed has; none where the family has none.
+def other_cell(truth: Truth, seed: int, family: Family) -> Truth:
+    """A truth with the kinds that its seed has; the same where the family has none.
 
     Args:
         truth: The cell as it is without them.
@@ -75,33 +90,121 @@ def other_physics(truth: Truth, seed: int, family: Family) -> OtherPhysics:
         family: Says whether there are other kinds.
     """
     if not family.other:
-        return OtherPhysics()
-    return OtherPhysics(
-        gears=_gears(truth.bodies, seed) if happens(seed, "other.gears", SHARE_OF_KINDS) else (),
-        controller=_controller(seed) if happens(seed, "other.controller", SHARE_OF_KINDS) else None,
+        return truth
+
+    def there(kind: str) -> bool:
+        return happens(seed, f"other.{kind}", SHARE_OF_KINDS)
+
+    other = OtherPhysics(
+        gears=_gears(truth.bodies, seed) if there("gears") else (),
+        frictions=_frictions(truth, seed) if there("frictions") else (),
+        couplings=_couplings(truth.bodies, seed) if there("couplings") else (),
+        controller=_controller(seed) if there("controller") else None,
+        thermal=_thermal(seed) if there("thermal") else None,
+        hose=_hose(truth.bodies, seed) if there("hose") else None,
+        tools=tuple(_tool(seed, number) for number in range(1, _TOOLS + 1)) if there("tools") else (),
     )
+    balance = truth.counterbalance
+    if balance is not None and there("counterbalance"):
+        lost = between(seed, "other.gas", *_GAS)
+        balance = replace(balance, gas_constant_j=lost * balance.gas_constant_j)
+    drives = truth.drives
+    if there("following"):
+        drives = tuple(_trailing(drive, seed, axis) for axis, drive in enumerate(drives))
+    return replace(truth, other=other, counterbalance=balance, drives=drives)
+
+
+def _rated_nm(body: Body) -> float:
+    return RATED_WIND_UP_RAD / float(body.compliance[5])
+
+
+def _sprung(bodies: tuple[Body, ...]) -> list[tuple[int, Body]]:
+    """Driven bodies with torsion, by axis."""
+    return [(b.joint, b) for b in bodies if b.joint is not None and b.compliance[5] > 0.0]
 
 
 def _gears(bodies: tuple[Body, ...], seed: int) -> tuple[GearCurve, ...]:
-    """Cycloidal gears (a small soft zone, more hysteresis) or strain wave gears, axis by axis."""
+    """Cycloidal gears (a small soft zone, more hysteresis) or strain wave gears, axis by axis.
+
+    Strain wave gears have K1 / K2 of 0.6 to 0.8 up to about a sixth of the rated torque and K3 / K2 of 1.1 to 1.3.
+    """
     out = []
-    for body in bodies:
-        if body.joint is None or body.compliance[5] == 0.0:
-            continue
-        rated = RATED_WIND_UP_RAD / float(body.compliance[5])
-        name = f"other.axis{body.joint + 1}.gear"
-        if body.joint < 3 or happens(seed, f"{name}.cycloidal", 0.5):
+    for axis, body in _sprung(bodies):
+        rated = _rated_nm(body)
+        name = f"other.axis{axis + 1}.gear"
+        if axis < 3 or happens(seed, f"{name}.cycloidal", 0.5):
             knots, first, third = (0.04, 0.5), (0.40, 0.70), (1.00, 1.20)
         else:
             knots, first, third = (0.16, 0.6), (0.60, 0.80), (1.10, 1.30)
         out.append(
             GearCurve(
-                axis=body.joint,
+                axis=axis,
                 torque_nm=(knots[0] * rated, knots[1] * rated),
                 share=(between(seed, f"{name}.first", *first), 1.0, between(seed, f"{name}.third", *third)),
                 hysteresis_nm=between(seed, f"{name}.hysteresis", 0.003, 0.012) * rated,
                 hysteresis_share=between(seed, f"{name}.loaded", 0.005, 0.03),
                 hysteresis_rad=between(seed, f"{name}.slip", 20.0e-6, 100.0e-6),
+            )
+        )
+    return tuple(out)
+
+
+def _frictions(truth: Truth, seed: int) -> tuple[BristleFriction, ...]:
+    """Bristles in place of slip elements, as strong as these together.
+
+    Bittencourt and Gunnarsson 2012 (at the motor, torque over the largest one): dry friction of 0.03 that doubles at
+    1.3 times the largest torque; a Stribeck speed of about 9 rad/s, 0.05 rad/s behind a gear of 200. The largest torque
+    is taken as 2.5 times the rated one. Warming up takes a share of it within an hour.
+    """
+    out = []
+    for axis, body in _sprung(truth.bodies):
+        dry = sum(truth.drives[axis].link_friction_nm)
+        if dry == 0.0:
+            continue
+        name = f"other.axis{axis + 1}.bristles"
+        slip = float(np.dot(truth.drives[axis].link_slip_rad, truth.drives[axis].link_friction_nm)) / dry
+        out.append(
+            BristleFriction(
+                axis=axis,
+                coulomb_nm=dry,
+                stiction_share=between(seed, f"{name}.stiction", 1.1, 1.5),
+                stribeck_rad_s=between(seed, f"{name}.stribeck", 0.03, 0.08),
+                bristle_rad=slip * between(seed, f"{name}.slip", 0.6, 1.4),
+                viscous_nm_s=dry * between(seed, f"{name}.viscous", 0.5, 1.5),
+                load_nm=3.3 * _rated_nm(body) * between(seed, f"{name}.load", 0.7, 1.4),
+                cold_share=between(seed, f"{name}.cold", 0.1, 0.5),
+                warming_s=between(seed, f"{name}.warming", 1200.0, 3600.0),
+            )
+        )
+    return tuple(out)
+
+
+def _couplings(bodies: tuple[Body, ...], seed: int) -> tuple[Coupling, ...]:
+    """Between rotations of a body, between torsions of neighbouring axes, and of torsions with the posture."""
+    out = []
+    for body in bodies[:-1]:
+        turning = [d for d in (3, 4, 5) if body.compliance[d] > 0.0]
+        for i, first in enumerate(turning):
+            for second in turning[i + 1 :]:
+                name = f"other.{body.name}.{first}{second}"
+                share = between(seed, name, *_COUPLED)
+                out.append(Coupling((body.name, body.name), (first, second), share))
+    sprung = _sprung(bodies)
+    for (axis, body), (following, other) in itertools.pairwise(sprung):
+        share, phase = between(seed, f"other.axis{axis + 1}.across", *_COUPLED), 0.0
+        changing = axis < 3  # an arm's changes with the elbow, a wrist's is that of its shafts
+        if changing:
+            phase = between(seed, f"other.axis{axis + 1}.across.phase", -math.pi, math.pi)
+        out.append(Coupling((body.name, other.name), (5, 5), share, following if changing else None, phase))
+    for axis, body in sprung:
+        name = f"other.axis{axis + 1}.posture"
+        out.append(
+            Coupling(
+                (body.name, body.name),
+                (5, 5),
+                between(seed, name, 0.05, 0.20),
+                min(max(axis, 1), 4),
+                between(seed, f"{name}.phase", -math.pi, math.pi),
             )
         )
     return tuple(out)
@@ -113,6 +216,52 @@ def _controller(seed: int) -> ControllerKind:
         blending_share=between(seed, "other.blending", 0.6, 1.8),
         smoothing_s=between(seed, "other.smoothing", 8.0e-3, 48.0e-3),
         dead_cycles=int(between(seed, "other.dead", 0.0, 2.999)),
+    )
+
+
+def _trailing(drive: Drive, seed: int, axis: int) -> Drive:
+    """Speed feed-forward of 97.5 to 99.5 %: what is missing trails by ``(1 - share) v / Kv``."""
+    if drive.following_gain_per_s is not None:
+        return drive
+    missing = between(seed, f"other.axis{axis + 1}.missing", 0.005, 0.025)
+    return replace(drive, following_gain_per_s=drive.position_gain_per_s / missing)
+
+
+def _thermal(seed: int) -> Thermal:
+    """A spindle that grows by 20 to 80 um and an arm that drifts by 40 um (1 sigma) in each direction."""
+    x, y, z = (float(v) for v in vector(seed, "other.drift", 40.0 * UM))
+    return Thermal(
+        before_s=between(seed, "other.before", 300.0, 1800.0),
+        spindle_m=between(seed, "other.growth", 20.0 * UM, 80.0 * UM),
+        spindle_s=between(seed, "other.growth.time", 500.0, 1200.0),
+        arm_m=(x, y, z),
+        arm_s=between(seed, "other.drift.time", 2400.0, 5400.0),
+    )
+
+
+def _hose(bodies: tuple[Body, ...], seed: int) -> HosePack | None:
+    """Power, coolant and air of a spindle: some kg, held back by a spring of some tens of N."""
+    arm = next((body.name for body in bodies[:-1] if body.joint == 3), None)
+    if arm is None:
+        return None
+    far, near = (vector(seed, f"other.hose.{end}", 30.0 * MM) for end in ("arm", "tool"))
+    return HosePack(
+        arm_body=arm,
+        p_arm_clamp=(0.15 + far[0], 0.05 + far[1], 0.10 + far[2]),
+        p_tool_clamp=(0.05 + near[0], near[1], 0.12 + near[2]),
+        mass_kg=between(seed, "other.hose.mass", 2.0, 6.0),
+        slack_m=between(seed, "other.hose.slack", 0.35, 0.55),
+        pull_n_m=between(seed, "other.hose.pull", 40.0, 200.0),
+        bending_nm=between(seed, "other.hose.bending", 3.0, 12.0),
+    )
+
+
+def _tool(seed: int, number: int) -> ToolOff:
+    """Length as a presetter leaves it, diameter in the tolerance field h10 of 10 to 18 mm (ISO 286: 0 to -70 um)."""
+    return ToolOff(
+        number=number,
+        length_m=15.0 * UM * draw(seed, f"other.tool{number}.length"),
+        diameter_m=-between(seed, f"other.tool{number}.diameter", 0.0, 70.0 * UM),
     )
 
 

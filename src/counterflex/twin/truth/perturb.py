@@ -13,7 +13,7 @@ import numpy as np
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD, MS, N_PER_MM2, UM, URAD
 from counterflex.robot.model.description import ElasticRegion
-from counterflex.twin.truth.draw_other import other_cutting, other_physics
+from counterflex.twin.truth.draw_other import other_cell, other_cutting
 from counterflex.twin.truth.draws import draw, factor, vector
 from counterflex.twin.truth.family import MILD, Family
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
@@ -63,7 +63,7 @@ def perturbed(truth: Truth, seed: int, family: Family = MILD) -> Truth:
         stock_top_offset_m=truth.stock_top_offset_m + STOCK_TOP_M * draw(seed, "stock.top"),
         regions=tuple(_region(region, seed, family) for region in truth.regions),
     )
-    return replace(off, other=other_physics(off, seed, family))
+    return other_cell(off, seed, family)
 
 
 def _region(region: ElasticRegion, seed: int, family: Family) -> ElasticRegion:

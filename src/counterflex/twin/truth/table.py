@@ -77,6 +77,13 @@ class Table:
             raise FileFormatError("wrong list", where=f"{self.where}: {key}", value=repr(value)[:60], limit=count)
         return tuple(self._number(key, v) * unit for v in value)
 
+    def texts(self, key: str, count: int) -> tuple[str, ...]:
+        """A list of ``count`` texts."""
+        value = self.raw(key)
+        if not isinstance(value, list) or len(value) != count or not all(isinstance(v, str) for v in value):
+            raise FileFormatError("wrong list", where=f"{self.where}: {key}", value=repr(value)[:60], limit=count)
+        return tuple(value)
+
     def rows(self, key: str) -> list[Table]:
         """A list of tables."""
         value = self.raw(key)

@@ -237,6 +237,12 @@ class Truth:
         for gear in self.other.gears:
             if driven[gear.axis].compliance[5] == 0.0:
                 raise ModelError("gear of the truth on an axis without torsion", value=f"axis {gear.axis + 1}")
+        for coupling in self.other.couplings:
+            for name, direction in zip(coupling.bodies, coupling.directions, strict=True):
+                if not any(b.name == name and b.compliance[direction] > 0.0 for b in self.bodies):
+                    raise ModelError("coupling of the truth: no such spring", value=name)
+        if self.other.hose is not None and self.other.hose.arm_body not in names[:-1]:
+            raise ModelError("hose of the truth: no such body", value=self.other.hose.arm_body)
         for region in self.regions:
             body = next((b for b in self.bodies if b.name == region.segment), None)
             if body is None or body.compliance[region.direction] == 0.0:
