@@ -24,6 +24,7 @@ from counterflex.twin.plant.gear_curves import apply_gears, gear_parameters, gea
 from counterflex.twin.plant.mjcf import coordinates
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.process import as_ground
+from counterflex.twin.truth.differences import differences
 from counterflex.twin.truth.draw_other import MATCH_M
 from counterflex.twin.truth.family import FAMILIES, OTHER, WIDE
 from counterflex.twin.truth.file import from_dict, to_dict
@@ -271,7 +272,7 @@ def test_a_robot_on_bristles_stands_still_and_its_drive_feels_cold_grease(nomina
 
 
 def test_coupled_springs_are_symmetric_and_follow_the_posture(nominal: Truth) -> None:
-    pair = Coupling(("axis2", "link_arm"), (5, 4), 0.3, axis=2, phase_rad=0.4)
+    pair = Coupling(("axis2", "link_arm"), (3, 4), 0.3, axis=2, phase_rad=0.4)
     own = Coupling(("axis1", "axis1"), (3, 3), 0.2)
     truth = replace(nominal, other=OtherPhysics(couplings=(pair, own)))
     c = coordinates(truth)
@@ -297,7 +298,7 @@ def test_coupled_springs_are_symmetric_and_follow_the_posture(nominal: Truth) ->
 
 def test_a_coupled_arm_yields_as_the_inverse_of_its_stiffness_matrix_and_reciprocally(nominal: Truth) -> None:
     """Deflection under small loads: symmetric (Maxwell and Betti), and another one than without couplings."""
-    couplings = (Coupling(("axis2", "axis3"), (5, 5), 0.4), Coupling(("axis1", "axis1"), (3, 5), -0.3))
+    couplings = (Coupling(("link_arm", "arm"), (5, 4), 0.5), Coupling(("axis1", "axis2"), (3, 4), -0.6))
     out = []
     for truth in (nominal, replace(nominal, other=OtherPhysics(couplings=couplings))):
         plant = Plant(replace(truth, gravity_base=np.zeros(3), counterbalance=None), friction=False)
@@ -309,10 +310,12 @@ def test_a_coupled_arm_yields_as_the_inverse_of_its_stiffness_matrix_and_recipro
     assert np.abs(coupled - plain).max() > 0.02 * np.abs(plain).max()
 
 
-def test_couplings_that_would_make_a_spring_unstable_are_refused() -> None:
-    pair = Coupling(("axis2", "axis3"), (5, 5), 0.6)
-    with pytest.raises(ModelError, match="axis2, rz"):
-        OtherPhysics(couplings=(pair, replace(pair, directions=(5, 4))))
+def test_couplings_that_would_make_a_spring_unstable_are_refused(nominal: Truth) -> None:
+    pair = Coupling(("axis2", "axis3"), (3, 3), 0.6)
+    with pytest.raises(ModelError, match="axis2, rx"):
+        OtherPhysics(couplings=(pair, replace(pair, directions=(3, 4))))
+    with pytest.raises(ModelError, match="torsion of a gear"):
+        replace(nominal, other=OtherPhysics(couplings=(replace(pair, directions=(3, 5)),)))
 
 
 # heat and tools
@@ -419,3 +422,13 @@ def test_a_controller_kind_that_cannot_be_is_refused() -> None:
 def test_the_values_of_the_family_are_off_by_less_than_the_wide_ones_and_its_drives_by_more() -> None:
     assert WIDE.compliance_sigma > OTHER.compliance_sigma
     assert OTHER.servo_sigma >= 0.30
+
+
+def test_a_report_lists_the_kinds_that_are_there_and_only_those(nominal: Truth, drawn: list[Truth]) -> None:
+    def kinds(truth: Truth) -> list[str]:
+        return [row.name for row in differences(nominal, truth) if row.group == "other kinds"]
+
+    assert kinds(nominal) == []
+    listed = kinds(replace(nominal, other=_every_kind(drawn)))
+    for what in ("hysteresis", "standstill", "springs", "smoothing", "spindle", "hose", "tool 1"):
+        assert any(what in name for name in listed), what

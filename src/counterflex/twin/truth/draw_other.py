@@ -42,7 +42,6 @@ _EXPONENT: Final = (0.10, 0.40)
 """Exponents of Kienzle's law: 0.18 to 0.34 in tables of steel and aluminium, wider for r and a."""
 _EDGE_N_M: Final = ((2.0 * N_PER_MM, 8.0 * N_PER_MM), (3.0 * N_PER_MM, 12.0 * N_PER_MM), (0.0, 2.0 * N_PER_MM))
 _RUNOUT_M: Final = (5.0 * UM, 20.0 * UM)
-_COUPLED: Final = (-0.15, 0.15)
 _GAS: Final = (0.6, 1.0)
 """What is left of a counterbalance's gas: cylinders lose it and are refilled in service."""
 _TOOLS: Final = 8
@@ -95,10 +94,11 @@ def other_cell(truth: Truth, seed: int, family: Family) -> Truth:
     def there(kind: str) -> bool:
         return happens(seed, f"other.{kind}", SHARE_OF_KINDS)
 
+    bodies = _with_bearings(truth.bodies, seed) if there("couplings") else truth.bodies
     other = OtherPhysics(
-        gears=_gears(truth.bodies, seed) if there("gears") else (),
+        gears=_gears(bodies, seed) if there("gears") else (),
         frictions=_frictions(truth, seed) if there("frictions") else (),
-        couplings=_couplings(truth.bodies, seed) if there("couplings") else (),
+        couplings=_couplings(bodies, seed) if there("couplings") else (),
         controller=_controller(seed) if there("controller") else None,
         thermal=_thermal(seed) if there("thermal") else None,
         hose=_hose(truth.bodies, seed) if there("hose") else None,
@@ -111,7 +111,7 @@ def other_cell(truth: Truth, seed: int, family: Family) -> Truth:
     drives = truth.drives
     if there("following"):
         drives = tuple(_trailing(drive, seed, axis) for axis, drive in enumerate(drives))
-    return replace(truth, other=other, counterbalance=balance, drives=drives)
+    return replace(truth, bodies=bodies, other=other, counterbalance=balance, drives=drives)
 
 
 def _rated_nm(body: Body) -> float:
@@ -179,34 +179,43 @@ def _frictions(truth: Truth, seed: int) -> tuple[BristleFriction, ...]:
     return tuple(out)
 
 
-def _couplings(bodies: tuple[Body, ...], seed: int) -> tuple[Coupling, ...]:
-    """Between rotations of a body, between torsions of neighbouring axes, and of torsions with the posture."""
+def _with_bearings(bodies: tuple[Body, ...], seed: int) -> tuple[Body, ...]:
+    """Bearings of axes 1 to 3 that tilt where a description has them rigid, 2 to 5 times as stiff as the gear twists.
+
+    The order of moment rigidity over torsional rigidity in rating tables of cycloidal gears with output bearings.
+    """
     out = []
-    for body in bodies[:-1]:
-        turning = [d for d in (3, 4, 5) if body.compliance[d] > 0.0]
-        for i, first in enumerate(turning):
-            for second in turning[i + 1 :]:
-                name = f"other.{body.name}.{first}{second}"
-                share = between(seed, name, *_COUPLED)
-                out.append(Coupling((body.name, body.name), (first, second), share))
-    sprung = _sprung(bodies)
-    for (axis, body), (following, other) in itertools.pairwise(sprung):
-        share, phase = between(seed, f"other.axis{axis + 1}.across", *_COUPLED), 0.0
-        changing = axis < 3  # an arm's changes with the elbow, a wrist's is that of its shafts
-        if changing:
-            phase = between(seed, f"other.axis{axis + 1}.across.phase", -math.pi, math.pi)
-        out.append(Coupling((body.name, other.name), (5, 5), share, following if changing else None, phase))
-    for axis, body in sprung:
-        name = f"other.axis{axis + 1}.posture"
-        out.append(
-            Coupling(
-                (body.name, body.name),
-                (5, 5),
-                between(seed, name, 0.05, 0.20),
-                min(max(axis, 1), 4),
-                between(seed, f"{name}.phase", -math.pi, math.pi),
-            )
-        )
+    for body in bodies:
+        if body.joint in (0, 1, 2) and body.compliance[5] > 0.0:
+            compliance = np.array(body.compliance)
+            for d in (3, 4):
+                stiffer = between(seed, f"other.{body.name}.bearing.{d}", 2.0, 5.0)
+                compliance[d] = compliance[d] or float(f"{compliance[5] / stiffer:.12g}")
+            body = replace(body, compliance=compliance)
+        out.append(body)
+    return tuple(out)
+
+
+def _couplings(bodies: tuple[Body, ...], seed: int) -> tuple[Coupling, ...]:
+    """Between rotations of a body, between those of neighbours, and of each with the posture; gears' torsions none."""
+    turning = [
+        (body, [d for d in (3, 4, 5) if body.compliance[d] > 0.0 and (body.joint is None or d < 5)])
+        for body in bodies[:-1]
+    ]
+    axes = list(itertools.accumulate((0 if b.joint is None else b.joint for b, _ in turning), max))
+    out = []
+    for (body, directions), axis in zip(turning, axes, strict=True):
+        for first, second in itertools.combinations(directions, 2):
+            share = between(seed, f"other.{body.name}.{first}{second}", -0.20, 0.20)
+            out.append(Coupling((body.name, body.name), (first, second), share))
+        for d in directions:
+            name = f"other.{body.name}.posture.{d}"
+            share, phase = between(seed, name, -0.15, 0.15), between(seed, f"{name}.phase", -math.pi, math.pi)
+            out.append(Coupling((body.name, body.name), (d, d), share, min(axis + 1, 5), phase))
+    for ((body, directions), (other, others)), axis in zip(itertools.pairwise(turning), axes[1:], strict=True):
+        for d in sorted(set(directions) & set(others)):
+            share = between(seed, f"other.{body.name}.{other.name}.{d}", -0.15, 0.15)
+            out.append(Coupling((body.name, other.name), (d, d), share, axis, 0.0))
     return tuple(out)
 
 

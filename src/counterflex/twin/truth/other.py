@@ -120,7 +120,7 @@ class Coupling:
 
     The law: :mod:`counterflex.twin.plant.coupled_springs`. Links and bearings have full stiffness matrices (Klimchik,
     Pashkevich and Chablat 2013, CAD-based approach for identification of elasto-static parameters of robotic
-    manipulators); the torsions of a wrist are coupled by its hollow shafts.
+    manipulators). The torsions of gears have play and take no part.
 
     Attributes:
         bodies: The two bodies; the same twice for one.

@@ -6,12 +6,11 @@ How the numbers are drawn: :mod:`counterflex.twin.truth.draws`; what other kinds
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM, MRAD, MS, N_PER_MM2, UM, URAD
 from counterflex.robot.model.description import ElasticRegion
 from counterflex.twin.truth.draw_other import other_cell, other_cutting
 from counterflex.twin.truth.draws import draw, factor, vector
@@ -128,88 +127,3 @@ def _cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTruth:
         ),
         runout_m=cutting.runout_m + RUNOUT_M * factor(seed, "cutting.runout", RUNOUT_SIGMA),
     )
-
-
-@dataclass(frozen=True)
-class Difference:
-    """One row of the table of differences.
-
-    Attributes:
-        group: ``stiffness``, ``geometry``, ``bearings``, ``masses``, ``drives``, ``cutting`` or ``stock``.
-        name: What.
-        known: Value in the nominal truth, in ``unit``.
-        true: Value in the truth.
-        unit: Shop unit.
-    """
-
-    group: str
-    name: str
-    known: float
-    true: float
-    unit: str
-
-
-def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
-    """How a truth differs from the nominal one, for reports.
-
-    Args:
-        known: Nominal truth.
-        true: Of the same cell.
-
-    Returns:
-        Rows in shop units; positions as the distance between known and true.
-
-    Raises:
-        InputError: The two do not have the same bodies.
-    """
-    if [b.name for b in known.bodies] != [b.name for b in true.bodies]:
-        raise InputError("the truths are not of the same cell", value=[b.name for b in true.bodies])
-    rows: list[Difference] = []
-    for a, b in zip(known.bodies, true.bodies, strict=True):
-        if a.compliance.any():
-            ratio = float(np.max(a.compliance) / np.max(b.compliance))
-            rows.append(Difference("stiffness", a.name, 100.0, 100.0 * ratio, "%"))
-            gap = float(np.linalg.norm(b.p_seg_bearing - a.p_seg_bearing)) / MM
-            rows.append(Difference("bearings", a.name, 0.0, gap, "mm off"))
-        moved = float(np.linalg.norm(b.T_prev_seg[:3, 3] - a.T_prev_seg[:3, 3])) / MM
-        rows.append(Difference("geometry", a.name, 0.0, moved, "mm off"))
-        if a.joint is not None:
-            rows.append(Difference("geometry", f"{a.name} zero", 0.0, (b.offset_rad - a.offset_rad) / MRAD, "mrad"))
-        if a.mass_kg > 0.0:
-            rows.append(Difference("masses", a.name, a.mass_kg, b.mass_kg, "kg"))
-    for axis, (d, e) in enumerate(zip(known.drives, true.drives, strict=True), start=1):
-        rows.append(
-            Difference("drives", f"axis {axis} dry friction", sum(d.link_friction_nm), sum(e.link_friction_nm), "N m")
-        )
-        rows.append(
-            Difference(
-                "drives", f"axis {axis} play", 2.0 * d.dead_band_rad / URAD, 2.0 * e.dead_band_rad / URAD, "urad"
-            )
-        )
-        rows.append(
-            Difference("drives", f"axis {axis} speed loop", d.speed_bandwidth_per_s, e.speed_bandwidth_per_s, "1/s")
-        )
-        for what, gain in (("position_gain_per_s", "position loop"), ("integral_time_s", "integral time")):
-            unit = "1/s" if what == "position_gain_per_s" else "ms"
-            scale = 1.0 if unit == "1/s" else MS
-            rows.append(
-                Difference("drives", f"axis {axis} {gain}", getattr(d, what) / scale, getattr(e, what) / scale, unit)
-            )
-        if d.following_gain_per_s is not None and e.following_gain_per_s is not None:
-            rows.append(
-                Difference("drives", f"axis {axis} following", d.following_gain_per_s, e.following_gain_per_s, "1/s")
-            )
-        rows.append(
-            Difference(
-                "drives", f"axis {axis} slip angle", sum(d.link_slip_rad) / URAD, sum(e.link_slip_rad) / URAD, "urad"
-            )
-        )
-    for i, name in enumerate(("cutting", "radial", "axial")):
-        x, y = known.cutting, true.cutting
-        rows.append(Difference("cutting", f"{name} k1.1", x.k_pa[i] / N_PER_MM2, y.k_pa[i] / N_PER_MM2, "N/mm2"))
-        rows.append(Difference("cutting", f"{name} ploughing", x.edge_n_m[i] * MM, y.edge_n_m[i] * MM, "N/mm"))
-    rows.append(Difference("cutting", "runout", known.cutting.runout_m / UM, true.cutting.runout_m / UM, "um"))
-    rows.append(
-        Difference("stock", "top of the blank", known.stock_top_offset_m / MM, true.stock_top_offset_m / MM, "mm")
-    )
-    return tuple(rows)

@@ -239,8 +239,11 @@ class Truth:
                 raise ModelError("gear of the truth on an axis without torsion", value=f"axis {gear.axis + 1}")
         for coupling in self.other.couplings:
             for name, direction in zip(coupling.bodies, coupling.directions, strict=True):
-                if not any(b.name == name and b.compliance[direction] > 0.0 for b in self.bodies):
+                body = next((b for b in self.bodies if b.name == name), None)
+                if body is None or body.compliance[direction] == 0.0:
                     raise ModelError("coupling of the truth: no such spring", value=name)
+                if body.joint is not None and direction == 5:  # within its play it has no stiffness to be shared
+                    raise ModelError("coupling of the truth: the torsion of a gear", value=name, limit="another one")
         if self.other.hose is not None and self.other.hose.arm_body not in names[:-1]:
             raise ModelError("hose of the truth: no such body", value=self.other.hose.arm_body)
         for region in self.regions:
