@@ -167,12 +167,12 @@ def _frictions(truth: Truth, seed: int) -> tuple[BristleFriction, ...]:
             BristleFriction(
                 axis=axis,
                 coulomb_nm=dry,
-                stiction_share=between(seed, f"{name}.stiction", 1.1, 1.5),
+                stiction_share=between(seed, f"{name}.stiction", 1.05, 1.35),
                 stribeck_rad_s=between(seed, f"{name}.stribeck", 0.03, 0.08),
                 bristle_rad=slip * between(seed, f"{name}.slip", 0.6, 1.4),
                 viscous_nm_s=dry * between(seed, f"{name}.viscous", 0.5, 1.5),
                 load_nm=3.3 * _rated_nm(body) * between(seed, f"{name}.load", 0.7, 1.4),
-                cold_share=between(seed, f"{name}.cold", 0.1, 0.5),
+                cold_share=between(seed, f"{name}.cold", 0.0, 0.35),
                 warming_s=between(seed, f"{name}.warming", 1200.0, 3600.0),
             )
         )

@@ -87,12 +87,12 @@ WIDE: Final = Family(
 )
 OTHER: Final = Family(
     name="other",
-    compliance_sigma=0.15,
-    compliance_common_sigma=0.10,
+    compliance_sigma=0.12,
+    compliance_common_sigma=0.08,
     region_sigma=0.30,
-    force_common_sigma=0.10,
-    force_each_sigma=0.10,
-    friction_sigma=0.30,
+    force_common_sigma=0.08,
+    force_each_sigma=0.08,
+    friction_sigma=0.20,
     play_sigma=0.30,
     slip_sigma=0.30,
     servo_sigma=0.35,
