@@ -30,7 +30,7 @@ def main() -> None:
     """Plan the program and print what every room says about the one point."""
     cell = read_cell(CELL)
     job = read_job(PROGRAM, cell)
-    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell))
+    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), feeds=job.feeds)
     at = plan.cutting & (np.abs(plan.path.p_part_tcp[:, 0] / MM - X_MM) < 1e-6)
     row = int(np.flatnonzero(at)[0])
 

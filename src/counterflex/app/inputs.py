@@ -17,14 +17,18 @@ from counterflex.core.units import MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
+from counterflex.plan.feed_schedule import FeedGroups
 from counterflex.plan.inputs import Setting, with_settling
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.limits import DIALECTS
+from counterflex.programs.motion_rows import single_straight
 from counterflex.programs.program import Program
 from counterflex.robot.elasticity.chain import ElasticChain
 
+_PER_MINUTE: Final = 94
+"""G94: F in units per minute."""
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
 
@@ -40,6 +44,7 @@ class Job:
         sampled: As sampled, axes that were not named yet at zero; for writing the program back.
         line_of_motion: (motions,) source line of each motion.
         machined: ``path`` without the stops that planning puts in: what a machine runs.
+        feeds: Where the feed can be changed.
     """
 
     program: Program
@@ -47,6 +52,7 @@ class Job:
     sampled: ToolPath
     line_of_motion: Int
     machined: ToolPath
+    feeds: FeedGroups
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,17 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
     path = with_settling(bare)
     _check_tools(program, cell)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
-    return Job(program, _start_known(program, path), path, lines, _start_known(program, bare))
+    return Job(program, _start_known(program, path), path, lines, _start_known(program, bare), _feeds(program, path))
+
+
+def _feeds(program: Program, path: ToolPath) -> FeedGroups:
+    """An arc and a block of several motions have one feed; only F in units per minute can be changed."""
+    motion, n = path.motion, len(path)
+    alone = np.array([single_straight(program, k) for k in range(len(program.motions))], dtype=np.bool_)
+    block = np.array([m.block for m in program.motions], dtype=np.int64)
+    per_minute = np.array([program.blocks[b].modal.feed_mode == _PER_MINUTE for b in block], dtype=np.bool_)
+    group: Int = np.where(alone[motion], np.arange(n), n + block[motion])
+    return FeedGroups(group, ~per_minute[motion])
 
 
 def _check_tools(program: Program, cell: Cell) -> None:
@@ -170,6 +186,7 @@ def setting_of(
         mode=tables.dynamics.mode,
         shaping=tables.dynamics.shaping,
         limits=tables.limits.limits,
+        swing_m=tables.dynamics.swing_m,
         normal_only=normal_only,
         orientation=orientation,
         allow_extrapolation=cell.material.allow_extrapolation,

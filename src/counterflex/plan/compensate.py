@@ -9,7 +9,7 @@ and one of the program as it is, are the prediction.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import ToolPath
+from counterflex.plan.feed_schedule import FeedGroups, at_feed, feed_share
 from counterflex.plan.inputs import (
     CORRECTION,
     JOINTS,
@@ -57,6 +58,7 @@ def plan(
     stock: HeightMap,
     setting: Setting,
     *,
+    feeds: FeedGroups | None = None,
     predict: bool = True,
     progress: Progress = silent,
 ) -> Plan:
@@ -67,6 +69,7 @@ def plan(
         line_of_motion: (motions,) source line of each program motion.
         stock: The blank; left as it is.
         setting: Robot, part, tools, law, bounds.
+        feeds: Where the feed may be lowered so that the arm does not swing; None leaves it as it is.
         predict: Also predict the deviations of the uncompensated and the compensated program.
         progress: Progress callback, fraction 0 to 1; may raise to interrupt.
 
@@ -87,16 +90,17 @@ def plan(
     parts = in_parts(progress, work)
     parts[JOINTS](0.0)
     inputs = Inputs(path, line, stock, setting, solve_joints(path, line, setting).q)
-    undisturbed = undisturbed_cut(inputs, parts[UNDISTURBED])
-    loaded = loaded_robot(inputs, undisturbed)
+    programmed = loaded_robot(inputs, undisturbed_cut(inputs, parts[UNDISTURBED]))
+    loaded = programmed if feeds is None else at_calm_feed(programmed, feeds)
+    undisturbed = loaded.cut
     displacement, static = static_correction(loaded, parts[CORRECTION])
     command, remaining = dynamic_trial(loaded, displacement, static, parts)
     check_corrections(command, line, setting.limits)
-    prediction = predict_deviations(loaded, remaining, parts)
+    prediction = predict_deviations(programmed, remaining, parts)
     progress(1.0)
     cut = undisturbed.cut
     return Plan(
-        path=path,
+        path=loaded.inputs.path,
         line=line,
         q=inputs.q,
         w_tcp_part=undisturbed.w_tcp_part,
@@ -115,6 +119,27 @@ def plan(
         w_nominal_part=prediction.w_nominal_part,
         extrapolated=undisturbed.extrapolated.astype(np.int64),
     )
+
+
+def at_calm_feed(loaded: LoadedRobot, feeds: FeedGroups) -> LoadedRobot:
+    """The same robot with the feed lowered where the arm would swing; its force is that of the thinner chips."""
+    inputs, cut = loaded.inputs, loaded.cut
+    swing_m = inputs.setting.swing_m
+    if np.max(np.linalg.norm(loaded.deflection_part[:, :3], axis=1), initial=0.0) <= swing_m:
+        return loaded  # an arm that yields less than it may swing
+    share = feed_share(
+        inputs.path,
+        loaded.deflection_part[:, :3],
+        cut.contact,
+        cut.cut.feed_per_tooth_m,
+        loaded.robot.mode.omega_rad_s,
+        swing_m,
+        feeds,
+    )
+    if np.all(share == 1.0):
+        return loaded
+    slowed = replace(inputs, path=at_feed(inputs.path, share))
+    return loaded_robot(slowed, undisturbed_cut(slowed, silent))
 
 
 def dynamic_trial(
@@ -206,7 +231,7 @@ def predict_deviations(loaded: LoadedRobot, deviation_part: Float, parts: Mappin
     """Run the program as it is on the moving robot; what the compensated one leaves is known from its trial.
 
     Args:
-        loaded: The robot under load.
+        loaded: The robot under load at the programmed feed.
         deviation_part: (n, 6) m, rad, deviation of the compensated program.
         parts: Progress of the parts of the work; without :data:`~counterflex.plan.inputs.UNCOMPENSATED` nothing is
             predicted.

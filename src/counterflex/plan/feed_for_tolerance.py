@@ -11,7 +11,7 @@ cuts nothing and heats. Shares change by no more than a rate per second, in step
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,11 +20,10 @@ from counterflex.core.arrays import Bool, Float, Int, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.plan.feed_schedule import STEP, FeedGroups, at_feed
 from counterflex.plan.plan import Plan, across
 from counterflex.runtime.monitoring.override_plan import least_about, within_rate
 
-STEP: Final = 0.05
-"""Shares of the feed are written in these steps."""
 ROUNDS: Final = 5
 AROUND_S: Final = 0.12
 """So long before and after a place that is outside the feed is lowered too: an arm of 8 Hz swings that long."""
@@ -85,7 +84,6 @@ class LoweredFeed:
 
     Attributes:
         plan: At these feeds.
-        share: (n,) of the programmed feed, of the segment that ends at each row.
         extra_s: Time that it costs, accelerations left out.
         before_m: Largest predicted error at the programmed feed.
         after_m: At the lowered feed.
@@ -94,7 +92,6 @@ class LoweredFeed:
     """
 
     plan: Plan
-    share: Float
     extra_s: float
     before_m: float
     after_m: float
@@ -102,26 +99,12 @@ class LoweredFeed:
     rounds: int
 
 
-def at_feed(path: ToolPath, share: Float) -> ToolPath:
-    """The same path at shares of its feed.
-
-    Args:
-        path: At the programmed feed.
-        share: (n,) of the segment that ends at each row; 1 for rapids and rows where nothing moves.
-    """
-    time = path.time_s[:1] + np.cumsum(np.diff(path.time_s, prepend=path.time_s[:1]) / share)
-    return replace(path, feed_m_s=path.feed_m_s * share, time_s=time)
-
-
-def lower_feed(
-    path: ToolPath, group: Int, fixed: Bool, wish: FeedTolerance, make: Callable[[ToolPath], Plan]
-) -> LoweredFeed:
+def lower_feed(path: ToolPath, feeds: FeedGroups, wish: FeedTolerance, make: Callable[[ToolPath], Plan]) -> LoweredFeed:
     """Plan a path at feeds that keep the predicted error within a tolerance, as far as they can.
 
     Args:
         path: At the programmed feed.
-        group: (n,) rows of one number have one feed: an arc, a canned cycle.
-        fixed: (n,) rows whose feed cannot be changed.
+        feeds: Where the feed can be changed.
         wish: Tolerance and limits.
         make: Plans a path, predictions included.
 
@@ -129,9 +112,10 @@ def lower_feed(
         CounterflexError: What planning raises.
     """
     moves = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1) > 0.0
-    free = (path.kind == FEED) & moves & ~fixed
+    free = (path.kind == FEED) & moves & ~feeds.fixed
     share: Float = np.ones(len(path))
     plan = make(path)
+    time_s = float(plan.path.time_s[-1])
     first = error = _error(plan)
     least, by_chip = _least(plan, wish)
     best, rounds = (plan, share, error), 0
@@ -142,7 +126,7 @@ def lower_feed(
         requested = np.where(
             outside, share * np.clip((wish.tolerance_m / np.maximum(error, 1e-12)) ** _POWER, 0.5, 1.0), 1.0
         )
-        lowered = _stepped(path, group, free, np.minimum(share, np.maximum(requested, least)), least, wish)
+        lowered = _stepped(path, feeds.group, free, np.minimum(share, np.maximum(requested, least)), least, wish)
         if np.all(lowered >= share):
             break
         share = np.minimum(share, lowered)
@@ -154,8 +138,7 @@ def lower_feed(
     plan, share, error = best
     return LoweredFeed(
         plan,
-        share,
-        float(plan.path.time_s[-1] - path.time_s[-1]),
+        float(plan.path.time_s[-1]) - time_s,
         float(first.max(initial=0.0)),
         float(error.max(initial=0.0)),
         _lines(plan, share, first, error, least, by_chip, free, wish),

@@ -59,6 +59,8 @@ class Setting:
         mode: Lowest structural mode of a tap test, for a chain without masses.
         shaping: How corrections are shaped in time.
         limits: Bounds.
+        swing_m: Largest swing of the arm that one change of motion or force may start, see
+            :mod:`counterflex.plan.feed_schedule`; 0 leaves the feed as it is.
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
         orientation: Correct the orientation too.
         allow_extrapolation: Accept force from chips outside the law's range.
@@ -76,6 +78,7 @@ class Setting:
     mode: Mode
     shaping: Shaping
     limits: Limits
+    swing_m: float = 0.0
     normal_only: bool = False
     orientation: bool = False
     allow_extrapolation: bool = False

@@ -15,7 +15,8 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import FEED
-from counterflex.plan.feed_for_tolerance import STEP, FeedTolerance
+from counterflex.plan.feed_for_tolerance import FeedTolerance
+from counterflex.plan.feed_schedule import STEP
 from counterflex.plan.plan import across
 from counterflex.programs.gcode.read.reader import read_gcode
 
@@ -27,8 +28,11 @@ ARC = HEAD + "G1 X20 F1500\nG3 X20 Y15 I0 J5\nG1 X52\nG0 Z60\nM2\n"
 
 
 @pytest.fixture(scope="module")
-def cell(small: Path) -> Cell:
-    return read_cell(small)
+def cell(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    """The small cell, whose arm may swing: what is lower here is lower for the tolerance."""
+    file = tmp_path_factory.mktemp("cell") / "cell.toml"
+    file.write_text(small.read_text() + "\n[dynamics]\nswing_um = 0\n")
+    return read_cell(file)
 
 
 def worst(found: Compensated) -> float:

@@ -63,7 +63,8 @@ def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str
     cell = read_cell(cell_file)
     job = read_job(program, cell)
     chain, law = knowing(cell, read_truth(truth_file))
-    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell, chain=chain, law=law), predict=False)
+    setting = setting_of(cell, chain=chain, law=law)
+    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
     for name, text in write(job, plan, cell, "gcode")[0].items():
         atomic.write_bytes(out / name, text.encode(job.program.encoding, errors="replace"))
     finish(out, mark, {})

@@ -8,7 +8,7 @@ read (`app.inputs.read_job`) -> cell (`files.cell.cell.read_cell`) -> plan (`pla
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
-from counterflex.plan.feed_for_tolerance import FeedTolerance, at_feed
+from counterflex.plan.feed_for_tolerance import FeedTolerance
 from counterflex.plan.plan import Plan
 from counterflex.programs.compensated import refuse_compensated
 
@@ -100,11 +100,12 @@ def compensate(
     with faults_in(job):
         if feed is None:
             path, line = job.path, job.line_of_motion
-            plan = make_plan(path, line, cell.stock(), setting, predict=predict, progress=parts[PLANNING])
+            plan = make_plan(
+                path, line, cell.stock(), setting, feeds=job.feeds, predict=predict, progress=parts[PLANNING]
+            )
         else:
             lowered = lowered_plan(job, cell, setting, feed, parts[PLANNING])
             plan = lowered.plan
-            job = replace(job, path=plan.path, sampled=at_feed(job.sampled, lowered.share))
     parts[WRITING](0.0)
     files, facts = write(job, plan, cell, language, tolerance_m)
     about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m)
@@ -142,9 +143,10 @@ def run(
         parts[PAGE](0.0)
         about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}
+        lowered = result.summary["calm_feed"]
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
-        write_plan(staging / "plan.parquet", result.plan, about)
+        write_plan(staging / "plan.parquet", result.plan, {**about, "feed_lowered_s": lowered["extra_s"]})
         write_summary(staging / "summary.json", result.summary)
         if report:
             from counterflex.report.page import prediction_page, write_page

@@ -1,13 +1,10 @@
-"""Feeds for a tolerance: of which rows the feed may be changed, and what became of it in shop units."""
+"""Feeds for a tolerance, and what became of them in shop units."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from counterflex.app.inputs import Job
-from counterflex.core.arrays import Bool, Int
 from counterflex.core.progress import Progress
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell
@@ -16,9 +13,6 @@ from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import ROUNDS, FeedTolerance, LoweredFeed, lower_feed
 from counterflex.plan.inputs import Setting
 from counterflex.plan.plan import Plan
-from counterflex.programs.motion_rows import single_straight
-
-_PER_MINUTE = 94
 
 
 def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, progress: Progress) -> LoweredFeed:
@@ -39,21 +33,11 @@ def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, pr
         def report(fraction: float, what: str = "") -> None:
             progress((done + fraction) / (ROUNDS + 1.0), f"round {done + 1}: {what}" if what else "")
 
-        return make_plan(path, job.line_of_motion, cell.stock(), setting, predict=True, progress=report)
+        return make_plan(
+            path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=True, progress=report
+        )
 
-    group, fixed = _groups(job)
-    return lower_feed(job.path, group, fixed, wish, make)
-
-
-def _groups(job: Job) -> tuple[Int, Bool]:
-    """Rows that share one feed (an arc, a block of several motions), and rows whose F is not in units per minute."""
-    program, motion = job.program, job.path.motion
-    n = len(motion)
-    alone = np.array([single_straight(program, k) for k in range(len(program.motions))], dtype=np.bool_)
-    block = np.array([m.block for m in program.motions], dtype=np.int64)
-    per_minute = np.array([program.blocks[b].modal.feed_mode == _PER_MINUTE for b in block], dtype=np.bool_)
-    group: Int = np.where(alone[motion], np.arange(n), n + block[motion])
-    return group, ~per_minute[motion]
+    return lower_feed(job.path, job.feeds, wish, make)
 
 
 def shown_feed(lowered: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
+from counterflex.plan.feed_schedule import at_feed, share_between
 from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.writer import write_gcode
@@ -197,6 +198,9 @@ def write(
     Returns:
         Program files by name, and what the writer says about them, in shop units.
     """
+    share = share_between(job.path, plan.path)
+    if np.any(share != 1.0):
+        job = replace(job, path=plan.path, sampled=at_feed(job.sampled, share))
     files, facts = written(language, WritingOrder(job, plan, cell, tolerance_m))
     return files, _shop(facts)
 

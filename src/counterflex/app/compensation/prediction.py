@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import platform
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +21,7 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import RAPID
+from counterflex.plan.feed_schedule import share_between
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.programs.gcode.read.reader import doubtful_readings
 from counterflex.report.data import Fact, PredictionData
@@ -141,6 +143,8 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
             )
     notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
     notes += [f"{text[0].upper()}{text[1:]}." for text in unknown_stiffness(cell, left_by_class(plan, cell))]
+    slowed = calm_feed_text(summary["calm_feed"])
+    notes += [f"{slowed[0].upper()}{slowed[1:]}."] if slowed else []
     if predicted["extrapolated_force_share"] > 0.0:
         notes.append(
             f"{100 * predicted['extrapolated_force_share']:.2g} % of the force comes from chips outside the range "
@@ -242,4 +246,43 @@ def summary_of(
         "written": written,
         "prediction": predicted,
         **assumed(plan, cell),
+        "calm_feed": calm_feed(job, plan, cell),
     }
+
+
+def calm_feed(job: Job, plan: Plan, cell: Cell) -> dict[str, Any]:
+    """Where the feed is lower than programmed, and how much longer the program takes, in shop units.
+
+    Args:
+        job: The program at its own feed.
+        plan: Of it.
+        cell: The cell.
+    """
+    share = share_between(job.path, plan.path)
+    slow = np.flatnonzero(share < 1.0)
+    length = _weights(plan)
+    lines = []
+    for line in np.unique(plan.line[slow]).tolist():
+        rows = slow[plan.line[slow] == line]
+        percent, way = 100.0 * float(share[rows].min()), float(length[rows].sum()) / MM
+        lines.append({"line": int(line), "feed_percent": round(percent, 1), "length_mm": round(way, 2)})
+    return {
+        "swing_um": cell.tables.dynamics.swing_um,
+        "extra_s": round(float(plan.path.time_s[-1] - job.path.time_s[-1]), 3),
+        "lines": lines,
+    }
+
+
+def calm_feed_text(calm: Mapping[str, Any]) -> str:
+    """The same in words; empty where the feed is as programmed."""
+    lines = calm["lines"]
+    if not lines:
+        return ""
+    least = min(float(line["feed_percent"]) for line in lines)
+    length = sum(float(line["length_mm"]) for line in lines)
+    named = ", ".join(str(line["line"]) for line in lines[:_LISTED]) + (", ..." if len(lines) > _LISTED else "")
+    return (
+        f"the feed is lowered, down to {least:g} %, over {length:.0f} mm before first contact, "
+        f"at it and where the path turns, so that the arm does not swing (line {named}): "
+        f"{calm['extra_s']:.1f} s longer. Limit: [dynamics] swing_um = {calm['swing_um']:g}; 0 keeps the feed"
+    )

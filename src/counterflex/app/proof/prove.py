@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.compensation.languages import write
-from counterflex.app.compensation.prediction import figures
+from counterflex.app.compensation.prediction import calm_feed, figures
 from counterflex.app.cost_of_unknown_stiffness import assumed, left_by_class, require_stiffness_for
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
@@ -95,7 +95,12 @@ def prove(
     parts[PLANNING](0.0)
     with faults_in(job):
         plan = make_plan(
-            job.path, job.line_of_motion, cell.stock(), setting_of(cell), progress=_saying(parts[PLANNING], PLANNING)
+            job.path,
+            job.line_of_motion,
+            cell.stock(),
+            setting_of(cell),
+            feeds=job.feeds,
+            progress=_saying(parts[PLANNING], PLANNING),
         )
     if not plan.cutting.any():
         raise InputError(
@@ -138,6 +143,7 @@ def prove(
         "robot": cell.chain.name,
         "family": family.name,
         "prediction": figures(plan),
+        "calm_feed": calm_feed(job, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *remarks]},
         **assumed(plan, cell),
         "seconds": {name: round(value, 2) for name, value in timing.items()},
@@ -195,7 +201,8 @@ def run(
         atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}
-        write_plan(staging / "plan.parquet", proof.plan, about)
+        lowered = proof.summary["calm_feed"]
+        write_plan(staging / "plan.parquet", proof.plan, {**about, "feed_lowered_s": lowered["extra_s"]})
         for seed, truth in proof.truths.items():
             write_truth(staging / f"truth-{seed}.toml", truth)
         for variant in ("nominal", "compensated"):
@@ -236,7 +243,9 @@ def _exact_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: P
     """The program compensated with the truth's exact constants."""
     chain, law = knowing(cell, truth)
     setting = setting_of(cell, chain=chain, law=law)
-    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=False, progress=progress)
+    plan = make_plan(
+        job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False, progress=progress
+    )
     return _program(folder, write(job, plan, cell, "gcode")[0], job.program.encoding)
 
 

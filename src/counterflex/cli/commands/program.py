@@ -129,8 +129,10 @@ def compensate(
     Writes into DIR: the program under its own name (or .src/.dat, .mod), plan.parquet (every point: time, pose,
     joints, force, deflection, correction, engagement), summary.json and report.html. Either all of them or none.
 
-    What compensation cannot follow in time, a lower feed can: with feed_for_tolerance_um F words ($VEL.CP, speeddata)
-    are lowered there, planned anew up to five times, and what it costs is said.
+    The feed (F words, $VEL.CP, speeddata) is lowered before first contact, at it and where the path turns, so that
+    the arm does not swing ([dynamics] swing_um in the cell file; 0 keeps the feed). What compensation cannot follow
+    in time otherwise, a lower feed can: with feed_for_tolerance_um it is lowered there, planned anew up to five
+    times. Both are reported with the time they cost.
 
     Table of the scenario: compensation.
 
@@ -141,6 +143,7 @@ def compensate(
 
     wish, table = None, read_scenario(scenario or (), ("compensation",)).compensation
     from counterflex.app.compensation import compensate as job
+    from counterflex.app.compensation.prediction import calm_feed_text
     from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
 
@@ -169,6 +172,8 @@ def compensate(
         _show(summary, [*summary["files"], "plan.parquet", "summary.json", *(["report.html"] if report else [])], out)
         if "feed" in summary:
             _show_feed(summary["feed"])
+        elif slowed := calm_feed_text(summary["calm_feed"]):
+            typer.echo(slowed)
 
 
 def _show_feed(lowered: dict[str, Any]) -> None:

@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from counterflex.core.units import DEG, MM, MS
+from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.schema import Table
+from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
 from counterflex.signals.preview import Mode, Shaping
 
@@ -44,6 +45,12 @@ class DynamicsTable(Table):
     damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
     correction_smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
     correction_lead_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    swing_um: Annotated[float, Field(ge=0.0, le=10000.0)] = SWING_M / UM
+
+    @property
+    def swing_m(self) -> float:
+        """Largest swing that one change may start; 0 leaves the feed as it is."""
+        return self.swing_um * UM
 
     @property
     def mode(self) -> Mode:

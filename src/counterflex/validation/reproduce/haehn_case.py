@@ -142,6 +142,7 @@ def cell_table(base: dict[str, Any], angle_deg: float, online: dict[str, Any] | 
         **base["posture"],
         "rotation_about_tool_deg": float(base["posture"]["rotation_about_tool_deg"]) + angle_deg,
     }
+    out["dynamics"] = {**base.get("dynamics", {}), "swing_um": 0.0}  # the paper's feed; the robot runs both programs
     if online is not None:
         out["online"] = {**_ONLINE, **online}
     return out
