@@ -54,7 +54,7 @@ def setup(tmp_path_factory: pytest.TempPathFactory) -> Setup:
     folder = tmp_path_factory.mktemp("plan")
     file, program = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
     cell = read_cell(file)
-    compensate(program, file, folder / "plan", report=False)
+    compensate(program, file, folder / "plan", report=False, programmed_feed=True)
     plan = loop_plan(read_plan(folder / "plan" / "plan.parquet")[0], cell, compensated=False)
     return Setup(cell, read_job(program, cell), truth_of(cell, 1), plan)
 

@@ -134,7 +134,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = (EXAMPLES / "cells" / "kr300_d16_small.toml").read_text(encoding="utf-8")
     for mode, period in (("path", 24), ("pose", 4)):
         (out / f"{mode}.toml").write_text(text + SENSOR + ONLINE.format(period=period, mode=mode), encoding="utf-8")
-    compensate(PROGRAM, out / "path.toml", out / "plan", report=False)
+    compensate(PROGRAM, out / "path.toml", out / "plan", report=False, programmed_feed=True)
     return out
 
 

@@ -39,7 +39,7 @@ def test_fused_over_sockets_and_replayed(tmp_path: Path) -> None:
     text = text.replace("mass_kg = 75", f"mass_kg = {spindle:.4f}")
     sensor = f'\n[sensor]\nsegment = "sensor"\nbias_n = {bias[:3].tolist()}\nbias_nm = {bias[3:].tolist()}\n'
     cell.write_text(text + sensor + ONLINE, encoding="utf-8")
-    compensate(PROGRAM, cell, tmp_path / "plan", report=False, predict=False)
+    compensate(PROGRAM, cell, tmp_path / "plan", report=False, programmed_feed=True, predict=False)
     plan = tmp_path / "plan" / "plan.parquet"
     summary = closed_loop.run(
         live.LiveSettings(PROGRAM, cell, tmp_path / "truth.toml", RSI, hose_share=0.0),

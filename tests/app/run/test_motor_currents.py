@@ -65,7 +65,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
     delay = '<ELEMENT TAG="DEF_Delay"'
     currents = '<ELEMENT TAG="DEF_MACur" TYPE="DOUBLE" INDX="INTERNAL"/>\n      '
     rsi.write_text(RSI.read_text(encoding="utf-8").replace(delay, currents + delay), encoding="utf-8")
-    compensate(program, cell, folder / "plan", report=False, predict=False)
+    compensate(program, cell, folder / "plan", report=False, programmed_feed=True, predict=False)
     return Place(cell, folder / "truth.toml", program, rsi, folder / "plan" / "plan.parquet")
 
 

@@ -55,7 +55,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
     weighed = text.replace("mass_kg = 75", f"mass_kg = {weights['spindle']:.4f}")
     assert weighed != text
     cell.write_text(weighed + table + ONLINE, encoding="utf-8")
-    compensate(PROGRAM, cell, folder / "plan", report=False)
+    compensate(PROGRAM, cell, folder / "plan", report=False, programmed_feed=True)
     return Place(folder, cell, folder / "truth.toml", folder / "plan" / "plan.parquet")
 
 

@@ -67,6 +67,7 @@ def compensate(
     normal_only: bool = False,
     predict: bool = True,
     feed: FeedTolerance | None = None,
+    programmed_feed: bool = False,
     progress: Progress = silent,
 ) -> Compensated:
     """Plan and write a compensated program.
@@ -80,6 +81,7 @@ def compensate(
         normal_only: Correct square to the feed only.
         predict: Predict what the uncompensated program does and what remains after compensation.
         feed: Lower the feed where what remains would be outside a tolerance; None leaves it alone.
+        programmed_feed: Leave the feed as programmed: for a robot that runs the original program, corrected online.
         progress: Progress callback, fraction 0 to 1.
 
     Raises:
@@ -99,9 +101,14 @@ def compensate(
     setting = setting_of(cell, normal_only=normal_only, orientation=kind.orientation)
     with faults_in(job):
         if feed is None:
-            path, line = job.path, job.line_of_motion
             plan = make_plan(
-                path, line, cell.stock(), setting, feeds=job.feeds, predict=predict, progress=parts[PLANNING]
+                job.path,
+                job.line_of_motion,
+                cell.stock(),
+                setting,
+                feeds=None if programmed_feed else job.feeds,
+                predict=predict,
+                progress=parts[PLANNING],
             )
         else:
             lowered = lowered_plan(job, cell, setting, feed, parts[PLANNING])

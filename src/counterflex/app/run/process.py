@@ -16,7 +16,6 @@ from counterflex.core.errors import CounterflexError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.plausibility import unusual
 from counterflex.files.machine_file import machine_file
-from counterflex.files.plan_file import read_plan
 from counterflex.protocols.processes.control_array import CONTROL, Life, Request
 from counterflex.protocols.processes.instance_lock import InstanceLock
 from counterflex.protocols.processes.living import Beat, Living
@@ -65,7 +64,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         lock = InstanceLock(machine_file().parent, session.link.address[1], run=str(out), words=str(words))
         session.loop.run()
         session.loop.reset()
-        warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)] + _feed_of_plan(settings)
+        warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)]
         starts.close()
         prepare()
     except BaseException as fault:
@@ -108,19 +107,6 @@ def _say(pipe: Any, what: object) -> None:
     """Tell the process that started this one, if it is still there."""
     with contextlib.suppress(OSError):
         pipe.send(what)
-
-
-def _feed_of_plan(settings: RunSettings) -> list[str]:
-    """Says that a plan's forces are those of a feed that the robot does not run."""
-    if settings.plan is None or settings.compensated:
-        return []
-    lowered_s = float(read_plan(settings.plan)[1].get("feed_lowered_s", 0.0))
-    if lowered_s == 0.0:
-        return []
-    return [
-        "the robot runs the original program, and the plan was made at a lower feed at first contact and corners: its "
-        "force is too small there. Plan it with [dynamics] swing_um = 0"
-    ]
 
 
 def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, living: Living, pipe: Any) -> None:

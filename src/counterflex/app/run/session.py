@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -120,6 +122,8 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     one_protocol(settings)
     if settings.program is not None:
         check_job(settings.program, read, compensated=settings.compensated)
+    if read is not None and not settings.compensated:
+        _require_programmed_feed(read[1], settings.plan)
     planned = None if read is None else read[0]
     plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
@@ -199,6 +203,19 @@ def _axis_check(cell: Cell, table: OnlineTable, loop: Loop) -> AxisCheck | None:
     if tolerance is None:
         return None
     return AxisCheck(cell.controller_chain, cell.T_base_part, loop.settings.period_s, tolerance)
+
+
+def _require_programmed_feed(about: Mapping[str, Any], plan: Path | None) -> None:
+    """Refuse a plan at lowered feeds for a robot that runs the original program: its force and times are others."""
+    lowered_s = float(about.get("feed_lowered_s", 0.0))
+    if lowered_s > 0.0:
+        raise InputError(
+            "the plan is for a lower feed than the original program runs",
+            where=str(plan),
+            value=f"{lowered_s:g} s longer",
+            limit="the programmed feed",
+            hint="Plan with compensate --programmed-feed, or run the compensated program",
+        )
 
 
 def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool) -> MotorTorque | None:

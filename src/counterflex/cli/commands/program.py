@@ -122,6 +122,10 @@ def compensate(
         bool, typer.Option("--predict/--no-predict", help="Predict the path error before and after.")
     ] = True,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
+    programmed_feed: Annotated[
+        bool,
+        typer.Option("--programmed-feed", help="Leave the feed as programmed: for `run --original`, corrected online."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Compensate a program: predict force and deflection at each point and write the corrected program.
@@ -165,6 +169,7 @@ def compensate(
             normal_only=table.normal_only,
             predict=predict,
             feed=wish,
+            programmed_feed=programmed_feed,
         )
     if as_json:
         print_json(summary)
