@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.app.campaign import campaign
 from counterflex.app.compensation.compensate import compensate, run
 from counterflex.app.identification.recipe_settings import read_settings
 from counterflex.app.identification.starting_cell import starting_cell
@@ -14,6 +15,7 @@ from counterflex.app.inputs import setting_of
 from counterflex.app.proof.prove import prove
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.questions import check_cell
+from counterflex.app.run.job_check import cell_of_run
 from counterflex.app.run.session import RunSettings, open_session
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
@@ -23,6 +25,7 @@ from counterflex.identify.recipe import Recipe
 from counterflex.identify.recipes import RECIPES
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.axis_springs import axis_deflections, rigid_axes
+from counterflex.robot.model.class_prior import arm_over_axis
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 GROOVE = EXAMPLES / "programs" / "groove.ngc"
@@ -72,6 +75,9 @@ def test_nothing_is_planned_and_nothing_is_written(unknown: Path, tmp_path: Path
         prove(GROOVE, unknown, tmp_path)
     with pytest.raises(InputError, match="no stiffness is known"):
         open_session(RunSettings(cell=unknown, egm=True))
+    with pytest.raises(InputError, match="no stiffness is known"):
+        campaign.run(unknown, out, seeds=[1])
+    assert not out.exists()
     with pytest.raises(InputError, match="under 500 N"):
         setting_of(read_cell(unknown))
 
@@ -83,11 +89,13 @@ def test_on_the_class_a_plan_is_marked_everywhere(unknown: Path, tmp_path: Path)
     assert assumed["axes"] == [1, 2, 3, 4, 5, 6]
     low, high = assumed["left_mm"]["of_90_percent"]
     assert 0.0 < low < assumed["left_mm"]["median"] < high
+    assert 0.05 < assumed["worse_than_uncompensated"] < 0.5
     assert summary["prediction"]["peak_deflection_um"]["value"] > 100.0
     assert any(f"{ALL} of {UNKNOWN} is assumed from its class" in one for one in summary["written"]["warnings"])
     assert f"stiffness of {ALL} assumed from the robot's class" in (out / "groove.ngc").read_text().splitlines()[1]
     assert "ASSUMED: median of the robot&#39;s class" in (out / "report.html").read_text(encoding="utf-8")
     assert read_plan(out / "plan.parquet")[1][CLASS_ASSUMED]
+    assert cell_of_run(unknown, read_plan(out / "plan.parquet")).class_stiffness is not None
     with pytest.raises(FileFormatError, match=r"no table \[online\]"):  # no longer refused for its stiffness
         open_session(RunSettings(cell=unknown, egm=True, plan=out / "plan.parquet"))
 
@@ -158,3 +166,15 @@ def test_pulls_at_such_a_robot_determine_its_axes(unknown: Path) -> None:
     assert sigma["spindle.rx"] == 0.3
     assert f"{ALL} begin with the median of the robot's class" in remark
     assert starting_cell(SMALL, recipe, read_settings(recipe, {}))[2] == ""
+
+
+def test_friction_holds_a_twist_in_the_gear_alone(unknown: Path) -> None:
+    """The springs of the class stand for the whole arm: tilting and bending beyond the gear follow the load."""
+    cell = read_cell(unknown, assume_class=True)
+    nominal, drawn = truth_of(cell, None), truth_of(cell, 1)
+    share = arm_over_axis()
+    assert np.all((share > 0.1) & (share < 0.7))
+    for axis in range(6):
+        ratio = sum(drawn.drives[axis].link_friction_nm) / sum(nominal.drives[axis].link_friction_nm)
+        assert ratio == pytest.approx(share[axis], rel=0.9)
+        assert ratio < 1.0

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.cut_points import CutPoints, corner_points
+from counterflex.app.compensation.compensate import compensate
+from counterflex.app.cost_of_unknown_stiffness import left_by_class
+from counterflex.app.cut_points import CutPoints, corner_points, points_of_plan
 from counterflex.app.questions import check_cell
 from counterflex.app.unknown_stiffness import cost_at_blank
 from counterflex.app.unknowns import STATED, Unknown, first_measurement, unknowns
@@ -88,9 +90,9 @@ def test_handbook_force_is_its_share_of_the_deflection() -> None:
 
 def test_play_is_unknown_of_the_axes_that_have_no_row() -> None:
     cell = read_cell(ABB)
-    assert "play of A1, A2, A3, A4, A5, A6" in named(cell)
+    assert "play and friction of A1, A2, A3, A4, A5, A6" in named(cell)
     rows = (Play(), None, Play(), Play(), None, Play())
-    assert "play of A2, A5" in named(replace(cell, chain=replace(cell.chain, play=rows)))
+    assert "play and friction of A2, A5" in named(replace(cell, chain=replace(cell.chain, play=rows)))
 
 
 def test_measurements_add_up_by_recipe() -> None:
@@ -106,3 +108,15 @@ def test_a_cell_for_calibration_only_is_not_judged(tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
     file.write_text(ABB.read_text(encoding="utf-8").partition("[part]")[0], encoding="utf-8")
     assert check_cell(str(file))["unknowns"] is None
+
+
+def test_a_plan_on_the_class_leaves_all_that_is_not_known() -> None:
+    """Not its stiffness alone: play, friction and force add to what remains, and some robots become worse."""
+    cell = read_cell(ABB, assume_class=True)
+    plan = compensate(EXAMPLES / "programs" / "groove.ngc", cell, predict=False).plan
+    points, left = points_of_plan(plan, cell, "groove.ngc"), left_by_class(plan, cell)
+    assert points is not None
+    assert left is not None
+    alone = named(cell, points)["stiffness of A1, A2, A3, A4, A5, A6"]
+    assert left.remaining.median_m > 1.3e-3 * median_mm(alone)
+    assert 0.05 < left.worse < 0.5

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from counterflex.app.cut_points import points_of_plan, points_of_program
 from counterflex.app.inputs import Job
-from counterflex.app.unknown_stiffness import Expected, drawn_deflections, expected, refusal
+from counterflex.app.unknown_stiffness import Expected, drawn_deflections, expected, refusal, unknown_stiffness
+from counterflex.app.unknowns import sources
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
@@ -59,24 +61,51 @@ def cost_in_cut(job: Job, cell: Cell, progress: Progress = silent) -> Expected |
     return expected(points.sizes(drawn_deflections(prior, per_stiffness, cell.unknown_axes)), points.of)
 
 
-def left_by_class(plan: Plan, cell: Cell) -> Expected | None:
-    """What a plan that stands on the median of the robot's class leaves of the deflection, by the spread of the class.
+@dataclass(frozen=True)
+class Left:
+    """What a plan on the median of a class leaves, by the spread of the class and whatever else is not known.
+
+    Attributes:
+        remaining: Deviation square to the path that stays.
+        worse: Share of the robots of the class of which more stays than without compensation.
+    """
+
+    remaining: Expected
+    worse: float
+
+
+def left_by_class(plan: Plan, cell: Cell) -> Left | None:
+    """What a plan that stands on the median of the robot's class leaves, by all that is not known of such a cell.
 
     Args:
         plan: The plan.
         cell: The cell, with what its class gave it.
 
     Returns:
-        Deflection square to the path that stays, below which 99.7 % of the path in the cut stay; None where nothing is
-        assumed or nothing is cut.
+        Deviation square to the path that stays, at rest, below which 99.7 % of the path in the cut stay; None where
+        nothing is assumed or nothing is cut.
     """
     given, points = cell.class_stiffness, points_of_plan(plan, cell, "the program")
     if given is None or points is None:
         return None
+    total = sum(
+        (one.displacements for one in sources(cell, points) if one.displacements is not None), start=np.zeros(3)
+    )
     per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, given.axes)
-    d = drawn_deflections(given.prior, per_stiffness, given.axes)
-    d -= np.einsum("a,nad->nd", 1.0 / given.prior.median_nm_per_rad[list(given.axes)], per_stiffness)
-    return expected(points.sizes(d), points.of)
+    corrected = np.sum(per_stiffness / given.prior.median_nm_per_rad[list(given.axes), None], axis=1)
+    after, before = points.sizes(total), points.sizes(total + corrected)
+    return Left(expected(after, points.of), float(np.mean(after > before)))
+
+
+def remarks(plan: Plan, cell: Cell) -> list[str]:
+    """Warnings about what is not known of the stiffness, or only assumed.
+
+    Args:
+        plan: The plan.
+        cell: The cell.
+    """
+    left = left_by_class(plan, cell)
+    return unknown_stiffness(cell, *(() if left is None else (left.remaining, left.worse)))
 
 
 def assumed(plan: Plan, cell: Cell) -> dict[str, Any]:
@@ -97,8 +126,10 @@ def assumed(plan: Plan, cell: Cell) -> dict[str, Any]:
         "factor_of_90_percent": [round(float(value), 2) for value in given.prior.factor[axes]],
     }
     if left is not None:
+        size = left.remaining
         out["left_mm"] = {
-            "median": round(left.median_m / MM, 3),
-            "of_90_percent": [round(left.low_m / MM, 3), round(left.high_m / MM, 3)],
+            "median": round(size.median_m / MM, 3),
+            "of_90_percent": [round(size.low_m / MM, 3), round(size.high_m / MM, 3)],
         }
+        out["worse_than_uncompensated"] = round(left.worse, 2)
     return {"assumed": {"stiffness": out}}

@@ -25,7 +25,9 @@ from counterflex.robot.model.class_prior import ClassPrior
 FORCE_N: Final = 500.0
 """Force of a roughing cut, for what is said without a program."""
 UNDER_FORCE: Final = f"under {FORCE_N:g} N at a corner of the blank, in the softest of the base axes"
-_ROBOTS: Final = 2000
+ROBOTS: Final = 1000
+"""Robots that are drawn."""
+_SEED: Final = 1000
 _QUANTILES: Final = (0.5, 0.05, 0.95)
 OPTION: Final = "--assume-class"
 
@@ -75,7 +77,7 @@ def drawn_deflections(prior: ClassPrior, per_stiffness: Float, axes: tuple[int, 
     Returns:
         (robots, n, 3) m, base axes.
     """
-    compliance = 1.0 / prior.drawn(_ROBOTS, seed=0)[:, list(axes)]
+    compliance = 1.0 / prior.drawn(ROBOTS, seed=_SEED)[:, list(axes)]
     out: Float = np.einsum("ra,nad->rnd", compliance, per_stiffness)
     return out
 
@@ -156,17 +158,21 @@ def require_stiffness(cell: Cell) -> None:
         raise refusal(cell, cost_at_blank(cell))
 
 
-def unknown_stiffness(cell: Cell, left: Expected | None = None) -> list[str]:
+def unknown_stiffness(cell: Cell, left: Expected | None = None, worse: float = 0.0) -> list[str]:
     """Warning where axes of the robot have no stiffness or that of the robot's class; none where every axis has one.
 
     Args:
         cell: The cell.
-        left: What a plan that stands on the class leaves, if it can be said.
+        left: What a plan that stands on the class leaves, with all else that is not known, if it can be said.
+        worse: Share of the robots of which such a plan leaves more than there was.
     """
     given = cell.class_stiffness
     if given is not None:
         low, high = (f"{factor:.1f}" for factor in (given.prior.factor.min(), given.prior.factor.max()))
-        remains = "" if left is None else f"; compensated with its median, {left.shown} remain for this reason alone"
+        remains = ""
+        if left is not None:
+            remains = f"; compensated with its median, {left.shown} remain with all that is not known here, and "
+            remains += f"{100.0 * worse:.0f} % of such robots become worse than uncompensated"
         return [
             f"the stiffness of {given.named} of {cell.chain.name} is assumed from its class, not measured: nine of ten "
             f"robots lie within a factor of {low} to {high} of it{remains}. Measure it: "

@@ -7,7 +7,8 @@ them. At rest and linear: what it is in motion, a plan says.
   beyond its median; of an element of the file, :data:`STATED` of its deflection, or its standard deviation once
   identified.
 - Cutting force: :data:`HANDBOOK` of the deflection, until constants are identified.
-- Play: of an axis without ``[[robot.play]]``, half of a lost motion between zero and :data:`LOST_MOTION_RAD`.
+- Play and friction: of an axis without ``[[robot.play]]``, half of a lost motion of up to :data:`LOST_MOTION_RAD`, and
+  the twist that dry friction holds in the gear: up to :data:`FRICTION_NM`, in proportion to payload times reach.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.cut_points import CutPoints
-from counterflex.app.unknown_stiffness import Expected, drawn_deflections, expected, why_no_prior
+from counterflex.app.unknown_stiffness import ROBOTS, Expected, drawn_deflections, expected, why_no_prior
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
@@ -27,6 +28,7 @@ from counterflex.files.cell.class_stiffness import axis_names, prior_of
 from counterflex.robot.elasticity.axis_springs import axis_deflections
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.elasticity.compliance import shares
+from counterflex.robot.model.class_prior import arm_over_axis
 
 STATED: Final = 0.3
 """Relative standard deviation of a compliance that nobody measured on this cell: that of ``identify stiffness``."""
@@ -36,7 +38,14 @@ IDENTIFIED: Final = 0.05
 """The same of identified constants."""
 LOST_MOTION_RAD: Final = DEG / 60.0
 """What catalogues of precision gears (cycloidal, harmonic) allow: 1 arcmin."""
-_DRAWS: Final = 1000
+FRICTION_NM: Final = (318.6, 420.7, 291.5, 93.6, 124.9, 87.7)
+"""Dry friction of the axes of a KR 300 R2500 ultra SE: identified level of github JonasWeigand/Robot_Identification
+(data_ref.mat; the larger of the two Coulomb terms for axes 1 to 3, their sum for the wrist)."""
+_FRICTION_SIZE: Final = 300.0 * 2.496
+_DRAWS: Final = ROBOTS
+_FORCE_SEED: Final = 1001
+_PLAY_SEED: Final = 1002
+"""Of the random numbers; elements have that of their number."""
 _PULLS: Final = "stiffness --propose 30"
 _PLAY: Final = "play --propose 24"
 
@@ -58,6 +67,23 @@ class Unknown:
     recipe: str
 
 
+@dataclass(frozen=True, eq=False)
+class Source:
+    """An unknown as it displaces the tool.
+
+    Attributes:
+        name: As in :class:`Unknown`.
+        known_from: As in :class:`Unknown`.
+        displacements: (draws, n, 3) m, base axes, left uncorrected; None where that cannot be said at rest.
+        recipe: As in :class:`Unknown`.
+    """
+
+    name: str
+    known_from: str
+    displacements: Float | None
+    recipe: str
+
+
 def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
     """Everything that is not known of a cell, the most expensive first.
 
@@ -65,12 +91,33 @@ def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
         cell: The cell.
         points: Where it is judged.
     """
+    listed = [
+        Unknown(
+            one.name,
+            one.known_from,
+            None if one.displacements is None else expected(points.sizes(one.displacements), points.of),
+            one.recipe,
+        )
+        for one in sources(cell, points)
+    ]
+    return sorted(listed, key=lambda one: -1.0 if one.cost is None else one.cost.median_m, reverse=True)
+
+
+def sources(cell: Cell, points: CutPoints) -> list[Source]:
+    """Everything that is not known of a cell, each drawn by itself.
+
+    Args:
+        cell: The cell.
+        points: Where it is judged.
+    """
     listed = [*_axes_of_the_class(cell, points), *_stated(cell, points), _force(cell, points), *_play(cell, points)]
     if cell.chain.servo is None:
-        listed.append(Unknown("loop gains of the drives", "nothing; shown by what moves", None, "servo"))
+        listed.append(Source("loop gains of the drives", "nothing; shown by what moves", None, "servo"))
+    if "mode_hz" not in cell.tables.dynamics.model_fields_set:
+        listed.append(Source("lowest mode", "nothing; a default (or a tap test)", None, "servo"))
     if not np.any(cell.chain.mass[: cell.chain.flange_segment + 1]):
-        listed.append(Unknown("masses of the arm", "nothing; matters in larger parts", None, "kinematics"))
-    return sorted(listed, key=lambda one: -1.0 if one.cost is None else one.cost.median_m, reverse=True)
+        listed.append(Source("masses of the arm", "nothing; matters in larger parts", None, "kinematics"))
+    return listed
 
 
 def first_measurement(ranked: list[Unknown]) -> tuple[str, Expected] | None:
@@ -121,7 +168,7 @@ def shown(ranked: list[Unknown], points: CutPoints, cell_file: str) -> dict[str,
     }
 
 
-def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Unknown]:
+def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Source]:
     """Axes that have no stiffness, or that of their class."""
     given = cell.class_stiffness
     axes = cell.unknown_axes if given is None else given.axes
@@ -132,16 +179,16 @@ def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Unknown]:
     if given is not None:
         d = drawn_deflections(given.prior, per_stiffness, axes)
         d -= np.einsum("a,nad->nd", 1.0 / given.prior.median_nm_per_rad[list(axes)], per_stiffness)
-        return [Unknown(name, "class prior: its median", expected(points.sizes(d), points.of), _PULLS)]
+        return [Source(name, "class prior: its median", d, _PULLS)]
     try:
         prior = prior_of(cell.nominal_robot, cell.tables.robot)
     except InputError:
-        return [Unknown(name, "nothing, and no class", None, _PULLS)]
+        return [Source(name, "nothing, and no class", None, _PULLS)]
     d = drawn_deflections(prior, per_stiffness, axes)
-    return [Unknown(name, "nothing; by the class prior", expected(points.sizes(d), points.of), _PULLS)]
+    return [Source(name, "nothing; by the class prior", d, _PULLS)]
 
 
-def _stated(cell: Cell, points: CutPoints) -> list[Unknown]:
+def _stated(cell: Cell, points: CutPoints) -> list[Source]:
     """Elastic elements of the file: those of the robot and those beyond its flange, by where they come from."""
     chain, parts = cell.chain, shares(cell.chain, points.q, points.w_tcp_base)[..., :3]
     relative = _identified(cell)
@@ -154,8 +201,8 @@ def _stated(cell: Cell, points: CutPoints) -> list[Unknown]:
     out = []
     for (where, known), elements in groups.items():
         sigma = np.array([relative.get(chain.names[i], STATED) for i in elements])
-        d = _scaled(parts[:, elements], sigma)
-        out.append(Unknown(f"stiffness of the {where}", known, expected(points.sizes(d), points.of), _PULLS))
+        d = _scaled(parts[:, elements], sigma, elements[0])
+        out.append(Source(f"stiffness of the {where}", known, d, _PULLS))
     return out
 
 
@@ -170,7 +217,7 @@ def _identified(cell: Cell) -> dict[str, float]:
     return out
 
 
-def _force(cell: Cell, points: CutPoints) -> Unknown:
+def _force(cell: Cell, points: CutPoints) -> Source:
     """Constants of the material: they scale every deflection."""
     known = any(entry.recipe == "cutting" for entry in cell.tables.identified)
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1, keepdims=True)
@@ -178,28 +225,43 @@ def _force(cell: Cell, points: CutPoints) -> Unknown:
         k = prior_of(cell.nominal_robot, cell.tables.robot).median_nm_per_rad[list(cell.unknown_axes)]
         per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, cell.unknown_axes)
         whole += np.sum(per_stiffness / k[:, None], axis=1, keepdims=True)
-    d = _scaled(whole, np.array([IDENTIFIED if known else HANDBOOK]))
-    cost = expected(points.sizes(d), points.of)
-    return Unknown("cutting force", "identified" if known else "handbook constants", cost, "cutting --propose 12")
+    d = _scaled(whole, np.array([IDENTIFIED if known else HANDBOOK]), _FORCE_SEED)
+    return Source("cutting force", "identified" if known else "handbook constants", d, "cutting --propose 12")
 
 
-def _play(cell: Cell, points: CutPoints) -> list[Unknown]:
+def _play(cell: Cell, points: CutPoints) -> list[Source]:
     """Lost motion of axes without a row of ``[[robot.play]]``."""
     known = cell.chain.play or (None,) * 6
     axes = [axis for axis in range(6) if known[axis] is None]
     if not axes:
         return []
     columns = jacobian(cell.chain, points.q)[..., :3, axes]
-    rng = np.random.default_rng(0)
-    half = 0.5 * LOST_MOTION_RAD * rng.uniform(-1.0, 1.0, (_DRAWS, len(axes)))
-    d = np.einsum("nda,ra->rnd", columns, half)
-    name = f"play of {axis_names(tuple(axes))}"
-    return [Unknown(name, "nothing; gears lose up to 1 arcmin", expected(points.sizes(d), points.of), _PLAY)]
+    rng = np.random.default_rng(_PLAY_SEED)
+    most = 0.5 * LOST_MOTION_RAD + _held_by_friction(cell)[axes]
+    twist = most * rng.uniform(-1.0, 1.0, (_DRAWS, len(axes)))
+    d = np.einsum("nda,ra->rnd", columns, twist)
+    name = f"play and friction of {axis_names(tuple(axes))}"
+    return [Source(name, "nothing; that of other robots", d, _PLAY)]
 
 
-def _scaled(parts: Float, sigma: Float) -> Float:
+def _held_by_friction(cell: Cell) -> Float:
+    """(6,) rad, twist of the axes that dry friction holds; zero where the stiffness or the size is not known."""
+    try:
+        prior = prior_of(cell.nominal_robot, cell.tables.robot)
+    except InputError:
+        return np.zeros(6)
+    assumed = () if cell.class_stiffness is None else cell.class_stiffness.axes
+    compliance = arm_over_axis() / prior.median_nm_per_rad
+    for i, axis in enumerate(cell.chain.joint.tolist()):
+        if axis >= 0 and cell.chain.compliance[i, 5] > 0.0 and axis not in assumed:
+            compliance[axis] = cell.chain.compliance[i, 5]
+    out: Float = np.array(FRICTION_NM) * (prior.payload_kg * prior.reach_m / _FRICTION_SIZE) * compliance
+    return out
+
+
+def _scaled(parts: Float, sigma: Float, seed: int) -> Float:
     """Displacements (draws, n, 3) by elements (n, k, 3) whose compliances are off by relative ``sigma`` (k,)."""
-    z = np.random.default_rng(0).standard_normal((_DRAWS, len(sigma)))
+    z = np.random.default_rng(seed).standard_normal((_DRAWS, len(sigma)))
     off = np.exp(np.sqrt(np.log1p(sigma**2)) * z) - 1.0
     out: Float = np.einsum("rk,nkd->rnd", off, parts)
     return out

@@ -24,6 +24,7 @@ from counterflex.app.long_jobs.step_cache import made_again
 from counterflex.app.long_jobs.task_graph import Task, run_tasks
 from counterflex.app.proof.simulate import check_same_cell
 from counterflex.app.proof.truth import make_truth
+from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -106,6 +107,7 @@ def run(
     begin, begun = time.perf_counter(), time.time()
     folder, cell = Path(out), read_cell(cell_file)
     cell.require_milling()
+    require_stiffness(cell)
     steps = campaign_of(cell, recipes)
     if program is not None:
         read_job(program, cell)

@@ -13,9 +13,9 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
 from counterflex.app.compensation.next_steps import after_compensation, to_load
-from counterflex.app.cost_of_unknown_stiffness import assumed, left_by_class
+from counterflex.app.cost_of_unknown_stiffness import assumed
+from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
 from counterflex.app.inputs import Job
-from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
@@ -142,7 +142,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
                 )
             )
     notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
-    notes += [f"{text[0].upper()}{text[1:]}." for text in unknown_stiffness(cell, left_by_class(plan, cell))]
+    notes += [f"{text[0].upper()}{text[1:]}." for text in stiffness_remarks(plan, cell)]
     slowed = calm_feed_text(summary["calm_feed"])
     notes += [f"{slowed[0].upper()}{slowed[1:]}."] if slowed else []
     if predicted["extrapolated_force_share"] > 0.0:
@@ -224,7 +224,7 @@ def summary_of(
     """
     predicted = figures(plan)
     remarks = (
-        *unknown_stiffness(cell, left_by_class(plan, cell)),
+        *stiffness_remarks(plan, cell),
         *doubtful_readings(job.program),
         *beyond_measured(cell, plan),
         *chatter_warnings(predicted["chatter"]),

@@ -16,14 +16,13 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import calm_feed, figures
-from counterflex.app.cost_of_unknown_stiffness import assumed, left_by_class, require_stiffness_for
+from counterflex.app.cost_of_unknown_stiffness import assumed, remarks, require_stiffness_for
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import knowing, truth_of
-from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -135,7 +134,6 @@ def prove(
         for seed in truths
         if (seed, name) in judged
     ]
-    remarks = unknown_stiffness(cell, left_by_class(plan, cell))
     about = {
         "job": "prove",
         "program": Path(job.program.name).name,
@@ -144,7 +142,7 @@ def prove(
         "family": family.name,
         "prediction": figures(plan),
         "calm_feed": calm_feed(job, plan, cell),
-        "written": written | {"warnings": [*written.get("warnings", ()), *remarks]},
+        "written": written | {"warnings": [*written.get("warnings", ()), *remarks(plan, cell)]},
         **assumed(plan, cell),
         "seconds": {name: round(value, 2) for name, value in timing.items()},
         "counterflex": __version__,

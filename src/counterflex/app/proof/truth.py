@@ -13,6 +13,7 @@ from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw, KienzleLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import ClassStiffness
 from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.model.class_prior import arm_over_axis
 from counterflex.robot.model.description import EndEffector, Robot
 from counterflex.twin.truth.described import described
 from counterflex.twin.truth.family import MILD, Family
@@ -55,15 +56,25 @@ def truth_of(cell: Cell, seed: int | None, family: Family = MILD) -> Truth:
 
 
 def _of_class(truth: Truth, given: ClassStiffness, seed: int) -> Truth:
-    """The truth with stiffnesses about the axes drawn from the class in place of its median."""
-    drawn = given.prior.drawn(1, seed)[0]
+    """The truth with stiffnesses about the axes drawn from the class in place of its median.
+
+    These springs stand for the whole arm, but friction holds a twist in the gears alone: so that it holds as much as it
+    does there, the friction of the link is that of the gear's share.
+    """
+    drawn, share = given.prior.drawn(1, seed)[0], arm_over_axis()
     bodies = []
     for body in truth.bodies:
         compliance = np.array(body.compliance)
         if body.joint in given.axes:
             compliance[_ABOUT_Z] = 1.0 / drawn[body.joint]
         bodies.append(replace(body, compliance=compliance))
-    return replace(truth, bodies=tuple(bodies))
+    drives = [
+        replace(drive, link_friction_nm=tuple(share[axis] * friction for friction in drive.link_friction_nm))
+        if axis in given.axes
+        else drive
+        for axis, drive in enumerate(truth.drives)
+    ]
+    return replace(truth, bodies=tuple(bodies), drives=tuple(drives))
 
 
 def make_truth(cell: Cell, seed: int | None, out: str | Path, family: Family = MILD) -> Truth:

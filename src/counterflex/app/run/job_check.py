@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import missing_file
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.plan_file import CLASS_ASSUMED
 from counterflex.plan.plan import Plan
 from counterflex.programs.compensated import job_number, marks
 
@@ -57,6 +60,23 @@ def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, 
         if carried
         else "Give --original where the robot runs the original program",
     )
+
+
+def cell_of_run(cell: str | Path, planned: tuple[Plan, Mapping[str, Any]] | None) -> Cell:
+    """Read the cell of a run: where the plan stands on the class of the robot, so does the run.
+
+    Args:
+        cell: Cell file.
+        planned: Plan and metadata as read, or None.
+
+    Raises:
+        FileFormatError: The file cannot be used.
+        InputError: Axes have no stiffness, and no plan assumes one.
+    """
+    read = read_cell(cell, assume_class=planned is not None and bool(planned[1].get(CLASS_ASSUMED, False)))
+    read.require_milling()
+    require_stiffness(read)
+    return read
 
 
 def program_job(program: Path) -> int:

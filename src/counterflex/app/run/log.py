@@ -13,6 +13,7 @@ import polars
 from counterflex import __version__
 from counterflex.app.environment import environment
 from counterflex.app.run.incidents import numbered
+from counterflex.app.run.job_check import cell_of_run
 from counterflex.app.run.loop import loop_plan, online_loop
 from counterflex.app.run.missing import LogMissing
 from counterflex.app.run.process_events import shown_process
@@ -23,7 +24,6 @@ from counterflex.core.units import NS, UM
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
-from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.repair import Repaired, repair_segment
 from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
@@ -201,8 +201,9 @@ def replay(
         FileFormatError: A file cannot be used.
         InputError: The cell's settings need a plan and there is none, or the log holds another loop's state.
     """
-    model = read_cell(cell)
-    loaded = None if plan is None else loop_plan(read_plan(Path(plan))[0], model, compensated=compensated)
+    planned = None if plan is None else read_plan(Path(plan))
+    model = cell_of_run(cell, planned)
+    loaded = None if planned is None else loop_plan(planned[0], model, compensated=compensated)
     loop = online_loop(model, loaded, compensated=compensated and loaded is not None)
     files = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
     answer = Replayed()

@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 
 from counterflex.app.compliance_window import require_plausible
-from counterflex.app.run.job_check import check_job, job_of
+from counterflex.app.run.job_check import cell_of_run, check_job, job_of
 from counterflex.app.run.loop import loop_plan, online_loop, tcp_target
 from counterflex.app.run.robot_links import egm_link, rsi_link
-from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
-from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.sensing import SensorTable, flange_sensor
-from counterflex.files.plan_file import CLASS_ASSUMED, read_plan
+from counterflex.files.plan_file import read_plan
 from counterflex.plan.plan import Plan
 from counterflex.protocols.abb_egm.force import EgmForce
 from counterflex.protocols.abb_egm.link import EgmLink
@@ -115,10 +114,8 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         OutputError: A port or the sensor cannot be reached.
     """
     read = None if settings.plan is None else read_plan(settings.plan)
-    cell = read_cell(settings.cell, assume_class=read is not None and bool(read[1].get(CLASS_ASSUMED, False)))
-    cell.require_milling()
+    cell = cell_of_run(settings.cell, read)
     require_plausible(cell)
-    require_stiffness(cell)
     one_protocol(settings)
     if settings.program is not None:
         check_job(settings.program, read, compensated=settings.compensated)

@@ -22,7 +22,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -107,11 +107,24 @@ class ClassPrior:
 
 
 @functools.cache
+def _data() -> dict[str, Any]:
+    file = resources.files("counterflex.robot.model") / "stiffness_data" / "published.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def arm_over_axis() -> Float:
+    """(6,) stiffness of the spring that stands for the whole arm over that of gear and shaft alone.
+
+    So much of the compliance is that of the gear, in which play and friction of the axis hold a twist; the rest is
+    tilting and bending beyond, which follows the load.
+    """
+    return np.array(_data()["arm_over_axis"], dtype=np.float64)
+
+
+@functools.cache
 def published() -> tuple[PublishedStiffness, ...]:
     """All published sets, those that see the axis alone brought to the whole arm by ``arm_over_axis``."""
-    file = resources.files("counterflex.robot.model") / "stiffness_data" / "published.toml"
-    data = tomllib.loads(file.read_text(encoding="utf-8"))
-    ratio = np.array(data["arm_over_axis"], dtype=np.float64)
+    data, ratio = _data(), arm_over_axis()
     out = []
     for row in data["rows"]:
         k = np.array(row["stiffness_nm_per_rad"], dtype=np.float64)
