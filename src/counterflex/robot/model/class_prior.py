@@ -22,10 +22,10 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
+from statistics import NormalDist
 from typing import Any, Final
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 from counterflex.core.arrays import Bool, Float, frozen
 from counterflex.core.errors import InputError
@@ -39,7 +39,7 @@ PAYLOAD_KG: Final = (20.0, 1000.0)
 _INSIDE: Final = 0.9
 _WEIGHT_OF_MEAN: Final = 4.0
 """Degrees of freedom that the mean variance of the axes counts beside that of one axis."""
-_NORMAL: Final = float(ndtri(0.5 + 0.5 * _INSIDE))
+_NORMAL: Final = NormalDist().inv_cdf(0.5 + 0.5 * _INSIDE)
 
 
 @dataclass(frozen=True)
@@ -151,6 +151,8 @@ def class_prior(
     Raises:
         InputError: The payload is not known or outside the range in which the class says anything.
     """
+    from scipy.special import stdtrit  # heavy, and most cells need no class
+
     low, high = PAYLOAD_KG
     if payload_kg is None or not low <= payload_kg <= high:
         raise InputError(
