@@ -250,11 +250,12 @@ def _held_by_friction(cell: Cell) -> Float:
         prior = prior_of(cell.nominal_robot, cell.tables.robot)
     except InputError:
         return np.zeros(6)
-    assumed = () if cell.class_stiffness is None else cell.class_stiffness.axes
-    compliance = arm_over_axis() / prior.median_nm_per_rad
+    share = arm_over_axis()
+    compliance = share / prior.median_nm_per_rad
     for i, axis in enumerate(cell.chain.joint.tolist()):
-        if axis >= 0 and cell.chain.compliance[i, 5] > 0.0 and axis not in assumed:
-            compliance[axis] = cell.chain.compliance[i, 5]
+        about_x, about_y, about_z = cell.chain.compliance[i, 3:].tolist()
+        if axis >= 0 and about_z > 0.0:  # a spring without tilting stands for the whole arm
+            compliance[axis] = about_z * (share[axis] if about_x == about_y == 0.0 else 1.0)
     out: Float = np.array(FRICTION_NM) * (prior.payload_kg * prior.reach_m / _FRICTION_SIZE) * compliance
     return out
 
