@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.app.inputs import Job, faults_in, setting_of
 from counterflex.app.unknown_stiffness import FORCE_N, UNDER_FORCE, corner_of_blank
-from counterflex.core.arrays import Bool, Float
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.inputs import Inputs, solve_joints
@@ -32,6 +32,7 @@ class CutPoints:
         feed_base: (n, 3) direction of the path, base axes; zero where every direction counts.
         weight_m: (n,) length of path that each stands for.
         of: What they are, for messages.
+        row: (n,) rows of the path.
     """
 
     q: Float
@@ -39,6 +40,7 @@ class CutPoints:
     feed_base: Float
     weight_m: Float
     of: str
+    row: Int
 
     def sizes(self, displacements: Float) -> Float:
         """What 99.7 % of the path stay below, square to it.
@@ -92,7 +94,7 @@ def corner_points(cell: Cell) -> CutPoints:
     w = np.zeros((3, 6))
     w[:, :3] = FORCE_N * np.eye(3)
     q = np.tile(corner_of_blank(cell), (3, 1))
-    return CutPoints(q, w, np.zeros((3, 3)), np.ones(3), UNDER_FORCE)
+    return CutPoints(q, w, np.zeros((3, 3)), np.ones(3), UNDER_FORCE, np.arange(3))
 
 
 def _points(cell: Cell, p_part: Float, q: Float, w_tcp_part: Float, cutting: Bool, name: str) -> CutPoints | None:
@@ -106,4 +108,4 @@ def _points(cell: Cell, p_part: Float, q: Float, w_tcp_part: Float, cutting: Boo
     feed = (step / np.where(length > 0.0, length, 1.0)[:, None]) @ R_base_part.T
     w = (w_tcp_part[rows].reshape(-1, 2, 3) @ R_base_part.T).reshape(-1, 6)
     what = f"in {name} ({100.0 * _SHARE:g} % of the path in the cut)"
-    return CutPoints(q[rows], w, feed, np.maximum(length, 1e-12), what)
+    return CutPoints(q[rows], w, feed, np.maximum(length, 1e-12), what, rows)

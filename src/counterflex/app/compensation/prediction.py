@@ -16,6 +16,7 @@ from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
 from counterflex.app.inputs import Job
+from counterflex.app.prediction_interval import interval_text, with_intervals
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
@@ -136,11 +137,8 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
     for name, what in (("nominal", "before"), ("compensated", "after")):
         if f"predicted_{name}" in predicted:
             error = predicted[f"predicted_{name}"]
-            facts.append(
-                Fact(
-                    f"Predicted path error {what}", f"{error['p997_mm']:.3f} mm", "99.7 % of the path length in the cut"
-                )
-            )
+            note = "; ".join(["99.7 % of the path length in the cut", *filter(None, [interval_text(error)])])
+            facts.append(Fact(f"Predicted path error {what}", f"{error['p997_mm']:.3f} mm", note))
     notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
     notes += [f"{text[0].upper()}{text[1:]}." for text in stiffness_remarks(plan, cell)]
     slowed = calm_feed_text(summary["calm_feed"])
@@ -222,7 +220,7 @@ def summary_of(
         written: What the writer says about them.
         tolerance_m: Largest distance between the written path and the planned one.
     """
-    predicted = figures(plan)
+    predicted = with_intervals(figures(plan), plan, cell)
     remarks = (
         *stiffness_remarks(plan, cell),
         *doubtful_readings(job.program),

@@ -19,6 +19,7 @@ from counterflex.app.compensation.prediction import calm_feed, figures
 from counterflex.app.cost_of_unknown_stiffness import assumed, remarks, require_stiffness_for
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
+from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
@@ -140,7 +141,7 @@ def prove(
         "cell": cell.name,
         "robot": cell.chain.name,
         "family": family.name,
-        "prediction": figures(plan),
+        "prediction": with_intervals(figures(plan), plan, cell),
         "calm_feed": calm_feed(job, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *remarks(plan, cell)]},
         **assumed(plan, cell),

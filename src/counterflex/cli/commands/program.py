@@ -220,6 +220,8 @@ def _written_rows(written: dict[str, Any]) -> list[list[str]]:
 
 
 def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
+    from counterflex.app.prediction_interval import interval_text
+
     prediction = summary["prediction"]
     rows = [
         [what, f"{prediction[key]['value']:g} {unit}", f"line {prediction[key]['line']}"]
@@ -234,7 +236,7 @@ def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
         if f"predicted_{name}" in prediction:
             error = prediction[f"predicted_{name}"]
             text = f"{error['p997_mm']:.3f} mm (max {error['max_mm']:.3f} mm)"
-            rows.append([f"predicted path error {what}, 99.7 %", text, ""])
+            rows.append([f"predicted path error {what}, 99.7 %", text, interval_text(error)])
     rows += _written_rows(summary["written"])
     print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
     if prediction["extrapolated_force_share"] > 0.0:

@@ -1,0 +1,110 @@
+"""A prediction says what it does not know: more for a catalogue cell than for a measured one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterflex.app import prediction_interval, unknowns
+from counterflex.app.compensation.compensate import compensate
+from counterflex.app.inputs import read_job, setting_of
+from counterflex.app.prediction_interval import intervals
+from counterflex.app.unknown_stiffness import Expected
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
+from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.plan import Plan, across
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PROGRAM = EXAMPLES / "programs" / "groove.ngc"
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return read_cell(EXAMPLES / "cells" / "kr300_d16_small.toml")
+
+
+@pytest.fixture(scope="module")
+def plan(cell: Cell) -> Plan:
+    job = read_job(PROGRAM, cell)
+    return make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), feeds=job.feeds)
+
+
+def identified(cell: Cell, share: float) -> Cell:
+    """The cell as if its stiffness and cutting constants had been identified with a relative standard deviation."""
+    rows = tuple(
+        IdentifiedValue(name=f"{name}.rz", value=500.0, sigma=500.0 * share, unit="urad/kNm")
+        for name in cell.chain.names
+    )
+    entries = tuple(
+        IdentifiedTable(recipe=recipe, date="", data=(), data_sha256=(), counterflex="", holdout="", values=values)
+        for recipe, values in (("stiffness", rows), ("cutting", ()))
+    )
+    return replace(cell, tables=cell.tables.model_copy(update={"identified": entries}))
+
+
+def width(one: Expected) -> float:
+    return one.high_m - one.low_m
+
+
+def test_what_was_measured_is_predicted_more_narrowly(cell: Cell, plan: Plan) -> None:
+    catalogue, measured = intervals(plan, cell), intervals(plan, identified(cell, 0.02))
+    for name in ("nominal", "compensated"):
+        assert width(measured[name]) < 0.7 * width(catalogue[name])
+    assert measured["compensated"].high_m < catalogue["compensated"].high_m
+
+
+def test_the_uncompensated_error_lies_in_its_interval_and_doubled_force_beyond_a_measured_one(
+    cell: Cell, plan: Plan
+) -> None:
+    size = np.linalg.norm(across(plan.deviation_nominal_part, plan.path.p_part_tcp), axis=1)[plan.cutting]
+    inside = intervals(plan, cell)["nominal"]
+    assert inside.low_m < np.quantile(size, 0.997) < inside.high_m
+    narrow = intervals(plan, identified(cell, 0.02))["nominal"]
+    assert 2.0 * np.quantile(size, 0.997) > narrow.high_m
+
+
+def test_nothing_unknown_leaves_the_prediction_itself(cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("STRUCTURE", "DRIVES"):
+        monkeypatch.setattr(prediction_interval, name, 0.0)
+    monkeypatch.setattr(prediction_interval, "sources", lambda *_: [])
+    for name, deviation in (
+        ("nominal", plan.deviation_nominal_part),
+        ("compensated", plan.deviation_compensated_part),
+    ):
+        one = intervals(plan, cell)[name]
+        size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[plan.cutting]
+        assert width(one) < 1e-12
+        assert one.median_m == pytest.approx(np.quantile(size, 0.997), rel=0.05)
+
+
+def test_a_larger_spread_is_a_wider_interval(cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = intervals(plan, cell)
+    monkeypatch.setattr(unknowns, "HANDBOOK", 2.0 * unknowns.HANDBOOK)
+    after = intervals(plan, cell)
+    for name in before:
+        assert width(after[name]) > 1.2 * width(before[name])
+
+
+def test_a_plan_of_a_stiffer_cell_is_judged_as_the_linear_sum_says(cell: Cell, plan: Plan) -> None:
+    """All compliances off by a fifth, planned anew, against the deflection scaled: what the draws assume."""
+    job = read_job(PROGRAM, cell)
+    softer = replace(cell.chain, compliance=1.2 * cell.chain.compliance)
+    other = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell, chain=softer), predict=False)
+    same = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), predict=False)
+    off = other.deflection_part[same.cutting, :3] - same.deflection_part[same.cutting, :3]
+    np.testing.assert_allclose(
+        off, 0.2 * same.deflection_part[same.cutting, :3], atol=5e-7
+    )  # 0.5 um: large displacements
+
+
+def test_the_summary_holds_both_ends(cell: Cell) -> None:
+    found = compensate(PROGRAM, cell).summary["prediction"]
+    for name in ("nominal", "compensated"):
+        low, high = found[f"predicted_{name}"]["p997_90_mm"]
+        assert 0.0 < low < high
+    bare = compensate(PROGRAM, cell, predict=False).summary["prediction"]
+    assert "predicted_nominal" not in bare
