@@ -8,22 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.app.inputs import Job, read_job
+from counterflex.app.proof.simulate import controller, machine
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, ModelError
 from counterflex.cutting.cutter import Cutter
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose
+from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.laboratory import pulls
 from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.live.live_cell import true_answer
 from counterflex.twin.plant.bristle_friction import apply_bristles, bristle_parameters, bristle_torque
-from counterflex.twin.plant.controller import moving_mean
+from counterflex.twin.plant.controller import as_it_is, moving_mean
 from counterflex.twin.plant.coupled_springs import apply_couplings, coupling_parameters
 from counterflex.twin.plant.force_sensor import force_sensor
 from counterflex.twin.plant.gear_curves import apply_gears, gear_parameters, gear_torque, wind_up
 from counterflex.twin.plant.mjcf import coordinates
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.process import as_ground
+from counterflex.twin.plant.record import Record
 from counterflex.twin.truth.differences import differences
 from counterflex.twin.truth.draw_other import MATCH_M
 from counterflex.twin.truth.family import FAMILIES, OTHER, WIDE
@@ -41,6 +46,7 @@ from counterflex.twin.truth.other import (
 from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 CELL = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
+GROOVE = Path(__file__).parents[2] / "examples" / "programs" / "groove.ngc"
 POSTURE = np.radians([0.0, -60.0, 100.0, 10.0, 40.0, 20.0])
 COUNT = 40
 
@@ -345,6 +351,7 @@ def test_a_ground_tool_keeps_its_kind() -> None:
     assert flat.radius_m == ball.radius_m == pytest.approx(7.97e-3)
     assert flat.is_flat
     assert ball.is_ball
+    assert as_ground(Cutter(diameter_m=16e-3, corner_radius_m=8e-3), replace(thinner, diameter_m=60e-6)).is_ball
 
 
 # hose
@@ -432,3 +439,49 @@ def test_a_report_lists_the_kinds_that_are_there_and_only_those(nominal: Truth, 
     listed = kinds(replace(nominal, other=_every_kind(drawn)))
     for what in ("hysteresis", "standstill", "springs", "smoothing", "spindle", "hose", "tool 1"):
         assert any(what in name for name in listed), what
+
+
+# in a run
+
+
+@pytest.fixture(scope="module")
+def plain_run(cell: Cell, nominal: Truth) -> tuple[Job, Record]:
+    job = read_job(GROOVE, cell)
+    return job, machine(job, cell, nominal)
+
+
+def _run(cell: Cell, nominal: Truth, job: Job, **kinds: object) -> Record:
+    return machine(job, cell, replace(nominal, other=OtherPhysics(**kinds)))  # type: ignore[arg-type]
+
+
+def test_a_warm_spindle_and_a_long_thin_tool_cut_deeper_and_narrower(
+    cell: Cell, nominal: Truth, plain_run: tuple[Job, Record]
+) -> None:
+    job, plain = plain_run
+    heat = Thermal(before_s=600.0, spindle_m=60e-6, spindle_s=600.0, arm_m=(0.0, 0.0, 0.0), arm_s=3600.0)
+    grown = 60e-6 * (1.0 - np.exp(-1.0))
+    cutting = plain.engaged
+    warm = _run(cell, nominal, job, thermal=heat)
+    assert (plain.p_part_tcp - warm.p_part_tcp)[cutting, 2].mean() == pytest.approx(grown, abs=4e-6)
+    off = _run(cell, nominal, job, tools=(ToolOff(1, 40e-6, -100e-6),))
+    assert (plain.p_part_tcp - off.p_part_tcp)[cutting, 2].mean() == pytest.approx(40e-6, abs=4e-6)
+    ground = float(plain.stock.z.min()) + 3e-3  # well above the floor of the groove, well below the top
+    assert np.count_nonzero(off.stock.z < ground) < np.count_nonzero(plain.stock.z < ground)
+
+
+def test_the_drives_get_what_the_controller_makes_of_the_program(
+    cell: Cell, nominal: Truth, plain_run: tuple[Job, Record]
+) -> None:
+    job, plain = plain_run
+    smooth = _run(cell, nominal, job, controller=ControllerKind(smoothing_s=40e-3))
+    away = np.abs(smooth.q_ref - plain.q_ref).max(axis=1)
+    assert away.max() > 5e-5
+    assert np.median(away) < 1e-6
+    running = as_it_is(controller(cell), ControllerKind(blending_share=1.8))
+    assert running.blending_m == pytest.approx(1.8 * controller(cell).blending_m)
+
+
+def test_a_correction_waits_for_the_dead_cycles_of_the_true_controller(nominal: Truth) -> None:
+    other = replace(nominal, other=OtherPhysics(controller=ControllerKind(dead_cycles=2)))
+    assert true_answer(None, other, 4e-3).dead_s == pytest.approx(PathAnswer().dead_s + 8e-3)
+    assert true_answer(PathAnswer(dead_s=0.0), nominal, 4e-3).dead_s == 0.0

@@ -8,6 +8,7 @@ damping, motor servo (P-PI with speed feed-forward), gear play, dry friction tha
 controller's interpolation, corner rounding and acceleration, a part frame touched with the sagging robot, a stock that
 the displaced tool really cuts, chips from its true motion with regeneration, ploughing and runout.
 
-What it leaves out: modes of spindle and tool above about 200 Hz, tooth-passing ripple, heat, hose pack, gear
-transmission error, wear, and the tilt of the tool in the chip.
+What it leaves out: modes of spindle and tool above about 200 Hz, tooth-passing ripple, gear transmission
+error, wear, and the tilt of the tool in the chip. Heat and a hose pack are in some truths only, see
+:mod:`counterflex.twin.truth.other`.
 """

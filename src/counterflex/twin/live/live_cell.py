@@ -29,7 +29,7 @@ from counterflex.twin.plant.simulate import as_delivered, hermite, near_stock
 from counterflex.twin.truth.truth import Truth
 
 
-def _answer(answer: PathAnswer | None, truth: Truth, cycle_s: float) -> PathAnswer:
+def true_answer(answer: PathAnswer | None, truth: Truth, cycle_s: float) -> PathAnswer:
     """What was asked for, with the dead time that this controller has beside it."""
     requested = PathAnswer() if answer is None else answer
     kind = truth.other.controller
@@ -92,7 +92,7 @@ class LiveCell:
             raise InputError("share of the play that the controller compensates", value=own_backlash, limit="0 .. 1.5")
         own = own_backlash * np.array([drive.dead_band_rad for drive in truth.drives])
         running = as_it_is(replace(controller, following_gain_per_s=None), truth.other.controller)
-        self.motion = CommandedMotion(path, running, _answer(answer, truth, controller.cycle_s), own)
+        self.motion = CommandedMotion(path, running, true_answer(answer, truth, controller.cycle_s), own)
         self.reference = self.motion.reference
         self.plant = Plant(truth, step_s=step_s)
         self.T_base_part, self._residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
