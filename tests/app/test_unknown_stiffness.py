@@ -14,7 +14,7 @@ from counterflex.app.identification.starting_cell import starting_cell
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof.prove import prove
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.questions import check_cell
+from counterflex.app.questions import check_cell, deflection
 from counterflex.app.run.job_check import cell_of_run
 from counterflex.app.run.session import RunSettings, open_session
 from counterflex.core.errors import FileFormatError, InputError
@@ -178,3 +178,12 @@ def test_friction_holds_a_twist_in_the_gear_alone(unknown: Path) -> None:
         ratio = sum(drawn.drives[axis].link_friction_nm) / sum(nominal.drives[axis].link_friction_nm)
         assert ratio == pytest.approx(share[axis], rel=0.9)
         assert ratio < 1.0
+
+
+def test_a_question_about_such_a_robot_says_that_it_yields_nothing(unknown: Path) -> None:
+    for cell, answer in (
+        (unknown, [f"{ALL} of {UNKNOWN} yield nothing here: rigid, or of unknown stiffness"]),
+        (SMALL, []),
+    ):
+        asked = deflection(read_cell(cell).chain, [0.0, -90.0, 90.0, 0.0, 30.0, 0.0], [0.0, 500.0, 0.0], [0.0] * 3)
+        assert asked["warnings"] == answer

@@ -105,7 +105,7 @@ def remarks(plan: Plan, cell: Cell) -> list[str]:
         cell: The cell.
     """
     left = left_by_class(plan, cell)
-    return unknown_stiffness(cell, *(() if left is None else (left.remaining, left.worse)))
+    return unknown_stiffness(cell, 0.0 if left is None else left.worse)
 
 
 def assumed(plan: Plan, cell: Cell) -> dict[str, Any]:

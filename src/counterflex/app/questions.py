@@ -15,11 +15,13 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.class_stiffness import axis_names
 from counterflex.files.cell.plausibility import unusual
 from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.robot.elasticity import compliance, gravity
+from counterflex.robot.elasticity.axis_springs import rigid_axes
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics import inverse
 from counterflex.robot.model import catalog
@@ -109,8 +111,14 @@ def deflection(
             "coupling_um_per_knm": [_round(row, 3) for row in C[:3, 3:] / UM_PER_KN],
         },
         "shares": shares(chain, q, w),
-        "warnings": beyond_regions(chain.regions, q),
+        "warnings": [*_rigid(chain), *beyond_regions(chain.regions, q)],
     }
+
+
+def _rigid(chain: ElasticChain) -> list[str]:
+    """Says which axes do not yield: they are rigid, or nothing is known of them."""
+    axes = rigid_axes(chain)
+    return [f"{axis_names(axes)} of {chain.name} yield nothing here: rigid, or of unknown stiffness"] if axes else []
 
 
 def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> list[dict[str, Any]]:

@@ -158,24 +158,20 @@ def require_stiffness(cell: Cell) -> None:
         raise refusal(cell, cost_at_blank(cell))
 
 
-def unknown_stiffness(cell: Cell, left: Expected | None = None, worse: float = 0.0) -> list[str]:
+def unknown_stiffness(cell: Cell, worse: float = 0.0) -> list[str]:
     """Warning where axes of the robot have no stiffness or that of the robot's class; none where every axis has one.
 
     Args:
         cell: The cell.
-        left: What a plan that stands on the class leaves, with all else that is not known, if it can be said.
-        worse: Share of the robots of which such a plan leaves more than there was.
+        worse: Share of the robots of the class of which a plan on its median leaves more than there was.
     """
     given = cell.class_stiffness
     if given is not None:
         low, high = (f"{factor:.1f}" for factor in (given.prior.factor.min(), given.prior.factor.max()))
-        remains = ""
-        if left is not None:
-            remains = f"; compensated with its median, {left.shown} remain with all that is not known here, and "
-            remains += f"{100.0 * worse:.0f} % of such robots become worse than uncompensated"
+        harm = f"; {100.0 * worse:.0f} % of such robots become worse by a plan on its median" if worse > 0.0 else ""
         return [
             f"the stiffness of {given.named} of {cell.chain.name} is assumed from its class, not measured: nine of ten "
-            f"robots lie within a factor of {low} to {high} of it{remains}. Measure it: "
+            f"robots lie within a factor of {low} to {high} of it{harm}. Measure it: "
             "counterflex identify stiffness"
         ]
     if not cell.unknown_axes:
