@@ -126,6 +126,7 @@ def run(
             end = Path(place.cell_after(len(steps) - 1, start))
             _keep(copied_text(end, place.folder).encode("utf-8"), place.folder / CELL)
     summary = _summary(places, results, part, start, time.perf_counter() - begin)
+    summary["family"] = family.name if truth is None else truth.family
     summary["made_again"] = made_again(folder, begun)
     from counterflex.app.campaign.report import campaign_page_of
     from counterflex.report.page import write_page

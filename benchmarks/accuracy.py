@@ -1,0 +1,269 @@
+"""Accuracy: what is left of the path error on simulated cells, by what the planner knows; whether its interval holds.
+
+A cell is identified once for every truth, over files (`counterflex campaign`), on the cell file of the demonstration;
+the other programs take its result with a part of their own. Every program is machined as it is and compensated with the
+cell file of the catalogue, with the identified one and with the exact constants of the truth. Printed are the median
+and the worst share of the error that remains (99.7 % of the path across the feed while cutting), the largest error, and
+how many of the predicted 90 % intervals hold what was machined.
+
+Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/accuracy.py --out out/accuracy``; it goes on where it was. ``--family``,
+``--seeds``, ``--programs`` and ``--levels`` choose; ``--show`` prints the stored results with the goals; ``--store``
+adds those of ``--out`` to them; ``--quick`` is a smoke run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import tomllib
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app import examples
+from counterflex.app.campaign import campaign
+from counterflex.app.compensation.languages import write
+from counterflex.app.inputs import Job, read_job, setting_of
+from counterflex.app.prediction_interval import intervals
+from counterflex.app.proof import simulate
+from counterflex.app.proof.judge import judge, reference_of
+from counterflex.app.proof.truth import knowing, truth_of
+from counterflex.core import atomic
+from counterflex.core.units import MM
+from counterflex.evaluate.summary import Variant
+from counterflex.evaluate.truth_level import TRUTH_LEVELS
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.schema import write_toml
+from counterflex.plan.compensate import plan as make_plan
+from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
+from counterflex.twin.truth.truth import Truth
+
+HERE: Final = Path(__file__).resolve().parent
+SHIPPED: Final = HERE.parent / "examples"
+STORED: Final = HERE / "results" / "accuracy.json"
+PROGRAMS: Final = {
+    "part": None,
+    "groove": ("groove.ngc", "kr300_d16_small.toml"),
+    "corner": ("corner.ngc", "kr300_d16_small.toml"),
+    "profile": ("fc_profile.ngc", "kr300_d16_flat.toml"),
+}
+"""Program and cell file of the part that it machines; ``part`` is the demonstration."""
+GOALS: Final = {
+    ("exact", "mild"): (6.0, 9.0),
+    ("exact", "wide"): (6.0, 9.0),
+    ("exact", "other"): (6.0, 9.0),
+    ("identified", "mild"): (10.0, 15.0),
+    ("identified", "wide"): (12.0, 20.0),
+    ("identified", "other"): (20.0, 30.0),
+    ("catalogue", "wide"): (25.0, 40.0),
+}
+"""Per cent that may remain: median, worst seed."""
+COVERAGE: Final = (80.0, 97.0)
+
+
+def demonstration(folder: Path) -> Path:
+    """Cell file of the demonstration, with its part beside it."""
+    file = folder / "demonstration" / "cell.toml"
+    if not file.is_file():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        examples.write(file)
+    return file
+
+
+def files_of(name: str, known: Path, base: Path, folder: Path) -> tuple[Path, Path]:
+    """Program, and the cell file ``known`` with the part that the program machines."""
+    chosen = PROGRAMS[name]
+    if chosen is None:
+        return base.parent / "part.ngc", known
+    program, shipped = chosen
+    data = tomllib.loads(known.read_text(encoding="utf-8"))
+    data["part"] = tomllib.loads((SHIPPED / "cells" / shipped).read_text(encoding="utf-8"))["part"]
+    target = folder / f"{name}-{known.parent.name}.toml"
+    write_toml(target, data)
+    return SHIPPED / "programs" / program, target
+
+
+def machined(job: Job, cell: Cell, truth: Truth, source: Job | None = None) -> Variant:
+    """Figures of a program on a truth; ``source``: the program that it is judged against."""
+    record = simulate.machine(job, cell, truth)
+    return judge(reference_of(source or job, cell), record, record.stock).variant
+
+
+def one(name: str, family: str, seed: int, levels: list[str], out: str) -> list[dict[str, Any]]:
+    """All levels of a program on one truth."""
+    folder = Path(out)
+    base = demonstration(folder)
+    truth = truth_of(read_cell(base), seed, FAMILIES[family])
+    with tempfile.TemporaryDirectory() as scratch:
+        place = Path(scratch)
+        program, catalogue = files_of(name, base, base, place)
+        cell = read_cell(catalogue)
+        job = read_job(program, cell)
+        before = machined(job, cell, truth)
+        rows = []
+        for level in levels:
+            known, law = cell, None
+            if level == "identified":
+                measured_cell = folder / "cells" / family / f"seed-{seed}" / "cell.toml"
+                known = read_cell(files_of(name, measured_cell, base, place)[1])
+            own = read_job(program, known)
+            setting = setting_of(known)
+            if level == "exact":
+                chain, law = knowing(cell, truth)
+                setting = setting_of(cell, chain=chain, law=law)
+            plan = make_plan(own.path, own.line_of_motion, known.stock(), setting, feeds=own.feeds, predict=law is None)
+            for file, text in write(own, plan, known, "gcode")[0].items():
+                atomic.write_bytes(place / level / file, text.encode(own.program.encoding, errors="replace"))
+            after = machined(read_job(place / level / program.name, cell), cell, truth, job)
+            row = {"program": name, "family": family, "seed": seed, "level": level, **figures(before, after)}
+            if level != "exact":
+                row |= {
+                    f"{variant}_interval_mm": [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
+                    for variant, i in intervals(plan, known).items()
+                }
+            rows.append(row)
+    return rows
+
+
+def figures(before: Variant, after: Variant) -> dict[str, float]:
+    """Figures of one machining before and after, mm."""
+    out = {}
+    for prefix, variant in (("nominal", before), ("compensated", after)):
+        path = variant.path
+        for part in ("path", "entry", "plateau", "exit"):
+            out[f"{prefix}_{part}_p997_mm"] = round(getattr(path, part).p997_m / MM, 4)
+        out[f"{prefix}_max_mm"] = round(path.path.max_m / MM, 4)
+        if variant.surface is not None:
+            out[f"{prefix}_floor_max_mm"] = round(variant.surface.floor.max_m / MM, 4)
+    return out
+
+
+def table(rows: list[dict[str, Any]]) -> list[str]:
+    """Lines of the table, Markdown."""
+    lines = [
+        "| program | family | planner knows | seeds | median left | worst | goal | largest error | intervals hold |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    keys = sorted({(r["program"], r["family"], r["level"]) for r in rows}, key=_order)
+    for program, family, level in keys:
+        mine = [r for r in rows if (r["program"], r["family"], r["level"]) == (program, family, level)]
+        left = [100.0 * r["compensated_path_p997_mm"] / r["nominal_path_p997_mm"] for r in mine]
+        median, worst = float(np.median(left)), max(left)
+        goal = GOALS.get((level, family))
+        met = "-" if goal is None else f"{goal[0]:g} / {goal[1]:g}: " + _met(median <= goal[0] and worst <= goal[1])
+        held = [
+            r[f"{v}_interval_mm"][0] <= r[f"{v}_path_p997_mm"] <= r[f"{v}_interval_mm"][1]
+            for r in mine
+            for v in ("nominal", "compensated")
+            if f"{v}_interval_mm" in r
+        ]
+        share = f"{sum(held)} of {len(held)}" if held else "-"
+        lines.append(
+            f"| {program} | `{family}` | {level} | {len(mine)} | {median:.1f} % | {worst:.1f} % | {met} | "
+            f"{max(r['compensated_max_mm'] for r in mine):.2f} mm | {share} |"
+        )
+    for family in sorted({r["family"] for r in rows}):
+        held = [
+            r[f"{v}_interval_mm"][0] <= r[f"{v}_path_p997_mm"] <= r[f"{v}_interval_mm"][1]
+            for r in rows
+            if r["family"] == family
+            for v in ("nominal", "compensated")
+            if f"{v}_interval_mm" in r
+        ]
+        if held:
+            share = 100.0 * sum(held) / len(held)
+            met = _met(COVERAGE[0] <= share <= COVERAGE[1])
+            lines += ["", f"Intervals that hold on `{family}`: {share:.0f} % of {len(held)} (goal 80 to 97 %: {met})."]
+    return lines
+
+
+def _met(reached: bool) -> str:
+    return "met" if reached else "**missed**"
+
+
+def _order(key: tuple[str, str, str]) -> tuple[int, int, int]:
+    program, family, level = key
+    levels: list[str] = list(TRUTH_LEVELS)
+    return list(PROGRAMS).index(program), list(FAMILIES).index(family), levels.index(level)
+
+
+def commit() -> str:
+    """Commit that is measured, with a mark where files have changed since."""
+    words = ["git", "-C", str(HERE), "describe", "--always", "--dirty", "--abbrev=10"]
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
+
+
+def measured(
+    out: Path, programs: list[str], families: list[str], seeds: list[int], levels: list[str], workers: int
+) -> list[dict[str, Any]]:
+    """Measure what is not in ``rows.jsonl`` yet."""
+    out.mkdir(parents=True, exist_ok=True)
+    log = out / "rows.jsonl"
+    done = [json.loads(line) for line in log.read_text().splitlines()] if log.is_file() else []
+    base = demonstration(out)
+    for family in families:
+        missing = [s for s in seeds if not (out / "cells" / family / f"seed-{s}" / "cell.toml").is_file()]
+        if "identified" in levels and missing:
+            print(f"identifying {len(missing)} cells of {family}", file=sys.stderr)
+            campaign.run(base, out / "cells" / family, seeds=missing, family=FAMILIES[family], workers=workers)
+    have = {(r["program"], r["family"], r["seed"], r["level"]) for r in done}
+    jobs = []
+    for family in families:
+        for name in programs:
+            for seed in seeds:
+                open_levels = [level for level in levels if (name, family, seed, level) not in have]
+                if open_levels:
+                    jobs.append((name, family, seed, open_levels, str(out)))
+    rows = done
+    with ProcessPoolExecutor(workers) as pool, log.open("a") as file:
+        for i, found in enumerate(pool.map(one, *zip(*jobs, strict=True)) if jobs else ()):
+            rows += found
+            for row in found:
+                file.write(json.dumps({**row, "commit": commit()}) + "\n")
+            file.flush()
+            what = f"{found[0]['program']}, {found[0]['family']}, seed {found[0]['seed']}"
+            print(f"{i + 1} of {len(jobs)}: {what}", file=sys.stderr)
+    return rows
+
+
+def main() -> int:
+    """Measure and print, or print what is stored."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("out/accuracy"))
+    parser.add_argument("--programs", nargs="+", choices=list(PROGRAMS), default=list(PROGRAMS))
+    parser.add_argument("--family", nargs="+", choices=list(FAMILIES), default=list(FAMILIES))
+    parser.add_argument("--levels", nargs="+", choices=list(TRUTH_LEVELS), default=list(TRUTH_LEVELS))
+    parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[-1]}")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--show", action="store_true")
+    parser.add_argument("--store", action="store_true")
+    parser.add_argument("--quick", action="store_true")
+    chosen = parser.parse_args()
+    if chosen.show:
+        print("\n".join(table(json.loads(STORED.read_text())["rows"])))
+        return 0
+    first, _, last = chosen.seeds.partition("-")
+    seeds = list(range(int(first), int(last or first) + 1))
+    programs, families, levels = chosen.programs, chosen.family, chosen.levels
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) if chosen.quick else chosen.out
+        if chosen.quick:
+            programs, families, levels, seeds = ["groove"], ["wide"], ["catalogue"], [1]
+        rows = measured(out, programs, families, seeds, levels, 1 if chosen.quick else chosen.workers)
+    if chosen.store:
+        stored = json.loads(STORED.read_text())["rows"] if STORED.is_file() else []
+        key = ("program", "family", "seed", "level")
+        merged = {tuple(r[k] for k in key): r for r in [*stored, *rows]}
+        STORED.parent.mkdir(exist_ok=True)
+        atomic.write_bytes(STORED, (json.dumps({"rows": list(merged.values())}, indent=1) + "\n").encode())
+    print("\n".join(table(rows)))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
