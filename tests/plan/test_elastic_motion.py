@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof.truth import knowing, truth_of
@@ -14,10 +15,11 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
+from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan import elastic_motion
 from counterflex.plan.elastic_motion import commanded, inertia, jacobians, lowest_mode, matrices, motion_along, postures
 from counterflex.plan.elastic_motion_kernel import advance, rest
-from counterflex.plan.tool_deviation import answered_late
+from counterflex.plan.tool_deviation import answered_late, shaken_rows
 from counterflex.robot.elasticity import compliance, play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames, jacobian
 from counterflex.robot.model.description import Play, Servo
@@ -258,3 +260,54 @@ def test_another_command_on_the_same_path_is_a_motion_of_its_own(plain: ElasticC
     np.testing.assert_array_equal(found[1], found[2])
     assert np.abs(found[0] - found[1]).max() > 1.0 * UM
     assert not np.any(shared.clock)
+
+
+def turned(chain: ElasticChain, rate: Float, acceleration_m_s2: float) -> Float:
+    """Deviation (n, 3) m of the tool, from where the programmed angles begin to move at ``rate`` rad/s; 0.2 s."""
+    time = np.array([0.0, 0.1, 0.2, 0.5])
+    q = Q + np.outer(np.maximum(time - 0.2, 0.0), rate)
+    fed = np.array([False, True, True, True])
+    motion = motion_along(chain, np.eye(4), q, q, time, shaken=fed, acceleration_m_s2=acceleration_m_s2)
+    rest(motion, 0)
+    out, one = np.zeros((round(0.4 * PER_S), 6)), np.zeros(6)
+    for k in range(len(out)):
+        at = (k + 1) / PER_S
+        advance(motion, int(np.searchsorted(time, at)), at, np.zeros(6), one)
+        out[k] = one
+    return out[round(0.2 * PER_S) :, :3]
+
+
+def test_a_change_of_the_programmed_speed_swings_the_arm_as_its_equation_of_motion_says(plain: ElasticChain) -> None:
+    """``M x'' + D x' + K x = -M q''``: a step of q' is a step of -x', and what follows is the matrix exponential."""
+    rate = np.array([0.01, -0.008, 0.012, 0.0, 0.02, 0.0])
+    M, stiffness, J, _ = matrices(plain, Q)
+    n = len(stiffness)
+    inverse = np.linalg.inv(M)
+    damping = np.append(elastic_motion.DAMPING_S * stiffness[:6], elastic_motion.DAMPING_S * stiffness[6:])
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse * stiffness, -inverse * damping]])
+    state = np.concatenate([np.zeros(n), -rate, np.zeros(n - 6)])
+    at = 0.05 * np.arange(1, 5)
+    wanted = np.array([J[:3] @ (expm(A * t) @ state)[:n] for t in at])
+    found = turned(plain, rate, np.inf)[np.rint(at * PER_S).astype(int) - 1]
+    assert np.abs(wanted).max() > 50.0 * UM
+    np.testing.assert_allclose(found, wanted, atol=0.03 * np.abs(wanted).max())
+
+
+def test_a_gentle_change_of_the_programmed_speed_bends_the_arm_by_its_inertia(plain: ElasticChain) -> None:
+    """Over many periods the mean deviation is that of the load -M q'' at rest; rapids shake nothing."""
+    rate = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
+    M, stiffness, J, _ = matrices(plain, Q)
+    speed = float(np.linalg.norm(J[:3, :6] @ rate))
+    load = -M[:, 0] * rate[0] / 0.4  # all of the 0.2 s lie in the change that takes 0.4 s
+    found = turned(plain, rate, speed / 0.4)
+    assert np.mean(found, axis=0) == pytest.approx(J[:3] @ (load / stiffness), rel=0.15, abs=5.0 * UM)
+
+
+def test_what_is_shaken_is_what_is_fed_behind_a_fed_row(path_of: Callable[..., ToolPath]) -> None:
+    path = path_of("G0 X0 Y0 Z50\nG1 X5 F1500\nG0 Z60\nG0 X0\nG1 X2\nY2")
+    found = shaken_rows(path)
+    first = np.flatnonzero((path.kind == FEED) & (np.roll(path.kind, 1) == RAPID))
+    assert len(first) == 2
+    assert not found[first].any()
+    assert not found[path.kind == RAPID].any()
+    assert np.count_nonzero(found) == np.count_nonzero(path.kind == FEED) - 2

@@ -12,7 +12,16 @@ from hypothesis import strategies as st
 
 from counterflex.core.units import MM, UM
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.plan.feed_schedule import LEAST, STEP, FeedGroups, at_feed, feed_share, share_between
+from counterflex.plan.feed_schedule import (
+    CORNER_M,
+    LEAST,
+    LEAST_AT_CORNER,
+    STEP,
+    FeedGroups,
+    at_feed,
+    feed_share,
+    share_between,
+)
 
 OMEGA = 2.0 * math.pi * 8.0
 FAST = 0.025
@@ -105,6 +114,15 @@ def test_only_contact_and_what_leads_to_it_is_slowed() -> None:
     assert share[contact].min() >= LEAST - 1e-12
 
 
+def test_only_about_a_sharp_corner_the_feed_may_fall_below_the_least_of_a_cut() -> None:
+    path = path_of([(0.0, 0.0), (30.0, 0.0), (30.0, 30.0), (31.0, 60.0)])
+    contact = np.ones(len(path), dtype=np.bool_)
+    share = shares(path, np.zeros((len(path), 3)), contact)
+    away = np.linalg.norm(path.p_part_tcp[:, :2] - np.array([30.0, 0.0]) * MM, axis=1)
+    assert share[away < 0.1 * MM].min() == pytest.approx(LEAST_AT_CORNER)
+    assert share[away > CORNER_M + 0.3 * MM].min() >= LEAST - 1e-12
+
+
 def test_without_limit_without_contact_and_out_of_reach_the_feed_is_as_programmed() -> None:
     path = path_of([(0.0, 0.0), (60.0, 0.0)])
     bend, contact = entered(path, 20.0 * MM, 5.0 * MM)
@@ -148,7 +166,7 @@ def test_shares_are_steps_between_the_least_and_one(points: list[tuple[float, fl
     share = shares(path, bend, contact, swing)
     assert np.all((share >= STEP - 1e-12) & (share <= 1.0))
     np.testing.assert_allclose(share / STEP, np.round(share / STEP), atol=1e-9)
-    assert np.all(share[contact] >= LEAST - 1e-12)
+    assert np.all(share[contact] >= LEAST_AT_CORNER - 1e-12)
     slowed = at_feed(path, share)
     np.testing.assert_allclose(share_between(path, slowed), share, rtol=1e-12)
     assert slowed.time_s[-1] >= path.time_s[-1] - 1e-12

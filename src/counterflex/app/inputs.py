@@ -187,6 +187,7 @@ def setting_of(
         shaping=tables.dynamics.shaping,
         limits=tables.limits.limits,
         swing_m=tables.dynamics.swing_m,
+        acceleration_m_s2=tables.controller.acceleration_m_s2,
         normal_only=normal_only,
         orientation=orientation,
         allow_extrapolation=cell.material.allow_extrapolation,

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, as_float, batches
+from counterflex.core.arrays import Bool, Float, Int, as_float, batches
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MS
 from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, number_postures
@@ -202,6 +202,8 @@ def motion_along(
     time_s: Float,
     damping_s: float = DAMPING_S,
     step_s: float = STEP_S,
+    shaken: Bool | None = None,
+    acceleration_m_s2: float = math.inf,
 ) -> Motion:
     """What :func:`counterflex.plan.elastic_motion_kernel.advance` needs for a path, at rest at its first row.
 
@@ -213,6 +215,8 @@ def motion_along(
         time_s: (rows,) s.
         damping_s: beta of the damping D = beta K.
         step_s: Length of a step.
+        shaken: (rows,) True where a change of the programmed speed shakes the arm; None: nowhere.
+        acceleration_m_s2: With which the controller changes that speed, at most, > 0.
 
     Raises:
         InputError: Shapes do not match.
@@ -247,6 +251,8 @@ def motion_along(
         time_s=np.ascontiguousarray(time_s, dtype=np.float64),
         q_command=command,
         q_ref=nominal,
+        shaken=np.zeros(rows, dtype=np.int64) if shaken is None else shaken.astype(np.int64),
+        acceleration=acceleration_m_s2,
         weight=weight,
         posture=posture,
         place=place,
@@ -266,7 +272,7 @@ def motion_along(
         motor_slip=gains[4],
         x=np.zeros(n),
         rate=np.zeros(n),
-        drives=np.zeros((7, AXES)),
+        drives=np.zeros((8, AXES)),
         held=np.zeros(limit.shape),
         clock=np.zeros(2),
         program=np.zeros(AXES),
@@ -316,6 +322,8 @@ def _still() -> Motion:
         time_s=none,
         q_command=rows,
         q_ref=rows,
+        shaken=no_index,
+        acceleration=0.0,
         weight=rows,
         posture=no_index,
         place=no_index,
@@ -335,7 +343,7 @@ def _still() -> Motion:
         motor_slip=six,
         x=none,
         rate=none,
-        drives=np.zeros((7, AXES)),
+        drives=np.zeros((8, AXES)),
         held=np.zeros((AXES, 0)),
         clock=np.zeros(2),
         program=six,

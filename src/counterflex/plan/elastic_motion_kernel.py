@@ -6,14 +6,16 @@ and K the stiffness of the posture,
     M x'' + D (x' - x_m') + K (x - x_m) = J^T w + t_weight + f,
 
 where x_m are the motor angles behind the six gears, f is what play and dry friction add. Angles are counted from the
-programmed path, so its own accelerations shake nothing: a controller rounds them, and how is not known; friction feels
-the whole motion. The linear part is taken by
-the trapezoidal rule (no numerical damping, stable for massless elements), play, friction and drives follow one step
-behind.
+programmed path, and so are their rates: where the programmed speed changes by dq', every rate changes by -dq', which is
+the load -M q'' of the path's own acceleration. The controller changes the speed of the tip by no more than its
+acceleration. Rapids shake nothing: how they are run is not planned. Friction feels the whole motion. The linear part is
+taken by the trapezoidal rule (no numerical damping, stable for massless elements), play, friction and drives follow one
+step behind.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 from counterflex.core.arrays import Float, Int
@@ -31,6 +33,8 @@ class Motion(NamedTuple):
         time_s: (rows,) s.
         q_command: (rows, 6) rad, commanded angles, corrections included.
         q_ref: (rows, 6) rad, angles of the programmed path.
+        shaken: (rows,) 1 where the programmed speed may change and shakes the arm on the way to the row, else 0.
+        acceleration: Of the tip, at most, m/s2: so fast the controller changes the programmed speed.
         weight: (rows, 6) N m, torque of weight and counterbalance on the torsions.
         posture: (rows,) which of the postures holds at a row.
         place: (rows,) which of the Jacobians does.
@@ -50,8 +54,8 @@ class Motion(NamedTuple):
         motor_slip: (6,) rad.
         x: (n,) coordinates now.
         rate: (n,) their rates.
-        drives: (7, 6) motor angle, the one before, integral, friction held, load at the start,
-            command before, all beside the programmed angle; programmed angle before.
+        drives: (8, 6) motor angle, the one before, integral, friction held, load at the start,
+            command before, all beside the programmed angle; programmed angle before, programmed speed.
         held: (6, m) N m, friction of the links.
         clock: (2,) time of the state in s, and 1 once it has been set.
         program: (6,) rad, working space.
@@ -63,6 +67,8 @@ class Motion(NamedTuple):
     time_s: Float
     q_command: Float
     q_ref: Float
+    shaken: Int
+    acceleration: float
     weight: Float
     posture: Int
     place: Int
@@ -96,6 +102,8 @@ MOTION: Final = bundle(
     time_s="float64[::1]",
     q_command="float64[:, ::1]",
     q_ref="float64[:, ::1]",
+    shaken="int64[::1]",
+    acceleration="float64",
     weight="float64[:, ::1]",
     posture="int64[::1]",
     place="int64[::1]",
@@ -165,10 +173,33 @@ def rest(motion: Motion, row: int) -> None:
         motion.drives[4, a] = torque
         motion.drives[5, a] = offset
         motion.drives[6, a] = motion.q_ref[row, a]
+        motion.drives[7, a] = 0.0
         for e in range(motion.limit.shape[1]):
             motion.held[a, e] = 0.0
     motion.clock[0] = motion.time_s[row]
     motion.clock[1] = 1.0
+
+
+@kernel("void(Motion, int64)", Motion=MOTION)
+def _shake(motion: Motion, row: int) -> None:
+    """Change the programmed speed towards that of the step, by what the controller can, and all rates against it."""
+    h, J = motion.step_s, motion.J_tcp_part[motion.place[row]]
+    share = 1.0
+    if motion.shaken[row] != 0:
+        square = 0.0
+        for k in range(3):
+            change = 0.0
+            for a in range(AXES):
+                change += J[k, a] * (motion.program[a] / h - motion.drives[7, a])
+            square += change * change
+        most = h * motion.acceleration
+        if square > most * most:
+            share = most / math.sqrt(square)
+    for a in range(AXES):
+        change = share * (motion.program[a] / h - motion.drives[7, a])
+        motion.drives[7, a] += change
+        if motion.shaken[row] != 0:
+            motion.rate[a] -= change
 
 
 @kernel("void(Motion, int64, float64, float64[::1], float64[::1])", Motion=MOTION)
@@ -224,6 +255,7 @@ def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float)
             motion.drives[1, a] = motor
             motion.drives[0, a] = new
             motion.drives[5, a] = q
+        _shake(motion, row)
         for i in range(AXES, n):
             load[i] -= (before_k[i] + share * (after_k[i] - before_k[i])) * x[i]
         for i in range(n):

@@ -15,7 +15,8 @@ The feed v is therefore bounded such that none of them starts a swing of more th
 The last one makes the feed fall and rise before and behind such places. Compensation inverts the mode and takes back
 most of what is left; how well depends on how well the mode is known, and a swing that was never started needs no
 knowledge. Only rows that cut, and those within :data:`CALM_S` before, are slowed; the share of the feed never falls
-below a least one (:data:`LEAST`), and in the cut the chip never below :data:`LEAST_CHIP_M`.
+below a least one (:data:`LEAST`, at a sharp corner :data:`LEAST_AT_CORNER`), and in the cut the chip never below
+:data:`LEAST_CHIP_M`.
 
 Singhose, W.: Command shaping for flexible systems, 2009 (what a lightly damped mode makes of steps and ramps).
 """
@@ -39,6 +40,10 @@ SWING_M: Final = 50.0 * UM
 """Largest swing that one change starts, unless the cell file says another."""
 LEAST: Final = 0.4
 """Lowest share of the programmed feed in the cut: thinner chips make the force uneven."""
+LEAST_AT_CORNER: Final = 0.25
+"""The same within :data:`CORNER_M` of a sharp corner: too short a way for the force to become uneven."""
+CORNER_M: Final = 1.0 * MM
+"""Length of path on either side of a corner within which the tool brakes from one least speed to the other."""
 LEAST_CHIP_M: Final = 5.0 * UM
 """Smallest feed per tooth in the cut: an edge that rubs cuts nothing and heats."""
 CALM_S: Final = 0.5
@@ -112,10 +117,12 @@ def feed_share(
     free = moves & ~feeds.fixed & _calm(path.time_s, path.kind, contact)
     velocity, acceleration = swing_m * omega_rad_s, 0.5 * swing_m * omega_rad_s**2
     feed = path.feed_m_s
-    least = np.minimum(feed, _least_speed(feed, contact, feed_per_tooth_m))
+    corner = _corner_speeds(step, length, moves, velocity, acceleration)
+    sharp = _about(np.append(moves[1:], False) & moves & (corner < LEAST * feed), np.cumsum(length), CORNER_M)
+    least = np.minimum(feed, _least_speed(feed, contact, feed_per_tooth_m, sharp))
     bound = _one_speed(_loading_speed(deflection_part, length, moves, velocity), feed)
     speed = np.where(free, np.clip(bound, least, feed), feed)
-    point = np.minimum(_corner_speeds(step, length, moves, velocity, acceleration), _lower_of_two(speed))
+    point = np.minimum(corner, _lower_of_two(speed))
     point = np.maximum(point, _lower_of_two(least))
     _within_acceleration(point, length, free, acceleration)
     speed = np.minimum(speed, 0.5 * (point + np.concatenate([point[:1], point[:-1]])))
@@ -134,10 +141,18 @@ def _one_share(share: Float, length: Float, group: Int) -> Float:
     return np.where(slow >= ENOUGH * whole, lowest, 1.0)[group]
 
 
-def _least_speed(feed: Float, contact: Bool, feed_per_tooth_m: Float) -> Float:
-    """(n,) lowest speed of each segment; in the cut by the chip too."""
+def _about(points: Bool, station_m: Float, reach_m: float) -> Bool:
+    """(n,) segments that end within a length of path of some of their end points."""
+    on = station_m[points]
+    low, high = np.searchsorted(on, station_m - reach_m), np.searchsorted(on, station_m + reach_m, side="right")
+    out: Bool = high > low
+    return out
+
+
+def _least_speed(feed: Float, contact: Bool, feed_per_tooth_m: Float, sharp: Bool) -> Float:
+    """(n,) lowest speed of each segment; in the cut by the chip too, and lower at a sharp corner."""
     chip = np.where(contact & (feed_per_tooth_m > 0.0), LEAST_CHIP_M / np.maximum(feed_per_tooth_m, 1e-12), 0.0)
-    return feed * np.where(contact, np.maximum(LEAST, chip), STEP)
+    return feed * np.where(contact, np.maximum(np.where(sharp, LEAST_AT_CORNER, LEAST), chip), STEP)
 
 
 def _lower_of_two(values: Float) -> Float:

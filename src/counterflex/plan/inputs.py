@@ -61,6 +61,8 @@ class Setting:
         limits: Bounds.
         swing_m: Largest swing of the arm that one change of motion or force may start, see
             :mod:`counterflex.plan.feed_schedule`; 0 leaves the feed as it is.
+        acceleration_m_s2: With which the controller changes the speed of the tool where the path turns or the feed
+            changes.
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
         orientation: Correct the orientation too.
         allow_extrapolation: Accept force from chips outside the law's range.
@@ -79,6 +81,7 @@ class Setting:
     shaping: Shaping
     limits: Limits
     swing_m: float = 0.0
+    acceleration_m_s2: float = 1.0
     normal_only: bool = False
     orientation: bool = False
     allow_extrapolation: bool = False

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.progress import Progress
 from counterflex.cutting.stock import HeightMap
-from counterflex.path.toolpath import ToolPath
+from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.elastic_motion import DAMPING_S, commanded, lowest_mode, matrices, motion_along
 from counterflex.plan.elastic_motion_kernel import AXES, Motion
@@ -72,8 +72,24 @@ class PlannedRobot:
     @functools.cached_property
     def programmed(self) -> Motion:
         """The robot in motion along the path as it is programmed; every trial starts from it."""
-        s = self.setting
-        return motion_along(s.chain, s.T_base_part, self.q, self.q, self.path.time_s, damping_of(s.chain, s.mode))
+        s, path = self.setting, self.path
+        return motion_along(
+            s.chain,
+            s.T_base_part,
+            self.q,
+            self.q,
+            path.time_s,
+            damping_of(s.chain, s.mode),
+            shaken=shaken_rows(path),
+            acceleration_m_s2=s.acceleration_m_s2,
+        )
+
+
+def shaken_rows(path: ToolPath) -> Bool:
+    """(n,) rows that are fed to behind another one that is: there the programmed speed changes as it is written."""
+    fed = path.kind == FEED
+    out: Bool = fed & np.concatenate([[False], fed[:-1]])
+    return out
 
 
 def run(
