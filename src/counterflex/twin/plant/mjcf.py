@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
@@ -141,12 +140,3 @@ def model_xml(truth: Truth, step_s: float) -> str:
     text.append("</body>" * (len(truth.bodies) + ends))
     text.append("</worldbody></mujoco>")
     return "".join(text)
-
-
-def body_ids(model: mujoco.MjModel, truth: Truth) -> dict[str, int]:
-    """Number of each body in the engine: the part behind its drive where the drive has a carrier of its own."""
-    out = {}
-    for index, body in enumerate(truth.bodies):
-        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}e")
-        out[body.name] = number if number >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}")
-    return out

@@ -89,6 +89,7 @@ class OtherForces:
         self.dry: Float = np.array([bristle_limit(_STILL, 0.0, 1.0, row) if row[0] else 0.0 for row in self._bristles])
         self._place, self._value = coupling_parameters(truth, coordinates)
         self._before_s = 0.0 if other.thermal is None else other.thermal.before_s
+        self._hose_force: Float = np.zeros(len(coordinates.kind))
         self._step_s = step_s
         self._every = max(1, round(EVERY_S / step_s))
         self._clock_s, self._count = 0.0, 0
@@ -116,6 +117,7 @@ class OtherForces:
 
     def _slow_down(self) -> None:
         self._slow.update(self._clock_s)
+        self._slow.pull(self._hose_force)
         self._warm[:] = 1.0 + self._cold * np.exp(-self._clock_s / self._warming_s)
 
     def start(self) -> None:
@@ -126,7 +128,7 @@ class OtherForces:
     def resting(self, q_all: Float, force: Float) -> None:
         """Add what acts at rest as well to ``force`` (n,): couplings at the coordinates (n,), and the hose."""
         apply_couplings(q_all, self._place, self._value, force)
-        force += self._slow.hose_force
+        force += self._hose_force
 
     def bend(self, target: Float, net: Float) -> None:
         """Put the wind-ups of curved gears in place of the straight springs' in a search for the equilibrium.
@@ -141,7 +143,7 @@ class OtherForces:
 
     def follow(self) -> None:
         """Take the hose along to the engine's present kinematics, in a search for the equilibrium."""
-        self._slow.pull()
+        self._slow.pull(self._hose_force)
 
     def spring(self, axis: int, angle: float, straight: float) -> float:
         """Torque of an axis' gear at a wind-up, N m, without hysteresis; ``straight`` where the gear is not curved."""

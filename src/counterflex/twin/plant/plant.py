@@ -1,4 +1,4 @@
-"""The elastic robot in motion. Nothing else steps the physics engine.
+"""The elastic robot in motion. The only module that touches the physics engine.
 
 Each step takes the kinematics of the present state, adds drives, friction, play, cylinder and the process wrench as
 applied forces, and lets MuJoCo integrate (``implicitfast``: elastic dampers implicit, no numerical damping).
@@ -17,7 +17,7 @@ from counterflex.twin.plant.applied_forces import applied_forces
 from counterflex.twin.plant.drives import gains
 from counterflex.twin.plant.friction import play_torque, slip_parameters
 from counterflex.twin.plant.loads import apply_loads, balance_parameters
-from counterflex.twin.plant.mjcf import Coordinates, body_ids, coordinates, model_xml
+from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
 from counterflex.twin.plant.other_forces import OtherForces
 from counterflex.twin.plant.posture_springs import PostureSprings
 from counterflex.twin.plant.slow_changes import SlowChanges
@@ -25,6 +25,7 @@ from counterflex.twin.truth.truth import Truth
 
 STEP_S = 0.5e-3
 mujoco.set_mju_user_warning(lambda _: None)  # Plant.check raises; the engine would write a log into the working folder
+_FIRST_BODY = 1  # the engine's body 0 is the world
 _FLOAT_NM = 1.0  # a link with less load than this floats within its play, held by dry friction
 _SETTLED = 1e-13  # rad or m, change of an elastic coordinate at which the equilibrium has been found
 _ROUNDS = 200
@@ -87,15 +88,16 @@ class Plant:
         self._speed_before: Float = np.zeros(self._model.nv)
         self._load: Float = np.zeros(6)
         self._q_ref: Float = np.zeros(6)
-        self._body_id = body_ids(self._model, truth)
+        self._body_id = _body_ids(self._model, truth)
         self._more = self._other_forces(site, friction) if truth.other else None
         self.reset(np.zeros(6))
 
     def _other_forces(self, site: int, friction: bool) -> OtherForces:
+        ends = self._model.site_pos[site], self._model.body_pos[_FIRST_BODY]  # live views
         more = OtherForces(
             self.truth,
             self.coordinates,
-            SlowChanges(self.truth, self._model, self._data, site, self._body_id),
+            SlowChanges(self.truth, ends, self._body_pose, self._push),
             sign=self._sign,
             stiffness=self._torsion_stiffness,
             half_band=self._band,
@@ -313,8 +315,16 @@ class Plant:
         Raises:
             InputError: There is no such body.
         """
+        return self._body_pose(name)
+
+    def _body_pose(self, name: str) -> Float:
         i = self._body_of(name)
         return pose.make(np.array(self._data.xmat[i]).reshape(3, 3), np.array(self._data.xpos[i]))
+
+    def _push(self, name: str, p_base: Float, w_base: Float, force: Float) -> None:
+        """Add the generalised forces of a wrench (6,) on a body about a point (3,), base axes, to ``force`` (n,)."""
+        body = self._body_of(name)
+        mujoco.mj_applyFT(self._model, self._data, w_base[:3], w_base[3:], p_base, body, force)
 
     def section_wrench(self, name: str) -> Float:
         """Load on a body and all that hangs behind it, as it passes through the section in front of the body.
@@ -378,3 +388,12 @@ class Plant:
     def state(self) -> tuple[Float, Float]:
         """Copies of coordinates (n,) and speeds (n,)."""
         return np.array(self._qpos), np.array(self._qvel)
+
+
+def _body_ids(model: mujoco.MjModel, truth: Truth) -> dict[str, int]:
+    """Number of each body in the engine: the part behind its drive where the drive has a carrier of its own."""
+    out = {}
+    for index, body in enumerate(truth.bodies):
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}e")
+        out[body.name] = number if number >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"b{index}")
+    return out
