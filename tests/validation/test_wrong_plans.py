@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +15,14 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress
 from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.geometry import rotation
+from counterflex.robot.elasticity.chain import forward
+from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.live.live_cell import LiveCell
+from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.family import WIDE
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
@@ -102,6 +109,25 @@ def test_a_drift_after_touching_shows_and_one_before_does_not(folder: Path, cell
     assert part(drifted, None) == pytest.approx(right + DRIFT_BASE_M, abs=1e-6)
 
 
+def test_the_sag_of_the_spindle_is_in_the_calibrated_target(folder: Path, cell: Cell, truth: Truth) -> None:
+    """A tilt of more than 0.2 deg between tracker and controller would keep the loop from arming on soft robots."""
+    controller = simulate.controller(cell)
+    q = controller.joints(cell.datum_points_part[:1], np.array([[0.0, 0.0, 1.0]]))[0]
+    tilted = Plant(truth).equilibrium(q)
+    rigid = forward(cell.controller_chain, q)
+    lab = laboratory(SEED)
+    table = tomllib.loads((folder / "as planned" / online_case.cell_name("all")).read_text(encoding="utf-8"))["tracker"]
+
+    def angles(prefix: str) -> Float:
+        R: Float = rotation.from_zyx(np.deg2rad([table[f"{prefix}{k}_deg"] for k in "abc"]))
+        return R
+
+    seen = angles("") @ (lab.T_base_tracker[:3, :3].T @ tilted[:3, :3] @ lab.T_tcp_target[:3, :3])
+    shown = seen @ angles("target_").T
+    assert np.degrees(np.linalg.norm(rotation.log(rigid[:3, :3].T @ tilted[:3, :3]))) > 0.1
+    assert np.degrees(np.linalg.norm(rotation.log(rigid[:3, :3].T @ shown))) < 0.02
+
+
 def test_every_way_has_a_cell_that_a_run_can_use(folder: Path) -> None:
     for name, way in online_case.WAYS.items():
         found = read_cell(folder / "as planned" / online_case.cell_name(name))
@@ -162,6 +188,26 @@ def test_page_and_table_show_the_same_figures() -> None:
     assert "0.225 / 0.300" in page
     assert "37 / 0" in page or "38 / 0" in page
     assert "restores" in online_report.verdict(summary)
+
+
+def test_the_job_puts_every_run_into_table_summary_and_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With runs that are made up: a worn tool costs 0.2 mm, and the hybrid brings three quarters of it back."""
+
+    def milled(_: str, seed: int, row: str, way: str, *, progress: Progress) -> dict[str, Any]:
+        progress(1.0)
+        lost = {"plan": 0.2, "hybrid": 0.05}.get(way, 0.2) if row == "worn tool" else 0.0
+        return figures(0.1 * seed + lost)
+
+    monkeypatch.setattr("counterflex.app.campaign.campaign.run", lambda *_, **__: {})
+    monkeypatch.setattr(online, "prepare", lambda *_: None)
+    monkeypatch.setattr(online, "one", milled)
+    summary = online.run(tmp_path, seeds=(1, 2), rows=("worn tool",), workers=1)
+    assert list(summary["rows"]) == ["as planned", "worn tool"]
+    assert summary["rows"]["worn tool"]["hybrid"]["restored"] == pytest.approx(0.75)
+    assert summary["goals"]["hybrid_restores"] == {"limit": 0.7, "worst": pytest.approx(0.75), "met": True}
+    written = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert written["rows"] == summary["rows"]
+    assert "worn tool: force x1.3" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_refusals(tmp_path: Path) -> None:

@@ -156,7 +156,8 @@ def _prepare(place: Path, edge: str, cell: Path) -> None:
     mark = _plan_mark(place)
     if finished(plan, mark) is None:
         begin(plan, mark)
-        compensate.run(program, cell_file, plan, report=False)
+        # At the feed of the paper, which the original program runs as well: one plan for both.
+        compensate.run(program, cell_file, plan, report=False, programmed_feed=True)
         finish(plan, mark, {})
 
 

@@ -141,7 +141,7 @@ def prepare(case: Case, shape: str) -> None:
     mark = fingerprint(cell, program)
     if finished(part, mark) is None:
         begin(part, mark)
-        planned = compensate(program, read_cell(cell), predict=False)
+        planned = compensate(program, read_cell(cell), predict=False, programmed_feed=True)
         write_plan(plan, planned.plan, {"program": program.name, "counterflex": __version__})
         finish(part, mark, {})
 

@@ -168,9 +168,8 @@ def one(folder: str, seed: int, row: str, way: str, *, progress: Progress = sile
         twin = live.LiveSettings(
             program, cell, truth, config, original=original, seed=seed, touched=touched if drifted else None
         )
-        loop = online_session.RunSettings(
-            cell, config, plans / _PLAN_FILE, compensated=item.compensated, arm=item.armed
-        )
+        planned = plans / _PLAN_FILE if item.compensated else None  # the plan is for the feeds of its own program
+        loop = online_session.RunSettings(cell, config, planned, compensated=item.compensated, arm=item.armed)
         sensors = closed_loop.Sensors(force=item.force, tracker=item.tracker)
         outcome = closed_loop.run(twin, part, loop, log, sensors=sensors, cycles=_CYCLES, progress=progress)
     shutil.rmtree(log, ignore_errors=True)
