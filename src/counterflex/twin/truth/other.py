@@ -146,7 +146,7 @@ class Coupling:
 class Thermal:
     """Growth of the spindle and drift of the arm since the part was touched, ``end (1 - exp(-t / tau))`` each.
 
-    Drift of pose is what ISO 9283 section 7.6 tests; growth along the axis is what a warming motor spindle does.
+    Drift of pose is what ISO 9283 tests; growth along the axis is what a warming motor spindle does.
 
     Attributes:
         before_s: Time between touching the part and the start of the program.
