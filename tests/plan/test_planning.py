@@ -111,7 +111,7 @@ def test_correction_opposes_deflection(compensated: Plan) -> None:
     cutting = compensated.cutting
     along = np.sum(compensated.correction_part[cutting] * compensated.deflection_part[cutting, :3], axis=1)
     size = np.linalg.norm(compensated.deflection_part[cutting, :3], axis=1)
-    assert np.all(along <= 0.0)
+    assert np.all(along <= 1e-5 * size.max() ** 2)  # a shaped correction swings through zero where the force dies out
     steady = size > 0.8 * size.max()
     assert np.count_nonzero(steady) > 100
     assert -along[steady] / size[steady] ** 2 == pytest.approx(1.0, abs=0.15)
@@ -131,10 +131,10 @@ def test_feed_force_of_a_slot_pushes_the_tool_back_and_to_the_left(compensated: 
 def test_nothing_is_corrected_where_no_force_acts(compensated: Plan, setting: Setting) -> None:
     time, cutting = compensated.path.time_s, compensated.cutting
     first, last = time[cutting].min(), time[cutting].max()
-    reach = 0.5  # approach and fade: beyond them nothing is touched
+    reach = 0.56  # way out of the walls (9 mm at 25 mm/s) and fade: beyond them nothing is touched
     step = np.diff(time, prepend=time[0])
     far = (time < first - step - reach) | (time > last + step + reach) | (compensated.path.kind != FEED)
-    assert np.count_nonzero(far) > 6
+    assert np.count_nonzero(far) >= 5
     assert np.all(compensated.correction_part[far] == 0.0)
     assert np.all(compensated.w_tcp_part[~cutting] == 0.0)
     assert np.all(compensated.rotvec_part == 0.0)

@@ -40,6 +40,7 @@ from counterflex.plan.static_correction import (
     shaped,
     static_correction,
 )
+from counterflex.plan.stock_grain import fine_enough, grain_per_cell
 from counterflex.plan.tool_deviation import can_move, lost_motion, run
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
@@ -90,7 +91,7 @@ def plan(
     parts = in_parts(progress, work)
     parts[JOINTS](0.0)
     inputs = Inputs(path, line, stock, setting, solve_joints(path, line, setting).q)
-    programmed = loaded_robot(inputs, undisturbed_cut(inputs, parts[UNDISTURBED]))
+    programmed = in_fine_stock(loaded_robot(inputs, undisturbed_cut(inputs, parts[UNDISTURBED])))
     loaded = programmed if feeds is None else at_calm_feed(programmed, feeds)
     undisturbed = loaded.cut
     displacement, static = static_correction(loaded, parts[CORRECTION])
@@ -140,6 +141,17 @@ def at_calm_feed(loaded: LoadedRobot, feeds: FeedGroups) -> LoadedRobot:
         return loaded
     slowed = replace(inputs, path=at_feed(inputs.path, share))
     return loaded_robot(slowed, undisturbed_cut(slowed, silent))
+
+
+def in_fine_stock(loaded: LoadedRobot) -> LoadedRobot:
+    """The same robot in stock whose grain does not shake the tool; see :mod:`counterflex.plan.stock_grain`."""
+    inputs, omega = loaded.inputs, loaded.robot.mode.omega_rad_s
+    per_cell = grain_per_cell(inputs.path, loaded.deflection_part, loaded.cut.contact, inputs.setting.cutter_of, omega)
+    stock = fine_enough(inputs.stock, per_cell)
+    if stock is inputs.stock:
+        return loaded
+    finer = replace(inputs, stock=stock)
+    return loaded_robot(finer, undisturbed_cut(finer, silent))
 
 
 def dynamic_trial(

@@ -189,8 +189,9 @@ def cut_rows(
                 for k in range(6):
                     wrench[i, k] += force[k] * (dt / row_time)
             if moving and dt > 0.0:
-                # A chip's thickness takes a tooth to come about, so the force follows the velocity within that time.
-                fresh = 1.0 - math.exp(-dt * rate) if rate > 0.0 else 1.0
+                # A chip is as thick as the tool has moved since the last tooth: the mean velocity over a tooth period,
+                # half a period late. A lag of a whole one would feed the arm's swing: the model would chatter.
+                fresh = 1.0 - math.exp(-2.0 * dt * rate) if rate > 0.0 else 1.0
                 for k in range(6):
                     s.force[k] += fresh * (force[k] - s.force[k])
                 advance(motion, i, time[i] - left if share < 1.0 else time[i], s.force[:], s.displacement[:])

@@ -95,6 +95,9 @@ _PLAY_ROUNDS = 3
 """How often the correction is made again for what the axes lose at rest: a correction moves them."""
 APPROACH_S = 0.3
 """So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
+_CLEAR_M: Final = 1.0 * MM
+"""A tool that has cut its way out of the part still stands between the walls it made, until its back half has left
+them too. So long, and this much longer, it is kept in place: a correction that ended with the force would cut them."""
 _FADE_S = 0.2
 """Beyond that, corrections that are left over from shaping are taken for zero."""
 
@@ -110,7 +113,7 @@ class LoadedRobot:
         deflection_part: (n, 6) m, rad under the force.
         swinging_part: (n, 6) the part of it that the arm makes, which follows a force as a mode does.
         feed_run: (n,) number of the run of even motion.
-        near: (n,) rows in contact or within :data:`APPROACH_S` of it: corrected.
+        near: (n,) rows in contact, within :data:`APPROACH_S` of it, or whose tool stands between walls: corrected.
         reach: (n,) rows where shaping may leave a correction.
     """
 
@@ -155,7 +158,7 @@ def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
         mode_of(setting.chain, hardest, setting.mode),
     )
     feed_run = feed_runs(path)
-    near = within(cut.contact, path.time_s, feed_run, APPROACH_S)
+    near = within(cut.contact, path.time_s, feed_run, APPROACH_S) | between_walls(inputs, cut.contact, feed_run)
     reach = within(near, path.time_s, feed_run, _FADE_S)
     return LoadedRobot(inputs, cut, robot, deflection, _through_arm(setting, q, w, deflection), feed_run, near, reach)
 
@@ -250,8 +253,19 @@ def _through_arm(setting: Setting, q: Float, w_part: Float, deflection_part: Flo
     return out
 
 
+def between_walls(inputs: Inputs, contact: Bool, feed_run: Int) -> Bool:
+    """(n,) rows nearer along the path to one that cuts than the radius of the tool and :data:`_CLEAR_M`."""
+    path = inputs.path
+    station = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1))
+    out = np.zeros(len(path), dtype=np.bool_)
+    for number in np.unique(path.tool[contact]):
+        radius = inputs.setting.cutter_of(int(number)).radius_m
+        out |= within(contact & (path.tool == number), station, feed_run, radius + _CLEAR_M)
+    return out
+
+
 def within(active: Bool, time_s: Float, group: Int, reach_s: float) -> Bool:
-    """Rows within a time of an active row of their group.
+    """Rows within a time of an active row of their group; or within a length, with stations for times.
 
     Args:
         active: (n,).

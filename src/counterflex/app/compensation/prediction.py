@@ -15,7 +15,7 @@ from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
-from counterflex.app.inputs import Job
+from counterflex.app.inputs import Job, setting_of
 from counterflex.app.prediction_interval import interval_text, with_intervals
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
@@ -24,6 +24,8 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import RAPID
 from counterflex.plan.feed_schedule import share_between
 from counterflex.plan.plan import Plan, across, job_hash
+from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
+from counterflex.plan.tool_deviation import mode_of
 from counterflex.programs.gcode.read.reader import doubtful_readings
 from counterflex.report.data import Fact, PredictionData
 from counterflex.robot.model.elastic_region import beyond_regions
@@ -65,6 +67,23 @@ def figures(plan: Plan) -> dict[str, Any]:
         out[f"predicted_{name}"] = path_error(size, _weights(plan)[cutting])
     out["chatter"] = chatter(plan)
     return out
+
+
+def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
+    """Where the plan would be another in finer stock; empty where it has converged."""
+    if not plan.cutting.any():
+        return []
+    setting, size = setting_of(cell), np.linalg.norm(plan.deflection_part[:, :3], axis=1)
+    omega = mode_of(setting.chain, plan.q[int(np.argmax(size))], setting.mode).omega_rad_s
+    per_cell = grain_per_cell(job.path, plan.deflection_part, plan.cutting, setting.cutter_of, omega)
+    grain_m = per_cell * fine_enough(cell.stock(), per_cell).cell_m
+    if grain_m <= GRAIN_M:
+        return []
+    return [
+        "the plan has not converged in the cells of the stock: they shake the tool of the model by "
+        f"{grain_m / UM:.0f} um (at most {GRAIN_M / UM:g} um), though planning divides them. "
+        f"[part.stock] cell_mm = {cell.stock().cell_m * GRAIN_M / grain_m / MM:.2g} or less"
+    ]
 
 
 def chatter(plan: Plan) -> list[dict[str, Any]]:
@@ -226,6 +245,7 @@ def summary_of(
         *doubtful_readings(job.program),
         *beyond_measured(cell, plan),
         *chatter_warnings(predicted["chatter"]),
+        *grain_warnings(job, plan, cell),
     )
     written = written | {
         "tolerance_um": round(tolerance_m / UM, 3),
