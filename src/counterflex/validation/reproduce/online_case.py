@@ -31,6 +31,8 @@ TOUCHED: Final = "touched.toml"
 """Truth at the time when the part was touched, where it has drifted since."""
 _LIMITS: Final[dict[str, Any]] = {"correction_mm": 3.0, "speed_mm_s": 60.0, "acceleration_mm_s2": 4000.0}
 
+_NO_PLAN: Final[dict[str, Any]] = {"force": "measured", "along_feed": True}
+"""Only a plan tells the direction of the feed; a loop that watches needs none."""
 _FUSED: Final[dict[str, Any]] = {"force": "fused", "noise_um": 200.0}
 """A tracker sees the arm swing about where it stands, for much longer than the cycle in which a sample comes. With the
 noise of 60 um that is the default, the estimator follows the swing."""
@@ -58,7 +60,7 @@ class Way:
 
 
 WAYS: Final[dict[str, Way]] = {
-    "uncompensated": Way("original program, nothing corrected", {"force": "measured"}, compensated=False, armed=False),
+    "uncompensated": Way("original program, nothing corrected", _NO_PLAN, compensated=False, armed=False),
     "plan": Way("compensated program alone", {"force": "measured"}, armed=False),
     "force": Way("and the measured force, less the planned one", {"force": "measured"}),
     "pilot": Way("and the measured force with pilot control", {"force": "pilot"}),
