@@ -147,7 +147,6 @@ def compensate(
 
     wish, table = None, read_scenario(scenario or (), ("compensation",)).compensation
     from counterflex.app.compensation import compensate as job
-    from counterflex.app.compensation.prediction import calm_feed_text
     from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
 
@@ -177,8 +176,6 @@ def compensate(
         _show(summary, [*summary["files"], "plan.parquet", "summary.json", *(["report.html"] if report else [])], out)
         if "feed" in summary:
             _show_feed(summary["feed"])
-        elif slowed := calm_feed_text(summary["calm_feed"]):
-            typer.echo(slowed)
 
 
 def _show_feed(lowered: dict[str, Any]) -> None:
@@ -220,6 +217,7 @@ def _written_rows(written: dict[str, Any]) -> list[list[str]]:
 
 
 def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
+    from counterflex.app.compensation.prediction import calm_feed_text
     from counterflex.app.prediction_interval import interval_text
 
     prediction = summary["prediction"]
@@ -239,6 +237,8 @@ def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
             rows.append([f"predicted path error {what}, 99.7 %", text, interval_text(error)])
     rows += _written_rows(summary["written"])
     print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
+    if slowed := calm_feed_text(summary["calm_feed"]):
+        typer.echo(slowed)
     if prediction["extrapolated_force_share"] > 0.0:
         share = 100 * prediction["extrapolated_force_share"]
         typer.echo(f"note: {share:.2g} % of the force comes from chips outside the range of the cutting constants")

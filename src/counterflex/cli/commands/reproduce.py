@@ -184,10 +184,10 @@ def online(
 
     Example: `counterflex reproduce online --out online`
     """
+    numbers = arguments.seeds(seeds)
     from counterflex.twin.truth.family import family_of
     from counterflex.validation.reproduce import online as job
 
-    numbers = arguments.seeds(seeds)
     with progress_bar("online") as progress:
         try:
             summary = job.run(
