@@ -8,13 +8,14 @@ how many of the predicted 90 % intervals hold what was machined.
 
 Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/accuracy.py --out out/accuracy``; it goes on where it was. ``--family``,
 ``--seeds``, ``--programs`` and ``--levels`` choose; ``--show`` prints the stored results with the goals; ``--store``
-adds those of ``--out`` to them; ``--quick`` is a smoke run.
+adds those of ``--out`` to them, and to docs/twin.md; ``--quick`` is a smoke run.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -46,6 +47,8 @@ from counterflex.twin.truth.truth import Truth
 HERE: Final = Path(__file__).resolve().parent
 SHIPPED: Final = HERE.parent / "examples"
 STORED: Final = HERE / "results" / "accuracy.json"
+PAGE: Final = HERE.parent / "docs" / "twin.md"
+_BLOCK: Final = re.compile(r"(<!-- accuracy: begin[^\n]*-->\n).*?(<!-- accuracy: end -->)", re.DOTALL)
 PROGRAMS: Final = {
     "part": None,
     "groove": ("groove.ngc", "kr300_d16_small.toml"),
@@ -192,6 +195,11 @@ def _order(key: tuple[str, str, str]) -> tuple[int, int, int]:
     return list(PROGRAMS).index(program), list(FAMILIES).index(family), levels.index(level)
 
 
+def with_block(text: str, rows: list[dict[str, Any]]) -> str:
+    """The page with the table of some rows between its marks."""
+    return _BLOCK.sub(lambda match: match[1] + "\n" + "\n".join(table(rows)) + "\n\n" + match[2], text)
+
+
 def commit() -> str:
     """Commit that is measured, with a mark where files have changed since."""
     words = ["git", "-C", str(HERE), "describe", "--always", "--dirty", "--abbrev=10"]
@@ -260,7 +268,9 @@ def main() -> int:
         key = ("program", "family", "seed", "level")
         merged = {tuple(r[k] for k in key): r for r in [*stored, *rows]}
         STORED.parent.mkdir(exist_ok=True)
-        atomic.write_bytes(STORED, (json.dumps({"rows": list(merged.values())}, indent=1) + "\n").encode())
+        lines = ",\n".join(json.dumps(merged[k], sort_keys=True) for k in sorted(merged))
+        atomic.write_text(STORED, f'{{"rows": [\n{lines}\n]}}\n')
+        atomic.write_text(PAGE, with_block(PAGE.read_text(encoding="utf-8"), list(merged.values())))
     print("\n".join(table(rows)))
     return 0
 

@@ -29,6 +29,7 @@ from counterflex.identify.data.changes import (
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.model.calibration import calibrated, places
 from counterflex.robot.model.description import Play, Servo
+from known_drives import with_drives
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "cells"
 ENTRY = IdentifiedTable(
@@ -92,10 +93,14 @@ def other(cell: Cell, seed: int) -> tuple[list[Change], Cell]:
     return changes, Cell(cell.tables, cell.path, true_robot, true_tool, chain, robot, tool)
 
 
-@pytest.mark.parametrize("name", ["kr300_d16_small.toml", "kr300_d10_ball.toml", "own_geometry.toml"])
+@pytest.mark.parametrize("name", ["kr300_d16_small.toml", "kr300_d10_ball.toml", "own_geometry.toml", "drives known"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_cell_that_is_read_back_is_the_one_that_was_identified(name: str, seed: int, tmp_path: Path) -> None:
-    cell = read_cell(EXAMPLES / name)
+    file = EXAMPLES / name
+    if name == "drives known":
+        file = tmp_path / "drives.toml"
+        file.write_text(with_drives((EXAMPLES / "kr300_d10_ball.toml").read_text(encoding="utf-8")), encoding="utf-8")
+    cell = read_cell(file)
     changes, expected = other(cell, seed)
     found = updated(cell, changes, tmp_path)
     q = np.array([[0.1, -1.5, 1.8, 0.2, -0.7, 0.3], [-0.5, -1.2, 2.0, 1.0, 0.5, 2.0]])

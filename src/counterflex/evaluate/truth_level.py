@@ -7,7 +7,7 @@ from typing import Final, Literal
 TruthLevel = Literal["catalogue", "identified", "exact"]
 """What the planner knew of the simulated cell, see :data:`TRUTH_LEVELS`."""
 TRUTH_LEVELS: Final[dict[TruthLevel, str]] = {
-    "catalogue": "the cell file only",
+    "catalogue": "what is published of this robot and material",
     "identified": "parameters identified on the simulated cell",
     "exact": "the exact parameters of the simulated cell",
 }

@@ -12,19 +12,20 @@ from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MRAD, MS, UM, URAD
-from counterflex.files.cell.cell import read_cell
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import recipe as reversals
 from counterflex.identify.play.path import follow_with_slopes
 from counterflex.identify.play.proposal import motion
+from counterflex.identify.play.recipe import resolved
 from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals
 from counterflex.identify.reversals.data import balance, motions
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.play import axis_torque, torsion_path
 from counterflex.robot.model.description import Play
 from derivative_check import convergence_order
+from known_drives import cell_with_drives
 
 ROOT = Path(__file__).resolve().parents[3]
 TRUE = Play(32.0 * URAD, (90.0, 80.0, 150.0), (8.0 * URAD, 30.0 * URAD, 50.0 * URAD))
@@ -33,7 +34,7 @@ BALANCED = np.radians([10.0, -90.0, 90.0, 0.0, 20.0, 0.0])
 
 @pytest.fixture(scope="module")
 def cell() -> CellModel:
-    return model_of(read_cell(ROOT / "examples/cells/kr300_d16_flat.toml"))
+    return model_of(cell_with_drives(ROOT / "examples/cells/kr300_d16_flat.toml"))
 
 
 def lost(cell: CellModel, axis: int, q: Float, play: Play) -> Float:
@@ -232,3 +233,9 @@ def test_proposal_balances_and_loads_every_axis(cell: CellModel) -> None:
     assert all(s > 0.0 for s in proposal.expected.values())
     with pytest.raises(InputError, match="motions to propose"):
         reversals.RECIPE.propose(cell, 3, {})
+
+
+def test_a_dead_band_at_its_bound_is_none() -> None:
+    """A fit that ends at its lower bound leaves some picoradians, which a cell file would take for another unit."""
+    assert resolved(replace(TRUE, half_band_rad=4e-9)).half_band_rad == 0.0
+    assert resolved(TRUE) == TRUE

@@ -40,13 +40,14 @@ from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import CuttingTruth, Truth
 from derivative_check import convergence_order
+from known_drives import cell_with_drives
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
 @pytest.fixture(scope="module")
 def cell() -> CellModel:
-    return model_of(read_cell(EXAMPLES / "cells" / "kr300_d16_flat.toml"))
+    return model_of(cell_with_drives(EXAMPLES / "cells" / "kr300_d16_flat.toml"))
 
 
 @pytest.fixture(scope="module")

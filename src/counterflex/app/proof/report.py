@@ -77,7 +77,7 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
             "Simulated cell",
             truth.name,
             "",
-            "as the cell file says" if truth.seed is None else f"truth seed {truth.seed}",
+            "as the cell file says" if truth.seed is None else f"truth seed {truth.seed}, family {truth.family}",
         ),
     )
     measured = features(comparison.reference, comparison.judged)

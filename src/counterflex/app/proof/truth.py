@@ -43,8 +43,13 @@ def truth_of(cell: Cell, seed: int | None, family: Family = MILD) -> Truth:
 
     Where the cell stands on the median of the robot's class, the truth of a seed is a robot of that class: axes that
     nothing is known of get a stiffness drawn from it, on top of what the family puts off.
+
+    Play, friction and loop gains of a seeded truth are those that the twin gives a robot of that size, put off by seed
+    and family: what a planner says of them in its cell file moves no truth. Without a seed the truth agrees with the
+    cell file in these too.
     """
-    truth = nominal_truth(cell.nominal_robot, cell.nominal_end_effector, cutting_truth(cell.force_law), name=cell.name)
+    robot = cell.nominal_robot if seed is None else replace(cell.nominal_robot, play=None, servo=None)
+    truth = nominal_truth(robot, cell.nominal_end_effector, cutting_truth(cell.force_law), name=cell.name)
     table = cell.tables.sensor
     if table is not None:
         truth = replace(truth, sensor=SensorPlace(table.segment, table.matrix()))

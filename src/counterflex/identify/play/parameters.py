@@ -14,9 +14,10 @@ from counterflex.identify.reversals.data import Motion
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.robot.model.description import Play
 
-USUAL: Final = Play(30.0 * URAD, (75.0, 105.0, 120.0), (10.0 * URAD, 25.0 * URAD, 60.0 * URAD))
-"""Where the cell file has nothing; friction scaled so that it turns the axis by :data:`USUAL_TURN_RAD`."""
-USUAL_TURN_RAD: Final = 20.0 * URAD
+USUAL: Final = Play(30.0 * URAD, (100.0, 100.0, 100.0), (8.0 * URAD, 28.0 * URAD, 100.0 * URAD))
+"""Where the cell file has nothing: equal shares of friction, angles evenly spaced in logarithm over what encoders and
+trackers resolve. Friction is scaled so that it turns the axis by :data:`USUAL_TURN_RAD`."""
+USUAL_TURN_RAD: Final = 30.0 * URAD
 KNOWN: Final = (40.0 * URAD, 0.3, 0.3)
 """Prior sigma of half band, friction (log) and slip (log) where the cell file has them."""
 GUESSED: Final = (60.0 * URAD, 1.0, 0.5)

@@ -29,6 +29,8 @@ from counterflex.robot.model.description import Play
 
 BEARING_M: Final = 0.01
 """How far off its axis the torsion of a gear and its bearing may turn, one standard deviation."""
+_NONE_RAD: Final = 0.5 * URAD
+"""A half band below this is none: no reading resolves it, and a cell file takes it for another unit."""
 _STOP: Final = Stop(tolerance=1e-8, evaluations=60)
 _SHOWN = 800
 
@@ -110,7 +112,7 @@ def identify(inputs: Inputs) -> Identification:
         fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
         fits[f"axis {axis + 1}"] = fit
         play = _play(fit, axis)
-        changes.append(AxisPlay(axis, play))
+        changes.append(AxisPlay(axis, resolved(play)))
         figures += _figures(cell, fit, axis, play, mine, (turn_spread, share))
         remarks += _remarks(cell, fit, axis, play, mine)
         pictures += [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]]
@@ -125,6 +127,11 @@ def identify(inputs: Inputs) -> Identification:
     return Identification(
         "play", fits, _headline(errors), tuple(figures), tuple(changes), tuple(remarks), tuple(pictures)
     )
+
+
+def resolved(play: Play) -> Play:
+    """The same without a dead band that is below :data:`_NONE_RAD`: a fit at its bound says that there is none."""
+    return play if play.half_band_rad >= _NONE_RAD else replace(play, half_band_rad=0.0)
 
 
 def _play(fit: Fit, axis: int) -> Play:

@@ -35,8 +35,9 @@ from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
 from counterflex.robot.model.description import Servo
 
-GUESS: Final = Servo(1e5, 20.0, 60.0 * MS)
-"""Where the cell file has no gains; K is scaled to the data."""
+GUESS: Final = Servo(1e5, 1.0 / 0.06, 40.0 * MS)
+"""Where the cell file has no gains: Kv of 1 m/min for each mm of following error, the customary value of machine tools,
+and an integral time of that order. K is scaled to the data, the others are free within a factor of e or more."""
 KNOWN: Final = (0.15, 0.1, 0.1)
 GUESSED: Final = (2.0, 1.0, 1.0)
 """Prior sigma (log) of K, Kv and Ti with and without gains in the cell file."""

@@ -1,7 +1,7 @@
 """Families of truths: how far a simulated cell is from what is published of it, and which seeds are for what.
 
-``mild`` is a cell that was identified a year ago: every value 5 to 20 % off, independently, so that much of it averages
-out. ``wide`` is a cell of which only catalogue and handbook are known: large deviations of each value and, in addition,
+``mild`` is near what is published: every value 5 to 20 % off, stiffness independently, so that much of it averages out.
+``wide`` is a cell of which only catalogue and handbook are known: large deviations of each value and, in addition,
 one common factor of all compliances and one of all force constants, which nothing averages out. ``other`` is a cell
 with other kinds of physics than any planner here has a model of, see :mod:`counterflex.twin.truth.draw_other`; its
 values are off by amounts between the two, its drives by more.

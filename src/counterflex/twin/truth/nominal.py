@@ -78,8 +78,12 @@ def nominal_truth(
         bodies.append(_body(segment, following[:3, 3], fill, tip[:3, 2] if last else None))
     inertia_scale = mass * reach**2 / (_MASS_KG * _REACH_M**2)
     torque_scale = friction * mass * reach / (_MASS_KG * _REACH_M)
+    reference = math.isclose(
+        torque_scale, friction, rel_tol=1e-12
+    )  # the robot whose values these are: nothing to scale
+    link_scale = friction if reference else torque_scale
     known, loops = robot.play or (None,) * 6, robot.servo or (None,) * 6
-    drives = tuple(_drive(i, inertia_scale, torque_scale, friction, known[i], loops[i]) for i in range(6))
+    drives = tuple(_drive(i, inertia_scale, torque_scale, link_scale, friction, known[i], loops[i]) for i in range(6))
     return Truth(
         name=name,
         bodies=tuple(bodies),
@@ -153,12 +157,18 @@ def _body(segment: Segment, p_seg_next: Float, fill_kg: float, spindle_axis: Flo
 
 
 def _drive(
-    axis: int, inertia_scale: float, torque_scale: float, factor: float, known: Play | None, loop: Servo | None
+    axis: int,
+    inertia_scale: float,
+    torque_scale: float,
+    link_scale: float,
+    factor: float,
+    known: Play | None,
+    loop: Servo | None,
 ) -> Drive:
     slip: tuple[float, ...] = _SLIP_RAD
     if known is None:
         half_band = _HALF_PLAY_RAD[axis]
-        dry = tuple(share * _LINK_FRICTION_NM[axis] * torque_scale for share in _SHARES)
+        dry = tuple(share * _LINK_FRICTION_NM[axis] * link_scale for share in _SHARES)
     else:
         half_band = known.half_band_rad
         missing = SLIP_ELEMENTS - len(known.friction_nm)

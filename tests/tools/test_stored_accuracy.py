@@ -1,0 +1,53 @@
+"""The table of accuracy in the documentation is that of the stored results, and these are of reporting seeds."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from counterflex.twin.truth.family import REPORTING_SEEDS
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def accuracy() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("accuracy", ROOT / "benchmarks" / "accuracy.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_shows_what_is_stored(accuracy: ModuleType) -> None:
+    rows = json.loads(accuracy.STORED.read_text(encoding="utf-8"))["rows"]
+    text = accuracy.PAGE.read_text(encoding="utf-8")
+    assert accuracy.with_block(text, rows) == text
+    assert {row["seed"] for row in rows} <= set(REPORTING_SEEDS)
+    assert all(row["commit"] for row in rows)
+
+
+def test_a_missed_goal_and_an_interval_that_fails_are_shown(accuracy: ModuleType) -> None:
+    row = {
+        "program": "groove",
+        "family": "wide",
+        "level": "identified",
+        "seed": 1001,
+        "nominal_path_p997_mm": 1.0,
+        "compensated_path_p997_mm": 0.1,
+        "compensated_max_mm": 0.2,
+        "nominal_interval_mm": [0.5, 0.9],
+        "compensated_interval_mm": [0.05, 0.3],
+    }
+    good = "\n".join(accuracy.table([row]))
+    assert "| 10.0 % | 10.0 % | 12 / 20: met | 0.20 mm | 1 of 2 |" in good
+    assert "50 % of 2 (goal 80 to 97 %: **missed**)" in good
+    worse = {**row, "seed": 1002, "compensated_path_p997_mm": 0.3}
+    assert "| 20.0 % | 30.0 % | 12 / 20: **missed** |" in "\n".join(accuracy.table([row, worse]))
