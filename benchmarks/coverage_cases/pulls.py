@@ -10,7 +10,6 @@ import numpy as np
 from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM, URAD
-from counterflex.files.cell.cell import read_cell
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.compliances import DIRECTIONS
@@ -23,6 +22,7 @@ from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import CuttingTruth, Truth
 from coverage_cases.counted import Counted, counted
+from known_drives import cell_with_drives
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_flat.toml"
 PULLS = 60
@@ -40,7 +40,7 @@ FLOOR_RAD_NM = 2e-9
 
 @cache
 def cell() -> CellModel:
-    return model_of(read_cell(CELL))
+    return model_of(cell_with_drives(CELL))
 
 
 @cache

@@ -21,13 +21,14 @@ from counterflex.files.cell.update import updated_text
 from counterflex.identify.data.changes import AxisPlay, BodyMass, ElementCompliance
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import Play
+from known_drives import with_drives
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml"
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples" / "cells").glob("*.toml"))
 
 
 def changed(folder: Path, place: tuple[str | int, ...], value: Any) -> Path:
-    data = tomllib.loads(DEMO.read_text(encoding="utf-8"))
+    data = tomllib.loads(with_drives(DEMO.read_text(encoding="utf-8")))
     at: Any = data
     for key in place[:-1]:
         at = at.setdefault(key, {}) if isinstance(at, dict) else at[key]

@@ -11,7 +11,6 @@ import pytest
 from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cubes import recipe as cubes
@@ -29,13 +28,14 @@ from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import CuttingTruth, Truth
 from derivative_check import convergence_order
+from known_drives import cell_with_drives
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
 @pytest.fixture(scope="module")
 def cell() -> CellModel:
-    return model_of(read_cell(EXAMPLES / "cells" / "kr300_d16_flat.toml"))
+    return model_of(cell_with_drives(EXAMPLES / "cells" / "kr300_d16_flat.toml"))
 
 
 def truth_of(cell: CellModel, seed: int) -> Truth:
