@@ -35,7 +35,7 @@ GLOSSARY: Final = (
     (
         "truth level",
         "What the planner knew: 'exact' = the truth's own constants (shows the method's error), 'catalogue' = the "
-        "cell file only (what a user gets), 'identified' = constants from a measuring campaign.",
+        "cell file: what is published of robot and material, 'identified' = constants from a measuring campaign.",
     ),
     ("AT_p", "Path accuracy in the sense of ISO 9283: largest distance over all feed motion, in contact or not."),
     (

@@ -1,7 +1,7 @@
 """The whole main job, proven: compensate a program, machine it before and after on simulated cells, judge, report.
 
 For every truth seed the original and the compensated program are machined on the same simulated cell. The planner knows
-the cell file only (truth level ``catalogue``). As a second figure the program is compensated again with the
+what the cell file states (truth level ``catalogue``). As a second figure the program is compensated again with the
 truth's exact constants (truth level ``exact``): the remaining error is that of the method, not of the model.
 """
 

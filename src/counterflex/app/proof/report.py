@@ -115,7 +115,7 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
             },
             notes=(
                 "The part was machined on a simulated cell with friction, play, drives, gravity and its own cutting "
-                "process. The planner knew the cell file only; how the simulated cell differs from it is listed below.",
+                "process. The planner knew what the cell file states; below is how the simulated cell differs from it.",
             ),
         )
     )

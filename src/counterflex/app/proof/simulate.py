@@ -130,6 +130,7 @@ def run(
             "cell": cell.name,
             "truth": truth.name,
             "seed": truth.seed,
+            "family": truth.family,
             "machining": figures(record),
             "seconds": round(time.perf_counter() - begin, 3),
             "counterflex": __version__,

@@ -243,8 +243,8 @@ def show_proof(summary: dict[str, Any], out: Path) -> None:
 
     show_figures(summary)
     print_table(
-        f"Per truth seed of the family {summary.get('family', 'mild')} (catalogue: the planner knows what is published; "
-        "exact: it knows the truth's constants)",
+        f"Per truth seed of the family {summary.get('family', 'mild')} "
+        "(catalogue: the planner knows what is published; exact: it knows the truth's constants)",
         ["seed", "truth", "p99.7 nominal mm", "p99.7 compensated mm", "p99.7 remains", "max remains"],
         [list(row) for row in seed_rows(summary)],
     )
