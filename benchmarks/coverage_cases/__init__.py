@@ -3,6 +3,4 @@
 import sys
 from pathlib import Path
 
-sys.path.append(
-    str(Path(__file__).resolve().parents[2] / "tests" / "references")
-)  # known_drives: cells whose play is known
+sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "references"))
