@@ -95,7 +95,7 @@ def planned(folder: Path, text: str) -> Path:
     if step_cache.finished(folder, mark) is None:
         step_cache.begin(folder)
         (folder / "cell.toml").write_text(text, encoding="utf-8")
-        compensate(PROGRAM, folder / "cell.toml", folder / "made", report=False, predict=False)
+        compensate(PROGRAM, folder / "cell.toml", folder / "made", report=False, predict=False, programmed_feed=True)
         step_cache.finish(folder, mark, {})
     return folder / "made" / "plan.parquet"
 

@@ -105,7 +105,7 @@ def prepare(
     cell_file.write_text(weighed, encoding="utf-8")
     cell = read_cell(cell_file)
     with tempfile.TemporaryDirectory(dir=folder) as work:
-        compensate(program, cell_file, Path(work) / "plan", report=False, progress=progress)
+        compensate(program, cell_file, Path(work) / "plan", report=False, programmed_feed=True, progress=progress)
         plan, about = read_plan(Path(work) / "plan" / "plan.parquet")
     job = read_job(program, cell)
     live = LiveCell(
