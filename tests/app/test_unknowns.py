@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.app import unknowns as room
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.cost_of_unknown_stiffness import left_by_class
 from counterflex.app.cut_points import CutPoints, corner_points, points_of_plan
 from counterflex.app.questions import check_cell
 from counterflex.app.unknown_stiffness import cost_at_blank
-from counterflex.app.unknowns import STATED, Unknown, first_measurement, unknowns
+from counterflex.app.unknowns import HANDBOOK, Unknown, first_measurement, unknowns
+from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.robot.elasticity import compliance
@@ -79,13 +81,35 @@ def test_what_was_identified_leaves_less() -> None:
         assert after[name].known_from == "identified"
 
 
-def test_handbook_force_is_its_share_of_the_deflection() -> None:
+def test_handbook_force_is_its_share_of_the_deflection(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lognormal of relative deviation s: the median of what it leaves is about 0.67 s of the whole deflection."""
+    monkeypatch.setattr(room, "WORN", 0.0)
     cell = read_cell(KUKA)
     points = corner_points(cell)
     C = compliance.cartesian_compliance(cell.chain, points.q[0])[:3, :3]
     whole_mm = 1e3 * 500.0 * np.linalg.norm(C, axis=0).max()
-    assert median_mm(named(cell)["cutting force"]) == pytest.approx(0.67 * STATED * whole_mm, rel=0.1)
+    assert median_mm(named(cell)["cutting force"]) == pytest.approx(0.67 * HANDBOOK * whole_mm, rel=0.1)
+
+
+def test_a_tool_may_be_worn_where_the_force_is_that_of_a_handbook(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only more force, half of the most on average; nothing of it in constants that were identified."""
+    cell = read_cell(KUKA)
+    points = corner_points(cell)
+    whole = compliance.shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
+
+    def force(of: Cell) -> Float:
+        (one,) = [source for source in room.sources(of, points) if source.name == "cutting force"]
+        assert one.displacements is not None
+        return one.displacements
+
+    monkeypatch.setattr(room, "HANDBOOK", 1e-9)
+    more = np.einsum("rnd,nd->r", force(cell), whole) / np.sum(whole**2)
+    assert np.all(more > -1e-6)
+    assert np.all(more < room.WORN)
+    assert np.mean(more) == pytest.approx(0.5 * room.WORN, rel=0.05)
+    measured = force(with_identified(cell, "cutting"))
+    monkeypatch.setattr(room, "WORN", 0.0)
+    np.testing.assert_array_equal(force(with_identified(cell, "cutting")), measured)
 
 
 def test_play_is_unknown_of_the_axes_that_have_no_row() -> None:
