@@ -28,6 +28,7 @@ from counterflex.cli.commands import (
     identify,
     log,
     operator,
+    preflight,
     program,
     prove,
     question,
@@ -86,7 +87,7 @@ def _with_own_classes(app: typer.Typer) -> None:
 
 
 PANELS: Final = {
-    "Plan": ("cell", "robots", "pose", "deflection", "path", "compensate"),
+    "Plan": ("cell", "robots", "pose", "deflection", "path", "preflight", "compensate"),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "report"),
     "Identify": ("identify", "dataset", "campaign"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
@@ -148,7 +149,7 @@ def _in_panels(app: typer.Typer) -> None:
         group.rich_help_panel = panel_of[str(group.name)]
 
 
-for room in (question, program, prove, dataset, identify, twin, tracker, ads, campaign):
+for room in (question, program, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
 for room in (online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)

@@ -186,6 +186,8 @@ class ControllerTable(Table):
     blending_mm: Annotated[float, Field(ge=0.0, le=100.0)] = 0.5
     acceleration_mm_s2: Annotated[float, Field(ge=1.0, le=1e6)] = 1000.0
     rapid_mm_s: Annotated[float, Field(ge=0.1, le=1e5)] = 250.0
+    least_block_ms: Annotated[float, Field(ge=0.1, le=1000.0)] | None = None
+    look_ahead_blocks: Annotated[int, Field(ge=1, le=100_000)] | None = None
     tool_number: Annotated[int, Field(ge=1, le=32)] = 1
     base_number: Annotated[int, Field(ge=1, le=64)] = 1
     rsi_version: Version | None = None
@@ -204,6 +206,11 @@ class ControllerTable(Table):
     def cycle_s(self) -> float:
         """Interpolation cycle, s."""
         return self.cycle_ms * MS
+
+    @property
+    def least_block_s(self) -> float:
+        """Shortest time for a block, s; the interpolation cycle where nothing else is known."""
+        return self.cycle_s if self.least_block_ms is None else self.least_block_ms * MS
 
     @property
     def blending_m(self) -> float:

@@ -11,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from counterflex.core.errors import CounterflexError
 from counterflex.cutting.force_laws import FORCE_LAWS, require_parameters
 from counterflex.files.cell.ads import AdsTable
+from counterflex.files.cell.bodies import SurroundingsTable
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.measured import IdentifiedTable
@@ -256,6 +257,7 @@ class CellTables(Versioned):
     controller: ControllerTable = ControllerTable()
     dynamics: DynamicsTable = DynamicsTable()
     limits: LimitsTable = LimitsTable()
+    cell: SurroundingsTable = SurroundingsTable()
     sensor: SensorTable | None = None
     holder: HolderTable | None = None
     tracker: TrackerTable | None = None

@@ -1,0 +1,175 @@
+"""Preflight of a program on a cell: the table in shop units, and the page with the joint margins along the path."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_job, setting_of
+from counterflex.core import atomic
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import DEG, MM, MS
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.summary_file import write_summary
+from counterflex.plan.preflight.preflight import Preflight, preflight
+from counterflex.plan.preflight.row import RANK, Row
+
+SHOP: Final[dict[str, tuple[str, float]]] = {
+    "rad": ("deg", DEG),
+    "rad/s": ("deg/s", DEG),
+    "rad/s2": ("deg/s2", DEG),
+    "m": ("mm", MM),
+    "m3": ("mm3", MM**3),
+    "s": ("ms", MS),
+    "share": ("%", 0.01),
+}
+"""Unit that a row is shown in, and its SI value, by SI unit."""
+READING, CHECKING = "reading the program", "checking"
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """A checked program.
+
+    Attributes:
+        job: The program as read.
+        result: What was found.
+        summary: What is printed as JSON and written to ``summary.json``.
+    """
+
+    job: Job
+    result: Preflight
+    summary: dict[str, Any]
+
+
+def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progress: Progress = silent) -> Checked:
+    """Check a program on a cell.
+
+    Args:
+        program: G-code file.
+        cell: The cell.
+        reading: How the program is read.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        CounterflexError: The program cannot be read, or the cell describes no milling. What the program cannot do on
+            the cell is a row of the table, not an error.
+    """
+    begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CHECKING: 9.0})
+    job = read_job(program, cell, reading=reading)
+    parts[READING](1.0)
+    tables = cell.tables
+    given, removed = tables.cell.bodies()
+    result = preflight(
+        job.machined,
+        cell.stock(),
+        setting_of(cell, chain=cell.chain),
+        tables.limits.preflight(tables.controller, cell.chain.joint_speeds_rad_s),
+        given=given,
+        removed=removed,
+        progress=parts[CHECKING],
+    )
+    rows = [shown(row, result, job) for row in result.rows]
+    summary = {
+        "program": job.program.name,
+        "cell": cell.label,
+        "robot": cell.robot.name,
+        "failed": result.failed,
+        "counts": {verdict: sum(row.verdict == verdict for row in result.rows) for verdict in RANK},
+        "checks": rows,
+        "bodies": [
+            {"name": body.name, "frame": body.frame, "shape": body.shape, "assumed": body.assumed}
+            for body in result.bodies
+        ],
+        "points": len(result.path),
+        "points_reached": len(result.q),
+        "seconds": round(time.perf_counter() - begin, 3),
+        "counterflex": __version__,
+    }
+    return Checked(job, result, summary)
+
+
+def shown(row: Row, result: Preflight, job: Job) -> dict[str, Any]:
+    """A row in shop units, with the line of the program and the place in the part frame."""
+    unit, size = SHOP.get(row.unit, (row.unit, 1.0))
+    line = at = None
+    if row.point is not None:
+        point = min(row.point, len(result.path) - 1)
+        motion = int(result.path.motion[point])
+        line, at = int(job.line_of_motion[motion]), np.round(result.path.p_part_tcp[point] / MM, 3).tolist()
+    return {
+        "check": row.check,
+        "verdict": row.verdict,
+        "value": _plain(row.value, size),
+        "limit": _plain(row.limit, size),
+        "unit": unit,
+        "line": line,
+        "at_mm": at,
+        "what": row.what,
+        "missing": row.missing,
+        "advice": row.advice,
+    }
+
+
+def _plain(value: float | None, size: float) -> float | None:
+    return None if value is None else float(f"{value / size:.6g}")
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    out: str | Path | None = None,
+    *,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Check a program; with ``out``, write ``summary.json`` and ``report.html`` there: both or none.
+
+    Args:
+        program: G-code file.
+        cell_file: Cell file.
+        out: Folder, made when missing; None writes nothing.
+        reading: How the program is read.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        The summary.
+    """
+    cell = read_cell(cell_file)
+    if out is None:
+        return check(program, cell, reading=reading, progress=progress).summary
+    with atomic.atomic_folder(out) as staging:
+        done = check(program, cell, reading=reading, progress=progress)
+        write_summary(staging / "summary.json", done.summary)
+        from counterflex.report.page import write_page
+        from counterflex.report.preflight_page import preflight_page
+
+        write_page(preflight_page(_page(done)), staging / "report.html")
+    return done.summary
+
+
+def _page(done: Checked) -> Any:
+    from counterflex.report.preflight_page import PreflightData
+
+    result, n = done.result, len(done.result.q)
+    path = result.path
+    return PreflightData(
+        title=f"Preflight: {done.summary['program']}",
+        subtitle=f"{done.summary['cell']}, {done.summary['robot']}",
+        checks=done.summary["checks"],
+        failed=result.failed,
+        time_s=path.time_s[:n],
+        margin_deg=result.margin_rad / DEG,
+        least_deg=next(
+            (r["limit"] for r in done.summary["checks"] if r["check"] == "joint limits" and r["limit"]), 0.0
+        ),
+        line=done.job.line_of_motion[path.motion[:n]],
+        points=[row.point if row.point is not None and row.point < n else None for row in result.rows],
+        cutting=path.kind[:n] == 1,
+        bodies=done.summary["bodies"],
+    )

@@ -1,0 +1,92 @@
+"""Command preflight: check a program on a cell before it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import Dialect, Parameters, WithoutEnd
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.programs.limits import DIALECTS
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(preflight)
+
+
+def preflight(
+    cell: Annotated[Path, typer.Argument(help="Cell file (.toml).", metavar="CELL", callback=arguments.file)],
+    program: Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Folder for report.html (picture of the joint margins) and summary.json; made when missing.",
+            metavar="DIR",
+            callback=arguments.output_folder,
+        ),
+    ] = None,
+    dialect: Dialect = DIALECTS[0],
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+) -> None:
+    """Check a program on a cell before it runs: one table with the worst line of each check.
+
+    Reach, joint limits, wrist singularity, joint speed and acceleration at feed, cables of axes 4 and 6, collisions of
+    coarse bodies (robot, spindle, tool, stock, table), rapids into the stock, axes that turn round or are unloaded in
+    the cut, block time and look-ahead of the controller.
+
+    Verdicts: ok; warning (costs accuracy or time); unknown (names the key of the cell file that is missing); fail.
+    Exit status 1 if a check fails.
+
+    Example: `counterflex preflight cell.toml part.ngc --out preflight`
+    """
+    if out is not None:
+        keep_inputs(out, cell, program, *([] if parameters is None else [parameters]))
+    from counterflex.app import preflight as job
+    from counterflex.app.inputs import Reading
+
+    with progress_bar(f"checking {program.name}") as progress:
+        summary = job.run(
+            program, cell, out, reading=Reading(dialect, parameters, complete=not without_end), progress=progress
+        )
+    if as_json:
+        print_json(summary)
+    else:
+        _show(summary)
+    if out is not None and not as_json:
+        say_written(out, f"wrote {out}: report.html, summary.json")
+    if summary["failed"]:
+        raise typer.Exit(1)
+
+
+def _show(summary: dict[str, Any]) -> None:
+    rows = [
+        [
+            row["check"],
+            row["verdict"],
+            _number(row["value"], row["unit"]),
+            _number(row["limit"], row["unit"]),
+            "" if row["line"] is None else f"line {row['line']}",
+            row["what"],
+        ]
+        for row in summary["checks"]
+    ]
+    print_table(
+        f"{summary['program']} on {summary['cell']}", ["check", "verdict", "value", "limit", "worst", "what"], rows
+    )
+    for row in summary["checks"]:
+        text = row["advice"] or (f"give {row['missing']} in the cell file" if row["missing"] else "")
+        if text:
+            typer.echo(f"{row['verdict']}: {row['check']}: {text}")
+    counts = summary["counts"]
+    typer.echo(f"{counts['fail']} fail, {counts['warning']} warnings, {counts['unknown']} unknown, {counts['ok']} ok")
+
+
+def _number(value: float | None, unit: str) -> str:
+    return "" if value is None else f"{value:.4g} {unit}".rstrip()

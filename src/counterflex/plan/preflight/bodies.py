@@ -1,0 +1,218 @@
+"""Coarse bodies of a cell: links as capsules along the kinematic chain, spindle, tool, stock and table.
+
+Radii of links are shares of the arm's length from axis 2 to the flange. They are assumptions, not a data sheet: a cell
+file can replace each body by its name (``[[cell.body]]``). Adjacent bodies overlap; pairs that cannot be told apart by
+capsules are not compared, see :func:`pairs`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import pose
+from counterflex.robot.elasticity.chain import ElasticChain
+
+Shape = Literal["box", "capsule", "cylinder"]
+FRAMES: Final = ("base", "joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "flange", "tcp", "part")
+"""Frames a body can be fixed to; ``jointN`` turns with axis N, its z along the axis."""
+_LINK: Final = {"base": 0, "part": 0, "flange": 6, "tcp": 6} | {f"joint{n}": n for n in range(1, 7)}
+
+SHARES: Final = {
+    "foot": 0.14,
+    "column": 0.12,
+    "link arm": 0.08,
+    "elbow": 0.10,
+    "forearm": 0.06,
+    "wrist": 0.05,
+    "hand": 0.05,
+}
+"""Assumed radius of each link by the length of the arm; the elbow carries the motors of the wrist."""
+SPINDLE_RADIUS_M: Final = 75.0 * MM
+SPINDLE_LENGTH_M: Final = 150.0 * MM
+"""Assumed spindle: at least that long; it ends where the flange's centre is square to the tool axis."""
+BRACKET_RADIUS_M: Final = 60.0 * MM
+TABLE_M: Final = 100.0 * MM
+TABLE_BEYOND_M: Final = 50.0 * MM
+"""Assumed table: below the stock, that thick, and that much larger than it on each side."""
+_SPHERE_M: Final = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A convex body fixed to a frame.
+
+    Attributes:
+        name: For messages, and by which a cell file replaces it.
+        frame: One of :data:`FRAMES`.
+        shape: ``box``, ``capsule`` or ``cylinder``.
+        T_frame_body: (4, 4) its centre; the axis of a capsule or cylinder is z.
+        size_m: Half lengths along x, y, z of a box; radius and half length of the axis otherwise (a capsule's caps come
+            on top of it).
+        assumed: Not given by the cell file.
+        tool: Number of the tool that it is, or None.
+        surrounds: Belongs to the surroundings; False for bodies of the robot.
+    """
+
+    name: str
+    frame: str
+    shape: Shape
+    T_frame_body: Float
+    size_m: tuple[float, ...]
+    assumed: bool = True
+    tool: int | None = None
+    surrounds: bool = field(default=False)
+
+    @property
+    def link(self) -> int:
+        """How many axes move it: 0 is fixed, 6 is carried by the flange."""
+        return _LINK[self.frame]
+
+
+def along(
+    name: str,
+    frame: str,
+    p_frame_from: Float,
+    p_frame_to: Float,
+    radius_m: float,
+    shape: Shape = "capsule",
+    *,
+    assumed: bool = True,
+    tool: int | None = None,
+    surrounds: bool = False,
+) -> Body:
+    """A capsule or cylinder whose axis runs between two points; a capsule between equal points is a sphere.
+
+    Args:
+        name: See :class:`Body`.
+        frame: See there.
+        p_frame_from: (3,) m.
+        p_frame_to: (3,) m.
+        radius_m: > 0.
+        shape: ``capsule`` or ``cylinder``.
+        assumed: See :class:`Body`.
+        tool: See there.
+        surrounds: See there.
+    """
+    line = np.asarray(p_frame_to, dtype=np.float64) - p_frame_from
+    length = float(np.linalg.norm(line))
+    z = line / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    other = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = other - (other @ z) * z
+    x /= np.linalg.norm(x)
+    R = np.stack([x, np.cross(z, x), z], axis=1)
+    T = pose.make(R, 0.5 * (np.asarray(p_frame_from) + p_frame_to))
+    return Body(name, frame, shape, T, (radius_m, max(0.5 * length, _SPHERE_M)), assumed, tool, surrounds)
+
+
+def box(name: str, frame: str, low_m: Float, high_m: Float, *, assumed: bool = True) -> Body:
+    """A box of the surroundings along the axes of its frame, between two corners (3,) m."""
+    low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
+    half = tuple((0.5 * (high - low)).tolist())
+    return Body(name, frame, "box", pose.make(p=0.5 * (low + high)), half, assumed, surrounds=True)
+
+
+def joint_offsets(chain: ElasticChain) -> list[Float]:
+    """Where the frame of the next axis stands in the frame of each body: base, axis 1 ... axis 6 (there the flange).
+
+    These places do not depend on the joint angles: an axis turns about its own origin.
+
+    Returns:
+        7 arrays (3,) m.
+    """
+    out = []
+    T = np.eye(4)
+    for i in range(chain.flange_segment + 1):
+        T = T @ chain.fixed[i]
+        if chain.joint[i] >= 0:
+            out.append(T[:3, 3].copy())
+            T = np.eye(4)
+    return [*out, (T @ chain.T_segment_flange)[:3, 3].copy()]
+
+
+def links(chain: ElasticChain) -> list[Body]:
+    """The robot as seven capsules between its joint frames, as :data:`SHARES` of its arm's length.
+
+    The forearm ends at the wrist's centre with its cap: behind it is a fork, in which the hand turns.
+    """
+    offsets = joint_offsets(chain)
+    reach = sum(float(np.linalg.norm(offset)) for offset in offsets[2:])
+    ends = list(offsets)
+    length = max(float(np.linalg.norm(offsets[4])), 1e-9)
+    ends[4] = offsets[4] * max(0.0, 1.0 - SHARES["forearm"] * reach / length)
+    frames = ("base", *(f"joint{n}" for n in range(1, 7)))
+    return [
+        along(name, frame, np.zeros(3), offset, share * reach)
+        for (name, share), frame, offset in zip(SHARES.items(), frames, ends, strict=True)
+    ]
+
+
+def carried(chain: ElasticChain, cutters: dict[int, Cutter]) -> list[Body]:
+    """Spindle, what holds it to the flange, and the tools, from the TCP: its z points out of the spindle.
+
+    The tool is a cylinder as long as its flutes and one diameter more; behind it stands the spindle, up to the foot of
+    the perpendicular from the flange's centre on the tool axis; a bracket fills the way from there to the flange.
+
+    Args:
+        chain: Robot and end effector.
+        cutters: By tool number.
+    """
+    T_tcp_flange = pose.inverse(chain.T_flange_tcp)
+    flange = T_tcp_flange[:3, 3]
+    stick_out = {number: c.flute_length_m + c.diameter_m for number, c in cutters.items()}
+    nose = min(stick_out.values(), default=0.0)
+    first = np.array([0.0, 0.0, -nose - SPINDLE_RADIUS_M])
+    foot = np.array([0.0, 0.0, min(flange[2], -nose - SPINDLE_LENGTH_M)])
+    tools = [
+        along(f"tool T{n}", "tcp", np.zeros(3), np.array([0.0, 0.0, -length]), 0.5 * cutters[n].diameter_m, "cylinder",
+              tool=n)
+        for n, length in stick_out.items()
+    ]  # fmt: skip
+    bracket_end = np.array([0.0, 0.0, min(flange[2], first[2])])
+    return [
+        along("spindle", "tcp", first, foot, SPINDLE_RADIUS_M),
+        along("bracket", "tcp", flange, bracket_end, BRACKET_RADIUS_M),
+        *tools,
+    ]
+
+
+def part_bodies(stock: HeightMap) -> list[Body]:
+    """The blank as its bounding box, and a table below it."""
+    ny, nx = stock.z.shape
+    half = 0.5 * stock.cell_m
+    low = np.array([stock.x0_m - half, stock.y0_m - half, stock.bottom_m])
+    size = np.array([nx * stock.cell_m, ny * stock.cell_m, float(stock.z.max()) - stock.bottom_m])
+    beyond = np.array([TABLE_BEYOND_M, TABLE_BEYOND_M, 0.0])
+    under, over = low - beyond - [0.0, 0.0, TABLE_M], low + size * [1.0, 1.0, 0.0] + beyond
+    return [box("stock", "part", low, low + np.maximum(size, _SPHERE_M)), box("table", "part", under, over)]
+
+
+def with_given(assumed: Iterable[Body], given: Sequence[Body], removed: Iterable[str] = ()) -> list[Body]:
+    """Bodies of a cell file beside the assumed ones; one of the same name replaces it, a removed one is left out."""
+    gone = {body.name for body in given} | set(removed)
+    return [*(body for body in assumed if body.name not in gone), *given]
+
+
+def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Which bodies are compared, by their index.
+
+    Whatever an axis moves is compared with the surroundings, but a tool not with the stock, which it cuts (that rapids
+    cut is another check). What the flange carries is compared with foot, column, link arm, elbow and forearm. Links
+    among themselves are kept apart by the joint limits, and their capsules overlap at the joints.
+
+    Returns:
+        Against the surroundings, and against the own arm.
+    """
+    fixed = [k for k, body in enumerate(bodies) if body.link == 0 and body.surrounds]
+    moved = [k for k, body in enumerate(bodies) if body.link > 0]
+    outer = [(a, b) for a in moved for b in fixed if bodies[a].tool is None or bodies[b].name != "stock"]
+    hand = [k for k in moved if bodies[k].link == 6 and bodies[k].name != "hand" and bodies[k].tool is None]
+    arm = [k for k, body in enumerate(bodies) if body.link <= 4 and not body.surrounds]
+    return outer, [(a, b) for a in hand for b in arm]

@@ -1,0 +1,239 @@
+"""Distances of coarse bodies along a program, by MuJoCo's ``mj_geomDistance``.
+
+Bodies are placed by the kinematics of the chain; MuJoCo is asked for the distance of two convex bodies and nothing
+else: no dynamics, no contact (docs/adr/0013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM
+from counterflex.plan.preflight.bodies import Body, joint_offsets, pairs
+from counterflex.plan.preflight.row import Row
+from counterflex.robot.elasticity.chain import ElasticChain, frames
+
+FARTHEST_M: Final = 20.0
+"""Distances beyond are not told apart."""
+NEAR_M: Final = 0.5 * MM
+"""Rows are left out only where nothing on them can be closer by that than what was found already."""
+_CHUNK: Final = 500
+
+
+class Scene:
+    """Bodies that can be placed and asked for their distances."""
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        """Build the bodies.
+
+        Args:
+            bodies: At least one.
+        """
+        kinds = {
+            "box": mujoco.mjtGeom.mjGEOM_BOX,
+            "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+            "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+        }
+        spec = mujoco.MjSpec()
+        for body in bodies:
+            spec.worldbody.add_geom(type=kinds[body.shape], size=[*body.size_m, 0.0, 0.0][:3])
+        self._model: Any = spec.compile()
+        self._data: Any = mujoco.MjData(self._model)
+        mujoco.mj_forward(self._model, self._data)
+
+    def place(self, Ts_base_body: Float) -> None:
+        """Put all bodies where they are; (k, 4, 4) m."""
+        self._data.geom_xpos[:] = Ts_base_body[:, :3, 3]
+        self._data.geom_xmat[:] = Ts_base_body[:, :3, :3].reshape(-1, 9)
+
+    def distance(self, first: int, second: int, most_m: float = FARTHEST_M) -> float:
+        """Signed distance of two bodies, m; negative is how deep they overlap, ``most_m`` is that or more."""
+        return float(mujoco.mj_geomDistance(self._model, self._data, first, second, most_m, None))
+
+
+@dataclass(frozen=True)
+class Closest:
+    """The smallest distance along a path.
+
+    Attributes:
+        distance_m: Signed, m.
+        point: Row of the path.
+        first: Index of the body that moves.
+        second: Index of the other.
+    """
+
+    distance_m: float
+    point: int
+    first: int
+    second: int
+
+
+def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, T_base_part: Float) -> Float:
+    """Poses of bodies in the base.
+
+    Args:
+        chain: As the controller has it.
+        bodies: k bodies.
+        q: (n, 6) rad.
+        T_base_part: (4, 4).
+
+    Returns:
+        (n, k, 4, 4) m.
+    """
+    Ts = frames(chain, q)
+    driven = np.flatnonzero(chain.joint >= 0)
+    base = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    of = {"base": base, "part": np.broadcast_to(T_base_part, (len(q), 4, 4))}
+    of |= {f"joint{n + 1}": Ts[:, segment] for n, segment in enumerate(driven)}
+    of["flange"] = Ts[:, chain.flange_segment] @ chain.T_segment_flange
+    of["tcp"] = Ts[:, -1] @ chain.T_last_tcp
+    return np.stack([of[body.frame] @ body.T_frame_body for body in bodies], axis=1)
+
+
+def largest_motion(chain: ElasticChain, bodies: Sequence[Body], q: Float) -> Float:
+    """How far any point of any body can have moved since the first row: ``sum |dq_j| R_j``, cumulated.
+
+    ``R_j`` is the longest way from axis j outward along the chain, with the farthest corner of what the flange carries.
+
+    Args:
+        chain: The chain.
+        bodies: The bodies.
+        q: (n, 6) rad.
+
+    Returns:
+        (n,) m, non-decreasing.
+    """
+    steps = np.array([np.linalg.norm(offset) for offset in joint_offsets(chain)])
+    way = np.cumsum(steps[::-1])[::-1][1:]  # from axis j to the flange
+    beyond = float(np.linalg.norm(chain.T_flange_tcp[:3, 3])) if chain.flange_segment < chain.n else 0.0
+    size = max(
+        (
+            float(np.linalg.norm(b.T_frame_body[:3, 3]) + np.linalg.norm(b.size_m) + b.size_m[0])
+            for b in bodies
+            if b.link
+        ),
+        default=0.0,
+    )
+    radius = way + beyond + size
+    step = np.abs(np.diff(q, axis=0, prepend=q[:1])) @ radius
+    out: Float = np.cumsum(step)
+    return out
+
+
+def closest(
+    chain: ElasticChain,
+    bodies: Sequence[Body],
+    compared: Sequence[tuple[int, int]],
+    q: Float,
+    tool: Int,
+    T_base_part: Float,
+    progress: Progress = silent,
+) -> Closest | None:
+    """The smallest distance of some pairs of bodies along a path, to :data:`NEAR_M`.
+
+    A row is left out where the bodies cannot have come closer since the last one looked at than what was found, by
+    :func:`largest_motion`; so the result is that of all rows, not of a sample.
+
+    Args:
+        chain: As the controller has it.
+        bodies: The bodies.
+        compared: Pairs of indices.
+        q: (n, 6) rad.
+        tool: (n,) number of the tool in the spindle.
+        T_base_part: (4, 4).
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        The closest pair; None where nothing is compared.
+    """
+    if not compared or len(q) == 0:
+        return None
+    scene, moved = Scene(bodies), largest_motion(chain, bodies, q)
+    best: Closest | None = None
+    row, begin = 0, -_CHUNK
+    placed = np.empty(0)
+    while row < len(q):
+        if row >= begin + _CHUNK:
+            begin = row
+            placed = poses(chain, bodies, q[begin : begin + _CHUNK], T_base_part)
+            progress(row / len(q))
+        scene.place(placed[row - begin])
+        here = FARTHEST_M
+        for first, second in compared:
+            if bodies[first].tool is not None and bodies[first].tool != tool[row]:
+                continue
+            distance = scene.distance(first, second, here)
+            if distance < here:
+                here = distance
+                if best is None or here < best.distance_m:
+                    best = Closest(here, row, first, second)
+        least = FARTHEST_M if best is None else best.distance_m
+        row = _next(moved, tool, row, max(0.0, here - least) + NEAR_M)
+    progress(1.0)
+    return best
+
+
+def _next(moved: Float, tool: Int, row: int, free_m: float) -> int:
+    """First row behind this one at which a body can have moved by ``free_m``, or the tool is another."""
+    following = int(np.searchsorted(moved, moved[row] + free_m))
+    following = max(following, row + 1)
+    change = np.flatnonzero(tool[row + 1 : following] != tool[row])
+    return row + 1 + int(change[0]) if len(change) else following
+
+
+def collision_rows(
+    chain: ElasticChain,
+    bodies: Sequence[Body],
+    q: Float,
+    tool: Int,
+    T_base_part: Float,
+    clearance_m: float,
+    progress: Progress = silent,
+) -> list[Row]:
+    """Robot, spindle and tool against the surroundings, and what the flange carries against the own arm.
+
+    Args:
+        chain: As the controller has it.
+        bodies: All bodies.
+        q: (n, 6) rad.
+        tool: (n,).
+        T_base_part: (4, 4).
+        clearance_m: Least distance; tools need none, they are as large as they are.
+        progress: Progress callback, fraction 0 to 1.
+    """
+    outer, inner = pairs(bodies)
+    blunt = [(a, b) for a, b in outer if bodies[a].tool is None]
+    sharp = [(a, b) for a, b in outer if bodies[a].tool is not None]
+    rows = []
+    for k, (name, compared, least) in enumerate(
+        (
+            ("robot and spindle to surroundings", blunt, clearance_m),
+            ("tool to surroundings", sharp, 0.0),
+            ("spindle to arm", inner, clearance_m),
+        )
+    ):
+        part: Progress = lambda fraction, k=k: progress((k + fraction) / 3.0)  # noqa: E731
+        result = closest(chain, bodies, compared, q, tool, T_base_part, part)
+        rows.append(_row(name, result, bodies, least))
+    return rows
+
+
+def _row(name: str, result: Closest | None, bodies: Sequence[Body], least_m: float) -> Row:
+    if result is None:
+        return Row(name, "unknown", what="nothing to compare", missing="[[cell.body]]")
+    first, second = bodies[result.first], bodies[result.second]
+    guessed = [body.name for body in (first, second) if body.assumed]
+    row = Row(name, "ok", result.distance_m, least_m, "m", result.point, f"{first.name} to {second.name}")
+    if result.distance_m > least_m or (least_m == 0.0 and result.distance_m >= 0.0):
+        return row
+    advice = "Move the part, turn the tool about its axis, use a longer tool, or raise the rapids"
+    if guessed:
+        advice += f"; {' and '.join(guessed)}: size assumed, give it in [[cell.body]]"
+    return replace(row, verdict="fail" if result.distance_m < 0.0 else "warning", advice=advice)

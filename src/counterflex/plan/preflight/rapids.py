@@ -1,0 +1,74 @@
+"""Rapids that meet the stock: the tool is pushed through material or plunged into it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.path.toolpath import RAPID, ToolPath
+from counterflex.plan.preflight.row import Row
+
+STEP_M: Final = 5.0 * MM
+"""Longest step of a rapid that is looked at."""
+LEAST_M3: Final = 1e-2 * MM**3
+"""Less is the grain of the stock."""
+
+
+def rapid_row(path: ToolPath, volume_m3: Float) -> Row:
+    """The rapid motion that removes most material.
+
+    Args:
+        path: n rows.
+        volume_m3: (n,) removed on the way to each row, what was cut before it left out.
+    """
+    removed = np.where(path.kind == RAPID, volume_m3, 0.0)
+    by_motion = np.bincount(path.motion, weights=removed, minlength=int(path.motion.max(initial=0)) + 1)
+    cutting = np.flatnonzero(by_motion > LEAST_M3)
+    if len(cutting) == 0:
+        return Row("rapids into the stock", "ok", 0.0, 0.0, "m3")
+    worst = int(np.argmax(by_motion))
+    rows = np.flatnonzero((path.motion == worst) & (path.kind == RAPID))
+    first = int(rows[np.argmax(volume_m3[rows] > 0.0)])
+    down = path.p_part_tcp[rows[-1]] - path.p_part_tcp[max(0, rows[0] - 1)]
+    plunges = -down[2] > 0.99 * float(np.linalg.norm(down))
+    return Row(
+        "rapids into the stock",
+        "fail",
+        float(by_motion[worst]),
+        0.0,
+        "m3",
+        first,
+        f"{len(cutting)} rapids; the worst {'plunges straight down' if plunges else 'moves through it'}",
+        advice="Rapid to a plane above the stock and go down at feed; check the blank in [part.stock]",
+    )
+
+
+def with_points_in_rapids(path: ToolPath, step_m: float = STEP_M) -> ToolPath:
+    """The same path with points between: a sampled path has those of feed motions only.
+
+    Args:
+        path: n rows.
+        step_m: Longest step of a rapid, > 0.
+    """
+    step = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1)
+    count = np.where(path.kind == RAPID, np.maximum(1, np.ceil(step / step_m)), 1).astype(np.int64)
+    if np.all(count == 1):
+        return path
+    row = np.repeat(np.arange(len(path)), count)
+    within = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + 1
+    share = within / count[row]
+    before = np.maximum(row - 1, 0)
+
+    def between(values: Float) -> Float:
+        at = share if values.ndim == 1 else share[:, None]
+        out: Float = np.where(at == 1.0, values[row], values[before] + at * (values[row] - values[before]))
+        return out
+
+    axis = between(path.axis_part)
+    columns = {item.name: getattr(path, item.name)[row] for item in dataclasses.fields(path)}
+    columns |= {"p_part_tcp": between(path.p_part_tcp), "time_s": between(path.time_s)}
+    return ToolPath(**(columns | {"axis_part": axis / np.linalg.norm(axis, axis=1, keepdims=True)}))

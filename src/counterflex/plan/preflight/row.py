@@ -1,0 +1,81 @@
+"""One line of the preflight's table: what was checked, how far from its limit, where, and what to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+
+Verdict = Literal["ok", "warning", "fail", "unknown"]
+RANK: Final = {"ok": 0, "unknown": 1, "warning": 2, "fail": 3}
+"""From harmless to what stops a program."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A check of a program and its worst place.
+
+    Attributes:
+        check: What is checked.
+        verdict: ``fail`` is a hard check that failed: the program is not to be run. ``warning``: it runs, and less
+            accurately or more slowly than programmed. ``unknown``: something is missing that only the user knows.
+        value: The worst value, SI; None where there is none.
+        limit: What it is compared with, SI, or None.
+        unit: SI unit of both, ``""`` for numbers.
+        point: Row of the path where it is worst, or None.
+        what: Which axis, which bodies, how many.
+        missing: Keys of the cell file without which nothing can be said, for ``unknown``.
+        advice: What to do.
+    """
+
+    check: str
+    verdict: Verdict
+    value: float | None = None
+    limit: float | None = None
+    unit: str = ""
+    point: int | None = None
+    what: str = ""
+    missing: str = ""
+    advice: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What the checks compare with; None is not known.
+
+    Attributes:
+        joint_margin_rad: Least distance to a joint limit.
+        wrist_rad: Least angle between axes 4 and 6.
+        joint_speeds_rad_s: (6,) of the drives, or None.
+        joint_accelerations_rad_s2: (6,) of the drives, or None.
+        cables_rad: By axis 0..5, the largest angle to either side that its cables and hoses can follow.
+        clearance_m: Least distance of coarse bodies; below it is a warning, contact is a failure.
+        acceleration_m_s2: Of the tool along and across the path.
+        least_block_s: Shortest time in which the controller works off a block.
+        look_ahead: Blocks that the controller looks ahead, or None.
+    """
+
+    joint_margin_rad: float
+    wrist_rad: float
+    acceleration_m_s2: float
+    least_block_s: float
+    clearance_m: float
+    joint_speeds_rad_s: Float | None = None
+    joint_accelerations_rad_s2: Float | None = None
+    cables_rad: dict[int, float] = field(default_factory=dict)
+    look_ahead: int | None = None
+
+
+def worst_of_axes(values: Float, largest: Float | None) -> tuple[int, int]:
+    """Row and axis at which a value is largest, measured by its limit where there is one.
+
+    Args:
+        values: (n, 6), >= 0, n >= 1.
+        largest: (6,) limits > 0, or None.
+    """
+    share = values if largest is None else values / largest
+    row, axis = np.unravel_index(int(np.argmax(share)), share.shape)
+    return int(row), int(axis)

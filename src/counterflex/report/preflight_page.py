@@ -1,0 +1,143 @@
+"""The page of a preflight: the table of checks, and the joint margins along the program with the worst lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.report.figure_data import numbers, thin
+from counterflex.report.page import render
+
+_POINTS: Final = 3000
+_COLOURS: Final = ("#c2410c", "#0369a1", "#15803d", "#7c3aed", "#d9a000", "#374151")
+_MARKS: Final = {"fail": "#b91c1c", "warning": "#c2410c"}
+_HEIGHT: Final = 460
+
+
+@dataclass(frozen=True, eq=False)
+class PreflightData:
+    """Everything on the page.
+
+    Attributes:
+        title: Headline.
+        subtitle: One line below it.
+        checks: Rows of the table, see :func:`counterflex.app.preflight.shown`.
+        failed: A hard check failed.
+        time_s: (m,) at the programmed feed.
+        margin_deg: (m, 6) distance of each axis to its nearer limit.
+        least_deg: Least margin.
+        line: (m,) line of the program.
+        points: Row of the path by check, None for checks that have none.
+        cutting: (m,) at feed.
+        bodies: Coarse bodies: name, frame, shape, assumed.
+        created: Date as printed, or empty.
+    """
+
+    title: str
+    subtitle: str
+    checks: Sequence[Mapping[str, Any]]
+    failed: bool
+    time_s: Float
+    margin_deg: Float
+    least_deg: float
+    line: Int
+    points: Sequence[int | None]
+    cutting: Bool
+    bodies: Sequence[Mapping[str, Any]]
+    created: str = ""
+
+
+def preflight_page(data: PreflightData) -> str:
+    """The page, as HTML text."""
+    figures = {"margins": margin_figure(data)} if len(data.time_s) else {}
+    count = {
+        verdict: sum(row["verdict"] == verdict for row in data.checks) for verdict in ("fail", "warning", "unknown")
+    }
+    verdict = (
+        f"{count['fail']} checks fail: the program is not to be run on this cell as it is."
+        if data.failed
+        else "No hard check fails."
+    )
+    if count["warning"] or count["unknown"]:
+        verdict += f" {count['warning']} warnings; {count['unknown']} checks lack a value of the cell."
+    return render("preflight.html.j2", figures, [], data=data, verdict=verdict)
+
+
+def margin_figure(data: PreflightData) -> dict[str, Any]:
+    """Margins of the six axes over time; checks that fail or warn are marked with their line of the program."""
+    whole = np.ones(len(data.time_s), dtype=np.bool_)
+    traces: list[dict[str, Any]] = []
+    for axis, colour in enumerate(_COLOURS):
+        x, y = thin(data.time_s, data.margin_deg[:, axis], whole, _POINTS)
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": f"axis {axis + 1}",
+                "x": numbers(x, 3),
+                "y": numbers(y, 3),
+                "line": {"color": colour, "width": 1.6},
+            }
+        )
+    high = float(max(np.max(data.margin_deg), data.least_deg))
+    low = float(min(np.min(data.margin_deg), 0.0))
+    shapes: list[dict[str, Any]] = [_level(0.0, "#1b2530", "solid"), _level(data.least_deg, "#b91c1c", "dash")]
+    notes: list[dict[str, Any]] = [
+        {
+            "text": f"least margin {data.least_deg:g} deg",
+            "xref": "paper",
+            "x": 1.0,
+            "xanchor": "right",
+            "y": data.least_deg,
+            "yanchor": "bottom",
+            "showarrow": False,
+            "font": {"size": 11, "color": "#b91c1c"},
+        }
+    ]
+    marked = _marked(data)
+    for at, (time, text, colour) in enumerate(marked):
+        shapes.append(
+            {"type": "line", "x0": time, "x1": time, "yref": "paper", "y0": 0.0, "y1": 1.0,
+             "line": {"color": colour, "width": 1.2, "dash": "dot"}}
+        )  # fmt: skip
+        notes.append(
+            {"text": text, "x": time, "yref": "paper", "y": 1.0 - 0.065 * (at % 6), "yanchor": "top",
+             "showarrow": False, "xanchor": "right" if time > 0.6 * float(data.time_s[-1]) else "left",
+             "bgcolor": "rgba(255,255,255,0.85)", "font": {"size": 11, "color": colour}}
+        )  # fmt: skip
+    room = 0.06 * (high - low)
+    layout = {
+        "height": _HEIGHT,
+        "margin": {"l": 64, "r": 12, "t": 40, "b": 44},
+        "hovermode": "x",
+        "legend": {"orientation": "h", "y": 1.03, "yanchor": "bottom", "x": 0.0},
+        "xaxis": {"title": {"text": "time at the programmed feed, s"}, "zeroline": False},
+        "yaxis": {"title": {"text": "distance to the joint limit, deg"}, "range": [low - room, high + room]},
+        "shapes": shapes,
+        "annotations": notes,
+    }
+    return {"data": traces, "layout": layout}
+
+
+def _level(y: float, colour: str, dash: str) -> dict[str, Any]:
+    line = {"color": colour, "width": 1.2, "dash": dash}
+    return {"type": "line", "xref": "paper", "x0": 0.0, "x1": 1.0, "y0": y, "y1": y, "line": line}
+
+
+def _marked(data: PreflightData) -> list[tuple[float, str, str]]:
+    """Time, text and colour of what fails or warns, and of the smallest margin; one mark for each place."""
+    marks: dict[int, tuple[list[str], str]] = {}
+    for row, point in zip(data.checks, data.points, strict=True):
+        if point is None or not (row["verdict"] in _MARKS or row["check"] == "joint limits"):
+            continue
+        texts, colour = marks.get(point, ([], "#1b2530"))
+        colour = _MARKS.get(row["verdict"], colour) if colour != _MARKS["fail"] else colour
+        marks[point] = ([*texts, str(row["check"])], colour)
+    return [
+        (round(float(data.time_s[point]), 3), f"line {int(data.line[point])}: {', '.join(texts)}", colour)
+        for point, (texts, colour) in sorted(marks.items())
+    ]
