@@ -194,7 +194,9 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     """The correction of a robot that comes to rest in every row.
 
     ``correction = -shaped(deflection + sag + lost motion)``. Lost motion depends on the commanded angles, so it is
-    found again for each command, :data:`_PLAY_ROUNDS` times.
+    found again for each command, :data:`_PLAY_ROUNDS` times. A correction that reverses an axis changes what that axis
+    loses, which may reverse it back, further each time: in each cut, from rapid to rapid, the round is kept that
+    changed least, by root mean square.
 
     Args:
         loaded: The robot under load.
@@ -206,13 +208,25 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     w, robot, deflection = loaded.cut.w_tcp_part, loaded.robot, loaded.deflection_part
     static = np.concatenate([deflection[:, :3] + robot.sag_part, deflection[:, 3:]], axis=1)
 
-    q = loaded.inputs.q
-    for done in range(_PLAY_ROUNDS + 1):
-        progress((done + 1.0) / (_PLAY_ROUNDS + 2.0))
-        lost = np.pad(lost_motion(robot, q, w), ((0, 0), (0, 3)))
-        displacement = shaped(loaded, static - loaded.swinging_part + lost, loaded.swinging_part)
-        command = command_against(loaded, displacement)
-        q = command.q
+    def taken_back(lost: Float) -> Float:
+        return shaped(loaded, static - loaded.swinging_part + lost, loaded.swinging_part)
+
+    def found(q: Float) -> Float:
+        return np.pad(lost_motion(robot, q, w), ((0, 0), (0, 3)))
+
+    kind = loaded.inputs.path.kind
+    cut: Int = np.cumsum(np.diff(kind, prepend=kind[:1]) != 0)
+    lost = kept = found(loaded.inputs.q)
+    least = np.full(len(kind), np.inf)
+    for done in range(_PLAY_ROUNDS):
+        progress((done + 1.0) / (_PLAY_ROUNDS + 1.0))
+        fresh = found(command_against(loaded, taken_back(lost)).q)
+        size = np.bincount(cut, np.where(loaded.cut.contact, np.sum((fresh - lost) ** 2, axis=1), 0.0))[cut]
+        better = size < least
+        lost = fresh
+        kept, least = np.where(better[:, None], lost, kept), np.minimum(size, least)
+    displacement = taken_back(kept)
+    command = command_against(loaded, displacement)
     progress(1.0)
     return displacement, command
 

@@ -1,0 +1,58 @@
+"""A trial that leaves much is mended again, cut by cut, as long as that helps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from counterflex.app.inputs import setting_of
+from counterflex.core.arrays import Float
+from counterflex.core.progress import silent
+from counterflex.files.cell.cell import Cell
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan import compensate as room
+from counterflex.plan.inputs import MENDED, TRIAL, UNCOMPENSATED, Inputs, solve_joints
+from counterflex.plan.static_correction import loaded_robot, static_correction
+from counterflex.plan.undisturbed_cut import undisturbed_cut
+
+TWO_CUTS = "G0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F1500\nG0 Z60\nG0 X-12 Y38\nG0 Z36\nG1 X52 F1500\nG0 Z60"
+
+
+@pytest.mark.parametrize(
+    ("left_of_first", "left_by_each", "trials", "left"),
+    [(0.05, 0.5, 2, 0.5), (0.6, 0.7, 4, 0.343), (0.6, 0.1, 2, 0.1), (0.6, 1.5, 2, 1.0)],
+    ids=["little", "much", "much, then little", "worse"],
+)
+def test_only_the_cut_that_leaves_much_is_mended_again(
+    left_of_first: float,
+    left_by_each: float,
+    trials: int,
+    left: float,
+    path_of: Callable[..., ToolPath],
+    cell_of: Callable[..., Cell],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first cut leaves ``left_of_first`` of its deflection, the second 5 %; a mending leaves ``left_by_each``."""
+    path, cell = path_of(TWO_CUTS), cell_of()
+    setting = setting_of(cell)
+    line = path.motion + 1
+    inputs = Inputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
+    loaded = loaded_robot(inputs, undisturbed_cut(inputs, silent))
+    displacement, static = static_correction(loaded, silent)
+    first = path.p_part_tcp[:, 1] < 0.03
+    share = np.where(first, left_of_first, 0.05)[:, None]
+    mended: list[Float] = []
+
+    def tried(*_: object) -> Float:
+        mended.append(share * loaded.deflection_part * left_by_each ** len(mended))
+        return mended[-1]
+
+    monkeypatch.setattr(room, "_BELIEVED", 10.0)
+    monkeypatch.setattr(room, "_tried", tried)
+    _, remaining = room.dynamic_trial(
+        loaded, displacement, static, dict.fromkeys((TRIAL, MENDED, UNCOMPENSATED), silent)
+    )
+    assert len(mended) == trials
+    np.testing.assert_allclose(remaining[first], (left * mended[0])[first], atol=1e-15)
