@@ -8,7 +8,7 @@ capsules are not compared, see :func:`pairs`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -195,9 +195,14 @@ def part_bodies(stock: HeightMap) -> list[Body]:
 
 
 def with_given(assumed: Iterable[Body], given: Sequence[Body], removed: Iterable[str] = ()) -> list[Body]:
-    """Bodies of a cell file beside the assumed ones; one of the same name replaces it, a removed one is left out."""
+    """Bodies of a cell file beside the assumed ones; one of the same name replaces it, a removed one is left out.
+
+    A body in place of a tool is that tool.
+    """
+    before = {body.name: body for body in assumed}
     gone = {body.name for body in given} | set(removed)
-    return [*(body for body in assumed if body.name not in gone), *given]
+    present = [replace(body, tool=before[body.name].tool) if body.name in before else body for body in given]
+    return [*(body for name, body in before.items() if name not in gone), *present]
 
 
 def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:

@@ -1,7 +1,9 @@
 """Distances of coarse bodies along a program, by MuJoCo's ``mj_geomDistance``.
 
 Bodies are placed by the kinematics of the chain; MuJoCo is asked for the distance of two convex bodies and nothing
-else: no dynamics, no contact (docs/adr/0013).
+else: no dynamics, no contact (docs/adr/0013). Its function for a capsule and a box is made for contacts that begin:
+where the capsule's axis pierces the box it calls some pairs clear. So a capsule is compared with anything but another
+capsule as its axis, a cylinder of 1 um radius, less the capsule's radius.
 """
 
 from __future__ import annotations
@@ -24,7 +26,15 @@ FARTHEST_M: Final = 20.0
 """Distances beyond are not told apart."""
 NEAR_M: Final = 0.5 * MM
 """Rows are left out only where nothing on them can be closer by that than what was found already."""
+INTO_TABLE_M: Final = 1.0 * MM
+"""A tool that cuts through its part goes a little into what supports it: up to that is a warning."""
 _CHUNK: Final = 500
+_CORE_M: Final = 1e-6
+"""Radius of the axis of a capsule."""
+_TOUCH_M: Final = 2e-5
+_EXACT_M: Final = 1e-9
+_NUDGE_M: Final = 1e-5 * np.array([0.8, 0.5, 0.3])
+"""Two centres that coincide exactly are as good as touching to MuJoCo: they are asked again this far apart."""
 
 
 class Scene:
@@ -44,18 +54,45 @@ class Scene:
         spec = mujoco.MjSpec()
         for body in bodies:
             spec.worldbody.add_geom(type=kinds[body.shape], size=[*body.size_m, 0.0, 0.0][:3])
+        self._core = [k for k, body in enumerate(bodies) if body.shape == "capsule"]
+        for k in self._core:
+            spec.worldbody.add_geom(type=kinds["cylinder"], size=[_CORE_M, bodies[k].size_m[1], 0.0])
+        self._axis = {k: len(bodies) + n for n, k in enumerate(self._core)}
+        self._radius = {k: bodies[k].size_m[0] - _CORE_M for k in self._core}
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
 
     def place(self, Ts_base_body: Float) -> None:
         """Put all bodies where they are; (k, 4, 4) m."""
-        self._data.geom_xpos[:] = Ts_base_body[:, :3, 3]
-        self._data.geom_xmat[:] = Ts_base_body[:, :3, :3].reshape(-1, 9)
+        both = np.concatenate([Ts_base_body, Ts_base_body[self._core]])
+        self._data.geom_xpos[:] = both[:, :3, 3]
+        self._data.geom_xmat[:] = both[:, :3, :3].reshape(-1, 9)
 
     def distance(self, first: int, second: int, most_m: float = FARTHEST_M) -> float:
-        """Signed distance of two bodies, m; negative is how deep they overlap, ``most_m`` is that or more."""
-        return float(mujoco.mj_geomDistance(self._model, self._data, first, second, most_m, None))
+        """Signed distance of two bodies, m.
+
+        Args:
+            first: Index.
+            second: Index.
+            most_m: Distances from here on need not be told apart.
+
+        Returns:
+            To 5 um where the bodies are apart; negative where they overlap: a depth, not always the least one.
+        """
+        a, b, radius = first, second, 0.0
+        if (first in self._axis) != (second in self._axis):
+            a, b = self._axis.get(first, first), self._axis.get(second, second)
+            radius = self._radius.get(first, 0.0) + self._radius.get(second, 0.0)
+        value = self._ask(a, b, most_m + radius)
+        if abs(value) < _EXACT_M:
+            self._data.geom_xpos[a] += _NUDGE_M
+            value = self._ask(a, b, most_m + radius)
+            self._data.geom_xpos[a] -= _NUDGE_M
+        return value - radius
+
+    def _ask(self, a: int, b: int, most_m: float) -> float:
+        return float(mujoco.mj_geomDistance(self._model, self._data, a, b, most_m, None))
 
 
 @dataclass(frozen=True)
@@ -215,7 +252,7 @@ def collision_rows(
     for k, (name, compared, least) in enumerate(
         (
             ("robot and spindle to surroundings", blunt, clearance_m),
-            ("tool to surroundings", sharp, 0.0),
+            ("tool to surroundings", sharp, None),
             ("spindle to arm", inner, clearance_m),
         )
     ):
@@ -225,15 +262,17 @@ def collision_rows(
     return rows
 
 
-def _row(name: str, result: Closest | None, bodies: Sequence[Body], least_m: float) -> Row:
+def _row(name: str, result: Closest | None, bodies: Sequence[Body], clearance_m: float | None) -> Row:
+    """A row; without a clearance that of a tool."""
     if result is None:
         return Row(name, "unknown", what="nothing to compare", missing="[[cell.body]]")
     first, second = bodies[result.first], bodies[result.second]
     guessed = [body.name for body in (first, second) if body.assumed]
-    row = Row(name, "ok", result.distance_m, least_m, "m", result.point, f"{first.name} to {second.name}")
-    if result.distance_m > least_m or (least_m == 0.0 and result.distance_m >= 0.0):
+    row = Row(name, "ok", result.distance_m, clearance_m or 0.0, "m", result.point, f"{first.name} to {second.name}")
+    contact = -INTO_TABLE_M if clearance_m is None else 0.0
+    if result.distance_m >= (clearance_m or -_TOUCH_M):
         return row
     advice = "Move the part, turn the tool about its axis, use a longer tool, or raise the rapids"
     if guessed:
         advice += f"; {' and '.join(guessed)}: size assumed, give it in [[cell.body]]"
-    return replace(row, verdict="fail" if result.distance_m < 0.0 else "warning", advice=advice)
+    return replace(row, verdict="fail" if result.distance_m < contact else "warning", advice=advice)

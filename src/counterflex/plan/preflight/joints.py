@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -11,6 +12,8 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.preflight.row import Bounds, Row, worst_of_axes
 
 _TURN: Final = "Turn the tool about its axis (posture.rotation_about_tool_deg), or move the part"
+_SMOOTH: Final = 2.0 * math.sin(math.radians(1.5))
+"""Change of velocity below which a path is smooth, by the speed: 3 deg, see :mod:`counterflex.path.path_speed`."""
 CABLE_AXES: Final = (3, 5)
 """Axes 4 and 6: they turn by most, and hoses to the spindle are twisted by them."""
 SPEED_KEY: Final = "limits.joint_speed_deg_s"
@@ -91,10 +94,10 @@ def joint_speeds(path: ToolPath, q: Float) -> Float:
 def joint_accelerations(path: ToolPath, speeds: Float, acceleration_m_s2: float) -> Float:
     """Acceleration of each axis at each row, at the programmed feed.
 
-    At row i the speed of the axes changes by ``dv = speeds_(i+1) - speeds_i`` and that of the tool by ``dV``. It takes
-    half of both segments' times where the path is smooth, and at corners, starts and stops as long as the controller
-    needs for ``dV``: ``dv / max((dt_i + dt_(i+1)) / 2, |dV| / a)``. On a sampled arc that is the acceleration of the
-    arc; at a corner ``J^-1 a``.
+    At row i the speed of the axes changes by ``dv = speeds_(i+1) - speeds_i`` and the velocity of the tool by ``dV``.
+    At corners, starts, stops and changes of feed the controller takes ``|dV| / a`` for it: the axes accelerate by
+    ``J^-1 a``. Where the path is smooth (within a motion, or less than 3 deg between two) the change is spread over
+    half of both segments' times, never faster than that: on a sampled arc it is the acceleration of the arc.
 
     Args:
         path: n rows.
@@ -116,8 +119,12 @@ def joint_accelerations(path: ToolPath, speeds: Float, acceleration_m_s2: float)
     tip = np.concatenate([np.zeros((1, 3)), tool[passing], np.zeros((1, 3))])
     dt = np.concatenate([[0.0], step[passing], [0.0]])
     change = np.linalg.norm(np.diff(tip, axis=0), axis=1)
-    time = np.maximum(0.5 * (dt[:-1] + dt[1:]), change / acceleration_m_s2)
-    at = np.diff(v, axis=0) / time[:, None]
+    size = np.linalg.norm(tip, axis=1)
+    motion = np.concatenate([[-1], path.motion[passing], [-1]])
+    corner = (np.diff(motion) != 0) & (change > _SMOOTH * np.maximum(size[:-1], size[1:]))
+    half = np.where(corner, 0.0, 0.5 * (dt[:-1] + dt[1:]))
+    time = np.maximum(half, change / acceleration_m_s2)
+    at = np.diff(v, axis=0) / np.where(time > 0.0, time, 1.0)[:, None]
     rows: Int = np.concatenate([[max(0, int(passing[0]) - 1)], passing])
     out[rows] = at
     return out

@@ -11,6 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import wrench
@@ -29,6 +30,7 @@ from counterflex.robot.kinematics.inverse_seeds import extension
 
 JOINTS, CUTTING, COLLISION = "joint angles", "cut", "collisions"
 _CONTACT_M3: Final = 1e-12
+_STRETCHED_M: Final = 20.0 * MM
 _NEEDS_REACH: Final = (
     "joint limits",
     "wrist singularity",
@@ -155,22 +157,32 @@ def _reach(path: ToolPath, setting: Setting) -> tuple[PathSolution | None, int, 
         solution = _solved(setting, Ts_base_tcp)
     except ReachError as fault:
         stop = int(fault.data.get("point", 0))
-        before = None
-        if stop > 0:
-            before = _solved(setting, Ts_base_tcp[:stop])
-        return before, stop, [_unreached(fault, stop, reserve)]
+        before = _solved(setting, Ts_base_tcp[:stop]) if stop > 0 else None
+        return before, stop, [_unreached(_reason(setting, Ts_base_tcp) or fault, stop, reserve)]
     return solution, len(path), [_reach_row(solution, reserve)]
 
 
+def _reason(setting: Setting, Ts_base_tcp: Float) -> ReachError | None:
+    """Why a path is not reached, as planning says it: a singularity has its name, which a search that fails has not."""
+    try:
+        inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch, enforce_limits=False)
+    except ReachError as fault:
+        return fault
+    return None
+
+
 def _unreached(fault: ReachError, stop: int, reserve: Float | None) -> Row:
+    """Why the path ends there; the arm that is stretched before it is out of reach is said to be so."""
     text = fault.what if fault.value is None else f"{fault.what}, {fault.value}"
     if fault.limit is not None:
         text += f" (expected {fault.limit})"
-    value, point = None, stop
+    value = None
     if reserve is not None and reserve.min() < 0.0:
+        value = float(reserve.min())
+        if 0.0 <= reserve[stop] < _STRETCHED_M:
+            text = f"the arm is stretched here; farther on the wrist centre is {-value / MM:.1f} mm beyond the arm"
         text += f"; {100 * float(np.mean(reserve < 0.0)):.0f} % of the path's points are out of reach"
-        value = float(reserve[stop])
-    return Row("reach", "fail", value, 0.0, "m", point, text, advice=fault.hint or "Move the part")
+    return Row("reach", "fail", value, 0.0, "m", stop, text, advice=fault.hint or "Move the part")
 
 
 def _reach_row(solution: PathSolution, reserve: Float | None) -> Row:

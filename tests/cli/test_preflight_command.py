@@ -1,0 +1,53 @@
+"""``counterflex preflight``: table, JSON, page, exit status; nothing half-written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+def test_table_and_page(folder: Path, counterflex: Any) -> None:
+    ended = counterflex("preflight", "cell.toml", "part.ngc", "--out", "out")
+    assert ended.status == 0, ended.err
+    for word in ("joint limits", "line", "unknown: look-ahead: give controller.look_ahead_blocks", "0 fail"):
+        assert word in ended.out
+    summary = json.loads((folder / "out" / "summary.json").read_text())
+    assert (summary["format"], summary["failed"]) == ("counterflex-summary", False)
+    page = (folder / "out" / "report.html").read_text()
+    figure = json.loads(page.split('id="figures">')[1].split("</script>")[0])["margins"]
+    assert [trace["name"] for trace in figure["data"]] == [f"axis {n}" for n in range(1, 7)]
+    assert any("joint limits" in note["text"] for note in figure["layout"]["annotations"])
+    assert "[[cell.body]]" in page
+
+
+def test_a_check_that_fails_ends_with_one(folder: Path, counterflex: Any) -> None:
+    """The pair: the same program on the same cell, 3 m farther away."""
+    text = (folder / "cell.toml").read_text()
+    assert "x_mm = 1350" in text
+    (folder / "cell.toml").write_text(text.replace("x_mm = 1350", "x_mm = 4350"))
+    ended = counterflex("preflight", "cell.toml", "part.ngc", "--out", "out", "--json")
+    assert ended.status == 1
+    printed = json.loads(ended.out)
+    assert printed["failed"]
+    reach = next(row for row in printed["checks"] if row["check"] == "reach")
+    assert (reach["verdict"], reach["line"], len(reach["at_mm"])) == ("fail", 4, 3)
+    assert "No point of the program is reached" in (folder / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("cell.toml", "absent.ngc"), "no such file"),
+        (("absent.toml", "part.ngc"), "no such file"),
+        (("part.ngc", "cell.toml"), "part.ngc"),
+        (("cell.toml", "part.ngc", "--out", "cell.toml"), "a file has the name"),
+        (("cell.toml", "part.ngc", "--dialect", "siemens"), "linuxcnc"),
+    ],
+)
+def test_bad_input_is_told_in_one_line(folder: Path, refused: Any, words: tuple[str, ...], told: str) -> None:
+    before = sorted(folder.iterdir())
+    assert told in refused("preflight", *words)
+    assert sorted(folder.iterdir()) == before

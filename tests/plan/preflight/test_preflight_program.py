@@ -1,0 +1,196 @@
+"""Whole programs on a small cell: each fault in a pair with the program or cell that does not have it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from counterflex.app import preflight as job
+from counterflex.core.units import DEG
+from counterflex.files.cell.cell import Cell
+from counterflex.path.toolpath import RAPID
+from counterflex.plan.preflight.rapids import STEP_M, with_points_in_rapids
+
+HEAD = "G21 G17 G90 G94\nT1 M6\nM3 S13000\n"
+GROOVE = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60"
+CellOf = Callable[..., Cell]
+
+
+@pytest.fixture
+def checked(tmp_path: Path, cell_of: CellOf) -> Callable[..., dict[str, Any]]:
+    def run(body: str = GROOVE, **changes: Any) -> dict[str, Any]:
+        """Rows of the table by check, and the whole result as ``result``."""
+        program = tmp_path / "part.ngc"
+        program.write_text(f"{HEAD}{body}\nM5\nM30\n")
+        done = job.check(program, cell_of(**changes))
+        return {row["check"]: row for row in done.summary["checks"]} | {"done": done}
+
+    return run
+
+
+def test_a_good_program_fails_nothing(checked: Any) -> None:
+    rows = checked()
+    assert not rows["done"].result.failed
+    assert rows["reach"]["verdict"] == "ok"
+    assert rows["done"].summary["counts"]["fail"] == 0
+    assert rows["done"].summary["points_reached"] == rows["done"].summary["points"]
+    unknown = {row["missing"] for row in rows["done"].summary["checks"] if row["verdict"] == "unknown"}
+    assert unknown == {
+        "limits.joint_acceleration_deg_s2",
+        "limits.cable_axis4_deg",
+        "limits.cable_axis6_deg",
+        "controller.look_ahead_blocks",
+    }
+
+
+def test_nothing_is_unknown_where_the_cell_file_says_it(checked: Any) -> None:
+    limits = {"joint_acceleration_deg_s2": [500.0] * 6, "cable_axis4_deg": 270, "cable_axis6_deg": 90}
+    rows = checked(limits=limits, controller={"look_ahead_blocks": 50})
+    assert rows["done"].summary["counts"]["unknown"] == 0
+    assert rows["cable wind-up, axis 4"]["verdict"] == "ok"
+    assert (rows["cable wind-up, axis 6"]["verdict"], rows["cable wind-up, axis 6"]["limit"]) == ("fail", 90.0)
+
+
+def test_margins_and_wrist_are_those_of_the_angles(checked: Any, cell_of: CellOf) -> None:
+    """By their definitions from the angles of the path; axes 4 and 6 of this arm are as far apart as A5 is from 0."""
+    rows = checked()
+    q, chain = rows["done"].result.q, cell_of().controller_chain
+    room = np.minimum(q - chain.joint_limits_rad[:, 0], chain.joint_limits_rad[:, 1] - q) / DEG
+    assert rows["joint limits"]["value"] == pytest.approx(room.min(), rel=1e-5)
+    assert rows["joint limits"]["what"] == f"axis {int(np.argmin(room.min(axis=0))) + 1}"
+    angle = np.degrees(np.arcsin(np.abs(np.sin(q[:, 4]))))
+    assert rows["wrist singularity"]["value"] == pytest.approx(angle.min(), rel=1e-5)
+    assert rows["joint limits"]["line"] in (5, 6, 7)
+
+
+def test_a_part_out_of_reach_says_line_and_by_how_much(checked: Any) -> None:
+    """4 m away: the wrist's centre at the first point is beyond the arm by its distance from axis 2 less the reach."""
+    rows = checked(part={"x_mm": 4000})
+    row = rows["reach"]
+    assert (row["verdict"], row["line"]) == ("fail", 4)
+    assert "out of reach" in row["what"]
+    assert "100 % of the path" in row["what"]
+    assert "mm beyond the arm" in row["what"]
+    assert row["value"] < -1000.0
+    assert rows["joint limits"]["verdict"] == "unknown"
+    assert rows["rapids into the stock"]["verdict"] == "ok"  # what needs no robot is checked all the same
+    assert rows["done"].summary["points_reached"] == 0
+
+
+def test_a_program_that_leaves_the_reach_is_checked_up_to_there(checked: Any) -> None:
+    rows = checked(f"{GROOVE}\nG0 X2000")
+    row = rows["reach"]
+    assert (row["verdict"], row["line"]) == ("fail", 9)
+    assert "too close to a singularity" in row["what"]  # axis 5 passes zero where the arm reaches out
+    assert "Axis 5 near zero" in row["advice"]
+    assert "of the path's points are out of reach" in row["what"]
+    done = rows["done"]
+    assert 0 < done.summary["points_reached"] < done.summary["points"]
+    assert rows["joint limits"]["verdict"] == "ok"
+    assert rows["robot and spindle to surroundings"]["value"] is not None
+
+
+def test_an_arm_that_is_too_short_is_said_to_be_so(checked: Any) -> None:
+    """The tool along the forearm, away from the wrist singularity of the other test."""
+    row = checked(f"{GROOVE}\nG0 X2000", tcp={"x_mm": 0, "z_mm": 300, "b_deg": 0})["reach"]
+    assert (row["verdict"], row["line"]) == ("fail", 9)
+    assert "mm beyond the arm" in row["what"]
+
+
+def test_a_branch_that_does_not_reach_is_the_reason(checked: Any) -> None:
+    """Low and close to the foot the arm reaches backward over its shoulder only."""
+    row = checked(part={"x_mm": 700, "z_mm": 300})["reach"]
+    assert (row["verdict"], row["line"]) == ("fail", 4)
+    assert "not reached in branch 'front up noflip'" in row["what"]
+    assert "back up noflip" in row["what"]
+
+
+def test_limits_left_are_told_by_how_much(checked: Any) -> None:
+    """Reached over the shoulder, axis 3 leaves its range; the angles are there all the same."""
+    rows = checked(posture={"shoulder": "back"}, part={"x_mm": 1000, "z_mm": 400})
+    assert rows["reach"]["verdict"] == "ok"
+    assert (rows["joint limits"]["verdict"], rows["joint limits"]["what"]) == ("fail", "axis 3 is out of its range")
+    assert rows["joint limits"]["value"] < -10.0
+    assert "branch" in rows["joint limits"]["advice"]
+
+
+def test_margin_asked_for_is_kept(checked: Any) -> None:
+    assert checked()["joint limits"]["verdict"] == "ok"
+    row = checked(limits={"joint_margin_deg": 60})["joint limits"]
+    assert (row["verdict"], row["limit"]) == ("fail", 60.0)
+
+
+def test_a_rapid_through_the_stock_fails_and_one_above_it_does_not(checked: Any) -> None:
+    through = checked("G0 X-12 Y15 Z60\nG0 Z37\nG0 X30\nG0 Z60")
+    row = through["rapids into the stock"]
+    assert (row["verdict"], row["line"], row["unit"]) == ("fail", 6, "mm3")
+    assert "moves through it" in row["what"]
+    assert row["value"] == pytest.approx(3.0 * (16 * 30 + np.pi / 4 * 16**2 / 2), rel=0.05)  # a slot 3 mm deep
+    assert checked("G0 X-12 Y15 Z60\nG0 Z42\nG0 X30\nG0 Z60")["rapids into the stock"]["verdict"] == "ok"
+
+
+def test_a_plunge_at_rapid_is_called_one(checked: Any) -> None:
+    row = checked("G0 X20 Y15 Z60\nG0 Z38\nG1 X25 F1500\nG0 Z60")["rapids into the stock"]
+    assert (row["verdict"], row["line"]) == ("fail", 5)
+    assert "plunges straight down" in row["what"]
+    assert row["value"] == pytest.approx(2.0 * np.pi / 4 * 16**2, rel=0.05)
+
+
+def test_a_cut_without_spindle_is_a_row(checked: Any) -> None:
+    rows = checked("M5\nG0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60")
+    assert (rows["cut"]["verdict"], rows["cut"]["line"]) == ("fail", 8)
+    assert "spindle stopped" in rows["cut"]["what"]
+    assert rows["reversals in the cut"]["verdict"] == "unknown"
+    assert rows["joint limits"]["verdict"] == "ok"
+
+
+def test_a_pillar_beside_the_part_is_hit_and_one_far_away_is_not(checked: Any) -> None:
+    """A fixture where the spindle passes; its distance is that of the tool tip's path in the part frame."""
+    post = {"name": "pillar", "shape": "box", "frame": "part", "size_mm": [20, 20, 400]}
+    free = checked(cell={"body": [post | {"x_mm": 20, "y_mm": 1000}]})
+    assert free["robot and spindle to surroundings"]["verdict"] == "ok"
+    hit = checked(cell={"body": [post | {"x_mm": 20, "y_mm": 60}]})["robot and spindle to surroundings"]
+    assert hit["verdict"] == "fail"
+    assert "to pillar" in hit["what"]
+
+
+def test_spindle_above_the_stock_is_as_far_as_its_nose_is_high(checked: Any) -> None:
+    """The nose is assumed 51 mm above the tip, which is 3 mm below the top of the blank."""
+    row = checked()["robot and spindle to surroundings"]
+    assert row["what"] == "spindle to stock"
+    assert row["value"] == pytest.approx(48.0, abs=0.6)
+
+
+def test_without_a_table_nothing_stands_below(checked: Any) -> None:
+    deep = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z-3 F3000\nG0 Z60"
+    assert checked(deep)["tool to surroundings"]["verdict"] == "fail"
+    a_little = checked(deep.replace("Z-3", "Z-0.5"))["tool to surroundings"]
+    assert a_little["verdict"] == "warning"
+    assert a_little["value"] == pytest.approx(-0.5, abs=0.02)
+    gone = checked(deep, cell={"body": [{"name": "table", "shape": "none"}]})
+    assert gone["tool to surroundings"]["verdict"] == "unknown"
+
+
+def test_a_line_up_and_down_turns_axes_in_the_cut_and_in_the_air_it_does_not(checked: Any) -> None:
+    there_and_back = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z{z} F3000\nG1 X25 F1500\nG1 Y19\nG1 X5\nG0 Z60"
+    cutting = checked(there_and_back.format(z=37))["reversals in the cut"]
+    assert cutting["verdict"] == "warning"
+    assert cutting["line"] in (7, 8, 9)
+    assert checked(there_and_back.format(z=41))["reversals in the cut"]["value"] == 0.0
+
+
+def test_rapids_get_points_between_and_nothing_else_changes(path_of: Any) -> None:
+    path = path_of("G0 X0 Y0 Z10\nG0 X33\nG4 P1\nG1 X40 F600\nG0 Y7 Z30")
+    fine = with_points_in_rapids(path)
+    step = np.linalg.norm(np.diff(fine.p_part_tcp, axis=0), axis=1)
+    assert np.max(step[fine.kind[1:] == RAPID]) <= STEP_M * (1 + 1e-9)
+    assert fine.time_s[-1] == path.time_s[-1]
+    ends = np.searchsorted(fine.time_s, path.time_s, side="left")
+    assert len(fine) > len(path)
+    kept = {tuple(row) for row in np.round(fine.p_part_tcp, 12).tolist()}
+    assert all(tuple(row) in kept for row in np.round(path.p_part_tcp, 12).tolist())
+    assert np.all(np.diff(ends) >= 0)
