@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ReachError
 from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
@@ -95,9 +95,9 @@ SETTLING_S: Final = 0.05
 def with_settling(path: ToolPath) -> ToolPath:
     """Give the tool a stop at the end of every feed run that is followed by a rapid.
 
-    There the feed ends and with it the force, while the tool still stands in the cut. A correction that stayed until
-    the tool has left would push the relieved tool into the wall; the stop is the row at which it is taken back.
-    Only planning knows it: no stop is written, and what is machined has none.
+    There the feed ends and with it the force, while the tool still stands in the cut. A correction of deflection that
+    stayed until the tool has left would push the relieved tool into the wall; the stop is the row at which it is taken
+    back. Only planning knows it: no stop is written, and what is machined has none.
     """
     last = np.flatnonzero((path.kind[:-1] == FEED) & (path.kind[1:] == RAPID))
     if len(last) == 0:
@@ -111,6 +111,15 @@ def with_settling(path: ToolPath) -> ToolPath:
     delay[stops] = SETTLING_S
     columns["time_s"] = columns["time_s"] + np.cumsum(delay)
     return ToolPath(**columns)
+
+
+def settling_rows(path: ToolPath) -> Bool:
+    """(n,) True at the stops of :func:`with_settling`."""
+    out = np.zeros(len(path), dtype=np.bool_)
+    stands = np.all(path.p_part_tcp[1:] == path.p_part_tcp[:-1], axis=1)
+    feed = path.kind == FEED
+    out[1:-1] = (stands & feed[1:] & feed[:-1])[:-1] & (path.kind[2:] == RAPID)
+    return out
 
 
 JOINTS: Final = "joint angles"

@@ -21,7 +21,7 @@ from counterflex.core.progress import Progress
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.inputs import Inputs, Limits, Setting, feed_runs, part_compliance
+from counterflex.plan.inputs import Inputs, Limits, Setting, feed_runs, part_compliance, settling_rows
 from counterflex.plan.plan import across
 from counterflex.plan.sag_and_play import corrected_joints, residual_sag, touched_points
 from counterflex.plan.tool_deviation import PlannedRobot, lost_motion, mode_of
@@ -115,6 +115,7 @@ class LoadedRobot:
         feed_run: (n,) number of the run of even motion.
         near: (n,) rows in contact, within :data:`APPROACH_S` of it, or whose tool stands between walls: corrected.
         reach: (n,) rows where shaping may leave a correction.
+        held: (k,) rows of stops of planning that keep the correction of the row before.
     """
 
     inputs: Inputs
@@ -125,6 +126,7 @@ class LoadedRobot:
     feed_run: Int
     near: Bool
     reach: Bool
+    held: Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +162,19 @@ def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
     feed_run = feed_runs(path)
     near = within(cut.contact, path.time_s, feed_run, APPROACH_S) | between_walls(inputs, cut.contact, feed_run)
     reach = within(near, path.time_s, feed_run, _FADE_S)
-    return LoadedRobot(inputs, cut, robot, deflection, _through_arm(setting, q, w, deflection), feed_run, near, reach)
+    swinging = _through_arm(setting, q, w, deflection)
+    return LoadedRobot(inputs, cut, robot, deflection, swinging, feed_run, near, reach, _held(inputs, deflection, near))
+
+
+def _held(inputs: Inputs, deflection_part: Float, near: Bool) -> Int:
+    """(k,) stops of planning that are left out: to stop would make the arm swing by more than there is to take back.
+
+    The rapid then starts from the corrected end of the cut.
+    """
+    stop = np.flatnonzero(settling_rows(inputs.path))
+    bent = np.linalg.norm(deflection_part[stop - 1, :3], axis=1)
+    out: Int = stop[near[stop - 1] & (bent <= inputs.setting.swing_m)]
+    return out
 
 
 def shaped(loaded: LoadedRobot, displacement: Float, swinging: Float) -> Float:
@@ -175,6 +189,7 @@ def shaped(loaded: LoadedRobot, displacement: Float, swinging: Float) -> Float:
     requested = np.where(loaded.near[:, None], displacement, 0.0)
     out = by_group(requested, swinging, time_s, loaded.feed_run, (robot.mode,), robot.setting.shaping)
     out[~loaded.reach] = 0.0
+    out[loaded.held] = out[loaded.held - 1]
     return out
 
 
