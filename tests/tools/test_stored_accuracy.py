@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from counterflex.twin.truth.family import REPORTING_SEEDS
@@ -51,3 +52,17 @@ def test_a_missed_goal_and_an_interval_that_fails_are_shown(accuracy: ModuleType
     assert "50 % of 2 (goal 80 to 97 %: **missed**)" in good
     worse = {**row, "seed": 1002, "compensated_path_p997_mm": 0.3}
     assert "| 20.0 % | 30.0 % | 12 / 20: **missed** |" in "\n".join(accuracy.table([row, worse]))
+
+
+def test_no_correction_alike_for_all_robots_leaves_less_than_the_bound(accuracy: ModuleType) -> None:
+    """Errors 1 and 3: the best common correction for the worst is 1.5, half of either; for one of them, its own."""
+    median, worst = accuracy.same_for_all(np.array([1.0, 3.0]))
+    assert worst == pytest.approx(50.0, abs=0.1)
+    assert median == pytest.approx(100.0 / 3.0, abs=0.1)
+    errors = np.random.default_rng(3).lognormal(0.0, 0.4, 20)
+    median, worst = accuracy.same_for_all(errors)
+    for c in np.random.default_rng(4).uniform(0.2, 3.0, 50):
+        left = 100.0 * np.abs(c / errors - 1.0)
+        assert np.median(left) > median - 0.5
+        assert left.max() > worst - 0.5
+    assert accuracy.same_for_all(np.array([0.7, 0.7])) == (0.0, 0.0)
