@@ -148,6 +148,12 @@ def robot_file(raw: dict[str, Any], stiffness: list[dict[str, str]]) -> dict[str
         sources["speeds"] = {"status": "SECONDARY", "source": limits_source(raw)}
     else:
         sources["speeds"] = not_known()
+    if raw.get("joint_accel_limits_deg_s2"):
+        limits["acceleration_deg_s2"] = [float(v) for v in raw["joint_accel_limits_deg_s2"]]
+        place = "max_acceleration of its file of joint limits; for which posture and load is not said"
+        sources["accelerations"] = {"status": "SECONDARY", "source": f"{limits_source(raw)}; {place}"}
+    else:
+        sources["accelerations"] = not_known()
     out: dict[str, Any] = {
         "format": "counterflex-robot",
         "version": 1,

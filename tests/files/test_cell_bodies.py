@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
+from counterflex.robot.model import catalog
 
+ROBOT = catalog.load("kuka_kr300_r2500_ultra")
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 
 
@@ -41,7 +44,7 @@ def test_limits_in_si() -> None:
         "[controller]\nleast_block_ms = 45\nlook_ahead_blocks = 20\n[limits]\njoint_speed_deg_s = [1, 2, 3, 4, 5, 6]\n"
         "joint_acceleration_deg_s2 = [10, 20, 30, 40, 50, 60]\ncable_axis6_deg = 270\nclearance_mm = 30\n"
     )
-    bounds = file.limits.preflight(file.controller, np.ones(6))
+    bounds = file.limits.preflight(file.controller, ROBOT)
     assert bounds.joint_speeds_rad_s == pytest.approx(np.arange(1, 7) * DEG)
     assert bounds.joint_accelerations_rad_s2 == pytest.approx(10 * np.arange(1, 7) * DEG)
     assert bounds.cables_rad == {5: pytest.approx(270 * DEG)}
@@ -50,12 +53,16 @@ def test_limits_in_si() -> None:
 
 def test_what_is_left_out_is_not_made_up() -> None:
     file = tables("")
-    bounds = file.limits.preflight(file.controller, np.ones(6))
-    assert bounds.joint_speeds_rad_s == pytest.approx(np.ones(6))  # the catalogue's
+    bounds = file.limits.preflight(file.controller, ROBOT)
+    assert bounds.joint_speeds_rad_s is ROBOT.joint_speeds_rad_s  # the catalogue's
     assert bounds.joint_accelerations_rad_s2 is None
     assert (bounds.cables_rad, bounds.look_ahead) == ({}, None)
     assert bounds.least_block_s == file.controller.cycle_s
-    assert file.limits.preflight(file.controller, None).joint_speeds_rad_s is None
+    unknown = replace(ROBOT, joint_speeds_rad_s=None)
+    assert file.limits.preflight(file.controller, unknown).joint_speeds_rad_s is None
+    known = file.limits.preflight(file.controller, catalog.load("kuka_kr210_r2700_2"))
+    assert known.joint_accelerations_rad_s2 is not None
+    assert known.joint_accelerations_rad_s2[1] == pytest.approx(72.358 * DEG)
 
 
 @pytest.mark.parametrize(

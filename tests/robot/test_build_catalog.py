@@ -40,6 +40,7 @@ def reference(name: str, verification: str) -> dict[str, Any]:
         | {"joint_offsets_deg": g.offsets_deg, "sign_corrections": g.signs},
         "joint_limits_deg": list(zip(e.limits.lower_deg, e.limits.upper_deg, strict=True)),
         "joint_speed_limits_deg_s": e.limits.speed_deg_s,
+        "joint_accel_limits_deg_s2": [100, 50, 60, 70, 80, 90.5] if name == "abb_irb120" else None,
         "link_inertials": None,
         "fk_checks": [
             {
@@ -83,5 +84,8 @@ def test_only_confirmed_geometry_is_taken(tool: ModuleType, tmp_path: Path, monk
     read = catalog.CatalogEntry.model_validate(made["abb_irb120"])
     assert read.geometry == catalog.entry("abb_irb120").geometry
     assert read.checks == catalog.entry("abb_irb120").checks
+    assert read.limits.acceleration_deg_s2 == [100, 50, 60, 70, 80, 90.5]
+    assert made["abb_irb120"]["sources"]["accelerations"]["status"] == "SECONDARY"
+    assert made["abb_irb1600_6_120"]["sources"]["accelerations"]["status"] == "not known"
     quoted = tomllib.loads((target / "end_effectors" / "haehn2020.toml").read_text())
     assert quoted["elements"][0]["compliance_urad_per_knm"] == pytest.approx([500.0, 250.0, 0.0])

@@ -68,7 +68,7 @@ def test_published_flange_poses(name: str) -> None:
 def test_every_robot_states_where_its_numbers_come_from(name: str) -> None:
     entry, robot = catalog.entry(name), catalog.load(name)
     groups = {
-        "geometry", "limits", "speeds", "masses", "bearings", "counterbalance",
+        "geometry", "limits", "speeds", "accelerations", "masses", "bearings", "counterbalance",
         "stiffness_about_axes", "stiffness_tilt", "stiffness_links", "stiffness_translation",
     }  # fmt: skip
     assert groups <= set(entry.sources)
@@ -78,6 +78,7 @@ def test_every_robot_states_where_its_numbers_come_from(name: str) -> None:
     known = {g: entry.sources[g].status != "not known" for g in groups}
     assert known["masses"] == any(s.mass_kg > 0.0 for s in robot.segments)
     assert known["speeds"] == (robot.joint_speeds_rad_s is not None)
+    assert known["accelerations"] == (robot.joint_accelerations_rad_s2 is not None)
     assert known["counterbalance"] == (robot.counterbalance is not None)
     assert known["stiffness_about_axes"] == bool(np.any(soft[:, 5] > 0.0))
     assert known["stiffness_tilt"] == bool(np.any(soft[:, 3:5] > 0.0))

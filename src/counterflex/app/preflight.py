@@ -69,7 +69,7 @@ def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progr
         job.machined,
         cell.stock(),
         setting_of(cell, chain=cell.chain),
-        tables.limits.preflight(tables.controller, cell.chain.joint_speeds_rad_s),
+        tables.limits.preflight(tables.controller, cell.robot),
         given=given,
         removed=removed,
         progress=parts[CHECKING],

@@ -120,7 +120,14 @@ def margin_figure(data: PreflightData) -> dict[str, Any]:
         "shapes": shapes,
         "annotations": notes,
     }
-    return {"data": traces, "layout": layout}
+    narrow = {"height": _HEIGHT, "margin": {"l": 48, "r": 6, "t": 70, "b": 44}}
+    narrow |= {f"annotations[{k + 1}].text": _short(text) for k, (_, text, _) in enumerate(marked)}
+    return {"data": traces, "layout": layout, "narrow": narrow}
+
+
+def _short(text: str) -> str:
+    """The number of the line alone, for a narrow screen; the table says the rest."""
+    return text.split(":")[0].removeprefix("line ")
 
 
 def _level(y: float, colour: str, dash: str) -> dict[str, Any]:

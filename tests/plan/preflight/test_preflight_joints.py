@@ -162,7 +162,7 @@ def test_the_worst_axis_is_the_one_nearest_to_its_own_limit() -> None:
     assert row.what == "axis 1, 100.0 %"  # axis 2 is twice as fast, at 10 % of its limit
 
 
-@pytest.mark.parametrize(("limit", "verdict"), [(None, "unknown"), (2.9, "fail"), (3.1, "ok")])
+@pytest.mark.parametrize(("limit", "verdict"), [(None, "unknown"), (2.9, "warning"), (3.1, "ok")])
 def test_acceleration_against_its_limit(limit: float | None, verdict: str) -> None:
     path = path_through(line((0, 0), (0, 40)))
     bounds = Bounds(0.0, 0.0, 1.0, 0.01, 0.0, joint_accelerations_rad_s2=None if limit is None else np.full(6, limit))

@@ -11,13 +11,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
 from counterflex.plan.preflight.row import Bounds
+from counterflex.robot.model.description import Robot
 from counterflex.signals.preview import Mode, Shaping
 
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -88,12 +88,12 @@ class LimitsTable(Table):
     cable_axis6_deg: CableAngle | None = None
     clearance_mm: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
 
-    def preflight(self, controller: ControllerTable, catalogue_rad_s: Float | None) -> Bounds:
-        """What a preflight compares with; speeds of the catalogue where the file has none.
+    def preflight(self, controller: ControllerTable, robot: Robot) -> Bounds:
+        """What a preflight compares with; speeds and accelerations of the catalogue where the file has none.
 
         Args:
             controller: Table ``[controller]``.
-            catalogue_rad_s: (6,) or None.
+            robot: The robot.
         """
         cables = {3: self.cable_axis4_deg, 5: self.cable_axis6_deg}
         speeds, accelerations = self.joint_speed_deg_s, self.joint_acceleration_deg_s2
@@ -103,8 +103,10 @@ class LimitsTable(Table):
             acceleration_m_s2=controller.acceleration_m_s2,
             least_block_s=controller.least_block_s,
             clearance_m=self.clearance_mm * MM,
-            joint_speeds_rad_s=catalogue_rad_s if speeds is None else np.array(speeds) * DEG,
-            joint_accelerations_rad_s2=None if accelerations is None else np.array(accelerations) * DEG,
+            joint_speeds_rad_s=robot.joint_speeds_rad_s if speeds is None else np.array(speeds) * DEG,
+            joint_accelerations_rad_s2=robot.joint_accelerations_rad_s2
+            if accelerations is None
+            else np.array(accelerations) * DEG,
             cables_rad={axis: angle * DEG for axis, angle in cables.items() if angle is not None},
             look_ahead=controller.look_ahead_blocks,
         )

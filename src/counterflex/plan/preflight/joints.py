@@ -184,13 +184,13 @@ def acceleration_row(path: ToolPath, joint_accelerations_rad_s2: Float, bounds: 
     over = value > limits[axis]
     return Row(
         name,
-        "fail" if over else "ok",
+        "warning" if over else "ok",
         value,
         float(limits[axis]),
         "rad/s2",
         row,
         f"axis {axis + 1}, {100 * value / limits[axis]:.1f} %",
-        advice="Lower controller.acceleration_mm_s2 or the feed, round the corner" if over else "",
+        advice="The controller is slower there than programmed: lower the feed, or round the corner" if over else "",
     )
 
 

@@ -144,5 +144,5 @@ def event_row(check: str, events: list[Event]) -> Row:
         "",
         worst.point,
         f"{named}; {at}{cost}",
-        advice=_ADVICE + ("" if known else "; compensation corrects known play only: `counterflex identify play`"),
+        advice=_ADVICE + ("" if known else "; compensation corrects known play only: counterflex identify play"),
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import functools
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -83,6 +83,7 @@ class _Limits(_Table):
     lower_deg: _Six
     upper_deg: _Six
     speed_deg_s: _Six | None = None
+    acceleration_deg_s2: _Six | None = None
 
 
 class _Axis(_Table):
@@ -127,7 +128,7 @@ class CatalogEntry(_Table):
         payload_kg: Rated payload, where known.
         reach_mm: Data-sheet reach, where known.
         notes: Traps and remarks.
-        sources: Provenance per group: ``geometry limits speeds masses stiffness_about_axes stiffness_tilt
+        sources: Provenance per group: ``geometry limits speeds accelerations masses stiffness_about_axes stiffness_tilt
             stiffness_links stiffness_translation bearings counterbalance``, and ``geometry_flange`` where the flange
             distance is less sure than the rest.
         geometry: OPW lengths.
@@ -277,7 +278,7 @@ def load(name: str) -> Robot:
         bearing[joint] = row.bearing_mm * MM
         mass[joint] = row.mass_kg
         com[joint] = np.array(row.com_mm) * MM
-    return from_opw(
+    robot = from_opw(
         name,
         opw,
         np.stack([np.array(e.limits.lower_deg), np.array(e.limits.upper_deg)], axis=1) * DEG,
@@ -289,6 +290,9 @@ def load(name: str) -> Robot:
         speeds_rad_s=None if e.limits.speed_deg_s is None else np.array(e.limits.speed_deg_s) * DEG,
         counterbalance=None if e.counterbalance is None else _cylinder(e.counterbalance),
     )
+    if e.limits.acceleration_deg_s2 is None:
+        return robot
+    return replace(robot, joint_accelerations_rad_s2=frozen(np.array(e.limits.acceleration_deg_s2) * DEG))
 
 
 def end_effector_elements() -> dict[str, EndEffectorElement]:

@@ -160,6 +160,7 @@ class Robot:
         play: Play and friction of the six driven axes, None for an axis where they are not known; or None.
         servo: Loop gains of the six driven axes, None for an axis where they are not known; or None.
         regions: Compliances that differ by region of the joint space, of the robot and of what it carries.
+        joint_accelerations_rad_s2: (6,) largest, or None.
     """
 
     name: str
@@ -172,6 +173,7 @@ class Robot:
     play: tuple[Play | None, ...] | None = None
     servo: tuple[Servo | None, ...] | None = None
     regions: tuple[ElasticRegion, ...] = ()
+    joint_accelerations_rad_s2: Float | None = None
 
 
 @dataclass(frozen=True)
