@@ -213,7 +213,11 @@ CELLS: dict[str, tuple[str, str, list[str]]] = {
     "material unknown": (LAW, 'catalog = "en-aw-2017-vdi"\n', ["material.catalog", "Did you mean en-aw-2017-vdi22"]),
     "material twice": ('law = "kienzle"\n', 'catalog = "c45-qt-vdi3"\n', ["material", "remove kc11_n_mm2"]),
     "posture unknown": ('elbow = "up"', 'elbow = "sideways"', ["posture.elbow", "'sideways'", "'up' or 'down'"]),
-    "mode of zero": ("mode_hz = ", "mode_hz = -", ["dynamics.mode_hz", "got -", "above 0"]),
+    "mode of zero": (
+        "[limits]\n",
+        "[dynamics]\nmode_hz = -8.5\n\n[limits]\n",
+        ["dynamics.mode_hz", "got -", "above 0"],
+    ),
 }
 
 

@@ -201,7 +201,8 @@ def test_plain_tables_and_paths_relative_to_the_new_folder(tmp_path: Path) -> No
     assert box in source
     (tmp_path / "a").mkdir()
     (tmp_path / "b" / "c").mkdir(parents=True)
-    (tmp_path / "a" / "cell.toml").write_text(source.replace(box, 'stl = "../blank.stl"\n'))
+    measured = "\n[dynamics]\nmode_hz = 8.5\ndamping_ratio = 0.1\n"
+    (tmp_path / "a" / "cell.toml").write_text(source.replace(box, 'stl = "../blank.stl"\n') + measured)
     cell = read_cell(tmp_path / "a" / "cell.toml")
     change = TableValues("dynamics", {"mode_hz": 9.5})
     found = updated_text(cell, [change], ENTRY, tmp_path / "b" / "c")

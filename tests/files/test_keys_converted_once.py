@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from pathlib import Path
+from typing import Any, get_args, get_origin
 
 import counterflex
 from counterflex.files.cell.controller import ControllerTable
@@ -19,7 +20,14 @@ UNITS = {"DEG", "MM", "MM_PER_S", "MM_PER_MIN", "MS", "UM", "RPM", "MRAD", "pi"}
 TABLES = (PostureTable, LimitsTable, DynamicsTable, ControllerTable)
 ALIKE = {*EgmTable.model_fields, *OnlineTable.model_fields, "correction_mm", "correction_deg", "cycle_ms"}
 """Names that other tables have, too: a file that reads one of these may mean the other table."""
-KEYS = {key for table in TABLES for key, field in table.model_fields.items() if field.annotation is float} - ALIKE
+
+
+def number(annotation: Any) -> bool:
+    """Whether a key is one number, that may be left out."""
+    return annotation is float or (get_origin(annotation) is not tuple and any(map(number, get_args(annotation))))
+
+
+KEYS = {key for table in TABLES for key, field in table.model_fields.items() if number(field.annotation)} - ALIKE
 
 
 def conversions() -> dict[str, set[str]]:

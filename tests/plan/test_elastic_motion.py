@@ -17,8 +17,9 @@ from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan import elastic_motion
-from counterflex.plan.elastic_motion import commanded, inertia, jacobians, lowest_mode, matrices, motion_along, postures
+from counterflex.plan.elastic_motion import commanded, inertia, jacobians, matrices, motion_along, postures
 from counterflex.plan.elastic_motion_kernel import advance, rest
+from counterflex.plan.modes import lowest_mode
 from counterflex.plan.tool_deviation import answered_late, shaken_rows
 from counterflex.robot.elasticity import compliance, play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames, jacobian

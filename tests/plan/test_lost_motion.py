@@ -18,19 +18,20 @@ from counterflex.plan.inputs import Setting, solve_joints
 from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.model.description import Play
-from counterflex.signals.preview import Shaping
+from counterflex.signals.preview import Mode, Shaping
 
 PathOf = Callable[..., ToolPath]
 CellOf = Callable[..., Cell]
 BACK_AND_FORTH = "G0 Z60\nG0 X10 Y10\nG0 Z42\nG1 X40 F1500\nG1 X10\nG1 X40\nG0 Z60"
 SLIP = (10 * URAD, 25 * URAD, 60 * URAD)
 BIG, SMALL = Play(20 * URAD, (75.0, 105.0, 120.0), SLIP), Play(50 * URAD, (12.5, 17.5, 20.0), SLIP)
+TAPPED = Mode(2.0 * np.pi * 8.0, 0.1)
 LOSSY = (BIG, BIG, BIG, SMALL, SMALL, SMALL)
 
 
 @pytest.fixture(scope="module")
 def setting(cell_of: CellOf) -> Setting:
-    found = setting_of(cell_of())
+    found = replace(setting_of(cell_of()), mode=TAPPED)
     return replace(found, chain=replace(found.chain, play=LOSSY))
 
 
@@ -44,7 +45,7 @@ def test_there_and_back_differ_by_the_reversal(path_of: PathOf, setting: Setting
     q = solve_joints(path, lines(path), setting).q
     w = np.zeros((len(path), 6))
     deviation = play_deviation(
-        setting.chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), setting.mode
+        setting.chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), TAPPED
     )
     x = path.p_part_tcp[:, 0]
     runs = [np.flatnonzero((path.motion == m) & (np.abs(x - 25 * MM) < 3 * MM)) for m in np.unique(path.motion)[-4:-1]]
@@ -60,11 +61,11 @@ def test_no_play_is_exactly_nothing(path_of: PathOf, setting: Setting) -> None:
     w, touched = np.zeros((len(path), 6)), touched_points(setting)
     chain = replace(setting.chain, play=None)
     assert np.all(
-        play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched, setting.mode) == 0.0
+        play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched, TAPPED) == 0.0
     )
     none = replace(setting.chain, play=(Play(),) * 6)
     assert play_deviation(
-        none, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched, setting.mode
+        none, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched, TAPPED
     ) == pytest.approx(0.0, abs=1e-9)
 
 
@@ -73,9 +74,9 @@ def test_play_of_the_touched_points_is_in_the_frame(path_of: PathOf, setting: Se
     path = path_of(BACK_AND_FORTH)
     chain = replace(setting.chain, play=(None, Play(50 * URAD), Play(50 * URAD), None, None, None))
     q, w = solve_joints(path, lines(path), setting).q, np.zeros((len(path), 6))
-    outside = play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, None, setting.mode)
+    outside = play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, None, TAPPED)
     touched = play_deviation(
-        chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), setting.mode
+        chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), TAPPED
     )
     assert np.linalg.norm(outside, axis=1).min() > 50 * UM
     assert np.linalg.norm(touched, axis=1).max() < 0.03 * np.linalg.norm(outside, axis=1).min()
@@ -121,7 +122,7 @@ def test_the_plan_takes_lost_motion_back(path_of: PathOf, cell_of: CellOf, setti
         with_play.w_tcp_part,
         path.time_s,
         touched_points(setting),
-        setting.mode,
+        TAPPED,
     )
     assert again == pytest.approx(with_play.play_part, abs=0.1 * UM)
     # the prediction knows what is lost: before compensation it is in the deviation

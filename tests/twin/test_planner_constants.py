@@ -159,7 +159,7 @@ def test_a_constant_that_is_taken_over_is_found(secret: list[Constant]) -> None:
 
 @pytest.mark.parametrize("name", CELLS)
 def test_no_shipped_cell_has_been_measured_on_the_simulated_one(name: str) -> None:
-    """Delays, gains and sag are results of measurements, and no real cell was measured."""
+    """Modes, dead times, delays, gains and sag are results of measurements, and no real cell was measured."""
     cell = tomllib.loads(CELLS[name])
-    for table in ("timing", "identified", "drive_error", "axis_sag"):
+    for table in ("dynamics", "timing", "identified", "drive_error", "axis_sag"):
         assert table not in cell, table

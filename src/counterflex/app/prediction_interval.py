@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.cut_points import CutPoints, points_of_plan
+from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, expected
 from counterflex.app.unknowns import sources
 from counterflex.core.arrays import Float
@@ -73,9 +74,9 @@ def with_intervals(figures: dict[str, Any], plan: Plan, cell: Cell) -> dict[str,
         cell: The cell.
 
     Returns:
-        The same with ``p997_90_mm``, the two ends, in each of the two.
+        The same with ``p997_90_mm``, the two ends, in each of the two, and with the lowest mode that was taken.
     """
-    out = dict(figures)
+    out = dict(figures) | {"lowest_mode": at_largest_force(cell, plan).shown}
     for name, one in intervals(plan, cell).items():
         ends = [round(one.low_m / MM, 4), round(one.high_m / MM, 4)]
         out[f"predicted_{name}"] = {**figures[f"predicted_{name}"], "p997_90_mm": ends}

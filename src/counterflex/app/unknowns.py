@@ -4,7 +4,7 @@ Each unknown is drawn from what is known of it and leaves a displacement of the 
 them. At rest and linear: what it is in motion, a plan says.
 
 - Stiffness: of an axis without any, the whole deflection by the class of the robot; where the class is assumed, what is
-  beyond its median; of an element of the file, :data:`STATED` of its deflection, or its standard deviation once
+  beyond its median; of an element of the file, ``STATED`` of its deflection, or its standard deviation once
   identified.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.cut_points import CutPoints
+from counterflex.app.lowest_mode import STATED, estimate, identified_sigma
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, drawn_deflections, expected, why_no_prior
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -31,10 +32,6 @@ from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.elasticity.compliance import shares
 from counterflex.robot.model.class_prior import arm_over_axis
 
-STATED: Final = 0.35
-"""Relative standard deviation of a compliance that nobody measured on this cell. Two published sets of one robot
-(``stiffness_data/published.toml``: KR 300, KR 500, R-2000iC) differ by 41, 62 and 45 % from axis to axis, standard
-deviation of the logarithm; one set has that over the square root of two."""
 HANDBOOK: Final = 0.3
 """Relative standard deviation of handbook constants: published sets of one alloy differ by up to 1.8."""
 WORN: Final = 0.3
@@ -119,8 +116,11 @@ def sources(cell: Cell, points: CutPoints) -> list[Source]:
     listed = [*_axes_of_the_class(cell, points), *_stated(cell, points), _force(cell, points), *_play(cell, points)]
     if cell.chain.servo is None:
         listed.append(Source("loop gains of the drives", "nothing; shown by what moves", None, "servo"))
-    if "mode_hz" not in cell.tables.dynamics.model_fields_set:
-        listed.append(Source("lowest mode", "nothing; a default (or a tap test)", None, "servo"))
+    if cell.tables.dynamics.mode_hz is None:
+        known = "nothing; it needs the stiffness"
+        if not cell.unknown_axes or cell.class_stiffness is not None:
+            known = estimate(cell, points.q[len(points.q) // 2]).text
+        listed.append(Source("lowest mode", known, None, "servo"))
     if not np.any(cell.chain.mass[: cell.chain.flange_segment + 1]):
         listed.append(Source("masses of the arm", "nothing; matters in larger parts", None, "kinematics"))
     return listed
@@ -197,7 +197,7 @@ def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Source]:
 def _stated(cell: Cell, points: CutPoints) -> list[Source]:
     """Elastic elements of the file: those of the robot and those beyond its flange, by where they come from."""
     chain, parts = cell.chain, shares(cell.chain, points.q, points.w_tcp_base)[..., :3]
-    relative = _identified(cell)
+    relative = identified_sigma(cell)
     assumed = set() if cell.class_stiffness is None else {f"axis{axis + 1}" for axis in cell.class_stiffness.axes}
     groups: dict[tuple[str, str], list[int]] = {}
     for i, name in enumerate(chain.names):
@@ -209,17 +209,6 @@ def _stated(cell: Cell, points: CutPoints) -> list[Source]:
         sigma = np.array([relative.get(chain.names[i], STATED) for i in elements])
         d = _scaled(parts[:, elements], sigma, elements[0])
         out.append(Source(f"stiffness of the {where}", known, d, _PULLS))
-    return out
-
-
-def _identified(cell: Cell) -> dict[str, float]:
-    """Relative standard deviation of identified segments: the largest of their directions."""
-    out: dict[str, float] = {}
-    for entry in cell.tables.identified:
-        for one in entry.values:
-            segment, _, direction = one.name.partition(".")
-            if direction in ("tx", "ty", "tz", "rx", "ry", "rz") and one.value > 0.0 and one.seen != "prior":
-                out[segment] = max(out.get(segment, 0.0), one.sigma / one.value)
     return out
 
 

@@ -30,6 +30,7 @@ from counterflex.plan.inputs import (
     solve_joints,
     work_of,
 )
+from counterflex.plan.lowest_mode import can_move
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.static_correction import (
     Command,
@@ -41,7 +42,7 @@ from counterflex.plan.static_correction import (
     static_correction,
 )
 from counterflex.plan.stock_grain import fine_enough, grain_per_cell
-from counterflex.plan.tool_deviation import can_move, lost_motion, run
+from counterflex.plan.tool_deviation import lost_motion, run
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
 _BELIEVED = 0.3

@@ -13,13 +13,10 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float, batches
-from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MS
 from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, number_postures
 from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
-from counterflex.robot.model.description import Servo
-from counterflex.signals.preview import Mode
 
 STEP_S: Final = 0.5 * MS
 DENSITY_KG_M3: Final = 3000.0
@@ -27,8 +24,6 @@ DENSITY_KG_M3: Final = 3000.0
 DAMPING_S: Final = 2.5 * MS
 """beta of the damping D = beta K: a ratio of 0.07 at 8 Hz, to which drives and friction add theirs. Assumed;
 with 1.5 ms the spindle on its holder chattered in the model at a cut that the simulated cell did quietly."""
-_OVERDAMPED: Final = 0.7
-"""Poles with a larger damping ratio are no modes."""
 _INERTIA_RAD: Final = 2.0 * DEG
 """Change of an axis after which inertia is taken anew."""
 _JACOBIAN_RAD: Final = 0.1 * DEG
@@ -65,7 +60,7 @@ def stiffness_of(chain: ElasticChain, q: Float) -> Float:
     Returns:
         (rows, n) N m/rad, N/m; one row for all where no compliance differs.
     """
-    segment, direction, _ = _coordinates(chain)
+    segment, direction, _ = coordinates(chain)
     if not chain.regions:
         return 1.0 / np.maximum(chain.compliance[None, segment, direction], play.STIFFEST_RAD_NM)
     out = np.empty((len(q), len(segment)))
@@ -86,7 +81,7 @@ def inertia(chain: ElasticChain, q: Float) -> Float:
         (rows, n, n) kg m2, kg m, kg, in the coordinates of :func:`matrices`.
     """
     angles = as_float("q", q, (None, 6))
-    segment, direction, sign = _coordinates(chain)
+    segment, direction, sign = coordinates(chain)
     turns = (direction >= 3)[:, None]
     out = np.zeros((len(angles), len(segment), len(segment)))
     for rows in batches(len(angles)):
@@ -115,7 +110,7 @@ def jacobians(chain: ElasticChain, q: Float) -> tuple[Float, Float]:
         J (rows, 6, n) and J_drive (rows, 6, 6) of :func:`matrices`, base axes.
     """
     angles = as_float("q", q, (None, 6))
-    segment, direction, sign = _coordinates(chain)
+    segment, direction, sign = coordinates(chain)
     turns = (direction >= 3)[:, None]
     driven = np.flatnonzero(chain.joint >= 0)
     J, J_drive = np.empty((len(angles), 6, len(segment))), np.empty((len(angles), 6, AXES))
@@ -132,7 +127,7 @@ def jacobians(chain: ElasticChain, q: Float) -> tuple[Float, Float]:
     return J, J_drive
 
 
-def _coordinates(chain: ElasticChain) -> tuple[Int, Int, Float]:
+def coordinates(chain: ElasticChain) -> tuple[Int, Int, Float]:
     """Segment, direction (0..5 of ``tx ty tz rx ry rz``) and sign of each coordinate; the axes come first."""
     sign = chain.sign[chain.joint >= 0]
     results = [(int(chain.torsion[a]), 5, float(sign[a])) for a in range(AXES)]
@@ -148,50 +143,6 @@ def _screws(T: Float, segment: Int, direction: Int, sign: Float) -> tuple[Float,
     own = T[:, segment, :3]
     axis = np.take_along_axis(own, (direction % 3)[None, :, None, None], axis=3)[..., 0]
     return own[..., 3], sign[:, None] * axis
-
-
-def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | None, ...]) -> Mode:
-    """Lowest mode of a posture while the drives hold it.
-
-    The eigenvalue of smallest frequency of the linear equations (no play, no friction) that is damped by less than
-    :data:`_OVERDAMPED`.
-
-    Args:
-        M: (n, n) inertia.
-        stiffness: (n,), K is diagonal.
-        beta_s: s, damping D is beta K.
-        servo: Of the six axes.
-
-    Raises:
-        ModelError: Nothing swings: the chain has no masses.
-    """
-    n = len(stiffness)
-    inverse = np.linalg.pinv(M, hermitian=True)
-    K = np.diag(stiffness)
-    A = np.zeros((2 * n + 2 * AXES, 2 * n + 2 * AXES))
-    lag = slice(2 * n, 2 * n + AXES)
-    A[:n, n : 2 * n] = np.eye(n)
-    A[n : 2 * n, :n] = -inverse @ K
-    A[n : 2 * n, n : 2 * n] = -beta_s * inverse @ K
-    A[n : 2 * n, lag] = inverse @ K[:, :AXES]
-    for a, entry in enumerate(servo):
-        if entry is None:
-            continue
-        through = np.zeros(len(A))
-        through[a], through[2 * n + a] = stiffness[a], -stiffness[a]
-        row = through / entry.speed_gain_nm_s
-        row[2 * n + AXES + a] -= 1.0 / entry.integral_time_s
-        A[2 * n + AXES + a] = row
-        A[2 * n + a] = row
-        A[2 * n + a, 2 * n + a] -= entry.position_gain_per_s
-        A[n : 2 * n] += beta_s * np.outer(inverse @ K[:, a], A[2 * n + a])
-    poles = np.linalg.eigvals(A)
-    poles = poles[poles.imag > 1e-6 * np.abs(poles)]
-    poles = poles[-poles.real < _OVERDAMPED * np.abs(poles)]
-    if len(poles) == 0:
-        raise ModelError("the chain has no masses, so it has no modes", hint="Give mass_kg of the bodies")
-    lowest = poles[np.argmin(np.abs(poles))]
-    return Mode(float(np.abs(lowest)), float(-lowest.real / np.abs(lowest)))
 
 
 def motion_along(

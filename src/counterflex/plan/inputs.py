@@ -56,7 +56,7 @@ class Setting:
         rotation_about_tool_rad: Free rotation, see :func:`counterflex.path.toolpath.tool_orientation`.
         law: Force law.
         cutter_of: Gives the cutter of a tool number.
-        mode: Lowest structural mode of a tap test, for a chain without masses.
+        mode: Lowest structural mode of a tap test, or None; see :func:`counterflex.plan.lowest_mode.mode_of`.
         shaping: How corrections are shaped in time.
         limits: Bounds.
         swing_m: Largest swing of the arm that one change of motion or force may start, see
@@ -77,7 +77,7 @@ class Setting:
     rotation_about_tool_rad: float
     law: ForceLaw
     cutter_of: Callable[[int], Cutter]
-    mode: Mode
+    mode: Mode | None
     shaping: Shaping
     limits: Limits
     swing_m: float = 0.0

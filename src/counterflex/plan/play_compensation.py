@@ -19,6 +19,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Setting
+from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
 from counterflex.signals.preview import Mode, Shaping, command_for
 
@@ -49,16 +50,17 @@ def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Fl
     if setting.chain.play is None and setting.chain.servo is None:
         return requested
     touched, smooth = touched_points(setting), Shaping(SMOOTHING_S, 0.0)
+    mode = mode_of(setting.chain, q[int(np.argmax(np.linalg.norm(w_tcp_part[:, :3], axis=1)))], setting.mode)
     still = np.zeros_like(requested)
 
     def lost(x: Float) -> Float:
         moved = corrected_joints(setting.controller_chain, setting.T_base_part, q, x, still)
         return play_deviation(
-            setting.chain, setting.T_base_part, path.p_part_tcp, moved, w_tcp_part, path.time_s, touched, setting.mode
+            setting.chain, setting.T_base_part, path.p_part_tcp, moved, w_tcp_part, path.time_s, touched, mode
         )
 
     requested = -_FIRST * lost(requested)
     for n in range(_ROUNDS):
         result = lost(command_for(requested, path.time_s, (), smooth))
         requested = requested - (result + requested) / (1.5 + 0.5 * n)
-    return command_for(requested, path.time_s, (setting.mode, lag), Shaping(SMOOTHING_S, dead_s))
+    return command_for(requested, path.time_s, (mode, lag), Shaping(SMOOTHING_S, dead_s))

@@ -22,9 +22,10 @@ from counterflex.core.units import DEG, MM
 from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.inputs import Inputs, Limits, Setting, feed_runs, part_compliance, settling_rows
+from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import across
 from counterflex.plan.sag_and_play import corrected_joints, residual_sag, touched_points
-from counterflex.plan.tool_deviation import PlannedRobot, lost_motion, mode_of
+from counterflex.plan.tool_deviation import PlannedRobot, lost_motion
 from counterflex.plan.undisturbed_cut import UndisturbedCut
 from counterflex.robot.elasticity import compliance
 from counterflex.signals.preview import by_group

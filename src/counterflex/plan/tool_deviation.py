@@ -12,39 +12,12 @@ from counterflex.core.progress import Progress
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
-from counterflex.plan.elastic_motion import DAMPING_S, commanded, lowest_mode, matrices, motion_along
+from counterflex.plan.elastic_motion import commanded, motion_along
 from counterflex.plan.elastic_motion_kernel import AXES, Motion
 from counterflex.plan.inputs import Setting
+from counterflex.plan.lowest_mode import can_move, damping_of
 from counterflex.plan.sag_and_play import in_touched_frame, play_deviation
-from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
-
-
-def mode_of(chain: ElasticChain, q: Float, measured: Mode) -> Mode:
-    """Lowest mode in a posture: from masses, compliances and drives, or as measured where a chain cannot be moved.
-
-    Args:
-        chain: The elastic robot.
-        q: (6,) rad.
-        measured: Of a tap test.
-    """
-    if not can_move(chain):
-        return measured
-    M, stiffness = matrices(chain, q)[:2]
-    return lowest_mode(M, stiffness, damping_of(chain, measured), chain.servo or (None,) * AXES)
-
-
-def damping_of(chain: ElasticChain, measured: Mode) -> float:
-    """Beta of the damping D = beta K, s: where nothing is known of drives, a tap test's ratio has to stand for them."""
-    return DAMPING_S if chain.servo is not None else 2.0 * measured.damping_ratio / measured.omega_rad_s
-
-
-def can_move(chain: ElasticChain) -> bool:
-    """Whether an elastic chain has a mass behind every drive, before the next: inertia needs no guess then."""
-    driven = np.flatnonzero(chain.joint >= 0)
-    ends = [*driven[1:], chain.n]
-    heavy = all(np.any(chain.mass[a:b] > 0.0) for a, b in zip(driven, ends, strict=True))
-    return heavy and bool(np.any(chain.compliance > 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +52,7 @@ class PlannedRobot:
             self.q,
             self.q,
             path.time_s,
-            damping_of(s.chain, s.mode),
+            damping_of(s.chain, self.mode),
             shaken=shaken_rows(path),
             acceleration_m_s2=s.acceleration_m_s2,
         )

@@ -7,6 +7,7 @@ wanted.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -40,6 +41,16 @@ class Mode:
         """Check ranges."""
         as_positive("mode frequency", self.omega_rad_s)
         as_positive("mode damping ratio", self.damping_ratio)
+
+    @property
+    def hz(self) -> float:
+        """Frequency, Hz."""
+        return self.omega_rad_s / (2.0 * math.pi)
+
+    @property
+    def ring_s(self) -> float:
+        """Time constant with which it dies out, ``1 / (omega D)``."""
+        return 1.0 / (self.omega_rad_s * self.damping_ratio)
 
 
 @dataclass(frozen=True)

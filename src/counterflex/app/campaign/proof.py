@@ -11,11 +11,11 @@ import numpy as np
 from counterflex.app.campaign.parameter_errors import parameter_errors
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.languages import write
-from counterflex.app.inputs import read_job, setting_of
+from counterflex.app.inputs import read_job
 from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished
 from counterflex.app.proof import simulate
+from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Reference, judge, reference_of
-from counterflex.app.proof.truth import knowing
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, share_of, silent
@@ -62,8 +62,7 @@ def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str
     begin(out, mark)
     cell = read_cell(cell_file)
     job = read_job(program, cell)
-    chain, law = knowing(cell, read_truth(truth_file))
-    setting = setting_of(cell, chain=chain, law=law)
+    setting = exact_setting(job, cell, read_truth(truth_file))
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
     for name, text in write(job, plan, cell, "gcode")[0].items():
         atomic.write_bytes(out / name, text.encode(job.program.encoding, errors="replace"))

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.app.lowest_mode import at_largest_force
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, N_PER_MM2
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
@@ -43,7 +44,7 @@ def title_of(program: Program) -> str:
     return Path(program.name).name
 
 
-def assumptions(cell: Cell) -> tuple[Fact, ...]:
+def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
     """Every assumption behind a plan for this cell."""
     tables, law = cell.tables, cell.force_law
     facts = []
@@ -83,7 +84,7 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
     facts.append(Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"))
     facts.append(Fact("Play and friction of the axes", *_known(tables.robot.play)))
     facts.append(Fact("Loop gains of the drives", *_known(tables.robot.servo)))
-    dynamics = tables.dynamics
+    dynamics, lowest = tables.dynamics, at_largest_force(cell, plan)
     facts.append(
         Fact(
             "Shape of the correction",
@@ -94,8 +95,8 @@ def assumptions(cell: Cell) -> tuple[Fact, ...]:
     facts.append(
         Fact(
             "Lowest mode",
-            f"{dynamics.mode_hz:g} Hz, damping {dynamics.damping_ratio:g}",
-            "cell file; for the prediction, and for the load that reaches the drives",
+            f"{lowest.mode.hz:.1f} Hz{lowest.between}, damping {lowest.mode.damping_ratio:.2g}",
+            f"{lowest.origin}, where the force is largest; for corrections, the feed and the prediction",
         )
     )
     facts.append(

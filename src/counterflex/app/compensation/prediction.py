@@ -23,9 +23,9 @@ from counterflex.evaluate.figures import weighted_figures
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import RAPID
 from counterflex.plan.feed_schedule import share_between
+from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
-from counterflex.plan.tool_deviation import mode_of
 from counterflex.programs.gcode.read.reader import doubtful_readings
 from counterflex.report.data import Fact, PredictionData
 from counterflex.robot.model.elastic_region import beyond_regions
@@ -181,7 +181,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
         correction_m=plan.correction_part,
         force_n=np.linalg.norm(plan.w_tcp_part[:, :3], axis=1),
         facts=tuple(facts),
-        assumptions=assumptions(cell),
+        assumptions=assumptions(cell, plan),
         timing=(Fact("Planning", f"{summary['seconds']:.1f} s"),),
         versions={"counterflex": __version__, "Python": platform.python_version(), "NumPy": np.__version__},
         notes=tuple(notes),

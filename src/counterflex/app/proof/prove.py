@@ -21,9 +21,10 @@ from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, 
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.proof import simulate
+from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
-from counterflex.app.proof.truth import knowing, truth_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -240,8 +241,7 @@ def _exact_part(seed: int) -> str:
 
 def _exact_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: Progress) -> Path:
     """The program compensated with the truth's exact constants."""
-    chain, law = knowing(cell, truth)
-    setting = setting_of(cell, chain=chain, law=law)
+    setting = exact_setting(job, cell, truth)
     plan = make_plan(
         job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False, progress=progress
     )

@@ -97,7 +97,7 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
             drawing=drawing(plan, cell),
             next_steps=after_proof(measured, comparison.summary),
             budget=budget(plan, before.deviation, cell),
-            assumptions=assumptions(cell),
+            assumptions=assumptions(cell, plan),
             differences=tuple(
                 Difference(
                     f"{row.group}: {row.name}",

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from counterflex.app.inputs import setting_of
+from counterflex.app.lowest_mode import lowest_mode
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import Cell
@@ -16,10 +17,10 @@ from counterflex.files.cell.sensing import flange_sensor
 from counterflex.geometry import pose
 from counterflex.plan.ahead import arm_share, arrival
 from counterflex.plan.inputs import feed_runs, part_compliance
+from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.play_compensation import play_compensation
 from counterflex.plan.static_correction import APPROACH_S, within
-from counterflex.plan.tool_deviation import mode_of
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
@@ -112,7 +113,8 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
             where=str(cell.path),
             hint='Add a table [online], for example with force = "pilot"',
         )
-    settings = table.settings(cell.tables.timing, compensated=compensated, mode=cell.tables.lowest_mode)
+    mode = lowest_mode(cell)
+    settings = table.settings(cell.tables.timing, compensated=compensated, mode=(mode.hz, mode.damping_ratio))
     watched, override = cell.tables.monitor, cell.tables.override
     teeth = None
     exponent = _EXPONENT
@@ -130,7 +132,7 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
         settings,
         cell.T_base_part,
         plan,
-        monitor=seen_by(settings, exponent, inertia_kg, cell.tables.dynamics.ring_s),
+        monitor=seen_by(settings, exponent, inertia_kg, mode.ring_s),
         override=None if override is None else override.settings(),
     )
 

@@ -9,13 +9,14 @@ import math
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
+from counterflex.plan.lowest_mode import ASSUMED_DAMPING
 from counterflex.plan.preflight.row import Bounds
 from counterflex.robot.model.description import Robot
 from counterflex.signals.preview import Mode, Shaping
@@ -48,11 +49,17 @@ class PostureTable(Table):
 class DynamicsTable(Table):
     """How the robot answers in time: its lowest mode, and how a correction must be shaped to act like the force."""
 
-    mode_hz: Annotated[float, Field(gt=0.0, le=1e4)] = 8.0
-    damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] = 0.1
+    mode_hz: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
+    damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] | None = None
     correction_smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
     correction_lead_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     swing_um: Annotated[float, Field(ge=0.0, le=10000.0)] = SWING_M / UM
+
+    @model_validator(mode="after")
+    def _damping_of_something(self) -> DynamicsTable:
+        if self.damping_ratio is not None and self.mode_hz is None:
+            raise ValueError("damping_ratio is that of the lowest mode; expected mode_hz beside it")
+        return self
 
     @property
     def swing_m(self) -> float:
@@ -60,14 +67,11 @@ class DynamicsTable(Table):
         return self.swing_um * UM
 
     @property
-    def mode(self) -> Mode:
-        """The lowest mode: angular frequency ``2 pi f`` and damping."""
-        return Mode(2.0 * math.pi * self.mode_hz, self.damping_ratio)
-
-    @property
-    def ring_s(self) -> float:
-        """Time constant with which the lowest mode dies out, ``1 / (2 pi f D)``."""
-        return 1.0 / (2.0 * math.pi * self.mode_hz * self.damping_ratio)
+    def mode(self) -> Mode | None:
+        """The lowest mode of a tap test: angular frequency ``2 pi f`` and damping; None: it was not measured."""
+        if self.mode_hz is None:
+            return None
+        return Mode(2.0 * math.pi * self.mode_hz, self.damping_ratio or ASSUMED_DAMPING)
 
     @property
     def shaping(self) -> Shaping:

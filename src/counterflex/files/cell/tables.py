@@ -271,11 +271,6 @@ class CellTables(Versioned):
     override: OverrideTable | None = None
     identified: tuple[IdentifiedTable, ...] = ()
 
-    @property
-    def lowest_mode(self) -> tuple[float, float]:
-        """Lowest mode, Hz, and its damping ratio."""
-        return self.dynamics.mode_hz, self.dynamics.damping_ratio
-
     @model_validator(mode="after")
     def _unique(self) -> CellTables:
         numbers = [tool.number for tool in self.tools]

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.lowest_mode import lowest_mode
 from counterflex.core.units import DEG, MM, MS
 from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
@@ -83,7 +84,8 @@ def open_loops(cell_file: Path) -> list[Controller]:
     """The published gain, the designed controller and the observer, on the robot of a cell file."""
     cell = read_cell(cell_file)
     table = cell.tables.online or _OBSERVER
-    mode = cell.tables.lowest_mode
+    lowest = lowest_mode(cell)
+    mode = (lowest.hz, lowest.damping_ratio)
     chosen: OnlineSettings = table.settings(cell.tables.timing, compensated=False, mode=mode)
     period = chosen.period_s
     plant = tracker_plant(chosen.delays, period, mode)

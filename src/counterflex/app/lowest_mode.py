@@ -1,0 +1,135 @@
+"""Lowest mode of a cell in a posture, where it comes from and how well it is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.unknown_stiffness import corner_of_blank
+from counterflex.core.arrays import Float
+from counterflex.files.cell.cell import Cell
+from counterflex.plan.elastic_motion import coordinates, matrices
+from counterflex.plan.lowest_mode import assumed_masses, can_move, mode_of
+from counterflex.plan.modes import frequency_sigma, kinetic_shares, modes
+from counterflex.plan.plan import Plan
+from counterflex.signals.preview import Mode
+
+STATED: Final = 0.35
+"""Relative standard deviation of a compliance that nobody measured on this cell. Two published sets of one robot
+(``stiffness_data/published.toml``: KR 300, KR 500, R-2000iC) differ by 41, 62 and 45 % from axis to axis, standard
+deviation of the logarithm; one set has that over the square root of two."""
+MASS: Final = 0.15
+"""The same of a stated mass: of a body with its hoses and cables, and with its centre of gravity."""
+ASSUMED_MASS: Final = 0.5
+"""The same of masses by the length of the arm: a factor of two either way holds 90 %, with what the posture adds."""
+_INSIDE: Final = 1.645
+"""Standard deviations that hold 90 %."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A lowest mode.
+
+    Attributes:
+        mode: Frequency and damping.
+        low_hz: 5 % of robots with these masses and springs swing more slowly; nan where it was measured.
+        high_hz: 5 % swing faster.
+        origin: Where it comes from.
+    """
+
+    mode: Mode
+    low_hz: float
+    high_hz: float
+    origin: str
+
+    @property
+    def between(self) -> str:
+        """The interval in brackets behind a space; empty where there is none."""
+        return "" if math.isnan(self.low_hz) else f" ({self.low_hz:.1f} to {self.high_hz:.1f})"
+
+    @property
+    def text(self) -> str:
+        """In one line."""
+        return f"{self.mode.hz:.1f} Hz{self.between}, {self.origin}"
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """Plain values for a summary."""
+        within = None if math.isnan(self.low_hz) else [round(self.low_hz, 2), round(self.high_hz, 2)]
+        ratio = round(self.mode.damping_ratio, 3)
+        return {"hz": round(self.mode.hz, 2), "of_90_percent_hz": within, "damping_ratio": ratio, "from": self.origin}
+
+
+def lowest_mode(cell: Cell, q: Float | None = None) -> Mode:
+    """What a tap test of the cell file says, otherwise what masses and springs do.
+
+    Args:
+        cell: The cell.
+        q: (6,) rad; None is at the highest corner of the blank, or all axes at zero where there is no part.
+    """
+    measured = cell.tables.dynamics.mode
+    if measured is not None:
+        return measured
+    return mode_of(cell.chain, _posture(cell) if q is None else q, None)
+
+
+def estimate(cell: Cell, q: Float) -> Estimate:
+    """The lowest mode that planning takes in a posture, with the spread of what it is computed from.
+
+    To first order, with independent spreads: :data:`STATED` of a compliance or what its identification left,
+    :data:`MASS` of a mass. That unknown drives yield, which makes every mode slower, is not in it.
+
+    Args:
+        cell: The cell.
+        q: (6,) rad.
+    """
+    chain, measured = cell.chain, cell.tables.dynamics.mode
+    mode = mode_of(chain, q, measured)
+    moves = can_move(chain)
+    if measured is not None and not moves:
+        return Estimate(mode, math.nan, math.nan, "measured")
+    if not np.any(chain.compliance > 0.0):
+        return Estimate(mode, math.nan, math.nan, "nothing yields: any")
+    filled = chain if moves else assumed_masses(chain, q)
+    free = modes(*matrices(filled, q)[:2])
+    relative, segment = _of_the_class(cell) | identified_sigma(cell), coordinates(filled)[0]
+    spread = np.array([relative.get(filled.names[i], STATED) for i in segment])
+    heavy = np.where(chain.mass > 0.0, MASS, ASSUMED_MASS)
+    kinetic = kinetic_shares(filled, q, free.shapes[:, :1])[:, 0]
+    sigma = frequency_sigma(free.strain[:, 0], kinetic, spread, heavy)
+    origin = "from masses and stiffness" if moves else "from stiffness and assumed masses"
+    return Estimate(mode, mode.hz * math.exp(-_INSIDE * sigma), mode.hz * math.exp(_INSIDE * sigma), origin)
+
+
+def at_largest_force(cell: Cell, plan: Plan) -> Estimate:
+    """The estimate in the posture that planning took: where the predicted force is largest."""
+    return estimate(cell, plan.q[int(np.argmax(np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)))])
+
+
+def _posture(cell: Cell) -> Float:
+    """(6,) rad at the blank, or all zero where the cell is not one that mills."""
+    if cell.tables.part is None or cell.tables.part.stock is None:
+        return np.zeros(6)
+    return corner_of_blank(cell)
+
+
+def _of_the_class(cell: Cell) -> dict[str, float]:
+    """Spread of the axes whose stiffness is that of the robot's class."""
+    given = cell.class_stiffness
+    if given is None:
+        return {}
+    return {f"axis{axis + 1}": float(given.prior.log_sigma[axis]) for axis in given.axes}
+
+
+def identified_sigma(cell: Cell) -> dict[str, float]:
+    """Relative standard deviation of identified segments: the largest of their directions."""
+    out: dict[str, float] = {}
+    for entry in cell.tables.identified:
+        for one in entry.values:
+            segment, _, direction = one.name.partition(".")
+            if direction in ("tx", "ty", "tz", "rx", "ry", "rz") and one.value > 0.0 and one.seen != "prior":
+                out[segment] = max(out.get(segment, 0.0), one.sigma / one.value)
+    return out

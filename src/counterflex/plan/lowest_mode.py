@@ -1,0 +1,95 @@
+"""Lowest mode of an elastic robot in a posture: of its masses and springs, of a tap test, or of what robots weigh.
+
+Shaping of corrections, the feed schedule and the answer of drives need a frequency and a damping ratio. In this order:
+
+1. A chain with a mass behind every drive swings as its masses and springs do (:func:`counterflex.plan.modes.modes`,
+   with the loop gains of the drives where they are known).
+2. Otherwise a tap test says it.
+3. Otherwise masses are assumed (:func:`assumed_masses`).
+
+Source of the assumed damping: modal tests on milling robots find ratios from 0.02 (drives locked) to 0.1 for the modes
+below 30 Hz; friction and drives damp small and slow swings more than that. It is a judgement, not a measurement.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.plan.elastic_motion import DAMPING_S, matrices
+from counterflex.plan.elastic_motion_kernel import AXES
+from counterflex.plan.modes import lowest_mode, modes
+from counterflex.robot.elasticity.chain import ElasticChain, frames
+from counterflex.signals.preview import Mode
+
+ASSUMED_DAMPING: Final = 0.1
+"""Damping ratio of the lowest mode where neither a tap test nor loop gains are known."""
+LINK_SHARES: Final = (0.39, 0.244, 0.232, 0.073, 0.044, 0.017)
+"""Mass behind each drive and before the next, of all that moves: KR 300 R2500 ultra, github
+JonasWeigand/Robot_Identification (catalogue file of that robot)."""
+ASSUMED_KG_PER_M3: Final = 52.0
+"""Moving mass over the cube of the length of the arm, of the same robot (820 kg, 2.5 m); robots of the catalogue whose
+mass is in their data sheet lie within a factor of two."""
+RIGID_HZ: Final = 30.0
+"""Where nothing yields there is no mode, and any will do: it shapes corrections that are zero."""
+
+
+def can_move(chain: ElasticChain) -> bool:
+    """Whether an elastic chain has a mass behind every drive, before the next: inertia needs no guess then."""
+    driven = np.flatnonzero(chain.joint >= 0)
+    ends = [*driven[1:], chain.n]
+    heavy = all(np.any(chain.mass[a:b] > 0.0) for a, b in zip(driven, ends, strict=True))
+    return heavy and bool(np.any(chain.compliance > 0.0))
+
+
+def mode_of(chain: ElasticChain, q: Float, measured: Mode | None) -> Mode:
+    """Lowest mode in a posture.
+
+    Args:
+        chain: The elastic robot.
+        q: (6,) rad.
+        measured: Of a tap test; its frequency counts where the chain cannot be moved, its damping where no loop gains
+            are known. None: there was none.
+    """
+    if not can_move(chain):
+        if measured is not None:
+            return measured
+        if not np.any(chain.compliance > 0.0):
+            return Mode(2.0 * math.pi * RIGID_HZ, ASSUMED_DAMPING)
+        chain = assumed_masses(chain, q)
+    M, stiffness = matrices(chain, q)[:2]
+    known = Mode(float(modes(M, stiffness).omega_rad_s[0]), ASSUMED_DAMPING) if measured is None else measured
+    return lowest_mode(M, stiffness, damping_of(chain, known), chain.servo or (None,) * AXES)
+
+
+def damping_of(chain: ElasticChain, mode: Mode) -> float:
+    """Beta of the damping D = beta K, s: where nothing is known of drives, a mode's ratio has to stand for them."""
+    return DAMPING_S if chain.servo is not None else 2.0 * mode.damping_ratio / mode.omega_rad_s
+
+
+def assumed_masses(chain: ElasticChain, q: Float) -> ElasticChain:
+    """The chain with masses where an axis has none behind it, by the length of the arm.
+
+    Their centres lie half way to the next drive. Only for modes: such a chain must not sag.
+
+    Args:
+        chain: The elastic robot.
+        q: (6,) rad, any posture: lengths do not depend on it.
+    """
+    driven = np.flatnonzero(chain.joint >= 0)
+    ends = [*driven[1:].tolist(), chain.flange_segment + 1]
+    T = frames(chain, q)
+    flange = (T[chain.flange_segment] @ chain.T_segment_flange)[:3, 3]
+    places = [*(T[i, :3, 3] for i in driven), flange]
+    length = sum(float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(places[1:]))
+    mass, com = chain.mass.copy(), chain.com.copy()
+    for i, end, share, there in zip(driven.tolist(), ends, LINK_SHARES, places[1:], strict=True):
+        if not np.any(chain.mass[i:end] > 0.0):
+            mass[i] = share * ASSUMED_KG_PER_M3 * length**3
+            com[i] = 0.5 * T[i, :3, :3].T @ (there - T[i, :3, 3])
+    return replace(chain, mass=mass, com=com)
