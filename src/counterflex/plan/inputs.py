@@ -178,14 +178,19 @@ class Inputs:
         return float(self.path.time_s[-1] - self.path.time_s[0]) if len(self.path) else 0.0
 
 
+def programmed_poses(path: ToolPath, setting: Setting) -> Float:
+    """(n, 4, 4) m, poses of the tool frame in the base that a path of n rows asks for."""
+    Rs_part_tcp = tool_orientation(path.axis_part, setting.rotation_about_tool_rad)
+    return tool_poses(setting.T_base_part, path.p_part_tcp, Rs_part_tcp)
+
+
 def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
     """Joint angles along the path, with the margins that the limits ask for.
 
     Raises:
         ReachError: Out of reach, out of limits, too near a limit or a singularity; names the source line.
     """
-    Rs_part_tcp = tool_orientation(path.axis_part, setting.rotation_about_tool_rad)
-    Ts_base_tcp = tool_poses(setting.T_base_part, path.p_part_tcp, Rs_part_tcp)
+    Ts_base_tcp = programmed_poses(path, setting)
     try:
         joints = inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch)
     except ReachError as fault:

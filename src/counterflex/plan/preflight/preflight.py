@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -15,9 +15,9 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import wrench
-from counterflex.path.toolpath import FEED, ToolPath, tool_orientation, tool_poses
+from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
-from counterflex.plan.inputs import Setting
+from counterflex.plan.inputs import Setting, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
 from counterflex.plan.preflight.bodies import Body, carried, links, part_bodies, with_given
 from counterflex.plan.preflight.collision import collision_rows
@@ -29,6 +29,8 @@ from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inve
 from counterflex.robot.kinematics.inverse_seeds import extension
 
 JOINTS, CUTTING, COLLISION = "joint angles", "cut", "collisions"
+REVERSALS: Final = "reversals in the cut"
+UNLOADINGS: Final = "unloadings in the cut"
 _CONTACT_M3: Final = 1e-12
 _STRETCHED_M: Final = 20.0 * MM
 _NEEDS_REACH: Final = (
@@ -41,8 +43,8 @@ _NEEDS_REACH: Final = (
     "robot and spindle to surroundings",
     "tool to surroundings",
     "spindle to arm",
-    "reversals in the cut",
-    "unloadings in the cut",
+    REVERSALS,
+    UNLOADINGS,
 )
 
 
@@ -118,17 +120,9 @@ def preflight(
             parts[COLLISION],
         )  # fmt: skip
         rows += _loads(result, fine, q, setting)
-    rows += spacing_rows(path, bounds)
+    rows += spacing_rows(fine, bounds)
     parts[COLLISION](1.0)
-    return Preflight(tuple(_onto(row, path, fine) for row in rows), fine, q, margin, tuple(bodies))
-
-
-def _onto(row: Row, path: ToolPath, fine: ToolPath) -> Row:
-    """Rows of the blocks are told on the path as given; all on the fine one."""
-    if row.point is None or row.check not in ("block time at feed", "look-ahead") or len(path) == len(fine):
-        return row
-    ends = np.searchsorted(fine.motion, path.motion[row.point], side="right") - 1
-    return replace(row, point=int(ends))
+    return Preflight(tuple(rows), fine, q, margin, tuple(bodies))
 
 
 def _first_rows(path: ToolPath, count: int) -> ToolPath:
@@ -150,8 +144,7 @@ def _solved(setting: Setting, Ts_base_tcp: Float) -> PathSolution:
 
 def _reach(path: ToolPath, setting: Setting) -> tuple[PathSolution | None, int, list[Row]]:
     """Joint angles of the rows that are reached, how many, and the row of reach."""
-    Rs_part_tcp = tool_orientation(path.axis_part, setting.rotation_about_tool_rad)
-    Ts_base_tcp = tool_poses(setting.T_base_part, path.p_part_tcp, Rs_part_tcp)
+    Ts_base_tcp = programmed_poses(path, setting)
     reserve = extension(setting.controller_chain, Ts_base_tcp, setting.branch)
     try:
         solution = _solved(setting, Ts_base_tcp)
@@ -227,15 +220,15 @@ def _cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progress)
 def _loads(result: Cut | None, path: ToolPath, q: Float, setting: Setting) -> list[Row]:
     """Reversals and unloadings under the predicted force."""
     if result is None:
-        return [Row(name, "unknown", what="the cut cannot be computed") for name in _NEEDS_REACH[-2:]]
+        return [Row(name, "unknown", what="the cut cannot be computed") for name in (REVERSALS, UNLOADINGS)]
     n, chain = len(q), setting.chain
     contact = (path.kind == FEED) & (result.volume_m3 > _CONTACT_M3)
     w = wrench.rotate(setting.T_base_part[:3, :3], at_points(result.w_tcp_part, contact)[:n])
     contact = contact[:n]
-    rows = [event_row("reversals in the cut", reversals(chain, q, w, contact))]
+    rows = [event_row(REVERSALS, reversals(chain, q, w, contact))]
     if not np.any(chain.mass > 0.0):
         return [
             *rows,
-            Row("unloadings in the cut", "unknown", what="no mass of a link is known", missing="robot.elastic mass_kg"),
+            Row(UNLOADINGS, "unknown", what="no mass of a link is known", missing="robot.elastic mass_kg"),
         ]
-    return [*rows, event_row("unloadings in the cut", unloadings(chain, q, w, contact))]
+    return [*rows, event_row(UNLOADINGS, unloadings(chain, q, w, contact))]
