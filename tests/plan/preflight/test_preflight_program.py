@@ -148,6 +148,14 @@ def test_a_cut_without_spindle_is_a_row(checked: Any) -> None:
     assert rows["joint limits"]["verdict"] == "ok"
 
 
+def test_without_masses_of_links_unloadings_are_unknown(checked: Any) -> None:
+    """The end effector's mass alone says nothing of the weight that the drives bear."""
+    robot = {"catalog": "kuka_kr150_2"}
+    row = checked(robot=robot)["unloadings in the cut"]
+    assert (row["verdict"], row["missing"]) == ("unknown", "mass_kg of [[robot.elastic]]")
+    assert checked()["unloadings in the cut"]["verdict"] == "ok"
+
+
 def test_a_pillar_beside_the_part_is_hit_and_one_far_away_is_not(checked: Any) -> None:
     """A fixture where the spindle passes; its distance is that of the tool tip's path in the part frame."""
     post = {"name": "pillar", "shape": "box", "frame": "part", "size_mm": [20, 20, 400]}

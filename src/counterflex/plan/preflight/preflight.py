@@ -225,10 +225,8 @@ def _loads(result: Cut | None, path: ToolPath, q: Float, setting: Setting) -> li
     contact = (path.kind == FEED) & (result.volume_m3 > _CONTACT_M3)
     w = wrench.rotate(setting.T_base_part[:3, :3], at_points(result.w_tcp_part, contact)[:n])
     contact = contact[:n]
-    rows = [event_row(REVERSALS, reversals(chain, q, w, contact))]
-    if not np.any(chain.mass > 0.0):
-        return [
-            *rows,
-            Row(UNLOADINGS, "unknown", what="no mass of a link is known", missing="robot.elastic mass_kg"),
-        ]
-    return [*rows, event_row(UNLOADINGS, unloadings(chain, q, w, contact))]
+    turns = event_row(REVERSALS, reversals(chain, q, w, contact))
+    if not np.any(chain.mass[: chain.flange_segment + 1] > 0.0):
+        lacking = "no mass of a link is known, and with it no weight on the drives"
+        return [turns, Row(UNLOADINGS, "unknown", what=lacking, missing="mass_kg of [[robot.elastic]]")]
+    return [turns, event_row(UNLOADINGS, unloadings(chain, q, w, contact))]
