@@ -86,13 +86,24 @@ def test_start_and_stop_take_the_acceleration_of_the_controller() -> None:
     assert at[-1, :3] == pytest.approx(-2.0 * PER_M[:3], rel=1e-6)
 
 
-def test_corner_takes_it_along_the_change_of_velocity() -> None:
-    """From +x to +y: the velocity changes by sqrt(2) v along (-1, 1) / sqrt(2)."""
-    path = path_through(line((0, 0), (20, 0), (20, 20)))
+def test_corner_takes_it_along_the_change_of_velocity_and_both_sides() -> None:
+    """Back by 45 deg: an axis that goes by x brakes by a, one that goes by y gets sin 45 deg of a on both sides."""
+    path = path_through(line((0, 0), (20, 0), (20 - 20 / np.sqrt(2.0), 20 / np.sqrt(2.0))))
     at = joints.joint_accelerations(path, joints.joint_speeds(path, angles(path)), 1.0)
     corner = int(np.argmin(np.linalg.norm(path.p_part_tcp - [0.02, 0.0, 0.0], axis=1)))
     share = 1.0 / np.sqrt(2.0)
-    assert at[corner] == pytest.approx(np.where(np.arange(6) < 3, -share, share) * PER_M, rel=1e-9)
+    change = np.array([-share - 1.0, share]) / np.hypot(share + 1.0, share)  # unit vector along dV
+    assert abs(change[1]) < share
+    assert at[corner, :3] == pytest.approx(-1.0 * PER_M[:3], rel=1e-9)
+    assert at[corner, 4] == pytest.approx(share * PER_M[4], rel=1e-9)
+
+
+def test_corner_square_to_the_path() -> None:
+    """From +x to +y: the tool brakes along x and picks up speed along y."""
+    path = path_through(line((0, 0), (20, 0), (20, 20)))
+    at = joints.joint_accelerations(path, joints.joint_speeds(path, angles(path)), 1.0)
+    corner = int(np.argmin(np.linalg.norm(path.p_part_tcp - [0.02, 0.0, 0.0], axis=1)))
+    assert at[corner] == pytest.approx(np.where(np.arange(6) < 3, -1.0, 1.0) * PER_M, rel=1e-9)
 
 
 def test_arc_takes_the_acceleration_of_the_arc() -> None:
@@ -132,7 +143,7 @@ def test_a_slow_corner_is_no_softer_than_a_fast_one() -> None:
     path = path_through(line((0, 0), (20, 0), (20, 20)))
     slow = replace(path, time_s=50.0 * path.time_s)
     at = joints.joint_accelerations(slow, joints.joint_speeds(slow, angles(slow)), 1.0)
-    assert np.max(np.abs(at[1:-1, 4])) == pytest.approx(3.0 / np.sqrt(2.0), rel=1e-6)
+    assert np.max(np.abs(at[1:-1, 4])) == pytest.approx(3.0, rel=1e-6)
 
 
 @pytest.mark.parametrize(("limit", "verdict"), [(None, "unknown"), (0.16, "ok"), (0.14, "fail")])

@@ -12,8 +12,11 @@ import pytest
 from counterflex.app import preflight as job
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell
-from counterflex.path.toolpath import RAPID
+from counterflex.path.path_speed import build_track, timed
+from counterflex.path.toolpath import FEED, RAPID, tool_orientation, tool_poses
+from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
 from counterflex.plan.preflight.rapids import STEP_M, with_points_in_rapids
+from counterflex.robot.kinematics.inverse import inverse_path
 
 HEAD = "G21 G17 G90 G94\nT1 M6\nM3 S13000\n"
 GROOVE = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60"
@@ -65,6 +68,29 @@ def test_margins_and_wrist_are_those_of_the_angles(checked: Any, cell_of: CellOf
     angle = np.degrees(np.arcsin(np.abs(np.sin(q[:, 4]))))
     assert rows["wrist singularity"]["value"] == pytest.approx(angle.min(), rel=1e-5)
     assert rows["joint limits"]["line"] in (5, 6, 7)
+
+
+def test_accelerations_are_those_of_a_controller_that_rounds_the_corners(checked: Any, cell_of: CellOf) -> None:
+    """Angles of a run by the model of the controller, which brakes and rounds by itself, differentiated twice."""
+    body = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z41 F3000\nG1 X20 F1500\nG1 Y40\nG1 X0 Y60\nG0 Z60"
+    done, cell, cycle_s = checked(body)["done"], cell_of(), 0.004
+    path, controller = done.result.path, cell.tables.controller
+    track = build_track(
+        done.job.machined,
+        blending_m=controller.blending_m,
+        rapid_m_s=controller.rapid_m_s,
+        acceleration_m_s2=controller.acceleration_m_s2,
+    )
+    _, p, axis, row = timed(track, controller.acceleration_m_s2, cycle_s)
+    Rs = tool_orientation(axis, cell.tables.posture.rotation_about_tool_rad)
+    run = inverse_path(cell.controller_chain, tool_poses(cell.T_base_part, p, Rs), cell.tables.posture.branch).q
+    second = np.abs(np.diff(run, 2, axis=0)) / cycle_s**2
+    feed = (done.job.machined.kind == FEED)[row]
+    inside = np.convolve(feed, np.ones(5), mode="same")[1:-1] == 5
+    exact = np.where(inside[:, None], second, 0.0).max(axis=0)
+    speeds = joint_speeds(path, done.result.q)
+    ours = np.abs(joint_accelerations(path, speeds, controller.acceleration_m_s2)) * at_feed(path)[:, None]
+    assert ours.max(axis=0) == pytest.approx(exact, rel=0.05)
 
 
 def test_a_part_out_of_reach_says_line_and_by_how_much(checked: Any) -> None:

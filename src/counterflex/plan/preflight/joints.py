@@ -96,8 +96,10 @@ def joint_accelerations(path: ToolPath, speeds: Float, acceleration_m_s2: float)
 
     At row i the speed of the axes changes by ``dv = speeds_(i+1) - speeds_i`` and the velocity of the tool by ``dV``.
     At corners, starts, stops and changes of feed the controller takes ``|dV| / a`` for it: the axes accelerate by
-    ``J^-1 a``. Where the path is smooth (within a motion, or less than 3 deg between two) the change is spread over
-    half of both segments' times, never faster than that: on a sampled arc it is the acceleration of the arc.
+    ``J^-1 a`` along dV. It brakes before such a place and picks up speed behind it: ``J^-1 a`` along both sides counts,
+    too; the largest of the three is returned. Where the path is smooth (within a motion, or less than 3 deg between
+    two) the change is spread over half of both segments' times, never faster than at corners: on a sampled arc it is
+    the acceleration of the arc.
 
     Args:
         path: n rows.
@@ -125,6 +127,10 @@ def joint_accelerations(path: ToolPath, speeds: Float, acceleration_m_s2: float)
     half = np.where(corner, 0.0, 0.5 * (dt[:-1] + dt[1:]))
     time = np.maximum(half, change / acceleration_m_s2)
     at = np.diff(v, axis=0) / np.where(time > 0.0, time, 1.0)[:, None]
+    per_m = v / np.where(size > 0.0, size, 1.0)[:, None]  # J^-1 along the feed, rad/m
+    for brakes in (-per_m[:-1], per_m[1:]):
+        along = acceleration_m_s2 * brakes * corner[:, None]
+        at = np.where(np.abs(along) > np.abs(at), along, at)
     rows: Int = np.concatenate([[max(0, int(passing[0]) - 1)], passing])
     out[rows] = at
     return out
