@@ -39,6 +39,7 @@ from counterflex.cli.commands import (
     twin,
 )
 from counterflex.cli.commands import run as online
+from counterflex.cli.commands.plan import group as plan
 from counterflex.cli.interrupt import end
 from counterflex.cli.output import line_period_s
 from counterflex.core import compiling
@@ -87,7 +88,7 @@ def _with_own_classes(app: typer.Typer) -> None:
 
 
 PANELS: Final = {
-    "Plan": ("cell", "robots", "pose", "deflection", "path", "preflight", "compensate"),
+    "Plan": ("cell", "robots", "pose", "deflection", "path", "plan", "preflight", "compensate"),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "report"),
     "Identify": ("identify", "dataset", "campaign"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
@@ -151,7 +152,7 @@ def _in_panels(app: typer.Typer) -> None:
 
 for room in (question, program, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
-for room in (online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
+for room in (plan, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)

@@ -92,12 +92,37 @@ def copied_text(path: Path, folder: Path) -> str:
     Raises:
         FileFormatError: The file cannot be read.
     """
-    try:
-        doc = tomlkit.parse(path.read_bytes().decode("utf-8-sig"))
-    except (OSError, UnicodeDecodeError, TOMLKitError) as fault:
-        raise FileFormatError("the file cannot be read", where=str(path), value=str(fault)[:80]) from fault
+    doc = _parsed(path)
     _move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)
+
+
+def text_with_posture(path: Path, branch: str, rotation_deg: float, folder: Path) -> str:
+    """Text of a cell file with another posture; comments, order and everything else are kept.
+
+    Args:
+        path: Cell file.
+        branch: Such as ``front up noflip``.
+        rotation_deg: Rotation about the tool axis.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    doc = _parsed(path)
+    table = _table(doc, "posture")
+    for key, word in zip(("shoulder", "elbow", "wrist"), branch.split(), strict=True):
+        table[key] = word
+    table["rotation_about_tool_deg"] = round(rotation_deg, 6)
+    _move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def _parsed(path: Path) -> tomlkit.TOMLDocument:
+    try:
+        return tomlkit.parse(path.read_bytes().decode("utf-8-sig"))
+    except (OSError, UnicodeDecodeError, TOMLKitError) as fault:
+        raise FileFormatError("the file cannot be read", where=str(path), value=str(fault)[:80]) from fault
 
 
 def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:

@@ -1,0 +1,224 @@
+"""Choose the posture of a program on a cell: a new cell file, the deflection of every posture, a summary."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
+from counterflex.core import atomic
+from counterflex.core.arrays import Int
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import DEG, MM, UM
+from counterflex.cutting.stock import HeightMap
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.update import text_with_posture
+from counterflex.files.summary_file import write_summary
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.plan.inputs import Inputs, Setting, feed_runs
+from counterflex.plan.posture.choose import Chosen, Freedom, choose
+from counterflex.plan.posture.clearance import Surroundings
+from counterflex.plan.posture.cut_path import CutPath, Surface, cut_path
+from counterflex.plan.posture.held import Held, Task
+from counterflex.plan.posture.survey import RobotHere
+from counterflex.plan.preflight.bodies import carried, links, part_bodies, with_given
+from counterflex.plan.undisturbed_cut import undisturbed_cut
+from counterflex.robot.model.opw import BRANCHES
+
+READING, CUTTING, CHOOSING = "reading the program", "cutting", "choosing the posture"
+MAP: Final = "postures.csv"
+
+
+@dataclass(frozen=True, eq=False)
+class PostureOf:
+    """A posture chosen for a program.
+
+    Attributes:
+        job: The program.
+        cell: As given.
+        task: The program on its cell.
+        chosen: The posture.
+        summary: In shop units.
+    """
+
+    job: Job
+    cell: Cell
+    task: Task
+    chosen: Chosen
+    summary: dict[str, Any]
+
+
+def loaded_path(
+    path: ToolPath, line: Int, stock: HeightMap, setting: Setting, surface: Surface, progress: Progress = silent
+) -> CutPath:
+    """The path of a program with the force of the tool that does not yield; no posture is needed for it.
+
+    Args:
+        path: n points.
+        line: (n,) source line of each.
+        stock: The blank; left as it is.
+        setting: Tools, force law.
+        surface: Which surface matters.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        CounterflexError: The program cannot be cut so.
+    """
+    inputs = Inputs(path, line, stock, setting, np.zeros((len(path), 6)))
+    return cut_path(path, undisturbed_cut(inputs, progress), feed_runs(path), surface)
+
+
+def robot_of(cell: Cell, setting: Setting) -> RobotHere:
+    """Robot, tool and place of the part of a cell."""
+    tables = cell.tables
+    bounds = tables.limits.preflight(tables.controller, cell.robot)
+    return RobotHere(
+        setting.chain,
+        setting.controller_chain,
+        setting.T_base_part,
+        setting.limits,
+        bounds.joint_speeds_rad_s,
+        bounds.cables_rad,
+    )
+
+
+def surroundings_of(job: Job, cell: Cell, setting: Setting) -> Surroundings:
+    """Coarse bodies of a cell, as preflight compares them."""
+    given, removed = cell.tables.cell.bodies()
+    tools = np.unique(job.machined.tool[job.machined.kind == FEED])
+    chain = setting.controller_chain
+    assumed = [
+        *links(chain),
+        *carried(chain, {int(tool): setting.cutter_of(int(tool)) for tool in tools}),
+        *part_bodies(cell.stock()),
+    ]
+    bodies = with_given(assumed, given, removed)
+    return Surroundings(bodies, job.machined.tool, cell.tables.limits.clearance_mm * MM)
+
+
+def posture_of(
+    program: str | Path,
+    cell: Cell,
+    *,
+    reading: Reading = AS_IT_IS,
+    surface: Surface = "both",
+    freedom: Freedom | None = None,
+    progress: Progress = silent,
+) -> PostureOf:
+    """Choose the posture of a program.
+
+    Args:
+        program: G-code file.
+        cell: The cell; its present posture is what the result is compared with.
+        reading: How the program is read.
+        surface: Which surface matters.
+        freedom: What may be chosen; None is a posture held all along.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        CounterflexError: The program, the cell or the reach does not allow it.
+        InputError: The program cuts nothing.
+    """
+    freedom = Freedom() if freedom is None else freedom
+    begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CUTTING: 2.0, CHOOSING: 3.0})
+    parts[READING](0.0)
+    job = read_job(program, cell, reading=reading)
+    setting, path = setting_of(cell), job.machined
+    line: Int = job.line_of_motion[path.motion]
+    with faults_in(job):
+        cut = loaded_path(path, line, cell.stock(), setting, surface, parts[CUTTING])
+        if not np.any(cut.weight_m > 0.0):
+            raise InputError(
+                "the program cuts nothing, so that no deflection tells one posture from another",
+                where=Path(job.program.name).name,
+                hint="Check the blank (part.stock) and the program's zero",
+            )
+        task = Task(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell, setting))
+        chosen = choose(task, freedom, parts[CHOOSING])
+    progress(1.0)
+    summary = _summary(job, cell, cut, chosen, surface)
+    summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
+    return PostureOf(job, cell, task, chosen, summary)
+
+
+def run(
+    program: str | Path, cell_file: str | Path, out: str | Path, *, progress: Progress = silent, **options: Any
+) -> dict[str, Any]:
+    """Write ``cell.toml`` with the chosen posture, ``postures.csv`` and ``summary.json`` into ``out``: all or none.
+
+    Args:
+        program: G-code file.
+        cell_file: Cell file.
+        out: Folder; made when missing.
+        progress: Progress callback, fraction 0 to 1.
+        options: As for :func:`posture_of`.
+
+    Returns:
+        The summary.
+    """
+    cell = read_cell(cell_file)
+    with atomic.atomic_folder(out) as staging:
+        done = posture_of(program, cell, progress=progress, **options)
+        best = done.chosen.best
+        text = text_with_posture(cell.path, best.branch, best.rotation_rad / DEG, Path(out))
+        atomic.write_text(staging / "cell.toml", text)
+        atomic.write_text(staging / MAP, _map(done.chosen))
+        write_summary(staging / "summary.json", done.summary)
+    return done.summary
+
+
+def _map(chosen: Chosen) -> str:
+    """Deflection of every posture held all along, um; empty where the path cannot be run so."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["rotation_about_tool_deg", *(f"{branch} um" for branch in BRANCHES)])
+    for k, costs in enumerate(chosen.costs_m):
+        angle = f"{360.0 * k / len(chosen.costs_m):g}"
+        rows.writerow([angle, *("" if not np.isfinite(cost) else f"{cost / UM:.2f}" for cost in costs)])
+    return text.getvalue()
+
+
+def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surface) -> dict[str, Any]:
+    shown = {"present": chosen.present, "chosen": chosen.best}
+    return {
+        "program": job.program.name,
+        "cell": cell.label,
+        "robot": cell.robot.name,
+        "surface": surface,
+        **{name: None if held is None else _held(held, job) for name, held in shown.items()},
+        "reduction_percent": None
+        if chosen.present is None or chosen.present.share_m == 0.0
+        else round(100.0 * (1.0 - chosen.best.share_m / chosen.present.share_m), 1),
+        "cost": round(chosen.way.cost, 4),
+        "bound_um": _um(chosen.bound_m),
+        "points": len(cut),
+        "poses": chosen.poses,
+    }
+
+
+def _held(held: Held, job: Job) -> dict[str, Any]:
+    row = int(np.argmax(held.deflection_m))
+    return {
+        "branch": held.branch,
+        "rotation_about_tool_deg": round(held.rotation_rad / DEG, 4),
+        "deflection_um": _um(held.share_m),
+        "largest_um": _um(held.largest_m),
+        "largest_in_line": int(job.line_of_motion[job.machined.motion[row]]),
+        "reversals": held.reversals,
+        "unloadings": held.unloadings,
+        "limit_margin_deg": round(held.limit_margin_rad / DEG, 2),
+        "wrist_deg": round(held.wrist_rad / DEG, 2),
+        "start_axes_deg": np.round(held.q[0] / DEG, 3).tolist(),
+    }
+
+
+def _um(value_m: float) -> float:
+    return round(value_m / UM, 2)

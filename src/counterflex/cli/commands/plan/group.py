@@ -1,0 +1,20 @@
+"""The group ``plan``: what is chosen before a program is compensated."""
+
+from __future__ import annotations
+
+import typer
+
+from counterflex.cli.commands.plan import posture
+
+_plan = typer.Typer(no_args_is_help=True, help="Choose what leaves little to compensate: how the robot holds the tool.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    posture.register(_plan)
+    _plan.callback()(_group)
+    app.add_typer(_plan, name="plan")
+
+
+def _group() -> None:
+    """Choose what leaves little to compensate: how the robot holds the tool."""

@@ -1,0 +1,98 @@
+"""Command plan posture: arm configuration and rotation about the tool axis for a program."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, cast
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.programs.limits import DIALECTS
+
+_SURFACES: Final = ("both", "wall", "floor")
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(posture)
+
+
+def posture(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    surface: Annotated[
+        str,
+        typer.Option(
+            "--surface",
+            help="Surface that must be true: wall (beside the feed), floor (below the tool), both.",
+            callback=arguments.one_of(_SURFACES, "surface"),
+        ),
+    ] = "both",
+    rotations: Annotated[
+        int, typer.Option("--rotations", help="Rotations about the tool axis that are tried.", min=4, max=720)
+    ] = 72,
+    dialect: Dialect = DIALECTS[0],
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Choose arm configuration and rotation about the tool axis: smallest deflection normal to the machined surface.
+
+    Milling leaves the rotation about the tool axis free, and the arm reaches most poses in several configurations.
+    Each is tried at every point, under the predicted cutting force. Left out are those that break joint limits or
+    cables, come too close to singularities or bring coarse bodies together; axes that turn round or are unloaded in
+    the cut, and wound-up axes 4 and 6, cost extra.
+
+    Writes into DIR: cell.toml (the cell file with the chosen [posture]; compensate, simulate, prove and run take it
+    from there, KRL and RAPID programs are written in it), postures.csv (deflection in each posture), summary.json.
+
+    Example: `counterflex plan posture part.ngc --cell cell.toml --out posture`
+    """
+    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    from counterflex.app import posture as job
+    from counterflex.app.inputs import Reading
+    from counterflex.plan.posture.choose import Freedom
+    from counterflex.plan.posture.cut_path import Surface
+
+    with progress_bar(f"choosing the posture for {program.name}") as progress:
+        summary = job.run(
+            program,
+            cell,
+            out,
+            reading=Reading(dialect, parameters, complete=not without_end),
+            surface=cast("Surface", surface),
+            freedom=Freedom(rotations=rotations),
+            progress=progress,
+        )
+    if as_json:
+        print_json(summary)
+        return
+    _show(summary)
+    say_written(out, f"wrote {out}: cell.toml, postures.csv, summary.json")
+
+
+def _show(summary: dict[str, Any]) -> None:
+    rows = [[name, *_row(summary[name])] for name in ("present", "chosen")]
+    columns = ["posture", "branch", "rotation deg", "deflection um", "largest um", "in line"]
+    columns += ["reversals", "unloadings", "limit margin deg", "wrist deg"]
+    note = f"Deflection: 99.7 % of the cut stay below it, normal to {_SURFACE_WORDS[summary['surface']]}."
+    print_table(f"{summary['program']} on {summary['cell']}", columns, rows, note=note)
+    if summary["reduction_percent"] is not None:
+        typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present posture")
+    typer.echo(f"{summary['poses']} postures tried; no posture could be below {summary['bound_um']:g} um in the mean")
+
+
+_SURFACE_WORDS: Final = {"both": "wall and floor", "wall": "the wall", "floor": "the floor"}
+
+
+def _row(held: dict[str, Any] | None) -> list[str]:
+    if held is None:
+        return ["out of reach", *[""] * 8]
+    keys = ("branch", "rotation_about_tool_deg", "deflection_um", "largest_um", "largest_in_line", "reversals")
+    return [
+        *(str(held[key]) if isinstance(held[key], str) else f"{held[key]:g}" for key in keys),
+        *(f"{held[key]:g}" for key in ("unloadings", "limit_margin_deg", "wrist_deg")),
+    ]

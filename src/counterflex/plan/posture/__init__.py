@@ -1,0 +1,1 @@
+"""Posture along a path: arm configuration and rotation about the tool axis, smallest deflection that matters."""

@@ -1,0 +1,166 @@
+"""Choose the posture of a program: survey, best way, and what it is worth beside the present posture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import ReachError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import DEG
+from counterflex.plan.posture.clearance import too_close, worst
+from counterflex.plan.posture.cut_path import CutPath, in_contact, stations
+from counterflex.plan.posture.held import Held, Task, held
+from counterflex.plan.posture.impossible import in_the_way, no_way, require_possible
+from counterflex.plan.posture.survey import constant_costs, survey_path
+from counterflex.plan.posture.survey_kernel import POWER, Survey
+from counterflex.plan.posture.way import Way, Weights, allowed_steps, best_way, least_cost
+from counterflex.robot.model.opw import BRANCHES
+
+MOST_EDGES: Final = 2000
+ROTATIONS: Final = 72
+"""Rotations about the tool axis that are tried: every 5 deg."""
+_USUAL_RATE_RAD_S: Final = 20.0 * DEG
+"""Rate of turning that stations are spaced for where the tool does not turn: between them reversals are not seen."""
+SURVEY, WAY, JUDGEMENT = "trying every posture", "finding the way", "comparing"
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """What may be chosen.
+
+    Attributes:
+        rotations: Rotations about the tool axis that are tried, evenly over a turn.
+        rate_rad_s: How fast the tool may turn about its axis in the cut; 0: it stays as it is.
+        air_rate_rad_s: How fast between the cuts.
+        weights: Of what costs beside the deflection.
+    """
+
+    rotations: int = ROTATIONS
+    rate_rad_s: float = 0.0
+    air_rate_rad_s: float = 0.0
+    weights: Weights = field(default_factory=Weights)
+
+    @property
+    def grid_rad(self) -> Float:
+        """(rotations,) rad from 0."""
+        return np.arange(self.rotations, dtype=np.float64) * self.step_rad
+
+    @property
+    def step_rad(self) -> float:
+        """From one rotation to the next."""
+        return 2.0 * np.pi / self.rotations
+
+    @property
+    def turns(self) -> bool:
+        """The tool may turn about its axis along the path."""
+        return max(self.rate_rad_s, self.air_rate_rad_s) > 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The posture that was chosen.
+
+    Attributes:
+        present: As the cell file has it; None where the program cannot be run so.
+        best: As chosen.
+        way: Through the grid.
+        rows: (m + 1,) rows of the path that are stations.
+        costs_m: (r, 8) m, deflection in the power mean of each posture held all along; infinite where impossible.
+        bound_m: m, the same with every point in its best posture, free of all constraints: no posture is better.
+        poses: Postures that were tried.
+    """
+
+    present: Held | None
+    best: Held
+    way: Way
+    rows: Int
+    costs_m: Float
+    bound_m: float
+    poses: int
+
+
+def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
+    """Choose the posture with the smallest deflection that matters.
+
+    Args:
+        task: The program on its cell.
+        freedom: What may be chosen.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        ReachError: No posture is possible; names the line and what the best one fails by.
+        ModelError: The robot has no closed-form geometry.
+    """
+    cut, parts = task.cut, in_parts(progress, {SURVEY: 4.0, WAY: 2.0, JUDGEMENT: 1.0})
+    rows = stations(cut, freedom.step_rad / (freedom.rate_rad_s or _USUAL_RATE_RAD_S), MOST_EDGES)
+    survey = survey_path(cut, task.robot, freedom.grid_rad, rows, parts[SURVEY])
+    require_possible(survey, task)
+    blocked = _cannot_touch(task, freedom)
+    survey.q[0, blocked] = np.nan
+    parts[WAY](0.0)
+    way, best = _free_way(task, freedom, survey, rows, blocked)
+    parts[JUDGEMENT](0.0)
+    try:
+        present = held(task, task.setting)
+    except ReachError:
+        present = None
+    length = float(np.sum(cut.weight_m)) or 1.0
+    progress(1.0)
+    return Chosen(
+        present,
+        best,
+        way,
+        rows,
+        np.where(blocked, np.inf, constant_costs(survey) / length ** (1.0 / POWER)),
+        (least_cost(cut, survey) / length) ** (1.0 / POWER),
+        len(cut) * freedom.rotations * len(BRANCHES),
+    )
+
+
+def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: Bool) -> tuple[Way, Held]:
+    """The best way on which no bodies come too close; ``blocked`` learns of the postures left out for that."""
+    cut, robot, around = task.cut, task.robot, task.around
+    steps = allowed_steps(
+        in_contact(cut, rows), np.diff(cut.time_s[rows]), freedom.step_rad, freedom.rate_rad_s, freedom.air_rate_rad_s
+    )
+    looked, collision = False, None
+    while True:
+        way, passed = best_way(cut, robot, survey, rows, steps, freedom.weights)
+        if way is None:
+            raise no_way(passed, rows, task, turns=freedom.turns) if collision is None else collision
+        rotation = float(freedom.grid_rad[way.index[0]])
+        best = held(task, replace(task.setting, branch=BRANCHES[way.slot], rotation_about_tool_rad=rotation))
+        close = None if around is None else worst(best.q, robot, around)
+        if around is None or close is None:
+            return way, best
+        collision = collision or in_the_way(close, around, task)
+        if looked:
+            _block(survey, blocked, way)
+        else:
+            blocked |= too_close(survey.q, rows, robot, around)
+            survey.q[:, blocked] = np.nan
+            looked = True
+
+
+def _block(survey: Survey, blocked: Bool, way: Way) -> None:
+    """Leave out the postures of a way."""
+    for index in np.unique(way.index):
+        blocked[index, way.slot] = True
+        survey.q[:, index, way.slot] = np.nan
+
+
+def _cannot_touch(task: Task, freedom: Freedom) -> Bool:
+    """(r, 8) postures in which the robot cannot touch the points that its part frame is measured at."""
+    points = task.setting.datum_points_part
+    if points is None:
+        return np.zeros((freedom.rotations, len(BRANCHES)), dtype=np.bool_)
+    k = len(points)
+    upright = np.tile([0.0, 0.0, 1.0], (k, 1))
+    none = np.zeros(k)
+    touched = CutPath(points, upright, np.zeros((k, 6)), np.zeros((k, 1, 3)), none, none, np.zeros(k, np.int64))
+    q = survey_path(touched, task.robot, freedom.grid_rad, np.arange(k)).q
+    return np.asarray(np.any(np.isnan(q[..., 0]), axis=0))

@@ -1,0 +1,89 @@
+"""Postures in which coarse bodies of robot, spindle, part and table come too close to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.plan.posture.survey import RobotHere
+from counterflex.plan.preflight.bodies import Body, pairs
+from counterflex.plan.preflight.collision import Closest, Scene, closest, poses
+
+PLACES: Final = 12
+"""Stations at which every posture is looked at, evenly along the path; the chosen posture is looked at everywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Bodies that must not touch.
+
+    Attributes:
+        bodies: Coarse bodies, see :mod:`counterflex.plan.preflight.bodies`.
+        tool: (n,) number of the tool in the spindle at each point of the path.
+        clearance_m: Least distance; tools need none.
+    """
+
+    bodies: Sequence[Body]
+    tool: Int
+    clearance_m: float
+
+    def compared(self) -> list[tuple[int, int, float]]:
+        """Pairs of bodies, and the distance that each must keep."""
+        outer, inner = pairs(self.bodies)
+        return [(a, b, self.clearance_m if self.bodies[a].tool is None else 0.0) for a, b in (*inner, *outer)]
+
+
+def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bool:
+    """Postures that come too close.
+
+    Args:
+        q: (m, r, 8, 6) rad at stations; NaN where a posture is not possible.
+        rows: (m,) rows of the path that the stations are.
+        robot: Robot, tool and place of the part.
+        around: What must not touch.
+
+    Returns:
+        (r, 8) too close at one of :data:`PLACES` stations; False where no posture is possible.
+    """
+    places = np.unique(np.linspace(0, len(rows) - 1, min(PLACES, len(rows))).astype(np.int64))
+    out = np.zeros(q.shape[1:3], dtype=np.bool_)
+    compared = around.compared()
+    if not compared:
+        return out
+    scene = Scene(around.bodies)
+    for turn, slot in np.argwhere(~np.isnan(q[:, :, :, 0]).all(axis=0)):
+        held = [k for k in places if not np.isnan(q[k, turn, slot, 0])]
+        placed = poses(robot.controller_chain, around.bodies, q[held, turn, slot], robot.T_base_part)
+        for k, bodies in zip(held, placed, strict=True):
+            scene.place(bodies)
+            tool = around.tool[rows[k]]
+            if any(
+                scene.distance(a, b, least + 1e-3) < least
+                for a, b, least in compared
+                if around.bodies[a].tool in (None, tool)
+            ):
+                out[turn, slot] = True
+                break
+    return out
+
+
+def worst(q: Float, robot: RobotHere, around: Surroundings) -> Closest | None:
+    """The pair that comes closest on a path, less the distance that it must keep; None where none is too close.
+
+    Args:
+        q: (n, 6) rad at every point.
+        robot: Robot, tool and place of the part.
+        around: What must not touch.
+    """
+    compared = around.compared()
+    problems = []
+    for least in {least for *_, least in compared}:
+        some = [(a, b) for a, b, distance in compared if distance == least]
+        result = closest(robot.controller_chain, around.bodies, some, q, around.tool, robot.T_base_part)
+        if result is not None and result.distance_m < least:
+            problems.append((result.distance_m - least, result))
+    return min(problems, key=lambda pair: pair[0])[1] if problems else None

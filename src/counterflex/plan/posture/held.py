@@ -1,0 +1,103 @@
+"""What a posture is worth: the deflection, the reversals and the margins of a program that is run in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan.inputs import Setting, solve_joints
+from counterflex.plan.posture.clearance import Surroundings
+from counterflex.plan.posture.cut_path import CutPath
+from counterflex.plan.posture.deflection_kernel import deflection_sizes
+from counterflex.plan.posture.survey import RobotHere, base_points
+from counterflex.plan.preflight.reversals import reversals, unloadings
+
+SHARE: Final = 0.997
+"""Of the path in the cut, below whose deflection a posture is judged, as accuracy is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A program on a cell whose posture is to be chosen.
+
+    Attributes:
+        path: n points of the program.
+        line: (n,) source line of each.
+        cut: The same with load and directions.
+        setting: Of the plan, with the present posture.
+        robot: Robot, tool and place of the part.
+        around: Bodies that must not touch, or None where nobody looks.
+    """
+
+    path: ToolPath
+    line: Int
+    cut: CutPath
+    setting: Setting
+    robot: RobotHere
+    around: Surroundings | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A program run in one posture.
+
+    Attributes:
+        branch: Of the arm.
+        rotation_rad: About the tool axis at the beginning.
+        q: (n, 6) rad.
+        deflection_m: (n,) m, size of the deflection in the directions that matter; 0 out of the cut.
+        share_m: What 99.7 % of the path in the cut stay below.
+        largest_m: The largest.
+        reversals: Axes that turn round in the cut.
+        unloadings: Drives whose torque changes its sign in the cut.
+        limit_margin_rad: Smallest distance to a joint limit.
+        wrist_rad: Smallest angle between axes 4 and 6.
+    """
+
+    branch: str
+    rotation_rad: float
+    q: Float
+    deflection_m: Float
+    share_m: float
+    largest_m: float
+    reversals: int
+    unloadings: int
+    limit_margin_rad: float
+    wrist_rad: float
+
+
+def held(task: Task, setting: Setting) -> Held:
+    """Judge the posture of a setting on a program.
+
+    Args:
+        task: The program.
+        setting: With the posture.
+
+    Raises:
+        ReachError: The program cannot be run so.
+    """
+    path, cut, robot = task.path, task.cut, task.robot
+    joints = solve_joints(path, task.line, setting)
+    points = base_points(cut, robot.T_base_part, np.array([0, len(path) - 1]))
+    size, q, cutting = np.zeros(len(path)), np.ascontiguousarray(joints.q), cut.weight_m > 0.0
+    deflection_sizes(robot.chain.compact, q, points.w, points.normals, size, 0, len(path))
+    size[~cutting] = 0.0
+    share = 0.0
+    if cutting.any():
+        share = float(np.quantile(size[cutting], SHARE, weights=cut.weight_m[cutting], method="inverted_cdf"))
+    return Held(
+        setting.branch,
+        setting.rotation_about_tool_rad,
+        q,
+        size,
+        share,
+        float(size.max(initial=0.0)),
+        len(reversals(robot.chain, q, points.w, cutting)),
+        len(unloadings(robot.chain, q, points.w, cutting)),
+        float(joints.limit_margin_rad.min()),
+        float(np.arcsin(min(1.0, float(joints.wrist.min())))),
+    )

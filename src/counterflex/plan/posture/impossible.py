@@ -1,0 +1,98 @@
+"""What to say where no posture is possible: which line of the program, and what the best posture fails by."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Int
+from counterflex.core.errors import ReachError
+from counterflex.core.units import MM
+from counterflex.plan.inputs import place
+from counterflex.plan.posture.clearance import Surroundings
+from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.survey_kernel import ARM_SINGULAR, JOINT_LIMIT, OK, OUT_OF_REACH, WRIST_SINGULAR, Survey
+from counterflex.plan.preflight.collision import Closest
+from counterflex.robot.model.opw import BRANCHES
+
+REASONS: Final = {
+    OUT_OF_REACH: ("no posture reaches the point", "Move the part closer to the robot, or away from its foot"),
+    ARM_SINGULAR: ("every posture that reaches the point stretches the arm", "Move the part closer to the robot"),
+    JOINT_LIMIT: (
+        "every posture that reaches the point breaks a joint limit",
+        "Move the part; the margin is limits.joint_margin_deg, cables are limits.cable_axis4_deg and cable_axis6_deg",
+    ),
+    WRIST_SINGULAR: (
+        "every posture within the joint limits comes too close to the wrist singularity",
+        "Move or tilt the part; the distance is limits.wrist_singularity_deg",
+    ),
+}
+"""What the best posture of a point fails by, and what to do."""
+
+
+def require_possible(survey: Survey, task: Task) -> None:
+    """Refuse a path with a point at which no posture is possible.
+
+    Raises:
+        ReachError: There is one; ``reason`` of its data is the code of what the best posture fails by.
+    """
+    bad = np.flatnonzero(survey.failed[:, OK] == 0)
+    if len(bad):
+        row = int(bad[0])
+        reason = int(np.flatnonzero(survey.failed[row])[-1])
+        what, hint = REASONS[reason]
+        raise ReachError(
+            what,
+            where=place(task.path, task.line, row),
+            value=f"0 of {int(survey.failed[row].sum())} postures",
+            hint=hint,
+            point=row,
+            reason=reason,
+        )
+
+
+def no_way(passed: Int, rows: Int, task: Task, *, turns: bool) -> ReachError:
+    """Every point has a posture, but none leads from the first point to the last.
+
+    Args:
+        passed: (8,) edges that each branch could pass.
+        rows: (m + 1,) stations.
+        task: The program.
+        turns: The tool may turn about its axis.
+    """
+    slot = int(np.argmax(passed))
+    row = int(rows[min(passed[slot] + 1, len(rows) - 1)])
+    how = " at the joint speeds and rates of turning that are allowed" if turns else " without turning the tool"
+    return ReachError(
+        f"no posture leads past this point{how}",
+        where=place(task.path, task.line, row),
+        value=f"{BRANCHES[slot]} comes to line {int(task.line[rows[passed[slot]]])}",
+        limit="one posture from the first line to the last",
+        hint="Move the part, or divide the program",
+        point=row,
+    )
+
+
+def in_the_way(close: Closest, around: Surroundings, task: Task) -> ReachError:
+    """Every posture that leads through the path brings bodies too close to each other.
+
+    Args:
+        close: The pair, in the posture that would be best otherwise.
+        around: The bodies.
+        task: The program.
+    """
+    first, second = (around.bodies[k] for k in (close.first, close.second))
+    guessed = [body.name for body in (first, second) if body.assumed]
+    hint = "Move the part, or use a longer tool"
+    if guessed:
+        hint += f"; {' and '.join(guessed)}: size assumed, give it in [[cell.body]]"
+    return ReachError(
+        f"in every posture that leads through the program bodies come too close; in the best, {first.name} to "
+        f"{second.name}",
+        where=place(task.path, task.line, close.point),
+        value=f"{close.distance_m / MM:.1f} mm",
+        limit="no contact" if first.tool is not None else f">= {around.clearance_m / MM:g} mm (limits.clearance_mm)",
+        hint=hint,
+        point=close.point,
+    )

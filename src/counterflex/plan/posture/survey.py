@@ -1,0 +1,154 @@
+"""Every posture at every point: the grid of rotations and branches, tried by compiled kernels in threads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numba
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import ModelError
+from counterflex.core.progress import Progress, silent
+from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
+from counterflex.plan.inputs import Limits
+from counterflex.plan.posture.branches_kernel import SLOTS, arm_record
+from counterflex.plan.posture.cut_path import CutPath, fractions
+from counterflex.plan.posture.survey_kernel import CODES, POWER, Grid, Points, Survey, survey_edges
+from counterflex.robot.elasticity.chain import ElasticChain
+
+_PARTS = 32
+"""Pieces of the path that are shared among the threads, and after which progress is told."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotHere:
+    """A robot with its tool, and the part in its cell.
+
+    Attributes:
+        chain: Elastic chain as it is known to be.
+        controller_chain: Geometry as the controller has it; its angles are what is commanded.
+        T_base_part: (4, 4) pose of the part.
+        limits: Margins to joint limits and wrist singularity.
+        joint_speeds_rad_s: (6,) largest speeds, or None where they are not known.
+        cables_rad: By axis 0..5 the largest angle from 0 that its cables allow, where known.
+    """
+
+    chain: ElasticChain
+    controller_chain: ElasticChain
+    T_base_part: Float
+    limits: Limits
+    joint_speeds_rad_s: Float | None = None
+    cables_rad: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def joint_limits_rad(self) -> Float:
+        """(6, 2) rad, margins taken off and cables regarded."""
+        out: Float = self.controller_chain.joint_limits_rad + self.limits.joint_margin_rad * np.array([1.0, -1.0])
+        for axis, angle in self.cables_rad.items():
+            out[axis] = np.clip(out[axis], -angle, angle)
+        return np.ascontiguousarray(out)
+
+    def grid(self, rotations_rad: Float) -> Grid:
+        """What the kernels try.
+
+        Raises:
+            ModelError: The robot has no closed-form geometry.
+        """
+        chain = self.controller_chain
+        if chain.opw is None:
+            raise ModelError(
+                "a posture is chosen among closed-form solutions, which this robot does not have",
+                where=chain.name,
+                limit="a spherical wrist, axes 2 and 3 parallel",
+                hint="Give the robot by catalogue name or by its lengths ([robot.geometry])",
+            )
+        return Grid(
+            arm_record(chain.opw),
+            np.ascontiguousarray(pose.inverse(chain.T_flange_tcp)),
+            np.cos(rotations_rad),
+            np.sin(rotations_rad),
+            self.joint_limits_rad,
+            float(np.sin(self.limits.wrist_rad)),
+        )
+
+
+def base_points(path: CutPath, T_base_part: Float, rows: Int) -> Points:
+    """The path in base axes, as the kernels read it.
+
+    Args:
+        path: In the part frame.
+        T_base_part: (4, 4) pose of the part.
+        rows: (m + 1,) stations.
+    """
+    R = T_base_part[:3, :3]
+    upright = tool_orientation(path.axis_part, 0.0)
+    w = (path.w_tcp_part.reshape(-1, 2, 3) @ R.T).reshape(-1, 6)
+    return Points(
+        np.ascontiguousarray(pose.transform(T_base_part, path.p_part)),
+        np.ascontiguousarray(upright[:, :, 0] @ R.T),
+        np.ascontiguousarray(upright[:, :, 2] @ R.T),
+        np.ascontiguousarray(w),
+        np.ascontiguousarray(path.normals_part @ R.T),
+        np.ascontiguousarray(path.weight_m),
+        np.ascontiguousarray(fractions(path.time_s, rows)),
+    )
+
+
+def survey_path(
+    path: CutPath, robot: RobotHere, rotations_rad: Float, rows: Int, progress: Progress = silent
+) -> Survey:
+    """Try every rotation and branch at every point of a path.
+
+    A plain function of the path in its part frame with forces and normals, of where the part is, and of the robot with
+    its end effector: another pose of the part or another mounting of the spindle is another ``robot``.
+
+    Args:
+        path: n points.
+        robot: Robot, tool and place of the part.
+        rotations_rad: (r,) rad, rotations about the tool axis that are tried.
+        rows: (m + 1,) stations, :func:`counterflex.plan.posture.cut_path.stations`.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        Costs of all edges and angles at all stations.
+
+    Raises:
+        ModelError: The robot has no closed-form geometry.
+    """
+    grid, points = robot.grid(rotations_rad), base_points(path, robot.T_base_part, rows)
+    m, r, n = len(rows) - 1, len(rotations_rad), len(path)
+    survey = Survey(
+        np.zeros((m, r, SLOTS)),
+        np.zeros((m, r, SLOTS)),
+        np.full((m + 1, r, SLOTS, 6), np.nan),
+        np.full(n, np.inf),
+        np.zeros((n, CODES), dtype=np.int64),
+    )
+    share = np.linspace(0, n, min(m, _PARTS) + 1)
+    parts = np.unique(np.clip(np.searchsorted(rows, share), 0, m))
+
+    def work(part: int) -> None:
+        survey_edges(robot.chain.compact, grid, points, rows, survey, int(parts[part]), int(parts[part + 1]))
+
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        for done, _ in enumerate(threads.map(work, range(len(parts) - 1)), start=1):
+            progress(done / (len(parts) - 1))
+    return survey
+
+
+def constant_costs(survey: Survey) -> Float:
+    """Cost of a posture that stays as it is all along, deflection alone.
+
+    Args:
+        survey: Of a path.
+
+    Returns:
+        (r, 8) m: ``(sum weight size^POWER / sum weight)^(1/POWER)`` but for the division by the weights, which a caller
+        knows; infinite where a point of the path cannot be reached so. Unit m^((POWER + 1) / POWER).
+    """
+    out: Float = np.sum(survey.early + survey.late, axis=0) ** (1.0 / POWER)
+    return out
