@@ -220,6 +220,31 @@ def numbers(text: str | None, name: str, count: int) -> list[float] | None:
     return values
 
 
+def span(text: str | None, name: str) -> tuple[float, float] | None:
+    """Read ``3`` or ``0.5:3`` as the least and the largest value of a range.
+
+    Raises:
+        InputError: It is none, or not above 0, or empty.
+    """
+    if text is None:
+        return None
+    try:
+        values = [float(part) for part in text.split(":")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 2) or not all(math.isfinite(value) and value > 0.0 for value in values):
+        raise InputError(f"{name} is no range", value=repr(text), limit="a number above 0, or LOW:HIGH")
+    if values[0] > values[-1]:
+        raise InputError(f"{name} is an empty range", value=repr(text), limit="LOW:HIGH with LOW <= HIGH")
+    return values[0], values[-1]
+
+
+def positive_range(param: Param, value: Any) -> Any:
+    """A range of values above 0, see :func:`span`."""
+    span(value, param.opts[0])
+    return value
+
+
 def one_of(names: Iterable[object], what: str = "value", *more: str) -> Callable[[Param, Any], Any]:
     """Check of a name, or of several, out of a list.
 

@@ -21,6 +21,7 @@ RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 MM_PER_MIN: Final = MM / MINUTE  # m/s
 MM_PER_S: Final = MM  # m/s
 N_PER_MM2: Final = 1e6  # Pa
+GPA: Final = 1e9  # Pa
 N_PER_MM: Final = 1e3  # N/m
 URAD_PER_KNM: Final = 1e-9  # rad/(N m)
 UM_PER_KN: Final = 1e-9  # m/N

@@ -23,6 +23,7 @@ from counterflex.files.cell.measured import CalibrationTable
 from counterflex.files.cell.plausibility import require_units
 from counterflex.files.cell.robot import OpwTable
 from counterflex.files.cell.tables import CellTables, MaterialTable, PartTable, StockTable
+from counterflex.plan.process_limits import ProcessLimits
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveErrors
@@ -194,6 +195,12 @@ class Cell:
             limit=", ".join(f"T{tool.number}" for tool in self.tables.tools),
             hint=f"Add a [[tools]] table with number = {number}" if number else "Select a tool in the program: M6 T...",
         )
+
+    def process_limits(self, number: int) -> ProcessLimits:
+        """What spindle, robot and the tool with a number bear; a tool that the cell does not have has no length."""
+        tool = next((tool for tool in self.tables.tools if tool.number == number), None)
+        table = self.tables.process_limits
+        return table.limits() if tool is None else table.limits(tool.overhang_mm, tool.modulus_gpa)
 
     def machine_functions(self, language: Dialect) -> MachineFunctions:
         """Spindle, coolant and tool change in a robot language, from ``[controller.spindle]`` and ``[[tools]]``."""

@@ -18,6 +18,7 @@ from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.cell.monitor import MonitorTable, OverrideTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.planning import DynamicsTable, LimitsTable, PostureTable
+from counterflex.files.cell.process import ProcessLimitsTable
 from counterflex.files.cell.robot import AxisSagTable, DriveErrorTable, Mass, RobotTable
 from counterflex.files.cell.sensing import HolderTable, SensorTable, TrackerTable
 from counterflex.files.cell.timing import TimingTable
@@ -89,6 +90,8 @@ class ToolTable(Table):
     helix_deg: Annotated[float, Field(ge=0.0, lt=80.0)] = 30.0
     flute_length_mm: ToolLength
     runout_um: NonNegative = 0.0
+    overhang_mm: ToolLength | None = None
+    modulus_gpa: Annotated[float, Field(ge=50.0, le=1200.0)] | None = None
     tool_data: Annotated[int, Field(ge=1, le=128)] | None = None
     tooldata: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
 
@@ -257,6 +260,7 @@ class CellTables(Versioned):
     controller: ControllerTable = ControllerTable()
     dynamics: DynamicsTable = DynamicsTable()
     limits: LimitsTable = LimitsTable()
+    process_limits: ProcessLimitsTable = ProcessLimitsTable()
     cell: SurroundingsTable = SurroundingsTable()
     sensor: SensorTable | None = None
     holder: HolderTable | None = None

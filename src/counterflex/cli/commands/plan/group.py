@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import typer
 
-from counterflex.cli.commands.plan import posture
+from counterflex.cli.commands.plan import posture, strategy
 
-_plan = typer.Typer(no_args_is_help=True, help="Choose what leaves little to compensate: how the robot holds the tool.")
+_plan = typer.Typer(
+    no_args_is_help=True,
+    help="Choose what leaves little to compensate: how the robot holds the tool, how the cutter moves.",
+)
 
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     posture.register(_plan)
+    strategy.register(_plan)
     _plan.callback()(_group)
     app.add_typer(_plan, name="plan")
 
 
 def _group() -> None:
-    """Choose what leaves little to compensate: how the robot holds the tool."""
+    """Choose what leaves little to compensate: how the robot holds the tool, how the cutter moves."""

@@ -1,0 +1,363 @@
+"""The job ``plan strategy``: a ranked table of how to finish a wall, with the error normal to it before and after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.inputs import AS_IT_IS, Reading, read_job, setting_of
+from counterflex.app.lowest_mode import STATED
+from counterflex.app.strategy.own_cut import OwnCut, own_cut
+from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM, MM_PER_MIN, RPM, UM, UM_PER_KN
+from counterflex.cutting import material
+from counterflex.cutting.coefficients import ForceLaw
+from counterflex.cutting.cutter import Cutter
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.path.toolpath import tool_orientation, tool_poses
+from counterflex.plan.inputs import Setting, part_compliance
+from counterflex.plan.lowest_mode import mode_of
+from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
+from counterflex.plan.strategy.side_cut import SideCuts
+from counterflex.plan.strategy.zero import normal_errors, normal_force, zero_width
+from counterflex.robot.kinematics.inverse import inverse_path
+
+Range = tuple[float, float]
+WIDTHS: Final = 40
+"""Radial widths tried over a range; other quantities are tried at :data:`STEPS`."""
+STEPS: Final = 5
+THINNEST: Final = 0.05
+WIDEST: Final = 0.6
+"""Shares of the diameter between which widths are tried where none are given. Thin cuts leave less, but roughing must
+not be off by more than they take: the error that nine of ten cells stay below at the program's own cut is the least."""
+_ROBOT_FOUND: Final = 0.06
+"""Standard deviation of the compliance of an identified robot: what Haehn2020 left of the deflection."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What is asked for; None leaves it to the program and the advisor.
+
+    Attributes:
+        tool: Number of the tool.
+        ae_m: Range of the radial width of cut.
+        ap_m: Range of the axial depth.
+        fz_m: Range of the feed per tooth.
+        spindle_rad_s: Range of the spindle speed.
+        at_m: Point of the wall, part frame.
+        normal_rad: Direction of the wall's normal, out of the material, from the part's x towards its y.
+        height_m: Height of the wall.
+        material: Row of the material tables instead of the cell's.
+        kr_over_kc: Assumed ratio where that row has no radial constant.
+        ka_over_kc: Likewise axial.
+        longer_share: The choice may take so much of the program's own time; None is any.
+        rows: Length of the table.
+    """
+
+    tool: int | None = None
+    ae_m: Range | None = None
+    ap_m: Range | None = None
+    fz_m: Range | None = None
+    spindle_rad_s: Range | None = None
+    at_m: tuple[float, float, float] | None = None
+    normal_rad: float | None = None
+    height_m: float | None = None
+    material: str | None = None
+    kr_over_kc: float | None = None
+    ka_over_kc: float | None = None
+    longer_share: float | None = 1.0
+    rows: int = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """Advice on one wall.
+
+    Attributes:
+        own: What the program does; None without a program.
+        before: The same as a choice.
+        choices: All that were tried.
+        best: Rows of ``choices``, the best first.
+        place: Where.
+        law: Force law.
+    """
+
+    own: OwnCut | None
+    before: Choices | None
+    choices: Choices
+    best: list[int]
+    place: Place
+    law: ForceLaw
+
+
+def advise(
+    cell: Cell,
+    operation: Operation,
+    program: str | Path | None = None,
+    *,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+) -> Advice:
+    """Advise on the wall finish of a program, or on one that is stated.
+
+    Args:
+        cell: The cell.
+        operation: What is asked for.
+        program: G-code file, or None.
+        reading: How it is read.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        CounterflexError: The program finishes no wall, or the operation is not stated in full.
+    """
+    cell.require_milling()
+    own = None
+    if program is not None:
+        own = own_cut(read_job(program, cell, reading=reading), cell, operation.tool, progress)
+    law, setting = _law(cell, operation), setting_of(cell)
+    cutter, tool = _cutter(cell, operation, own)
+    place = _place(cell, setting, operation, own)
+    limits = cell.process_limits(tool)
+    doubt = doubt_of(cell, operation)
+    in_range = not cell.material.allow_extrapolation
+    before = None
+    demands = Demands(chips_in_range=in_range)
+    if own is not None:
+        before = outcomes(own.cuts, np.array([own.spindle_rad_s]), law, place, limits, doubt, demands)
+        slowest = (
+            None if operation.longer_share is None else float(before.time_s_per_m[0]) * operation.longer_share * 1.001
+        )
+        allowance = float(before.high_m[0]) if operation.ae_m is None else None
+        demands = Demands(slowest, allowance, in_range, before)
+    cuts, speeds = grid(_cuts(cutter, law, place, operation, own), _speeds(operation, own))
+    choices = outcomes(cuts, speeds, law, place, limits, doubt, demands)
+    progress(1.0)
+    return Advice(own, before, choices, choices.best(operation.rows), place, law)
+
+
+def doubt_of(cell: Cell, operation: Operation) -> Doubt:
+    """What is not known of force and stiffness, as :mod:`counterflex.app.unknowns` has it."""
+    recipes = {entry.recipe for entry in cell.tables.identified}
+    stiff = _ROBOT_FOUND if "stiffness" in recipes else STATED
+    if "cutting" in recipes and operation.material is None:
+        return Doubt(IDENTIFIED, IDENTIFIED, 0.0, stiff)
+    return Doubt(HANDBOOK, HANDBOOK, WORN, stiff)
+
+
+def _law(cell: Cell, operation: Operation) -> ForceLaw:
+    if operation.material is None:
+        return cell.force_law
+    row = material.load(operation.material)
+    return row.with_ratios(kr_over_kc=operation.kr_over_kc, ka_over_kc=operation.ka_over_kc)
+
+
+def _cutter(cell: Cell, operation: Operation, own: OwnCut | None) -> tuple[Cutter, int]:
+    if own is not None:
+        return own.cuts.cutter, own.tool
+    number = cell.tables.tools[0].number if operation.tool is None else operation.tool
+    cutter = cell.cutter(number)
+    if cutter.is_ball:
+        raise InputError(
+            "a ball end mill finishes no wall with its side alone",
+            value=f"T{number}",
+            hint="Choose a flat or bull-nose end mill with --tool",
+        )
+    return cutter, number
+
+
+def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | None) -> Place:
+    point = None if operation.at_m is None else np.array(operation.at_m)
+    if own is not None and point is None:
+        q = own.q
+    else:
+        if point is None:
+            stock = cell.stock()
+            point = np.array([stock.x_m().mean(), stock.y_m().mean(), float(stock.z.max())])
+        turned = tool_orientation(np.array([[0.0, 0.0, 1.0]]), setting.rotation_about_tool_rad)
+        poses = tool_poses(setting.T_base_part, point[None], turned)
+        q = inverse_path(setting.controller_chain, poses, setting.branch).q[0]
+    if operation.normal_rad is not None:
+        normal = np.array([math.cos(operation.normal_rad), math.sin(operation.normal_rad), 0.0])
+    elif own is not None:
+        normal = own.normal_part
+    else:
+        normal = np.array([0.0, 1.0, 0.0])
+    height = operation.height_m
+    if height is None:
+        height = float(own.cuts.ap_m[0]) if own is not None else max(_required(operation.ap_m, "--ap-mm"))
+    mode = mode_of(setting.chain, q, setting.mode)
+    compliance = part_compliance(setting, q[None])[0]
+    return Place(setting.chain, q, compliance, setting.T_base_part[:3, :3], normal, height, (mode,))
+
+
+def _required(given: Range | None, option: str) -> Range:
+    if given is None:
+        raise InputError("the operation is not stated in full", where=option, hint="Give it, or give a program")
+    return given
+
+
+def _values(given: Range | None, own: float | None, option: str, steps: int, spread: Sequence[float]) -> Float:
+    """Values of a range; without one, the program's own value times some factors."""
+    if given is None and own is not None:
+        return own * np.array(spread)
+    low, high = _required(given, option)
+    if low == high:
+        return np.array([low])
+    out: Float = np.geomspace(low, high, steps)
+    out[0], out[-1] = low, high
+    return out
+
+
+def _speeds(operation: Operation, own: OwnCut | None) -> Float:
+    return _values(operation.spindle_rad_s, None if own is None else own.spindle_rad_s, "--rpm", STEPS, (1.0,))
+
+
+def _cuts(cutter: Cutter, law: ForceLaw, place: Place, operation: Operation, own: OwnCut | None) -> list[SideCuts]:
+    """Both sides of every width, depth and chip; widths at which the tool stays on the wall among them."""
+    own_of = {} if own is None else {name: float(getattr(own.cuts, name)[0]) for name in ("ae_m", "ap_m", "fz_m")}
+    ap = _values(operation.ap_m, own_of.get("ap_m"), "--ap-mm", STEPS, (1.0, 1.0 / 2.0, 1.0 / 3.0))
+    fz = _values(operation.fz_m, own_of.get("fz_m"), "--fz-mm", STEPS, (0.7, 0.85, 1.0, 1.2, 1.4))
+    d = cutter.diameter_m
+    given = operation.ae_m
+    if given is None and own is not None:
+        given = min(own_of["ae_m"], THINNEST * d), max(own_of["ae_m"], WIDEST * d)
+    widths = _values(given, None, "--ae-mm", WIDTHS, ())
+    for name, values, most in (("--ap-mm", ap, cutter.flute_length_m), ("--ae-mm", widths, d)):
+        if float(values.max()) > most * (1.0 + 1e-9):
+            raise InputError(
+                "a cut is larger than the tool can make",
+                where=name,
+                value=f"{float(values.max()) / MM:g} mm",
+                limit=f"at most {most / MM:g} mm",
+            )
+    out = []
+    for depth in ap.tolist():
+        for chip in fz.tolist():
+            zero = zero_width(
+                cutter, depth, chip, lambda c: normal_errors(c, law, place.compliance_part, place.normal_part).sum(1)
+            )
+            more = [zero] if zero is not None and widths.min() <= zero <= widths.max() else []
+            both = np.tile(np.append(widths, more), 2)
+            one = np.ones(len(both))
+            up = np.arange(len(both)) < len(both) // 2
+            out.append(SideCuts(cutter, up, both, depth * one, chip * one))
+    return out
+
+
+def run(
+    cell_file: str | Path,
+    program: str | Path | None,
+    operation: Operation,
+    *,
+    assume_class: bool = False,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Do the job on files; returned is what is printed, in shop units."""
+    cell = read_cell(cell_file, assume_class=assume_class)
+    advice = advise(cell, operation, program, reading=reading, progress=progress)
+    choices, own = advice.choices, advice.own
+    violated = {name: int(np.count_nonzero(used > 1.0 + 1e-9)) for name, used in choices.use.items()}
+    place = advice.place
+    return {
+        "cell": cell.label,
+        "robot": cell.robot.name,
+        "program": None if program is None else Path(program).name,
+        "line": None if own is None else own.line,
+        "material": operation.material or cell.material.catalog or cell.material.name,
+        "wall": {
+            "normal_deg": round(math.degrees(math.atan2(place.normal_part[1], place.normal_part[0])), 3) + 0.0,
+            "height_mm": round(place.height_m / MM, 4),
+            "compliance_um_per_kn": round(
+                float(place.normal_part @ place.compliance_part[:3, :3] @ place.normal_part) / UM_PER_KN, 2
+            ),
+        },
+        "before": None if advice.before is None else shown(advice.before, 0, advice.law),
+        "choices": [shown(choices, row, advice.law) for row in advice.best],
+        "tried": len(choices.cuts),
+        "allowed": int(np.count_nonzero(choices.allowed())),
+        "beyond": {name: count for name, count in violated.items() if count},
+        "binding": {name: round(error / UM, 2) for name, error in choices.binding().items()},
+        "not_known": _not_known(cell, advice),
+        "zero": _zeros(advice),
+        "counterflex": __version__,
+    }
+
+
+def shown(choices: Choices, row: int, law: ForceLaw) -> dict[str, Any]:
+    """A choice in shop units."""
+    cuts = choices.cuts.some([row])
+    flutes, spindle = cuts.cutter.flutes, float(choices.spindle_rad_s[row])
+    fz = float(cuts.fz_m[0])
+    used = {name: float(values[row]) for name, values in choices.use.items()}
+    nearest = max(used, key=lambda name: used[name]) if used else ""
+    return {
+        "milling": "up" if cuts.up[0] else "down",
+        "ae_mm": round(float(cuts.ae_m[0]) / MM, 3),
+        "ae_share_percent": round(100.0 * float(cuts.ae_m[0]) / cuts.cutter.diameter_m, 1),
+        "ap_mm": round(float(cuts.ap_m[0]) / MM, 3),
+        "levels": int(choices.levels[row]),
+        "fz_mm": round(fz / MM, 4),
+        "mean_chip_um": round(float(cuts.mean_chip_m[0]) / UM, 2),
+        "spindle_rpm": round(spindle / RPM, 1),
+        "feed_mm_min": round(fz * flutes * spindle / (2.0 * math.pi) / MM_PER_MIN, 1),
+        "tooth_hz": round(flutes * spindle / (2.0 * math.pi), 1),
+        "runout_hz": round(spindle / (2.0 * math.pi), 1),
+        "normal_n": round(float(normal_force(cuts, law)[0]), 2),
+        "force_n": round(float(choices.force_n[row]), 2),
+        "peak_n": round(float(choices.peak_n[row]), 2),
+        "torque_nm": round(float(choices.torque_nm[row]), 4),
+        "power_w": round(float(choices.power_w[row]), 2),
+        "error_um": round(float(choices.error_m[row]) / UM, 2),
+        "likely_um": round(float(choices.likely_m[row]) / UM, 2),
+        "up_to_um": round(float(choices.high_m[row]) / UM, 2),
+        "time_s_per_m": round(float(choices.time_s_per_m[row]), 3),
+        "nearest_limit": nearest,
+        "nearest_limit_percent": round(100.0 * used[nearest], 1) if used else None,
+        "beyond": list(choices.violated(row)),
+    }
+
+
+def _zeros(advice: Advice) -> dict[str, Any]:
+    """Widths at which nothing pushes the tool off the wall, at the first choice's chip and depth."""
+    row = advice.best[0] if advice.best else 0
+    cuts = advice.choices.cuts.some([row])
+    fz, ap, d = float(cuts.fz_m[0]), float(cuts.ap_m[0]), cuts.cutter.diameter_m
+    place, law = advice.place, advice.law
+    force = zero_width(cuts.cutter, ap, fz, lambda c: normal_force(c, law))
+    error = zero_width(
+        cuts.cutter, ap, fz, lambda c: normal_errors(c, law, place.compliance_part, place.normal_part).sum(1)
+    )
+    return {
+        "fz_mm": round(fz / MM, 4),
+        "force_ae_mm": None if force is None else round(force / MM, 3),
+        "displacement_ae_mm": None if error is None else round(error / MM, 3),
+        "half_diameter_mm": round(0.5 * d / MM, 3),
+    }
+
+
+def _not_known(cell: Cell, advice: Advice) -> list[str]:
+    """Keys of the cell file without which a limit is not looked at."""
+    table = cell.tables.process_limits
+    keys = [
+        f"process_limits.{key}"
+        for key in (
+            *("spindle_power_w", "spindle_torque_nm", "spindle_max_rpm", "force_n", "axis_torque_nm"),
+            "tool_bending_um",
+        )
+        if getattr(table, key) is None
+    ]
+    number = advice.own.tool if advice.own is not None else cell.tables.tools[0].number
+    tool = next(tool for tool in cell.tables.tools if tool.number == number)
+    if table.tool_bending_um is not None and tool.overhang_mm is None:
+        keys.append("tools.overhang_mm")
+    return keys

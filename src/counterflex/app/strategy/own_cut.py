@@ -1,0 +1,104 @@
+"""The wall finish that a program makes: its side, width, depth, chip and speed, where it is and against which wall."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.inputs import Job, faults_in, setting_of
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.progress import Progress
+from counterflex.files.cell.cell import Cell
+from counterflex.plan.inputs import Inputs, solve_joints
+from counterflex.plan.strategy.side_cut import SideCuts
+from counterflex.plan.undisturbed_cut import undisturbed_cut
+
+_TANGENT_RAD: Final = 0.25
+"""An arc that begins nearer than this to 0 begins at the wall: the stock's grid blurs the end of thin chips."""
+
+
+@dataclass(frozen=True, eq=False)
+class OwnCut:
+    """What a program does along a wall.
+
+    Attributes:
+        cuts: One cut.
+        tool: Number of its tool.
+        spindle_rad_s: Its speed.
+        p_part: (3,) m, a point in the middle of it.
+        q: (6,) rad there.
+        normal_part: (3,) unit normal of the wall there, out of the material.
+        line: Of the program.
+    """
+
+    cuts: SideCuts
+    tool: int
+    spindle_rad_s: float
+    p_part: Float
+    q: Float
+    normal_part: Float
+    line: int
+
+
+def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCut:
+    """Find the wall finish of a program: the side on which most of its length in the cut is milled.
+
+    Args:
+        job: The program.
+        cell: The cell.
+        tool: Number of the tool; None is any.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        ProgramError: It mills no side of a wall, only slots or nothing.
+        CounterflexError: It does not fit the cell.
+    """
+    path, setting = job.path, setting_of(cell)
+    line = job.line_of_motion[path.motion]
+    with faults_in(job):
+        q = solve_joints(path, line, setting).q
+        undisturbed = undisturbed_cut(Inputs(path, line, cell.stock(), setting, q), progress)
+    cut = undisturbed.cut
+    step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
+    length = np.hypot(step[:, 0], step[:, 1])
+    level = undisturbed.contact & (np.abs(step[:, 2]) < 1e-9) & (length > 0.0) & (cut.axial_depth_m > 0.0)
+    if tool is not None:
+        level &= path.tool == tool
+    at_left, at_right = cut.entry_rad < _TANGENT_RAD, cut.exit_rad > math.pi - _TANGENT_RAD
+    up, down = level & at_left & ~at_right, level & at_right & ~at_left
+    side = up if float(length[up].sum()) >= float(length[down].sum()) else down
+    if not side.any():
+        raise ProgramError(
+            "the program finishes no wall" + (": it mills slots only" if (level & at_left & at_right).any() else ""),
+            where=Path(job.program.name).name,
+            hint="For a slot see `counterflex plan trochoid`; or state the cut: --ae-mm, --ap-mm, --fz-mm, --rpm",
+        )
+    number = int(np.bincount(path.tool[side], length[side]).argmax())
+    rows = np.flatnonzero(side & (path.tool == number))
+    cutter = cell.cutter(number)
+    immersion = float(np.median(cut.exit_rad[rows] if side is up else math.pi - cut.entry_rad[rows]))
+    one = np.ones(1)
+    cuts = SideCuts(
+        cutter,
+        np.array([side is up]),
+        one * min(cutter.radius_m * (1.0 - math.cos(immersion)), cutter.diameter_m),
+        one * min(float(np.median(cut.axial_depth_m[rows])), cutter.flute_length_m),
+        one * float(np.median(cut.feed_per_tooth_m[rows])),
+    )
+    row = int(rows[len(rows) // 2])
+    x = step[row] / length[row]
+    left = np.array([-x[1], x[0], 0.0])
+    return OwnCut(
+        cuts,
+        number,
+        float(np.median(path.spindle_rad_s[rows])),
+        path.p_part_tcp[row],
+        q[row],
+        -left if side is up else left,
+        int(line[row]),
+    )

@@ -1,0 +1,164 @@
+"""Command plan strategy: how to finish a wall."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Parameters, WithoutEnd
+from counterflex.cli.output import print_json, print_table, progress_bar
+from counterflex.core.units import DEG, MM, PERCENT, RPM
+from counterflex.programs.limits import DIALECTS
+
+
+def _range(option: str, what: str) -> Any:
+    return typer.Option(
+        option, help=f"{what}: a value, or LOW:HIGH.", metavar="RANGE", callback=arguments.positive_range
+    )
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(strategy)
+
+
+def strategy(
+    cell: CellFile,
+    program: Annotated[
+        Path | None,
+        typer.Argument(help="G-code file that finishes a wall.", metavar="PROGRAM", callback=arguments.file),
+    ] = None,
+    tool: Annotated[int | None, typer.Option("--tool", help="Number of the tool.", min=0)] = None,
+    ae: Annotated[str | None, _range("--ae-mm", "Radial width of cut: the allowance that roughing leaves")] = None,
+    ap: Annotated[str | None, _range("--ap-mm", "Axial depth")] = None,
+    fz: Annotated[str | None, _range("--fz-mm", "Feed per tooth")] = None,
+    rpm: Annotated[str | None, _range("--rpm", "Spindle speed")] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            "--at-mm", help="Point of the wall, part frame.", metavar="X,Y,Z", callback=arguments.numbers_of(3)
+        ),
+    ] = None,
+    normal: Annotated[
+        float | None,
+        typer.Option("--normal-deg", help="Direction out of the wall, from the part's x towards its y.", metavar="DEG"),
+    ] = None,
+    height_mm: Annotated[
+        float | None,
+        typer.Option("--height-mm", help="Height of the wall, cut in levels.", min=0.01, max=1000.0, metavar="MM"),
+    ] = None,
+    material: Annotated[
+        str | None, typer.Option("--material", help="Row of the material tables instead of the cell's.", metavar="NAME")
+    ] = None,
+    kr_over_kc: Annotated[
+        float | None, typer.Option("--kr-over-kc", help="Ratio assumed where that row has no radial constant.")
+    ] = None,
+    ka_over_kc: Annotated[
+        float | None, typer.Option("--ka-over-kc", help="Ratio assumed where that row has no axial constant.")
+    ] = None,
+    time_percent: Annotated[
+        float, typer.Option("--time-percent", help="Longest time, of the program's own.", min=1.0, max=10000.0)
+    ] = 100.0,
+    rows: Annotated[int, typer.Option("--rows", help="Length of the table.", min=1, max=100)] = 8,
+    assume_class: AssumeClass = False,
+    dialect: Dialect = DIALECTS[0],
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+) -> None:
+    """Rank the ways to finish a wall: up- or down-milling, widths, depths, feeds per tooth, spindle speeds.
+
+    The first row is what the program does, the others what leaves less error normal to the wall at its pose, without
+    compensation, the smallest first. Each error is given as computed and as nine of ten cells stay below it, force and
+    stiffness being as uncertain as the cell file leaves them. Limits are those of [process_limits], of the force
+    constants and of time; those that keep a better choice out are named. Errors are at rest in full engagement.
+
+    Without PROGRAM give --ae-mm, --ap-mm, --fz-mm and --rpm.
+
+    Example: `counterflex plan strategy --cell cell.toml --ae-mm 0.5:6 --ap-mm 5 --fz-mm 0.02:0.06 --rpm 13000`
+    """
+    from counterflex.app.inputs import Reading
+    from counterflex.app.strategy import advice as job
+
+    point = arguments.numbers(at, "--at-mm", 3)
+    operation = job.Operation(
+        tool=tool,
+        ae_m=_scaled(ae, "--ae-mm", MM),
+        ap_m=_scaled(ap, "--ap-mm", MM),
+        fz_m=_scaled(fz, "--fz-mm", MM),
+        spindle_rad_s=_scaled(rpm, "--rpm", RPM),
+        at_m=None if point is None else (point[0] * MM, point[1] * MM, point[2] * MM),
+        normal_rad=None if normal is None else normal * DEG,
+        height_m=None if height_mm is None else height_mm * MM,
+        material=material,
+        kr_over_kc=kr_over_kc,
+        ka_over_kc=ka_over_kc,
+        longer_share=time_percent * PERCENT,
+        rows=rows,
+    )
+    reading = Reading(dialect, parameters, complete=not without_end)
+    with progress_bar("strategy" if program is None else f"strategy for {program.name}") as progress:
+        answer = job.run(cell, program, operation, assume_class=assume_class, reading=reading, progress=progress)
+    if as_json:
+        print_json(answer)
+    else:
+        _show(answer)
+
+
+def _scaled(text: str | None, name: str, unit: float) -> tuple[float, float] | None:
+    given = arguments.span(text, name)
+    return None if given is None else (given[0] * unit, given[1] * unit)
+
+
+def _show(answer: dict[str, Any]) -> None:
+    listed = [(str(i + 1), row) for i, row in enumerate(answer["choices"])]
+    if answer["before"] is not None:
+        listed.insert(0, ("before", answer["before"]))
+    columns = ["", "milling", "a_e mm", "a_p mm", "f_z mm", "rpm", "F normal N", "error um", "up to um", "s/m", "limit"]
+    table = [
+        [
+            name,
+            row["milling"],
+            f"{row['ae_mm']:g}",
+            f"{row['ap_mm']:g}" + (f" x {row['levels']}" if row["levels"] > 1 else ""),
+            f"{row['fz_mm']:g}",
+            f"{row['spindle_rpm']:g}",
+            f"{row['normal_n']:+.1f}",
+            f"{row['error_um']:+.1f}",
+            f"{row['up_to_um']:.1f}",
+            f"{row['time_s_per_m']:.1f}",
+            _limit(row),
+        ]
+        for name, row in listed
+    ]
+    print_table(f"{answer['program'] or 'wall'} on {answer['cell']}, {answer['material']}", columns, table)
+    zero = answer["zero"]
+    force, error = (
+        "nowhere" if zero[key] is None else f"at a_e = {zero[key]:g} mm"
+        for key in ("force_ae_mm", "displacement_ae_mm")
+    )
+    typer.echo(
+        f"up-milling at f_z = {zero['fz_mm']:g} mm: the force normal to the wall is zero {force}, the displacement "
+        f"{error} (half the diameter is {zero['half_diameter_mm']:g} mm)"
+    )
+    for name, error_um in answer["binding"].items():
+        typer.echo(f"binds: {name}; without it {error_um:g} um instead of {_best(answer)}")
+    if not answer["choices"]:
+        worst = ", ".join(f"{name} ({count})" for name, count in answer["beyond"].items())
+        typer.echo(f"none of {answer['tried']} choices is within the limits: {worst}")
+    if answer["not_known"]:
+        typer.echo(f"not looked at, because the cell file does not state it: {', '.join(answer['not_known'])}")
+
+
+def _best(answer: dict[str, Any]) -> str:
+    return f"{answer['choices'][0]['up_to_um']:g} um" if answer["choices"] else "none"
+
+
+def _limit(row: dict[str, Any]) -> str:
+    if row["beyond"]:
+        return "beyond: " + ", ".join(row["beyond"])
+    share = row["nearest_limit_percent"]
+    return "" if share is None else f"{share:.0f} % of {row['nearest_limit']}"

@@ -1,0 +1,96 @@
+"""What spindle, tool and robot bear: limits that choices of strategy and feeds are held against.
+
+A limit that is None is not known and binds nowhere. The tool is a cantilever of the effective diameter 0.8 D
+(:data:`CORE`), ``k = 3 pi E (0.8 D)^4 / (64 L^3)``.
+
+Source of the effective diameter: Kops, L., Vo, D. T.: Determination of the equivalent diameter of an end mill based on
+its compliance, Annals of the CIRP 39/1 (1990), 0.8 times the nominal diameter.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_positive
+from counterflex.robot.elasticity.chain import ElasticChain, jacobian
+
+CORE: Final = 0.8
+CARBIDE_PA: Final = 600e9
+"""Young's modulus of cemented carbide; high-speed steel has 210e9."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessLimits:
+    """Limits of the process; None where one is not known.
+
+    Attributes:
+        spindle_min_rad_s: Lowest speed.
+        spindle_max_rad_s: Highest speed.
+        power_w: Of the spindle, continuous, at the tool.
+        torque_nm: Of the spindle, continuous.
+        force_n: Largest mean force on the tool.
+        axis_torque_nm: (6,) largest torque that the process may put on each axis of the robot.
+        bending_m: Largest elastic bending of the tool at its tip.
+        overhang_m: Length of the tool out of its holder.
+        modulus_pa: Young's modulus of the tool.
+        deflection_m: Largest deflection of the tool square to its path.
+        acceleration_m_s2: Largest acceleration of the tool.
+    """
+
+    spindle_min_rad_s: float | None = None
+    spindle_max_rad_s: float | None = None
+    power_w: float | None = None
+    torque_nm: float | None = None
+    force_n: float | None = None
+    axis_torque_nm: Float | None = None
+    bending_m: float | None = None
+    overhang_m: float | None = None
+    modulus_pa: float = CARBIDE_PA
+    deflection_m: float | None = None
+    acceleration_m_s2: float | None = None
+
+    def bending(self, diameter_m: float, force_n: Float) -> Float:
+        """Bending of the tool at its tip under a force there, m; zero where the overhang is not known.
+
+        Args:
+            diameter_m: Of the cutter.
+            force_n: Square to the tool axis.
+        """
+        if self.overhang_m is None:
+            return np.zeros_like(force_n)
+        return force_n / tool_stiffness(diameter_m, self.overhang_m, self.modulus_pa)
+
+
+def tool_stiffness(diameter_m: float, overhang_m: float, modulus_pa: float = CARBIDE_PA) -> float:
+    """Bending stiffness of an end mill at its tip, N/m.
+
+    Args:
+        diameter_m: Of the cutter.
+        overhang_m: Length out of the holder.
+        modulus_pa: Young's modulus.
+
+    Raises:
+        InputError: A number is not positive.
+    """
+    d = CORE * as_positive("diameter_m", diameter_m)
+    length = as_positive("overhang_m", overhang_m)
+    return 3.0 * math.pi * as_positive("modulus_pa", modulus_pa) * d**4 / (64.0 * length**3)
+
+
+def axis_torques(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
+    """Torque that a wrench on the tool puts on each axis, ``J^T w``.
+
+    Args:
+        chain: The robot.
+        q: (n, 6) rad.
+        w_tcp_base: (n, 6) N, N m, about the tip, base axes.
+
+    Returns:
+        (n, 6) N m, positive in the positive direction of the angles.
+    """
+    out: Float = np.einsum("nda,nd->na", jacobian(chain, q), w_tcp_base)
+    return out

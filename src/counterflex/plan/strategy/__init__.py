@@ -1,0 +1,1 @@
+"""How a cutter is to move so that there is little left to compensate: side, width, depth, chip, speed; trochoids."""
