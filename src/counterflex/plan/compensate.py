@@ -183,16 +183,16 @@ def dynamic_trial(
     remaining = _tried(loaded, command, parts[TRIAL])
     if not mends or _size(loaded, remaining) >= _BELIEVED * _size(loaded, loaded.deflection_part):
         return command, remaining
-    wanted = np.ones(len(remaining), dtype=bool)
+    unfinished = np.ones(len(remaining), dtype=bool)
     for done in range(_MENDS):
-        change = _SHARE * _correctable(loaded, np.where(wanted[:, None], remaining, 0.0))
+        change = _SHARE * _correctable(loaded, np.where(unfinished[:, None], remaining, 0.0))
         reported = share_of(parts[MENDED], 0.0 if done == 0 else 1.0, 1.0)  # the further ones are seldom
         remaining_of_next = _tried(loaded, command_against(loaded, displacement + change), reported)
         better = _less_left(loaded, remaining_of_next, remaining)[:, None]
         displacement = displacement + np.where(better, change, 0.0)
         remaining = np.where(better, remaining_of_next, remaining)
-        wanted = _leaves_much(loaded, remaining) & better[:, 0]
-        if not np.any(wanted):
+        unfinished = _leaves_much(loaded, remaining) & better[:, 0]
+        if not np.any(unfinished):
             break
     return command_against(loaded, displacement), remaining
 

@@ -227,16 +227,16 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     def taken_back(lost: Float) -> Float:
         return shaped(loaded, static - loaded.swinging_part + lost, loaded.swinging_part)
 
-    def found(q: Float) -> Float:
+    def lost_at(q: Float) -> Float:
         return np.pad(lost_motion(robot, q, w), ((0, 0), (0, 3)))
 
     kind = loaded.inputs.path.kind
     cut: Int = np.cumsum(np.diff(kind, prepend=kind[:1]) != 0)
-    lost = kept = found(loaded.inputs.q)
+    lost = kept = lost_at(loaded.inputs.q)
     least = np.full(len(kind), np.inf)
     for done in range(_PLAY_ROUNDS):
         progress((done + 1.0) / (_PLAY_ROUNDS + 1.0))
-        fresh = found(command_against(loaded, taken_back(lost)).q)
+        fresh = lost_at(command_against(loaded, taken_back(lost)).q)
         size = np.bincount(cut, np.where(loaded.cut.contact, np.sum((fresh - lost) ** 2, axis=1), 0.0))[cut]
         better = size < least
         lost = fresh
