@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import get_args
 
 import coal
@@ -155,6 +156,20 @@ def test_capsules_of_links_end_at_the_joints(chain: ElasticChain) -> None:
     end = by_name["forearm"][1] + forearm.size_m[0] * (joints[4] - joints[3]) / np.linalg.norm(joints[4] - joints[3])
     assert end == pytest.approx(joints[4])
     assert by_name["hand"][1] == pytest.approx((forward(chain, HOME) @ pose.inverse(TCP))[:3, 3])
+
+
+def test_assumed_radii_go_with_the_arm(chain: ElasticChain) -> None:
+    """Shares of the length along the joints; an arm whose numbers say less gets the same for every link."""
+    reach = coarse.arm_reach(chain)
+    joints = frames(chain, HOME)[chain.joint >= 0][:, :3, 3]
+    flange = (forward(chain, HOME) @ pose.inverse(TCP))[:3, 3]
+    assert reach == pytest.approx(np.linalg.norm(np.diff([*joints[1:], flange], axis=0), axis=1).sum())
+    assert [body.size_m[0] for body in coarse.links(chain)] == pytest.approx(
+        np.array([*coarse.SHARES.values()]) * reach
+    )
+    slender = coarse.links(replace(chain, opw=None))
+    assert {round(body.size_m[0] / reach, 9) for body in slender} == {coarse.SLENDER_SHARE}
+    assert coarse.carried(chain, {})[0].size_m[0] == pytest.approx(coarse.SPINDLE_SHARE * reach)
 
 
 def test_tool_and_spindle_lie_behind_the_tip(chain: ElasticChain) -> None:

@@ -166,6 +166,15 @@ def test_a_plunge_at_rapid_is_called_one(checked: Any) -> None:
     assert row["value"] == pytest.approx(2.0 * np.pi / 4 * 16**2, rel=0.05)
 
 
+def test_a_cut_deeper_than_the_flutes_fails(checked: Any) -> None:
+    """A slot 38 mm deep, cut with flutes of 35 mm, and of 45 mm."""
+    slot = "G0 X-12 Y15 Z60\nG1 Z2 F3000\nG1 X30 F300\nG0 Z60"
+    row = checked(slot)["depth of cut to flutes"]
+    assert (row["verdict"], row["line"], row["limit"]) == ("fail", 6, 35.0)
+    assert row["value"] == pytest.approx(38.0, rel=0.02)
+    assert checked(slot.replace("Z2", "Z10"))["depth of cut to flutes"]["verdict"] == "ok"
+
+
 def test_a_cut_without_spindle_is_a_row(checked: Any) -> None:
     rows = checked("M5\nG0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60")
     assert (rows["cut"]["verdict"], rows["cut"]["line"]) == ("fail", 8)

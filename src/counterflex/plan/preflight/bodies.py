@@ -35,10 +35,13 @@ SHARES: Final = {
     "hand": 0.05,
 }
 """Assumed radius of each link by the length of the arm; the elbow carries the motors of the wrist."""
-SPINDLE_RADIUS_M: Final = 75.0 * MM
+SLENDER_SHARE: Final = 0.06
+"""Of every link of an arm without a spherical wrist: what lies between its axes is not said by their numbers."""
+SPINDLE_SHARE: Final = 0.03
+BRACKET_SHARE: Final = 0.025
+"""Likewise of the spindle and of what holds it: a robot carries what it is made for."""
 SPINDLE_LENGTH_M: Final = 150.0 * MM
 """Assumed spindle: at least that long; it ends where the flange's centre is square to the tool axis."""
-BRACKET_RADIUS_M: Final = 60.0 * MM
 TABLE_M: Final = 100.0 * MM
 TABLE_BEYOND_M: Final = 50.0 * MM
 """Assumed table: below the stock, that thick, and that much larger than it on each side."""
@@ -137,20 +140,26 @@ def joint_offsets(chain: ElasticChain) -> list[Float]:
     return [*out, (T @ chain.T_segment_flange)[:3, 3].copy()]
 
 
+def arm_reach(chain: ElasticChain) -> float:
+    """Length of the arm from axis 2 to the flange along its joint frames, m."""
+    return sum(float(np.linalg.norm(offset)) for offset in joint_offsets(chain)[2:])
+
+
 def links(chain: ElasticChain) -> list[Body]:
     """The robot as seven capsules between its joint frames, as :data:`SHARES` of its arm's length.
 
     The forearm ends at the wrist's centre with its cap: behind it is a fork, in which the hand turns.
     """
     offsets = joint_offsets(chain)
-    reach = sum(float(np.linalg.norm(offset)) for offset in offsets[2:])
+    reach = arm_reach(chain)
+    shares = SHARES if chain.opw is not None else dict.fromkeys(SHARES, SLENDER_SHARE)
     ends = list(offsets)
     length = max(float(np.linalg.norm(offsets[4])), 1e-9)
-    ends[4] = offsets[4] * max(0.0, 1.0 - SHARES["forearm"] * reach / length)
+    ends[4] = offsets[4] * max(0.0, 1.0 - shares["forearm"] * reach / length)
     frames = ("base", *(f"joint{n}" for n in range(1, 7)))
     return [
         along(name, frame, np.zeros(3), offset, share * reach)
-        for (name, share), frame, offset in zip(SHARES.items(), frames, ends, strict=True)
+        for (name, share), frame, offset in zip(shares.items(), frames, ends, strict=True)
     ]
 
 
@@ -167,8 +176,10 @@ def carried(chain: ElasticChain, cutters: dict[int, Cutter]) -> list[Body]:
     T_tcp_flange = pose.inverse(chain.T_flange_tcp)
     flange = T_tcp_flange[:3, 3]
     stick_out = {number: c.flute_length_m + c.diameter_m for number, c in cutters.items()}
+    reach = arm_reach(chain)
+    radius = SPINDLE_SHARE * reach
     nose = min(stick_out.values(), default=0.0)
-    first = np.array([0.0, 0.0, -nose - SPINDLE_RADIUS_M])
+    first = np.array([0.0, 0.0, -nose - radius])
     foot = np.array([0.0, 0.0, min(flange[2], -nose - SPINDLE_LENGTH_M)])
     tools = [
         along(f"tool T{n}", "tcp", np.zeros(3), np.array([0.0, 0.0, -length]), 0.5 * cutters[n].diameter_m, "cylinder",
@@ -177,8 +188,8 @@ def carried(chain: ElasticChain, cutters: dict[int, Cutter]) -> list[Body]:
     ]  # fmt: skip
     bracket_end = np.array([0.0, 0.0, min(flange[2], first[2])])
     return [
-        along("spindle", "tcp", first, foot, SPINDLE_RADIUS_M),
-        along("bracket", "tcp", flange, bracket_end, BRACKET_RADIUS_M),
+        along("spindle", "tcp", first, foot, radius),
+        along("bracket", "tcp", flange, bracket_end, BRACKET_SHARE * reach),
         *tools,
     ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Final
@@ -21,7 +22,7 @@ from counterflex.plan.inputs import Setting, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
 from counterflex.plan.preflight.bodies import Body, carried, links, part_bodies, with_given
 from counterflex.plan.preflight.collision import collision_rows
-from counterflex.plan.preflight.rapids import rapid_row, with_points_in_rapids
+from counterflex.plan.preflight.rapids import flute_row, rapid_row, with_points_in_rapids
 from counterflex.plan.preflight.reversals import event_row, reversals, unloadings
 from counterflex.plan.preflight.row import Bounds, Row
 from counterflex.plan.preflight.spacing import spacing_rows
@@ -130,7 +131,13 @@ def _first_rows(path: ToolPath, count: int) -> ToolPath:
 
 
 def _cutters(path: ToolPath, setting: Setting) -> dict[int, Cutter]:
-    return {int(n): setting.cutter_of(int(n)) for n in np.unique(path.tool[path.kind == FEED])}
+    """Of every tool that is in the spindle; one that only rapids carry may be none of the cell's."""
+    feeds = {int(n) for n in path.tool[path.kind == FEED]}
+    cutters = {}
+    for number in np.unique(path.tool).tolist():
+        with contextlib.suppress(*([] if number in feeds else [CounterflexError])):
+            cutters[number] = setting.cutter_of(number)
+    return cutters
 
 
 def _solved(setting: Setting, Ts_base_tcp: Float) -> PathSolution:
@@ -214,7 +221,8 @@ def _cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progress)
             Row("rapids into the stock", "unknown", what="the cut cannot be computed"),
             Row("cut", "fail", point=point, what=fault.what, advice=fault.hint or ""),
         ]
-    return result, [rapid_row(path, result.volume_m3)]
+    cutters = _cutters(path, setting)
+    return result, [rapid_row(path, result.volume_m3), flute_row(path, result.volume_m3, cutters)]
 
 
 def _loads(result: Cut | None, path: ToolPath, q: Float, setting: Setting) -> list[Row]:

@@ -1,19 +1,24 @@
-"""Rapids that meet the stock: the tool is pushed through material or plunged into it."""
+"""What the tool meets in the stock that it must not: rapids through material, cuts deeper than its flutes."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.path.toolpath import RAPID, ToolPath
+from counterflex.cutting.cutter import Cutter
+from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.preflight.row import Row
+from counterflex.plan.undisturbed_cut import least_depth
 
 STEP_M: Final = 5.0 * MM
 """Longest step of a rapid that is looked at."""
+DEPTH_SHARE: Final = 0.05
+"""By that much the depth from a volume on a grid may be off."""
 LEAST_M3: Final = 1e-2 * MM**3
 """Less is the grain of the stock."""
 
@@ -44,6 +49,38 @@ def rapid_row(path: ToolPath, volume_m3: Float) -> Row:
         first,
         f"{len(cutting)} rapids; the worst {'plunges straight down' if plunges else 'moves through it'}",
         advice="Rapid to a plane above the stock and go down at feed; check the blank in [part.stock]",
+    )
+
+
+def flute_row(path: ToolPath, volume_m3: Float, cutters: Mapping[int, Cutter]) -> Row:
+    """The cut that is deepest for the flutes of its tool; above them the shank would rub.
+
+    The depth is the least that the removed volume allows (:func:`counterflex.plan.undisturbed_cut.least_depth`).
+
+    Args:
+        path: n rows.
+        volume_m3: (n,) removed on the way to each row.
+        cutters: By tool number; all that cut.
+    """
+    name = "depth of cut to flutes"
+    feed = path.kind == FEED
+    if not np.any(feed):
+        return Row(name, "ok", what="no feed motions")
+    some = next(iter(cutters.values()))
+    tools = [cutters.get(number, some) for number in path.tool.tolist()]
+    diameter, flutes = np.array([c.diameter_m for c in tools]), np.array([c.flute_length_m for c in tools])
+    depth = least_depth(path, volume_m3, diameter)
+    row = int(np.argmax(depth / flutes))
+    deep = depth[row] > (1.0 + DEPTH_SHARE) * flutes[row]
+    return Row(
+        name,
+        "fail" if deep else "ok",
+        float(depth[row]),
+        float(flutes[row]),
+        "m",
+        row if depth[row] > 0.0 else None,
+        f"tool T{int(path.tool[row])}",
+        advice="Cut in several levels" if deep else "",
     )
 
 
