@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from counterflex.app.posture import loaded_path, robot_of, surroundings_of
 from counterflex.core.errors import ModelError, ReachError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.geometry import pose
+from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.plan.posture.choose import Chosen, Freedom, choose
 from counterflex.plan.posture.cut_path import CutPath, fractions, stations, surface_normals
@@ -65,25 +66,27 @@ def test_every_posture_is_that_of_the_inverse_kinematics(task: Task) -> None:
     few = CutPath(*(np.ascontiguousarray(getattr(task.cut, name)[rows]) for name in CutPath.__dataclass_fields__))
     rotations = np.array([20.0, 95.0, 180.0, 285.0]) * DEG
     few.weight_m[:] = 1.0
-    survey = survey_path(few, task.robot, rotations, np.arange(3))
-    R_base_part = task.robot.T_base_part[:3, :3]
-    margin, wrist = task.robot.limits.joint_margin_rad, np.sin(task.robot.limits.wrist_rad)
-    for k, (row, rotation) in enumerate((row, rotation) for row in range(3) for rotation in range(4)):
-        R = tool_orientation(few.axis_part[row : row + 1], float(rotations[rotation]))
-        T = tool_poses(task.robot.T_base_part, few.p_part[row : row + 1], R)[0]
+    R_base_part = rotation.about_z(0.3) @ rotation.about_x(0.2)
+    T_base_part = pose.make(R_base_part, task.robot.T_base_part[:3, 3])
+    robot = replace(task.robot, T_base_part=T_base_part)
+    survey = survey_path(few, robot, rotations, np.arange(3))
+    margin, wrist = robot.limits.joint_margin_rad, np.sin(robot.limits.wrist_rad)
+    for row, turn in itertools.product(range(3), range(4)):
+        R = tool_orientation(few.axis_part[row : row + 1], float(rotations[turn]))
+        T = tool_poses(T_base_part, few.p_part[row : row + 1], R)[0]
         solutions = inverse_all(task.robot.controller_chain, T, within_limits=False)
         good = {s.branch: s for s in solutions if s.limit_margin_rad >= margin and s.wrist >= wrist}
-        possible = ~np.isnan(survey.q[row, rotation, :, 0])
-        assert {BRANCHES[slot] for slot in np.flatnonzero(possible)} == set(good), k
+        possible = ~np.isnan(survey.q[row, turn, :, 0])
+        assert {BRANCHES[slot] for slot in np.flatnonzero(possible)} == set(good)
         for slot in np.flatnonzero(possible):
-            q = survey.q[row, rotation, slot]
+            q = survey.q[row, turn, slot]
             off = q - good[BRANCHES[slot]].q
             np.testing.assert_allclose(off - 2 * np.pi * np.round(off / (2 * np.pi)), 0.0, atol=1e-9)
             if row == 0:
                 continue
             w = np.concatenate([R_base_part @ few.w_tcp_part[row, :3], R_base_part @ few.w_tcp_part[row, 3:]])
             d = few.normals_part[row] @ R_base_part.T @ (cartesian_compliance(task.robot.chain, q) @ w)[:3]
-            assert survey.late[row - 1, rotation, slot] == pytest.approx(np.linalg.norm(d) ** 4, rel=1e-9)
+            assert survey.late[row - 1, turn, slot] == pytest.approx(np.linalg.norm(d) ** 4, rel=1e-9)
 
 
 def test_the_chosen_posture_is_the_stiffest_that_is_possible(task: Task) -> None:

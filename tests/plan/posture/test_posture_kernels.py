@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from counterflex.files.cell.cell import read_cell
+from counterflex.plan.inputs import Limits
 from counterflex.plan.posture.branches_kernel import arm_record, branch_angles
 from counterflex.plan.posture.burden_kernel import burdens
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
+from counterflex.plan.posture.survey import RobotHere
+from counterflex.plan.posture.survey_kernel import ARM_SINGULAR, OK, within
 from counterflex.robot.elasticity.chain import ElasticChain, flange, jacobian
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.elasticity.play import axis_torque
@@ -31,6 +34,24 @@ def test_branches_are_those_of_the_library(robot: str) -> None:
         np.testing.assert_array_equal(np.isnan(q), np.isnan(rows))
         off = q - rows
         assert np.nanmax(np.abs(off - opw.TURN * np.round(off / opw.TURN))) < 1e-9
+
+
+def test_a_stretched_elbow_and_a_wrist_over_axis_1_are_left_out() -> None:
+    cell = read_cell(CELL)
+    chain = cell.controller_chain
+    grid = RobotHere(chain, chain, np.eye(4), Limits()).grid(np.zeros(1))
+    arm, geometry = grid.arms[0], chain.opw
+    assert geometry is not None
+    good = np.radians([0.0, -100.0, 120.0, 10.0, 40.0, 0.0])
+    assert within(arm, grid, good.copy()) == OK
+    stretched = good.copy()
+    stretched[2] = -np.arctan2(geometry.a2_m, geometry.c3_m) + 0.01
+    assert within(arm, grid, stretched) == ARM_SINGULAR
+    folded = good.copy()  # bring the wrist over axis 1
+    folded[1] = -np.pi / 2.0
+    forearm = np.hypot(geometry.a2_m, geometry.c3_m)
+    folded[2] = np.pi + np.arcsin(geometry.a1_m / forearm) - np.arctan2(geometry.a2_m, geometry.c3_m)
+    assert within(arm, grid, folded) == ARM_SINGULAR
 
 
 def test_a_pose_out_of_reach_has_no_branch() -> None:

@@ -156,6 +156,17 @@ def test_a_reversal_is_avoided_where_it_costs_more_than_the_deflection() -> None
     assert _walked(edges, _rules())[1] > -0.1
 
 
+def test_the_tool_does_not_turn_back_at_once() -> None:
+    """From forth to back it passes through a rest: a change of the rate of turning by one step at a station."""
+    edges = _plain(2, 8)
+    edges.early[:] = 1.0
+    edges.late[:] = 1.0
+    edges.early[0, 2] = edges.late[0, 3] = edges.early[1, 3] = edges.late[1, 2] = 0.0
+    assert _walked(edges, _rules())[1] > 0.9
+    edges.late[1, 3] = 0.0
+    assert _walked(edges, _rules())[1] == pytest.approx(0.1)
+
+
 def test_the_wound_up_axis_ends_the_way() -> None:
     m, r = 12, 4  # the stiff rotation runs round the tool three times: axis 6 is at its limit before
     edges = _plain(m, r)
