@@ -14,10 +14,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.plan.elastic_motion import DENSITY_KG_M3, coordinates, matrices
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING, RIGID_HZ, assumed_masses, can_move, mode_of
-from counterflex.plan.modes import frequency_sigma, kinetic_shares, modes
+from counterflex.plan.modes import frequency_response, frequency_sigma, kinetic_shares, lowest_mode, modes
 from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.elasticity.equations import DOUBLE, walk
 from counterflex.robot.model import catalog
+from counterflex.robot.model.description import Servo
 from counterflex.signals.preview import Mode
 
 POSTURES = [np.array([0.2, -1.4, 1.9, 0.3, 0.7, -0.4]), np.array([-0.9, -0.8, 1.2, -1.1, 1.3, 0.5])]
@@ -127,6 +129,31 @@ def test_the_spread_of_a_frequency_is_that_of_drawn_constants(arm: ElasticChain)
         soft = stiffness * np.exp(0.02 * rng.standard_normal(len(stiffness)))
         drawn.append(math.log(modes(heavy, soft).omega_rad_s[0]))
     assert np.std(drawn) == pytest.approx(expected, rel=0.12)
+
+
+@pytest.mark.parametrize("servo", [(None,) * 6, (Servo(3e4, 15.0, 0.05),) * 6])
+def test_the_response_peaks_where_the_modes_are_and_begins_at_the_compliance(
+    servo: tuple[Servo | None, ...], arm: ElasticChain
+) -> None:
+    M, stiffness, J, _ = matrices(arm, POSTURES[1])
+    lowest = lowest_mode(M, stiffness, 2e-4, servo)
+    omega = lowest.omega_rad_s * np.linspace(0.6, 1.3, 1401)
+    size = np.linalg.norm(frequency_response(M, stiffness, J, 2e-4, servo, omega)[:, :3, :3], axis=(1, 2))
+    peaks = omega[1:-1][(size[1:-1] > size[:-2]) & (size[1:-1] > size[2:])]
+    assert np.min(np.abs(peaks / lowest.omega_rad_s - 1.0)) < 2.0 * lowest.damping_ratio**2 + 2e-3
+    slow = frequency_response(M, stiffness, J, 2e-4, servo, np.array([1e-4]))[0]
+    np.testing.assert_allclose(slow[:3, :3].real, cartesian_compliance(arm, POSTURES[1])[:3, :3], rtol=1e-6, atol=1e-12)
+
+
+def test_the_response_is_the_sum_of_the_modes(arm: ElasticChain) -> None:
+    """Proportional damping: ``sum_k a_k a_k' / (1 - r^2 + i omega beta)`` with r = omega / omega_k."""
+    M, stiffness, J, _ = matrices(arm, POSTURES[0])
+    free, beta, omega = modes(M, stiffness), 3e-3, np.array([20.0, 75.0, 140.0, 400.0])
+    tip = J @ free.shapes
+    below = 1.0 - (omega[:, None] / free.omega_rad_s) ** 2 + 1j * omega[:, None] * beta
+    summed = np.einsum("ak,bk,fk->fab", tip, tip, 1.0 / below)
+    response = frequency_response(M, stiffness, J, beta, (None,) * 6, omega)
+    np.testing.assert_allclose(response, summed, rtol=1e-6, atol=1e-9 * np.abs(summed).max())
 
 
 def test_order_of_what_is_known(arm: ElasticChain) -> None:

@@ -15,6 +15,7 @@ from counterflex.plan.elastic_motion import coordinates, matrices
 from counterflex.plan.lowest_mode import assumed_masses, can_move, mode_of
 from counterflex.plan.modes import frequency_sigma, kinetic_shares, modes
 from counterflex.plan.plan import Plan
+from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
 
 STATED: Final = 0.35
@@ -25,7 +26,7 @@ MASS: Final = 0.15
 """The same of a stated mass: of a body with its hoses and cables, and with its centre of gravity."""
 ASSUMED_MASS: Final = 0.5
 """The same of masses by the length of the arm: a factor of two either way holds 90 %, with what the posture adds."""
-_INSIDE: Final = 1.645
+INSIDE: Final = 1.645
 """Standard deviations that hold 90 %."""
 
 
@@ -73,7 +74,7 @@ def lowest_mode(cell: Cell, q: Float | None = None) -> Mode:
     measured = cell.tables.dynamics.mode
     if measured is not None:
         return measured
-    return mode_of(cell.chain, _posture(cell) if q is None else q, None)
+    return mode_of(cell.chain, posture_at_blank(cell) if q is None else q, None)
 
 
 def estimate(cell: Cell, q: Float) -> Estimate:
@@ -93,15 +94,41 @@ def estimate(cell: Cell, q: Float) -> Estimate:
         return Estimate(mode, math.nan, math.nan, "measured")
     if not np.any(chain.compliance > 0.0):
         return Estimate(mode, math.nan, math.nan, "nothing yields: any")
+    swinging = swinging_chain(cell, q)
+    free = modes(*matrices(swinging.chain, q)[:2])
+    kinetic = kinetic_shares(swinging.chain, q, free.shapes[:, :1])[:, 0]
+    sigma = frequency_sigma(free.strain[:, 0], kinetic, swinging.stiffness_sigma, swinging.mass_sigma)
+    wide = math.exp(INSIDE * sigma)
+    return Estimate(mode, mode.hz / wide, mode.hz * wide, swinging.origin)
+
+
+@dataclass(frozen=True, eq=False)
+class SwingingChain:
+    """A chain that can be moved, with how well its constants are known.
+
+    Attributes:
+        chain: With assumed masses where an axis has none behind it.
+        stiffness_sigma: (n,) of each coordinate, standard deviation of the logarithm.
+        mass_sigma: (bodies,) the same.
+        origin: Where its modes come from.
+    """
+
+    chain: ElasticChain
+    stiffness_sigma: Float
+    mass_sigma: Float
+    origin: str
+
+
+def swinging_chain(cell: Cell, q: Float) -> SwingingChain:
+    """The chain of a cell as modes need it; q (6,) rad is any posture."""
+    chain, moves = cell.chain, can_move(cell.chain)
     filled = chain if moves else assumed_masses(chain, q)
-    free = modes(*matrices(filled, q)[:2])
-    relative, segment = _of_the_class(cell) | identified_sigma(cell), coordinates(filled)[0]
-    spread = np.array([relative.get(filled.names[i], STATED) for i in segment])
+    relative = _of_the_class(cell) | identified_sigma(cell)
+    spread = np.array([relative.get(filled.names[i], STATED) for i in coordinates(filled)[0]])
     heavy = np.where(chain.mass > 0.0, MASS, ASSUMED_MASS)
-    kinetic = kinetic_shares(filled, q, free.shapes[:, :1])[:, 0]
-    sigma = frequency_sigma(free.strain[:, 0], kinetic, spread, heavy)
-    origin = "from masses and stiffness" if moves else "from stiffness and assumed masses"
-    return Estimate(mode, mode.hz * math.exp(-_INSIDE * sigma), mode.hz * math.exp(_INSIDE * sigma), origin)
+    return SwingingChain(
+        filled, spread, heavy, "from masses and stiffness" if moves else "from stiffness and assumed masses"
+    )
 
 
 def at_largest_force(cell: Cell, plan: Plan) -> Estimate:
@@ -109,8 +136,8 @@ def at_largest_force(cell: Cell, plan: Plan) -> Estimate:
     return estimate(cell, plan.q[int(np.argmax(np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)))])
 
 
-def _posture(cell: Cell) -> Float:
-    """(6,) rad at the blank, or all zero where the cell is not one that mills."""
+def posture_at_blank(cell: Cell) -> Float:
+    """(6,) rad at the first corner of the blank's top, or all zero where the cell is not one that mills."""
     if cell.tables.part is None or cell.tables.part.stock is None:
         return np.zeros(6)
     return corner_of_blank(cell)

@@ -27,6 +27,7 @@ from counterflex.cli.commands import (
     faults,
     identify,
     log,
+    modes,
     operator,
     preflight,
     program,
@@ -88,7 +89,7 @@ def _with_own_classes(app: typer.Typer) -> None:
 
 
 PANELS: Final = {
-    "Plan": ("cell", "robots", "pose", "deflection", "path", "plan", "preflight", "compensate"),
+    "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate"),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "report"),
     "Identify": ("identify", "dataset", "campaign"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
@@ -150,7 +151,7 @@ def _in_panels(app: typer.Typer) -> None:
         group.rich_help_panel = panel_of[str(group.name)]
 
 
-for room in (question, program, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
+for room in (question, modes, program, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
 for room in (plan, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)

@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ModelError
@@ -26,6 +27,8 @@ from counterflex.plan.elastic_motion_kernel import AXES
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model.description import Servo
 from counterflex.signals.preview import Mode
+
+Complex = NDArray[np.complex128]
 
 _OVERDAMPED = 0.7
 """Poles with a larger damping ratio are no modes."""
@@ -73,10 +76,15 @@ def modes(M: Float, stiffness: Float) -> Modes:
 
 
 def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | None, ...]) -> Mode:
-    """Lowest mode of a posture while the drives hold it.
+    """Lowest mode of a posture while the drives hold it: the first of :func:`driven_modes`, with the same arguments."""
+    return driven_modes(M, stiffness, beta_s, servo)[0]
 
-    The eigenvalue of smallest frequency of the linear equations (no play, no friction) that is damped by less than
-    :data:`_OVERDAMPED`. In modal coordinates ``x = Phi y`` with ``G = Phi' K`` of the six axes and motor angles theta,
+
+def driven_modes(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | None, ...]) -> list[Mode]:
+    """Modes of a posture while the drives hold it, the lowest first.
+
+    Eigenvalues of the linear equations (no play, no friction) that are damped by less than :data:`_OVERDAMPED`. In
+    modal coordinates ``x = Phi y`` with ``G = Phi' K`` of the six axes and motor angles theta,
     ``y'' = -Omega^2 (y - G theta + beta (y' - G theta'))``; the gears load the motors with ``k Phi (y - G theta)``.
 
     Args:
@@ -86,7 +94,7 @@ def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | 
         servo: Of the six axes; None for one that never yields.
 
     Raises:
-        ModelError: Nothing swings: the chain has no masses.
+        ModelError: Nothing swings: the chain has no masses, or all is overdamped.
     """
     free = modes(M, stiffness)
     n, square = len(free.omega_rad_s), free.omega_rad_s[:, None] ** 2
@@ -113,8 +121,39 @@ def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | 
     poles = poles[-poles.real < _OVERDAMPED * np.abs(poles)]
     if len(poles) == 0:
         raise ModelError("every mode is overdamped", value=beta_s, hint="Check damping and loop gains")
-    lowest = poles[np.argmin(np.abs(poles))]
-    return Mode(float(np.abs(lowest)), float(-lowest.real / np.abs(lowest)))
+    poles = poles[np.argsort(np.abs(poles))]
+    return [Mode(float(abs(pole)), float(-pole.real / abs(pole))) for pole in poles]
+
+
+def frequency_response(
+    M: Float, stiffness: Float, J: Float, beta_s: float, servo: tuple[Servo | None, ...], omega_rad_s: Float
+) -> Complex:
+    """Receptance of the tool's tip: motion per load, ``J Z^-1 J'`` with ``Z = -omega^2 M + K (1 + i omega beta)``.
+
+    A drive that yields lies in series with its gear: its spring becomes ``1 / (1 / (k (1 + i omega beta)) + Y)`` with
+    ``Y = s / (K (s + Kv) (s + 1/Ti))``, s = i omega (:mod:`counterflex.robot.elasticity.servo`).
+
+    Args:
+        M: (n, n) inertia.
+        stiffness: (n,), K is diagonal; the six axes come first.
+        J: (6, n) motion of the tip per coordinate.
+        beta_s: s, damping D is beta K.
+        servo: Of the six axes; None for one that never yields.
+        omega_rad_s: (f,) > 0.
+
+    Returns:
+        (f, 6, 6) complex, m/N, rad/(N m), base axes.
+    """
+    s = 1j * np.asarray(omega_rad_s)[:, None]
+    flexible = np.asarray(1.0 / (stiffness * (1.0 + beta_s * s)), dtype=np.complex128)
+    for a, entry in enumerate(servo):
+        if entry is not None:
+            yields = entry.speed_gain_nm_s * (s + entry.position_gain_per_s) * (s + 1.0 / entry.integral_time_s)
+            flexible[:, a] += (s / yields)[:, 0]
+    # Z^-1 = C (1 + s^2 M C)^-1 with C the compliances: rigid coordinates need no large number
+    inner = np.eye(len(stiffness)) + s[:, :, None] ** 2 * M * flexible[:, None, :]
+    out: Complex = (J * flexible[:, None, :]) @ np.linalg.solve(inner, np.broadcast_to(J.T, (len(s), *J.T.shape)))
+    return out
 
 
 def kinetic_shares(chain: ElasticChain, q: Float, shapes: Float) -> Float:

@@ -1,0 +1,98 @@
+"""Command modes: natural frequencies and mode shapes of a cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.arguments import numbers
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(modes)
+
+
+def modes(
+    cell: Annotated[Path, typer.Argument(help="Cell file (.toml).", metavar="CELL", callback=arguments.file)],
+    joints_deg: Annotated[
+        str | None,
+        typer.Option(
+            "--joints",
+            "--joints-deg",
+            help="Six joint angles, deg; left out: the posture at the blank.",
+            metavar="A1,..,A6",
+            callback=arguments.numbers_of(6),
+        ),
+    ] = None,
+    count: Annotated[int, typer.Option("--count", help="Modes that are listed.", min=1, max=100)] = 6,
+    assume_class: Annotated[
+        bool,
+        typer.Option("--assume-class", help="Give axes of unknown stiffness the median of the robot's class."),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Folder for summary.json; made when missing.",
+            metavar="DIR",
+            callback=arguments.output_folder,
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+) -> None:
+    """Natural frequencies, damping and mode shapes of the elastic cell in a posture.
+
+    From link masses, compliances of joints, bearings and end effector: M x'' + K x = 0, drives rigid unless the cell
+    file has their loop gains. Each frequency with the interval that nine of ten such robots lie in, the direction in
+    which the tool's tip moves, the mode's share of the compliance at the tip, and the springs that bend most.
+
+    Example: `counterflex modes cell.toml --joints 0,-90,110,0,40,0`
+    """
+    if out is not None:
+        keep_inputs(out, cell)
+    from counterflex.app import modes as job
+
+    with progress_bar(f"modes of {cell.name}") as progress:
+        summary = job.run(
+            cell,
+            out,
+            joints_deg=numbers(joints_deg, "--joints", 6),
+            assume_class=assume_class,
+            count=count,
+            progress=progress,
+        )
+    if as_json:
+        print_json(summary)
+        return
+    _show(summary)
+    if out is not None:
+        say_written(out, f"wrote {out}: summary.json")
+
+
+def _show(summary: dict[str, Any]) -> None:
+    rows = [
+        [
+            f"{row['hz']:.2f}",
+            "{:.1f} to {:.1f}".format(*row["of_90_percent_hz"]),
+            f"{row['damping_ratio']:.3f}",
+            ", ".join(f"{value:+.2f}" for value in row["tip_direction"]),
+            f"{100.0 * row['share_of_compliance']:.0f} %",
+            ", ".join(f"{one['name']} {100.0 * one['share']:.0f} %" for one in row["springs"]),
+        ]
+        for row in summary["modes"]
+    ]
+    angles = ", ".join(f"{angle:g}" for angle in summary["joints_deg"])
+    print_table(
+        f"Modes of {summary['cell']} at {angles} deg",
+        ["Hz", "90 % of cells", "damping", "tip moves along (base)", "of compliance", "springs (strain energy)"],
+        rows,
+        note=f"{summary['masses']}; drives: {summary['drives']}; damping: {summary['damping']}",
+    )
+    if summary["with_drives"]:
+        listed = ", ".join(f"{row['hz']:.2f} Hz ({row['damping_ratio']:.2f})" for row in summary["with_drives"])
+        typer.echo(f"with the drives on: {listed}")

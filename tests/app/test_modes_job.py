@@ -1,0 +1,60 @@
+"""Command modes: figures of a shipped cell, files that are written, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from counterflex.app import modes as job
+from counterflex.app.lowest_mode import estimate
+from counterflex.cli.main import app
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG
+from counterflex.files.cell.cell import read_cell
+from counterflex.robot.elasticity.compliance import cartesian_compliance
+
+ROOT = Path(__file__).resolve().parents[2]
+SMALL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
+JOINTS = [0.0, -90.0, 110.0, 0.0, 40.0, 0.0]
+
+
+def test_tip_motions_add_up_to_the_compliance() -> None:
+    """``sum_k a_k a_k'`` of all modes is the static compliance, and every frequency lies in its interval."""
+    cell = read_cell(SMALL)
+    done = job.modes_in(cell, np.array(JOINTS) * DEG)
+    np.testing.assert_allclose(done.tip @ done.tip.T, cartesian_compliance(cell.chain, done.q), rtol=1e-6, atol=1e-12)
+    for row in done.summary["modes"]:
+        low, high = row["of_90_percent_hz"]
+        assert low < row["hz"] < high
+    assert done.summary["modes"][0]["hz"] == pytest.approx(estimate(cell, done.q).mode.hz, abs=1e-3)
+
+
+def test_the_command_prints_and_writes(tmp_path: Path) -> None:
+    words = [
+        "modes",
+        str(SMALL),
+        "--joints",
+        "0,-90,110,0,40,0",
+        "--count",
+        "3",
+        "--out",
+        str(tmp_path / "out"),
+        "--json",
+    ]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    printed = json.loads(result.stdout)
+    assert len(printed["modes"]) == 3
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["modes"] == printed["modes"]
+    assert "Hz" in CliRunner().invoke(app, ["modes", str(SMALL)]).output
+
+
+def test_a_robot_without_stiffness_is_refused_or_taken_by_its_class() -> None:
+    file = ROOT / "examples" / "cells" / "irb6640_d16.toml"
+    with pytest.raises(InputError, match="no stiffness is known"):
+        job.run(file)
+    assert job.run(file, assume_class=True)["masses"] == "from stiffness and assumed masses"
