@@ -48,10 +48,25 @@ def test_a_missed_goal_and_an_interval_that_fails_are_shown(accuracy: ModuleType
         "compensated_interval_mm": [0.05, 0.3],
     }
     good = "\n".join(accuracy.table([row]))
-    assert "| 10.0 % | 10.0 % | 12 / 20: met | 0.20 mm | 1 of 2 |" in good
+    assert "| 10.0 % | 10.0 % | 12 / 20: met | 0.20 mm | 0.00 mm | 1 of 2 |" in good
     assert "50 % of 2 (goal 80 to 97 %: **missed**)" in good
     worse = {**row, "seed": 1002, "compensated_path_p997_mm": 0.3}
     assert "| 20.0 % | 30.0 % | 12 / 20: **missed** |" in "\n".join(accuracy.table([row, worse]))
+
+
+def test_the_corner_is_judged_by_its_largest_error_and_its_floor(accuracy: ModuleType) -> None:
+    row = {
+        "program": "corner",
+        "family": "wide",
+        "level": "identified",
+        "seed": 1001,
+        "nominal_path_p997_mm": 1.0,
+        "compensated_path_p997_mm": 0.1,
+        "compensated_max_mm": 0.11,
+        "compensated_floor_max_mm": 0.15,
+    }
+    text = "\n".join(accuracy.table([row]))
+    assert "0.11 mm in the whole program (goal 0.12: met), 0.15 mm on its floor (goal 0.1: **missed**)" in text
 
 
 def test_no_correction_alike_for_all_robots_leaves_less_than_the_bound(accuracy: ModuleType) -> None:
