@@ -152,7 +152,8 @@ def figures(before: Variant, after: Variant) -> dict[str, float]:
 def table(rows: list[dict[str, Any]]) -> list[str]:
     """Lines of the table, Markdown."""
     lines = [
-        "| program | family | planner knows | seeds | median left | worst | goal | largest error | floor | intervals hold |",
+        "| program | family | planner knows | seeds | median left | worst | goal | largest error | floor "
+        "| intervals hold |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     keys = sorted({(r["program"], r["family"], r["level"]) for r in rows}, key=_order)
