@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Int
@@ -22,14 +23,13 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import text_with_posture
 from counterflex.files.summary_file import write_summary
-from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Inputs, Setting, feed_runs
 from counterflex.plan.posture.choose import Chosen, Freedom, choose
 from counterflex.plan.posture.clearance import Surroundings
 from counterflex.plan.posture.cut_path import CutPath, Surface, cut_path
 from counterflex.plan.posture.held import Held, Task
 from counterflex.plan.posture.survey import RobotHere
-from counterflex.plan.preflight.bodies import carried, links, part_bodies, with_given
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.robot.model.opw import BRANCHES
 
@@ -90,18 +90,9 @@ def robot_of(cell: Cell, setting: Setting) -> RobotHere:
     )
 
 
-def surroundings_of(job: Job, cell: Cell, setting: Setting) -> Surroundings:
+def surroundings_of(job: Job, cell: Cell) -> Surroundings:
     """Coarse bodies of a cell, as preflight compares them."""
-    given, removed = cell.tables.cell.bodies()
-    tools = np.unique(job.machined.tool[job.machined.kind == FEED])
-    chain = setting.controller_chain
-    assumed = [
-        *links(chain),
-        *carried(chain, {int(tool): setting.cutter_of(int(tool)) for tool in tools}),
-        *part_bodies(cell.stock()),
-    ]
-    bodies = with_given(assumed, given, removed)
-    return Surroundings(bodies, job.machined.tool, cell.tables.limits.clearance_mm * MM)
+    return Surroundings(coarse_bodies(job, cell, cell.stock()), job.machined.tool, cell.tables.limits.clearance_mm * MM)
 
 
 def posture_of(
@@ -141,7 +132,7 @@ def posture_of(
                 where=Path(job.program.name).name,
                 hint="Check the blank (part.stock) and the program's zero",
             )
-        task = Task(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell, setting))
+        task = Task(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell))
         chosen = choose(task, freedom, parts[CHOOSING])
     progress(1.0)
     summary = _summary(job, cell, cut, chosen, surface)

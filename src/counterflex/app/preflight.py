@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, in_parts, silent
@@ -63,16 +64,14 @@ def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progr
     begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CHECKING: 9.0})
     job = read_job(program, cell, reading=reading)
     parts[READING](1.0)
-    tables = cell.tables
-    given, removed = tables.cell.bodies()
+    tables, stock = cell.tables, cell.stock()
     result = preflight(
         job.machined,
-        cell.stock(),
+        stock,
         setting_of(cell, chain=cell.chain),
         tables.limits.preflight(tables.controller, cell.robot),
-        given=given,
-        removed=removed,
-        progress=parts[CHECKING],
+        coarse_bodies(job, cell, stock),
+        parts[CHECKING],
     )
     rows = [shown(row, result, job) for row in result.rows]
     summary = {

@@ -127,7 +127,7 @@ def test_the_points_of_the_part_frame_can_be_touched(task: Task, chosen: Chosen)
 
 
 def test_bodies_that_come_too_close_leave_a_posture_out(cell: Cell, job: Job, task: Task, chosen: Chosen) -> None:
-    around = surroundings_of(job, cell, task.setting)
+    around = surroundings_of(job, cell)
     free = choose(replace(task, around=around), Freedom())
     assert free.way.index[0] != chosen.way.index[0]
     assert free.best.share_m > chosen.best.share_m

@@ -169,12 +169,12 @@ def test_assumed_radii_go_with_the_arm(chain: ElasticChain) -> None:
     )
     slender = coarse.links(replace(chain, opw=None))
     assert {round(body.size_m[0] / reach, 9) for body in slender} == {coarse.SLENDER_SHARE}
-    assert coarse.carried(chain, {})[0].size_m[0] == pytest.approx(coarse.SPINDLE_SHARE * reach)
+    assert coarse.carried(chain, {}, {})[0].size_m[0] == pytest.approx(coarse.SPINDLE_SHARE * reach)
 
 
 def test_tool_and_spindle_lie_behind_the_tip(chain: ElasticChain) -> None:
     cutter = Cutter(diameter_m=0.016, flutes=3, helix_rad=0.5, flute_length_m=0.035)
-    spindle, bracket, tool = coarse.carried(chain, {1: cutter})
+    spindle, bracket, tool = coarse.carried(chain, {1: cutter}, {})
     assert (tool.tool, tool.shape) == (1, "cylinder")
     assert tool.size_m == pytest.approx((0.008, 0.5 * 0.051))
     assert tool.T_frame_body[:3, 3] == pytest.approx([0.0, 0.0, -0.5 * 0.051])
@@ -182,6 +182,9 @@ def test_tool_and_spindle_lie_behind_the_tip(chain: ElasticChain) -> None:
     assert nose == pytest.approx(-0.051)
     back = spindle.T_frame_body[2, 3] - spindle.size_m[1]
     assert back == pytest.approx(-0.24)
+    long, known = coarse.carried(chain, {1: cutter}, {1: 0.08})[::2]
+    assert long.T_frame_body[2, 3] + long.size_m[1] + long.size_m[0] == pytest.approx(-0.08)
+    assert 2.0 * known.size_m[1] == pytest.approx(0.08)
     ends = bracket.T_frame_body[:3, 3] + np.outer([-1.0, 1.0], bracket.size_m[1] * bracket.T_frame_body[:3, 2])
     flange = pose.inverse(TCP)[:3, 3]
     assert min(np.linalg.norm(ends - flange, axis=1)) == pytest.approx(0.0, abs=1e-12)
@@ -235,7 +238,7 @@ def test_closest_is_that_of_all_rows(chain: ElasticChain, seed: int) -> None:
     """Rows are left out by how far bodies can have moved; the result is that of looking at every one."""
     made = [
         *coarse.links(chain),
-        *coarse.carried(chain, {}),
+        *coarse.carried(chain, {}, {}),
         box("post", "base", np.array([1.2, 0.5, 0.0]), np.array([1.4, 0.7, 2.0])),
     ]
     outer, inner = coarse.pairs(made)
@@ -253,7 +256,7 @@ def test_closest_is_that_of_all_rows(chain: ElasticChain, seed: int) -> None:
 
 
 def test_no_body_moves_farther_than_its_bound(chain: ElasticChain) -> None:
-    made = [*coarse.links(chain), *coarse.carried(chain, {})]
+    made = [*coarse.links(chain), *coarse.carried(chain, {}, {})]
     q = swing(200, 5)
     placed, moved = poses(chain, made, q, np.eye(4)), largest_motion(chain, made, q)
     for k, body in enumerate(made):

@@ -7,7 +7,7 @@ capsules are not compared, see :func:`pairs`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -163,19 +163,21 @@ def links(chain: ElasticChain) -> list[Body]:
     ]
 
 
-def carried(chain: ElasticChain, cutters: dict[int, Cutter]) -> list[Body]:
+def carried(chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float]) -> list[Body]:
     """Spindle, what holds it to the flange, and the tools, from the TCP: its z points out of the spindle.
 
-    The tool is a cylinder as long as its flutes and one diameter more; behind it stands the spindle, up to the foot of
-    the perpendicular from the flange's centre on the tool axis; a bracket fills the way from there to the flange.
+    The tool is a cylinder as long as its overhang, or where that is not known as its flutes and one diameter more;
+    behind the shortest stands the spindle, up to the foot of the perpendicular from the flange's centre on the tool
+    axis; a bracket fills the way from there to the flange.
 
     Args:
         chain: Robot and end effector.
         cutters: By tool number.
+        overhang_m: By tool number, where known.
     """
     T_tcp_flange = pose.inverse(chain.T_flange_tcp)
     flange = T_tcp_flange[:3, 3]
-    stick_out = {number: c.flute_length_m + c.diameter_m for number, c in cutters.items()}
+    stick_out = {n: overhang_m.get(n, cutter.flute_length_m + cutter.diameter_m) for n, cutter in cutters.items()}
     reach = arm_reach(chain)
     radius = SPINDLE_SHARE * reach
     nose = min(stick_out.values(), default=0.0)

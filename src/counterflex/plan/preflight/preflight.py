@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Final
@@ -13,14 +12,13 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM
-from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.inputs import Setting, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
-from counterflex.plan.preflight.bodies import Body, carried, links, part_bodies, with_given
+from counterflex.plan.preflight.bodies import Body
 from counterflex.plan.preflight.collision import collision_rows
 from counterflex.plan.preflight.rapids import flute_row, rapid_row, with_points_in_rapids
 from counterflex.plan.preflight.reversals import event_row, reversals, unloadings
@@ -78,9 +76,7 @@ def preflight(
     stock: HeightMap,
     setting: Setting,
     bounds: Bounds,
-    *,
-    given: Sequence[Body] = (),
-    removed: Sequence[str] = (),
+    bodies: Sequence[Body],
     progress: Progress = silent,
 ) -> Preflight:
     """Check a program.
@@ -90,8 +86,7 @@ def preflight(
         stock: The blank; left as it is.
         setting: Cell.
         bounds: What the checks compare with.
-        given: Bodies of the cell file; each replaces an assumed one of its name.
-        removed: Names of assumed bodies that the cell does not have.
+        bodies: Coarse bodies of the cell.
         progress: Progress callback, fraction 0 to 1.
     """
     parts = in_parts(progress, {JOINTS: 1.0, CUTTING: 4.0, COLLISION: 3.0})
@@ -100,15 +95,6 @@ def preflight(
     parts[JOINTS](1.0)
     result, cut_rows = _cut(fine, stock, setting, parts[CUTTING])
     rows += cut_rows
-    bodies = with_given(
-        [
-            *links(setting.controller_chain),
-            *carried(setting.controller_chain, _cutters(path, setting)),
-            *part_bodies(stock),
-        ],
-        given,
-        removed,
-    )
     q, margin = np.empty((0, 6)), np.empty((0, 6))
     if solution is None:
         rows += [Row(name, "unknown", what="not reached") for name in _NEEDS_REACH]
@@ -128,16 +114,6 @@ def preflight(
 
 def _first_rows(path: ToolPath, count: int) -> ToolPath:
     return ToolPath(**{item.name: getattr(path, item.name)[:count] for item in fields(path)})
-
-
-def _cutters(path: ToolPath, setting: Setting) -> dict[int, Cutter]:
-    """Of every tool that is in the spindle; one that only rapids carry may be none of the cell's."""
-    feeds = {int(n) for n in path.tool[path.kind == FEED]}
-    cutters = {}
-    for number in np.unique(path.tool).tolist():
-        with contextlib.suppress(*([] if number in feeds else [CounterflexError])):
-            cutters[number] = setting.cutter_of(number)
-    return cutters
 
 
 def _solved(setting: Setting, Ts_base_tcp: Float) -> PathSolution:
@@ -221,7 +197,7 @@ def _cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progress)
             Row("rapids into the stock", "unknown", what="the cut cannot be computed"),
             Row("cut", "fail", point=point, what=fault.what, advice=fault.hint or ""),
         ]
-    cutters = _cutters(path, setting)
+    cutters = {n: setting.cutter_of(n) for n in np.unique(path.tool[path.kind == FEED]).tolist()}
     return result, [rapid_row(path, result.volume_m3), flute_row(path, result.volume_m3, cutters)]
 
 
