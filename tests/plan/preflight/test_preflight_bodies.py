@@ -86,7 +86,7 @@ def _segments(p: Float, u: Float, q: Float, v: Float) -> float:
     return min(float(np.linalg.norm(w + s * u - t * v)) for s, t in pairs)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12))
 def test_capsules_anywhere_are_as_far_as_their_axes_less_their_radii(numbers: list[float]) -> None:
     p, a, q, b = np.array(numbers).reshape(4, 3)
@@ -106,7 +106,7 @@ def test_bodies_at_random_are_as_far_as_another_library_has_them() -> None:
         "cylinder": lambda s: coal.Cylinder(s[0], 2.0 * s[1]),
     }
     apart = deep = 0
-    for _ in range(150):
+    for _ in range(100):
         made, other, Ts = [], [], []
         for _ in range(2):
             shape = str(rng.choice(list(shapes)))
@@ -126,13 +126,13 @@ def test_bodies_at_random_are_as_far_as_another_library_has_them() -> None:
         if result.min_distance > 0.0:
             apart += 1
             assert ours == pytest.approx(result.min_distance, abs=5e-6)
-    assert min(apart, deep) > 30
+    assert min(apart, deep) > 15
 
 
 def test_a_link_through_the_table_is_no_clear_way() -> None:
     """Random capsules whose axis runs through a box: each overlaps it by its radius at least."""
     rng = np.random.default_rng(3)
-    for _ in range(200):
+    for _ in range(60):
         inside = rng.uniform(-0.9, 0.9, 3) * CUBE.size_m
         way = rng.normal(size=3)
         piercing = capsule(inside - rng.uniform(0.1, 1.0) * way, inside + rng.uniform(0.1, 1.0) * way, 0.05)
@@ -233,7 +233,7 @@ def swing(n: int = 400, seed: int = 0) -> Float:
     return q
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_closest_is_that_of_all_rows(chain: ElasticChain, seed: int) -> None:
     """Rows are left out by how far bodies can have moved; the result is that of looking at every one."""
     made = [
@@ -242,7 +242,7 @@ def test_closest_is_that_of_all_rows(chain: ElasticChain, seed: int) -> None:
         box("post", "base", np.array([1.2, 0.5, 0.0]), np.array([1.4, 0.7, 2.0])),
     ]
     outer, inner = coarse.pairs(made)
-    q, tool = swing(1500, seed), np.zeros(1500, dtype=np.int64)
+    q, tool = swing(1000, seed), np.zeros(1000, dtype=np.int64)
     scene, placed = Scene(made), poses(chain, made, q, np.eye(4))
     for compared in (outer, inner):
         every = []

@@ -79,7 +79,7 @@ def by_definition(angle: Float, least: float) -> int:
     return sum(a != b for a, b in itertools.pairwise(directions))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.integers(-8, 8), min_size=2, max_size=40))
 def test_turns_are_those_of_a_dragged_play(steps: list[int]) -> None:
     """An axis that drags a body through a play of the least angle turns that body round as often."""

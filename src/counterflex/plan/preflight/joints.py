@@ -11,7 +11,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.preflight.row import Bounds, Row, worst_of_axes
 
-_TURN: Final = "Turn the tool about its axis (posture.rotation_about_tool_deg), or move the part"
+_TURN: Final = "Turn the tool about its axis (counterflex plan posture), or move the part"
 _SMOOTH: Final = 2.0 * math.sin(math.radians(1.5))
 """Change of velocity below which a path is smooth, by the speed: 3 deg, see :mod:`counterflex.path.path_speed`."""
 CABLE_AXES: Final = (3, 5)

@@ -21,7 +21,7 @@ LEAST_RAD: Final = 1e-5
 """An axis turned round when it went back by that: 20 um at 2 m. Less is rounding of the program."""
 LEAST_NM: Final = 5.0
 """A drive is unloaded when its torque passes from beyond this on one side to beyond it on the other."""
-_ADVICE: Final = "Turn the tool about its axis, move the part, or cut in another direction"
+_ADVICE: Final = "Turn the tool about its axis (counterflex plan posture), move the part, or cut in another direction"
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,44 @@
+"""Coarse bodies of a cell and a program: what the cell file says of tools and bodies comes before what is assumed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from counterflex.app import preflight as job
+from counterflex.files.cell.cell import read_cell
+
+SMALL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
+GROOVE = "G21 G17 G90 G94\nT1 M6\nM3 S13000\nG0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60\nM30\n"
+
+
+def checked(folder: Path, text: str) -> dict[str, Any]:
+    (folder / "cell.toml").write_text(text)
+    (folder / "part.ngc").write_text(GROOVE)
+    return job.check(folder / "part.ngc", read_cell(folder / "cell.toml")).summary
+
+
+def distance_mm(summary: dict[str, Any]) -> float:
+    row = next(row for row in summary["checks"] if row["check"] == "robot and spindle to surroundings")
+    assert row["what"] == "spindle to stock"
+    return float(row["value"])
+
+
+def test_a_longer_tool_keeps_the_spindle_away(tmp_path: Path) -> None:
+    """35 mm of flutes and one diameter are assumed; 80 mm out of the holder are 29 mm more."""
+    text = SMALL.read_text(encoding="utf-8")
+    assumed = distance_mm(checked(tmp_path, text))
+    known = distance_mm(
+        checked(tmp_path, text.replace("flute_length_mm = 35", "flute_length_mm = 35\noverhang_mm = 80"))
+    )
+    assert known - assumed == pytest.approx(80 - 35 - 16, abs=1.0)  # each is the smallest to 0.5 mm
+
+
+def test_a_body_of_the_file_is_said_to_be_no_assumption(tmp_path: Path) -> None:
+    text = SMALL.read_text(encoding="utf-8")
+    text += '\n[[cell.body]]\nname = "forearm"\nframe = "joint4"\nshape = "capsule"\nradius_mm = 90\nlength_mm = 500\n'
+    bodies = {body["name"]: body for body in checked(tmp_path, text)["bodies"]}
+    assert (bodies["forearm"]["assumed"], bodies["elbow"]["assumed"]) == (False, True)
+    assert len(bodies) == len(checked(tmp_path, SMALL.read_text(encoding="utf-8"))["bodies"])
