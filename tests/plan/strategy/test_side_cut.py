@@ -127,6 +127,17 @@ def test_half_the_diameter_holds_at_small_feeds_only(fz_mm: float, low: float, h
         assert low - 0.005 <= width / MILL.diameter_m <= high + 0.005
 
 
+@pytest.mark.parametrize(("up", "sign"), [(True, -1.0), (False, 1.0)])
+@pytest.mark.parametrize("ae_mm", [0.3, 3.0, 4.5])
+def test_the_force_on_the_wall_is_that_of_the_closed_form(up: bool, sign: float, ae_mm: float) -> None:
+    one, f = cut(up, ae_mm), 0.03 * MM
+    phi = float(one.immersion_rad[0])
+    sine = EDGE.ktc_pa * f * (phi / 2 - math.sin(2 * phi) / 4) + EDGE.kte_n_m * (1 - math.cos(phi))
+    cosine = EDGE.krc_pa * f * math.sin(phi) ** 2 / 2 + EDGE.kre_n_m * math.sin(phi)
+    expected = 4 * 3 * MM / (2 * math.pi) * (sign * sine + cosine)
+    assert float(normal_force(one, EDGE)[0]) == pytest.approx(expected, rel=2e-3, abs=0.02)
+
+
 @given(ae_mm=st.floats(0.05, 5.9), fz_mm=st.floats(0.005, 0.1))
 @settings(max_examples=20)
 def test_down_milling_always_pushes_the_tool_off_the_wall_and_harder(ae_mm: float, fz_mm: float) -> None:

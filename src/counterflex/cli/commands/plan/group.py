@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from counterflex.cli.commands.plan import posture, strategy
+from counterflex.cli.commands.plan import posture, strategy, trochoid
 
 _plan = typer.Typer(
     no_args_is_help=True,
@@ -16,6 +16,7 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     posture.register(_plan)
     strategy.register(_plan)
+    trochoid.register(_plan)
     _plan.callback()(_group)
     app.add_typer(_plan, name="plan")
 

@@ -1,0 +1,102 @@
+"""Command plan trochoid: straight slots rewritten as loops."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.core.units import DEG, MM
+from counterflex.programs.limits import DIALECTS
+
+_SIDES = ("up", "down")
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(trochoid)
+
+
+def trochoid(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    tool: Annotated[
+        int | None,
+        typer.Option("--tool", help="Number of a smaller tool; the slot stays as wide as the program's.", min=0),
+    ] = None,
+    width_mm: Annotated[
+        float | None,
+        typer.Option("--width-mm", help="Width of the slot: keeps the program's tool.", min=0.01, max=1000.0),
+    ] = None,
+    engagement_deg: Annotated[
+        float | None,
+        typer.Option(
+            "--engagement-deg",
+            help="Largest angle of engagement; that without mean force normal to the loop otherwise.",
+            min=1.0,
+            max=119.0,
+        ),
+    ] = None,
+    fz_mm: Annotated[
+        float | None, typer.Option("--fz-mm", help="Feed per tooth; the program's otherwise.", min=1e-4, max=10.0)
+    ] = None,
+    milling: Annotated[
+        str, typer.Option("--milling", help="up or down.", callback=arguments.one_of(_SIDES, "side"))
+    ] = "up",
+    dialect: Dialect = DIALECTS[0],
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Rewrite the straight slots of a program as loops of a smaller tool whose engagement stays below an angle.
+
+    Radius and step of the loops follow from width, tool and angle; the feed from the feed per tooth, or from the
+    controller's acceleration where that binds. The result is cut in the stock model: its engagement and volume are
+    printed beside what was asked for. Writes into DIR the program under its own name, and summary.json.
+
+    Example: `counterflex plan trochoid part.ngc --cell cell.toml --width-mm 20 --engagement-deg 40 --out loops`
+    """
+    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    from counterflex.app.inputs import Reading
+    from counterflex.app.strategy import trochoid as job
+
+    requested = job.Trochoid(
+        tool=tool,
+        width_m=None if width_mm is None else width_mm * MM,
+        engagement_rad=None if engagement_deg is None else engagement_deg * DEG,
+        fz_m=None if fz_mm is None else fz_mm * MM,
+        up=milling == "up",
+    )
+    with progress_bar(f"loops for {program.name}") as progress:
+        reading = Reading(dialect, parameters, complete=not without_end)
+        summary = job.run(program, cell, out, requested, reading=reading, progress=progress)
+    if as_json:
+        print_json(summary)
+    else:
+        _show(summary, out)
+
+
+def _show(summary: dict[str, Any], out: Path) -> None:
+    before, after = summary["time_s"]
+    rows = [
+        ["slots in lines", ", ".join(str(line) for line in summary["lines"]), ""],
+        ["loops", f"radius {summary['radius_mm']:g} mm", f"step {summary['step_mm']:g} mm"],
+        [
+            "engagement, computed",
+            f"{summary['engagement_deg']:.1f} deg",
+            f"mean {summary['mean_engagement_deg']:.1f} deg",
+        ],
+        ["engagement, cut", f"{summary['cut_engagement_deg']:.1f} deg", "99 % of the loops stay below"],
+        ["feed", f"{summary['feed_mm_min']:g} mm/min", f"bound by {summary['feed_bound_by']}"],
+        ["mean force, largest", f"{summary['peak_force_n'][1]:g} N", f"{summary['peak_force_n'][0]:g} N before"],
+        ["volume", f"{summary['volume_percent']:g} %", "of that of the slots"],
+        ["time", f"{after:g} s", f"{before:g} s before"],
+    ]
+    title = f"{summary['program']}: {summary['milling']}-milling with T{summary['tool']}"
+    print_table(title, ["", "value", ""], rows)
+    typer.echo(f"wrote {out}: {summary['program']}, summary.json")
