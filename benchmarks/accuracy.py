@@ -32,8 +32,9 @@ from counterflex.app.compensation.languages import write
 from counterflex.app.inputs import Job, read_job, setting_of
 from counterflex.app.prediction_interval import intervals
 from counterflex.app.proof import simulate
+from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import judge, reference_of
-from counterflex.app.proof.truth import knowing, truth_of
+from counterflex.app.proof.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
@@ -113,21 +114,19 @@ def one(name: str, family: str, seed: int, levels: list[str], out: str) -> list[
         before = machined(job, cell, truth)
         rows = []
         for level in levels:
-            known, law = cell, None
+            known = cell
             if level == "identified":
                 measured_cell = folder / "cells" / family / f"seed-{seed}" / "cell.toml"
                 known = read_cell(files_of(name, measured_cell, base, place)[1])
             own = read_job(program, known)
-            setting = setting_of(known)
-            if level == "exact":
-                chain, law = knowing(cell, truth)
-                setting = setting_of(cell, chain=chain, law=law)
-            plan = make_plan(own.path, own.line_of_motion, known.stock(), setting, feeds=own.feeds, predict=law is None)
+            exact = level == "exact"
+            setting = exact_setting(job, cell, truth) if exact else setting_of(known)
+            plan = make_plan(own.path, own.line_of_motion, known.stock(), setting, feeds=own.feeds, predict=not exact)
             for file, text in write(own, plan, known, "gcode")[0].items():
                 atomic.write_bytes(place / level / file, text.encode(own.program.encoding, errors="replace"))
             after = machined(read_job(place / level / program.name, cell), cell, truth, job)
             row = {"program": name, "family": family, "seed": seed, "level": level, **figures(before, after)}
-            if level != "exact":
+            if not exact:
                 row |= {
                     f"{variant}_interval_mm": [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
                     for variant, i in intervals(plan, known).items()
