@@ -11,12 +11,15 @@ from typing import Final
 import numpy as np
 
 from counterflex.app.unknown_stiffness import require_stiffness
-from counterflex.core.arrays import Int
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, ProgramError
-from counterflex.core.units import MM
+from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
+from counterflex.cutting.tilted_stock import working_plane
 from counterflex.files.cell.cell import Cell
-from counterflex.path.toolpath import ToolPath
+from counterflex.files.plan_file import WORKING_PLANE
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.path.turning import TurnedPath
 from counterflex.plan.feed_schedule import FeedGroups
 from counterflex.plan.inputs import Setting, with_settling
 from counterflex.programs.compensated import tool_path
@@ -25,6 +28,9 @@ from counterflex.programs.gcode.read.reader import read_gcode_file
 from counterflex.programs.limits import DIALECTS
 from counterflex.programs.motion_rows import single_straight
 from counterflex.programs.program import Program
+from counterflex.programs.rotary.fitted import fitted, turns
+from counterflex.programs.rotary.machine import RotaryMachine
+from counterflex.programs.rotary.poses import Words, turned_path
 from counterflex.robot.elasticity.chain import ElasticChain
 
 _PER_MINUTE: Final = 94
@@ -45,6 +51,8 @@ class Job:
         line_of_motion: (motions,) source line of each motion.
         machined: ``path`` without the stops that planning puts in: what a machine runs.
         feeds: Where the feed can be changed.
+        turned: Of a program that turns the tool, ``path`` in the part frame and the words at its rows.
+        words: What those words mean; None where the tool stays along z.
     """
 
     program: Program
@@ -53,6 +61,8 @@ class Job:
     line_of_motion: Int
     machined: ToolPath
     feeds: FeedGroups
+    turned: TurnedPath | None = None
+    words: Words | None = None
 
 
 @dataclass(frozen=True)
@@ -95,11 +105,91 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
     program = reading.program(file)
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
+    if turns(program):
+        return _turned_job(program, cell, step_m)
     bare = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_m_s)
     path = with_settling(bare)
     _check_tools(program, cell)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
     return Job(program, _start_known(program, path), path, lines, _start_known(program, bare), _feeds(program, path))
+
+
+def _turned_job(program: Program, cell: Cell, step_m: float) -> Job:
+    """The job of a program that turns the tool; its path is given in the working plane of the cell."""
+    program = fitted(program, machine_of(cell))
+    words = Words.of(program, machine_of(cell))
+    turned = turned_path(program, words, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_m_s)
+    R_part_plane = np.eye(3) if cell.R_part_plane is None else cell.R_part_plane
+    bare = turned_by(turned.path, R_part_plane.T)
+    path = with_settling(bare)
+    _check_tools(program, cell)
+    _check_direction(program, path, cell)
+    angle_rad = with_settling(replace(turned.path, p_part_tcp=turned.angle_rad)).p_part_tcp
+    rows = TurnedPath(turned_by(path, R_part_plane), with_settling(turned.programmed), angle_rad)
+    lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
+    return Job(program, path, path, lines, bare, _feeds(program, path), rows, words)
+
+
+def machine_of(cell: Cell) -> RotaryMachine | None:
+    """Rotary axes that the programs of a cell were written for, or None."""
+    return None if cell.tables.machine is None else cell.tables.machine.machine()
+
+
+def turned_by(path: ToolPath, R: Float) -> ToolPath:
+    """A path in other axes: points and tool axes times ``R``."""
+    return replace(path, p_part_tcp=path.p_part_tcp @ R.T, axis_part=path.axis_part @ R.T)
+
+
+def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
+    """Refuse feeds with the tool elsewhere than along z of the working plane."""
+    tolerance_rad = cell.tables.limits.limits.rotation_rad
+    feeds = np.flatnonzero(path.kind == FEED)
+    if cell.R_part_plane is None and len(feeds) and path.axis_part[feeds[0], 2] < np.cos(tolerance_rad):
+        raise ProgramError(
+            "the tool is tilted, and this command takes programs with the tool along z of the part only",
+            where=f"{program.name}:{program.blocks[program.motions[path.motion[feeds[0]]].block].line}",
+            hint="compensate, simulate, evaluate, prove, preflight, plan posture take tilted cuts (docs/programs.md)",
+        )
+    tilt = np.where(path.kind == FEED, np.arccos(np.clip(path.axis_part[:, 2], -1.0, 1.0)), 0.0)
+    row = int(np.argmax(tilt > tolerance_rad))
+    if tilt[row] > tolerance_rad:
+        raise ProgramError(
+            "the tool turns while it feeds, or feeds in several directions, and the stock is cut in one direction only",
+            where=f"{program.name}:{program.blocks[program.motions[path.motion[row]].block].line}",
+            value=f"{tilt.max() / DEG:.3g} deg from the first feed",
+            limit=f"<= {tolerance_rad / DEG:g} deg",
+            hint="Split the program into operations with one direction of the tool each",
+        )
+
+
+def in_working_plane(program: str | Path, cell: Cell, reading: Reading = AS_IT_IS) -> Cell:
+    """The cell with its part seen along the tool, for a program that cuts with a tilted one (3+2 axes).
+
+    The direction is that of the first feed. Programs that do not turn the tool leave the cell as it is.
+
+    Args:
+        program: G-code file; of a compensated program its original, whose direction is exact.
+        cell: As read.
+        reading: How the program is read.
+
+    Raises:
+        ProgramError: The program cannot be read, or its words do not fit the machine.
+    """
+    read = reading.program(program)
+    if not turns(read):
+        return cell
+    known = fitted(read, machine_of(cell))
+    first = next((motion for motion in known.motions if motion.kind == "feed"), None)
+    if first is None:
+        return cell
+    words, index = Words.of(known, machine_of(cell)), known.motions.index(first)
+    axis = words.pose(first.p_end[None], np.array([first.abc_end]), np.array([index]))[1][0]
+    return cell.in_plane(working_plane(axis))
+
+
+def in_plane_of(cell: Cell) -> dict[str, list[list[float]]]:
+    """What summaries and plans say of the working plane: its axes as columns in part axes; nothing without one."""
+    return {} if cell.R_part_plane is None else {WORKING_PLANE: np.round(cell.R_part_plane, 9).tolist()}
 
 
 def _feeds(program: Program, path: ToolPath) -> FeedGroups:

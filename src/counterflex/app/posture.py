@@ -13,7 +13,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.coarse_bodies import coarse_bodies
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
@@ -121,6 +121,7 @@ def posture_of(
     freedom = Freedom() if freedom is None else freedom
     begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CUTTING: 2.0, CHOOSING: 3.0})
     parts[READING](0.0)
+    cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
     setting, path = setting_of(cell), job.machined
     line: Int = job.line_of_motion[path.motion]

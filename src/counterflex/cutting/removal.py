@@ -341,7 +341,7 @@ def remove_tool_path(
         ModelError: The tool axis is tilted against part z.
         InputError: The path uses more than one tool, or is otherwise not as :func:`remove_path` needs it.
     """
-    require_vertical(path.axis_part)
+    require_vertical(path.axis_part[path.kind == FEED])
     if len(path) > 1 and np.any(path.tool[1:] != path.tool[1]):
         raise InputError("tool path changes the tool", hint="Cut it tool by tool")
     return remove_path(

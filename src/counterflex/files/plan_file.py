@@ -15,6 +15,8 @@ KIND = "counterflex-plan"
 VERSION = 1
 CLASS_ASSUMED = "stiffness_assumed_from_class"
 """Key of the metadata: the plan stands on the median of the robot's class, and so must what runs it."""
+WORKING_PLANE = "working_plane"
+"""Key of the metadata: axes of the frame that a plan for a tilted tool is given in, as columns in part axes."""
 
 LAYOUT = (
     Column("time_s", "path.time_s"),

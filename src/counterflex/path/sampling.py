@@ -156,7 +156,12 @@ def _counts(motions: MotionTable, length: Float, step_m: float, chord_m: float) 
 
 
 def sample(
-    motions: MotionTable, *, step_m: float = 1e-3, rapid_speed_m_s: float = 0.5, chord_m: float = 5e-6
+    motions: MotionTable,
+    *,
+    step_m: float = 1e-3,
+    rapid_speed_m_s: float = 0.5,
+    chord_m: float = 5e-6,
+    least: Int | None = None,
 ) -> ToolPath:
     """Cut motions into straight segments and give every point its time of arrival.
 
@@ -169,6 +174,7 @@ def sample(
         step_m: Longest step, m, > 0.
         rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
         chord_m: Allowed chord error of arcs, m, > 0.
+        least: (n,) least number of segments of each motion; 1 when left out.
 
     Returns:
         The tool path; empty where there are no motions. ``axis_part`` is +z of the part (three-axis milling).
@@ -185,6 +191,8 @@ def sample(
         return ToolPath(np.zeros((0, 3)), np.zeros((0, 3)), no, none, none.copy(), none.copy(), no.copy(), no.copy())
     length = motion_length(motions)
     count = _counts(motions, length, step_m, chord_m)
+    if least is not None:
+        count = np.maximum(count, least)
     first = np.cumsum(count) - count
     index = np.repeat(np.arange(n), count)
     number = np.arange(len(index)) - first[index] + 1
@@ -223,6 +231,18 @@ def _interpolate(motions: MotionTable, index: Int, fraction: Float) -> Float:
     return points
 
 
+def _gaps(motions: MotionTable) -> Float:
+    """Distance of the start of each motion from the end of the one before it, (n,) m."""
+    gap: Float = np.zeros(len(motions))
+    gap[1:] = np.linalg.norm(motions.p_start[1:] - motions.p_end[:-1], axis=1)
+    return gap
+
+
+def joints_before(motions: MotionTable) -> Int:
+    """Motions that do not start at the end of the one before them: a rapid row leads to their start."""
+    return np.flatnonzero(_gaps(motions) > _JOIN_M)
+
+
 @dataclass
 class _Columns:
     """Columns of a path that still lacks its first row."""
@@ -237,9 +257,8 @@ class _Columns:
 
     def joined(self, motions: MotionTable, first: Int, rapid_speed_m_s: float) -> ToolPath:
         """Put the start point first, and a rapid row before every motion that starts elsewhere."""
-        gap = np.zeros(len(motions))
-        gap[1:] = np.linalg.norm(motions.p_start[1:] - motions.p_end[:-1], axis=1)
-        broken = np.flatnonzero(gap > _JOIN_M)
+        gap = _gaps(motions)
+        broken = joints_before(motions)
         where = np.concatenate(([0], first[broken]))
         owner = np.concatenate(([0], broken))
         points = np.insert(self.points, where, motions.p_start[owner], axis=0)

@@ -97,7 +97,7 @@ def cut(
     """
     n = len(path)
     command = as_float("p_part_command", p_part_command, (n, 3))
-    require_vertical(path.axis_part)
+    require_vertical(path.axis_part[path.kind == FEED])
     if (compliance_part is None) != (mode is None):
         raise InputError("bending needs both a compliance and a mode")
     C = np.zeros((n, 6, 6)) if compliance_part is None else as_float("compliance_part", compliance_part, (n, 6, 6))

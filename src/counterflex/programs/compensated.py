@@ -37,8 +37,7 @@ def motion_table(program: Program) -> MotionTable:
         ProgramError: The program turns a rotary axis: how A, B and C turn the tool in the part frame belongs to the
             machine that the program was written for and is not defined for a robot.
     """
-    motions = program.motions
-    for motion in motions:
+    for motion in program.motions:
         if motion.abc_end != _ZERO or motion.abc_start != _ZERO:
             block = program.blocks[motion.block]
             turned = [round(angle / DEG, 6) for angle in motion.abc_end]
@@ -47,9 +46,23 @@ def motion_table(program: Program) -> MotionTable:
                 where=f"{program.name}:{block.line}:1",
                 value=f"A B C = {turned} deg",
                 limit="A B C = 0",
-                hint="Post the program as three-axis milling",
+                hint="Describe the machine in [machine] of the cell file, or post the program as three-axis milling",
             )
-    n = len(motions)
+    return programmed_motions(program)
+
+
+def programmed_motions(program: Program) -> MotionTable:
+    """Return the motions as columns, points as programmed; where the tool turns they need not be those of its tip.
+
+    A motion of rotary axes alone has no length; its feed is given as 1 m/s, which means nothing.
+
+    Args:
+        program: As read.
+
+    Returns:
+        One row for each of ``program.motions``.
+    """
+    motions, n = program.motions, len(program.motions)
     centre, normal = np.zeros((n, 3)), np.zeros((n, 3))
     for index, motion in enumerate(motions):
         if motion.p_centre is not None and motion.normal is not None:
@@ -59,7 +72,7 @@ def motion_table(program: Program) -> MotionTable:
         kind=np.array([_KIND[motion.kind] for motion in motions], dtype=np.int64),
         p_start=np.array([motion.p_start for motion in motions], dtype=np.float64).reshape(n, 3),
         p_end=np.array([motion.p_end for motion in motions], dtype=np.float64).reshape(n, 3),
-        feed_m_s=np.array([motion.feed_m_s for motion in motions], dtype=np.float64),
+        feed_m_s=np.array([motion.feed_m_s or float(motion.feed_rad_s > 0.0) for motion in motions], dtype=np.float64),
         spindle_rad_s=np.array([motion.spindle_rad_s for motion in motions], dtype=np.float64),
         tool=np.array([motion.tool for motion in motions], dtype=np.int64),
         duration_s=np.array([motion.duration_s for motion in motions], dtype=np.float64),

@@ -41,6 +41,8 @@ def feed_factor(nominal_m: Float, commanded_m: Float) -> Float:
 _RELIEVED_M: Final = 2e-6
 """Less than that is not worth a block."""
 _SIDEWAYS_M: Final = 1e-9
+_TURN_LEVER_M: Final = 0.3
+"""A turn by 1 rad counts as this much path: the reach of a tool and its holder."""
 _NOT_THE_PROGRAM: Final = "the compensated path was not sampled from this program"
 
 
@@ -61,6 +63,8 @@ class MotionRows:
         way: (n,) m, nominal length up to the row.
         vertex: (n,) True where a straight motion needs a vertex.
         share: (n,) of the programmed feed, of the segment that ends at each row.
+        along: (n,) m, as ``way``, with what turning alone counts as.
+        angles: (n, 3) rad, rotary angles to command (or components of the tool axis); None where nothing turns.
     """
 
     first: Int
@@ -73,6 +77,8 @@ class MotionRows:
     vertex: Bool
     dwell_error_m: float
     share: Float
+    along: Float
+    angles: Float | None = None
 
     def share_of(self, first: int, last: int) -> float:
         """Share of the programmed feed over the segments that end at rows ``first`` to ``last``: way by time."""
@@ -84,13 +90,16 @@ class MotionRows:
         return total / float(np.sum(steps / share)) if total > 0.0 else float(share[-1])
 
 
-def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: float) -> MotionRows:
+def motion_rows(
+    program: Program, compensated: CompensatedPath, tolerance_m: float, angles: tuple[Float, Float] | None = None
+) -> MotionRows:
     """Sort the rows of a compensated path by motion and choose the vertices of straight motions.
 
     Args:
         program: The program the path was sampled from.
         compensated: Nominal and commanded rows.
         tolerance_m: See :func:`write_gcode`.
+        angles: (n, 3) rad each, rotary angles of the program and those to command; None where nothing turns.
 
     Returns:
         The table.
@@ -136,16 +145,36 @@ def motion_rows(program: Program, compensated: CompensatedPath, tolerance_m: flo
     np.logical_or.at(slowed, motion, share != 1.0)
     straight = np.array([single_straight(program, index) for index in range(count)], dtype=np.bool_)
     moved |= slowed & straight
+    if angles is not None:
+        np.logical_or.at(moved, motion, np.any(angles[0] != angles[1], axis=1))
     moved[dwells] = False
     steps = np.linalg.norm(np.diff(path.p_part_tcp, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])[:n]
-    vertex = np.zeros(n, dtype=np.bool_)
-    vertex[last[have]] = True
-    vertex[np.maximum(first[have] - 1, 0)] = True
+    along, turned = _turning_counted(way, angles)
+    stays = np.zeros(n, dtype=np.bool_)
+    stays[last[have]] = True
+    stays[np.maximum(first[have] - 1, 0)] = True
+    vertex = _vertices(stays, share, (along, command, turned), tolerance_m)
+    return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, largest, share, along, turned)
+
+
+def _turning_counted(way: Float, angles: tuple[Float, Float] | None) -> tuple[Float, Float | None]:
+    """(n,) m, the way with turning alone counted as some; and the angles to command, if any."""
+    if angles is None:
+        return way, None
+    swept = np.abs(np.diff(angles[0], axis=0, prepend=angles[0][:1])).max(axis=1)
+    return np.cumsum(np.diff(way, prepend=0.0) + _TURN_LEVER_M * swept), angles[1]
+
+
+def _vertices(stays: Bool, share: Float, rows: tuple[Float, Float, Float | None], tolerance_m: float) -> Bool:
+    """(n,) True where a straight motion needs a vertex; ``rows`` are way, points and angles."""
+    along, command, turned = rows
+    vertex = stays.copy()
     vertex[:1] = True
     vertex[:-1] |= share[1:] != share[:-1]
-    vertex[simplify(way, command, tolerance_m, fixed=vertex)] = True
-    return MotionRows(first, last, moved, path.p_part_tcp, command, shift, way, vertex, largest, share)
+    tolerance_rad = tolerance_m / _TURN_LEVER_M
+    vertex[simplify(along, command, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=vertex)] = True
+    return vertex
 
 
 def _check_ends(program: Program, path: ToolPath, last: Int) -> None:

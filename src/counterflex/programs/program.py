@@ -7,9 +7,14 @@ change a target and leave everything else byte for byte as it was.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from counterflex.core.arrays import Float
+
+TOOL_CENTRE: Final = 434
+"""Tool-centre-point programming with rotary words: G43.4, as Fanuc has it; XYZ is the tool tip in the part."""
+TOOL_VECTOR: Final = 435
+"""The same with the tool axis in the part as I J K: G43.5."""
 
 MotionKind = Literal["rapid", "feed", "arc", "dwell"]
 
@@ -47,6 +52,7 @@ class Modal:
         p_part_origin: (3,) m; ``p_part = p_part_origin + value * unit_m`` for absolute words (all offsets together).
         tool: Number of the tool in the spindle.
         spindle_rpm: Signed: M3 positive, M4 negative, 0 when stopped.
+        tool_centre: :data:`TOOL_CENTRE`, :data:`TOOL_VECTOR`, or 0 for none.
     """
 
     motion: str
@@ -58,6 +64,7 @@ class Modal:
     p_part_origin: tuple[float, float, float]
     tool: int
     spindle_rpm: float
+    tool_centre: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +105,8 @@ class Motion:
         spindle_rad_s: Positive for M3.
         tool: Tool number.
         duration_s: Of a dwell, else 0.
-        abc_start: (3,) rad, rotary axes A B C at the start; part of 5-axis programs, zeros otherwise.
+        abc_start: (3,) rad, rotary axes A B C at the start; part of 5-axis programs, zeros otherwise. Under G43.5 the
+            components I J K of the tool axis instead, from the tip to the spindle, of any length.
         abc_end: (3,) rad.
         p_centre: (3,) m of an arc: a point on its axis at the height of the start, else None.
         normal: (3,) unit normal of the arc's plane; the turn is right-handed about it.

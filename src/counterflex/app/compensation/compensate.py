@@ -19,13 +19,13 @@ from counterflex.app.compensation.languages import require_tolerance, write
 from counterflex.app.compensation.prediction import prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
-from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, in_plane_of, in_working_plane, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.plan_file import CLASS_ASSUMED, write_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, WORKING_PLANE, write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance
@@ -93,12 +93,13 @@ def compensate(
         raise InputError("without a prediction no feed can be found for a tolerance", where="--no-predict")
     begin, parts = time.perf_counter(), in_parts(progress, WORK)
     parts[READING](0.0)
+    cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
     refuse_compensated(job.program)
     if kind.dialect is not None:
         check_machine(job, cell, kind.dialect)
     require_stiffness_for(job, cell, parts[PLANNING])
-    setting = setting_of(cell, normal_only=normal_only, orientation=kind.orientation)
+    setting = setting_of(cell, normal_only=normal_only, orientation=kind.orientation or job.words is not None)
     with faults_in(job):
         if feed is None:
             plan = make_plan(
@@ -118,6 +119,7 @@ def compensate(
     about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m)
     parts[WRITING](1.0)
     about |= {} if feed is None else {"feed": shown_feed(lowered, feed)}
+    about |= in_plane_of(cell)
     about |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
     return Compensated(plan, files, about["written"], about, job.program.encoding)
 
@@ -150,6 +152,7 @@ def run(
         parts[PAGE](0.0)
         about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}
+        about |= {key: result.summary[key] for key in (WORKING_PLANE,) if key in result.summary}
         lowered = result.summary["calm_feed"]
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))

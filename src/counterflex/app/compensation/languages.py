@@ -22,6 +22,7 @@ from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
+from counterflex.path.turning import TurnedPath
 from counterflex.plan.feed_schedule import at_feed, share_between
 from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.compensated import CompensatedPath
@@ -29,6 +30,7 @@ from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import Dialect
+from counterflex.programs.rotary.poses import commanded_words
 
 RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
 """What stands beside the program files."""
@@ -47,19 +49,29 @@ class WritingOrder:
         plan: With the correction of every point.
         cell: The cell.
         tolerance_m: Largest distance between the written path and the planned one.
+        R_part_plane: (3, 3) axes that the plan is given in, where the tool is tilted; job and cell are in part axes.
     """
 
     job: Job
     plan: Plan
     cell: Cell
     tolerance_m: float
+    R_part_plane: Float | None = None
 
     @property
     def Ts_part_tcp(self) -> Float:
         """(n, 4, 4) poses of the tool in the part frame that are to be commanded, a row for each point of the path."""
-        commanded = CompensatedPath.from_correction(self.job.path, self.plan.correction_part, self.plan.rotvec_part)
+        correction, rotvec = self.corrections
+        commanded = CompensatedPath.from_correction(self.job.path, correction, rotvec)
         turned = self.cell.tables.posture.rotation_about_tool_rad
-        return commanded.poses(tool_orientation(self.plan.path.axis_part, turned))
+        return commanded.poses(tool_orientation(self.job.path.axis_part, turned))
+
+    @property
+    def corrections(self) -> tuple[Float, Float]:
+        """(n, 3) m and (n, 3) rad that are added to position and orientation, in part axes."""
+        correction, rotvec = self.plan.correction_part, self.plan.rotvec_part
+        R = self.R_part_plane
+        return (correction, rotvec) if R is None else (correction @ R.T, rotvec @ R.T)
 
 
 @dataclass(frozen=True)
@@ -107,8 +119,19 @@ def written(name: str, order: WritingOrder) -> Written:
 
 def _gcode(order: WritingOrder) -> Written:
     job, plan = order.job, order.plan
-    commanded = CompensatedPath.from_correction(job.sampled, plan.correction_part, plan.rotvec_part)
-    text = write_gcode(job.program, commanded, tolerance_m=order.tolerance_m, cell=order.cell.label, job=job_hash(plan))
+    correction, rotvec = order.corrections
+    commanded = CompensatedPath.from_correction(job.sampled, correction, rotvec)
+    words = None
+    if job.turned is not None and job.words is not None:
+        words = commanded_words(job.turned, job.words, correction, rotvec)
+    text = write_gcode(
+        job.program,
+        commanded,
+        tolerance_m=order.tolerance_m,
+        cell=order.cell.label,
+        job=job_hash(plan),
+        words=words,
+    )
     facts = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
     return {Path(job.program.name).name: text.text}, facts
 
@@ -200,9 +223,19 @@ def write(
     """
     share = share_between(job.path, plan.path)
     if np.any(share != 1.0):
-        job = replace(job, path=plan.path, sampled=at_feed(job.sampled, share))
-    files, facts = written(language, WritingOrder(job, plan, cell, tolerance_m))
+        job = replace(job, path=plan.path, sampled=at_feed(job.sampled, share), turned=_turned_at(job.turned, share))
+    R = cell.R_part_plane
+    if job.turned is not None:
+        job = replace(job, path=job.turned.path, sampled=job.turned.path)
+        cell = replace(cell, R_part_plane=None)
+    files, facts = written(language, WritingOrder(job, plan, cell, tolerance_m, R))
     return files, _shop(facts)
+
+
+def _turned_at(turned: TurnedPath | None, share: Float) -> TurnedPath | None:
+    if turned is None:
+        return None
+    return replace(turned, path=at_feed(turned.path, share), programmed=at_feed(turned.programmed, share))
 
 
 def _shop(facts: dict[str, Any]) -> dict[str, Any]:

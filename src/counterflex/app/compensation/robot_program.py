@@ -72,6 +72,8 @@ def refuse_other_height(program: Program) -> None:
     """
     motions = program.motions
     for before, motion in itertools.pairwise(motions):
+        if program.blocks[motion.block].modal.tool_centre != program.blocks[before.block].modal.tool_centre:
+            continue  # other coordinates of the same place
         jump = motion.p_start - before.p_end
         axis = int(abs(jump).argmax())
         if abs(jump[axis]) <= _SAME_PLACE_M:

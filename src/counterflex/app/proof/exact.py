@@ -31,7 +31,7 @@ def exact_setting(job: Job, cell: Cell, truth: Truth) -> Setting:
         ReachError: The middle of the program is out of reach.
     """
     chain, law = knowing(cell, truth)
-    setting = setting_of(cell, chain=chain, law=law)
+    setting = setting_of(cell, chain=chain, law=law, orientation=job.words is not None)
     fed = np.flatnonzero(job.path.kind == FEED)
     row = [fed[len(fed) // 2] if len(fed) else 0]
     Rs_part_tcp = tool_orientation(job.path.axis_part[row], setting.rotation_about_tool_rad)

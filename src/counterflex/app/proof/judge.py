@@ -21,7 +21,7 @@ from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, p
 from counterflex.evaluate.summary import SeedResult, Variant, summary
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
 from counterflex.evaluate.truth_level import TruthLevel
-from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary
 from counterflex.path.run import Run
@@ -155,7 +155,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
                 hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
             )
     _check_same(paths)
-    cell = read_cell(paths[0] / simulate.CELL)
+    cell = simulate.read_cell_of(paths[0])
     reference = reference_of(simulate.read_original(paths[0], cell), cell)
     truth = read_truth(paths[0] / simulate.TRUTH)
     judged: dict[str, Judged] = {}

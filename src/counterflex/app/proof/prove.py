@@ -17,7 +17,16 @@ from counterflex import __version__
 from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import calm_feed, figures
 from counterflex.app.cost_of_unknown_stiffness import assumed, remarks, require_stiffness_for
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
+from counterflex.app.inputs import (
+    AS_IT_IS,
+    Job,
+    Reading,
+    faults_in,
+    in_plane_of,
+    in_working_plane,
+    read_job,
+    setting_of,
+)
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.proof import simulate
@@ -31,7 +40,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, summary
 from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.plan_file import CLASS_ASSUMED, write_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, WORKING_PLANE, write_plan
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
@@ -87,7 +96,7 @@ def prove(
     """
     if not seeds:
         raise InputError("there are no truth seeds")
-    cell = read_cell(cell_file, assume_class=assume_class)
+    cell = in_working_plane(program, read_cell(cell_file, assume_class=assume_class), reading)
     job = read_job(program, cell, reading=reading)
     require_stiffness_for(job, cell)
     begin = time.perf_counter()
@@ -99,7 +108,7 @@ def prove(
             job.path,
             job.line_of_motion,
             cell.stock(),
-            setting_of(cell),
+            setting_of(cell, orientation=job.words is not None),
             feeds=job.feeds,
             progress=_saying(parts[PLANNING], PLANNING),
         )
@@ -146,6 +155,7 @@ def prove(
         "calm_feed": calm_feed(job, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *remarks(plan, cell)]},
         **assumed(plan, cell),
+        **in_plane_of(cell),
         "seconds": {name: round(value, 2) for name, value in timing.items()},
         "counterflex": __version__,
     }
@@ -201,6 +211,7 @@ def run(
         atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}
+        about |= {key: proof.summary[key] for key in (WORKING_PLANE,) if key in proof.summary}
         lowered = proof.summary["calm_feed"]
         write_plan(staging / "plan.parquet", proof.plan, {**about, "feed_lowered_s": lowered["extra_s"]})
         for seed, truth in proof.truths.items():
@@ -249,13 +260,19 @@ def _exact_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: P
 
 
 def _machine_one(
-    program: Path, cell_file: Path, truth: Truth, reading: Reading, task: int, progress: Progress | None = None
+    program: Path,
+    cell_file: Path,
+    truth: Truth,
+    reading: Reading,
+    task: int,
+    original: Path,
+    progress: Progress | None = None,
 ) -> Record:
     report = progress
     if report is None:
         report = share(task)
         report(_BEGUN)
-    cell = read_cell(cell_file)
+    cell = in_working_plane(original, read_cell(cell_file), reading)
     job = read_job(program, cell, reading=reading)
     return simulate.machine(job, cell, truth, progress=report)
 
@@ -268,12 +285,14 @@ def _machine_all(
     reading: Reading,
     parts: Mapping[str, Progress],
 ) -> dict[tuple[int, str], Record]:
-    count = count_of(workers, len(tasks))
+    count, original = count_of(workers, len(tasks)), tasks[0][1]
     records: dict[tuple[int, str], Record] = {}
     if count == 1:
         named = in_parts(parts[MACHINING], {f"{MACHINING}, seed {key[0]}, {key[1]}": 1.0 for key, _ in tasks})
         for i, ((key, path), (name, part)) in enumerate(zip(tasks, named.items(), strict=True)):
-            records[key] = _machine_one(path, Path(cell_file), truths[key[0]], reading, i, _saying(part, name))
+            records[key] = _machine_one(
+                path, Path(cell_file), truths[key[0]], reading, i, original, _saying(part, name)
+            )
         return records
     shares, weights, begin = Shares(len(tasks)), [1.0] * len(tasks), time.monotonic()
 
@@ -287,7 +306,7 @@ def _machine_all(
     with pool_of(count, shares) as pool:
         with interrupts_deferred():
             waiting = {
-                pool.submit(_machine_one, path, Path(cell_file), truths[key[0]], reading, i): key
+                pool.submit(_machine_one, path, Path(cell_file), truths[key[0]], reading, i, original): key
                 for i, (key, path) in enumerate(tasks)
             }
         for done in done_one_by_one(waiting, report_all):

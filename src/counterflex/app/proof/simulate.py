@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_job
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, in_working_plane, read_job
 from counterflex.app.proof.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -117,8 +117,9 @@ def run(
     begin = time.perf_counter()
     cell, truth = read_cell(cell_file), read_truth(truth_file)
     check_same_cell(cell, truth, str(truth_file))
-    job = read_job(program, cell, reading=reading)
     reference = Path(program if original is None else original)
+    cell = in_working_plane(reference, cell, reading)
+    job = read_job(program, cell, reading=reading)
     if original is not None:
         read_job(reference, cell, reading=reading)
     with atomic.atomic_folder(out) as staging:
@@ -156,9 +157,18 @@ def keep_inputs(
 
 def read_original(folder: Path, cell: Cell) -> Job:
     """The program that a run is judged against, read as it was for the run."""
+    return read_job(folder / ORIGINAL, cell, reading=reading_of(folder))
+
+
+def reading_of(folder: Path) -> Reading:
+    """How the programs of a run were read."""
     parameters = folder / PARAMETERS
-    reading = Reading(parameters=parameters if parameters.is_file() else None, complete=False)
-    return read_job(folder / ORIGINAL, cell, reading=reading)
+    return Reading(parameters=parameters if parameters.is_file() else None, complete=False)
+
+
+def read_cell_of(folder: Path) -> Cell:
+    """The cell of a run, its part seen along the tool of the original program."""
+    return in_working_plane(folder / ORIGINAL, read_cell(folder / CELL), reading_of(folder))
 
 
 def _keep_cell(cell: Cell, folder: Path) -> None:

@@ -18,11 +18,13 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.tilted_stock import box_along_tool
 from counterflex.files.cell.class_stiffness import ClassStiffness, prior_of, unknown_axes, with_class_stiffness
 from counterflex.files.cell.measured import CalibrationTable
 from counterflex.files.cell.plausibility import require_units
 from counterflex.files.cell.robot import OpwTable
 from counterflex.files.cell.tables import CellTables, MaterialTable, PartTable, StockTable
+from counterflex.geometry import pose
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -49,6 +51,8 @@ class Cell:
         nominal_end_effector: End effector without calibration.
         class_stiffness: What the robot's class gave the axes that no stiffness is known of; None where nothing was
             asked of it, or where every axis has one.
+        R_part_plane: (3, 3) axes of the working plane in the part frame, whose z is the direction of a tilted tool;
+            None where the tool is along z of the part. Part frame, datum points and blank are given in the plane then.
     """
 
     tables: CellTables
@@ -59,6 +63,15 @@ class Cell:
     nominal_robot: Robot
     nominal_end_effector: EndEffector
     class_stiffness: ClassStiffness | None = None
+    R_part_plane: Float | None = None
+
+    def in_plane(self, R_part_plane: Float) -> Cell:
+        """The same cell with the part seen in a working plane.
+
+        Args:
+            R_part_plane: (3, 3); the origin stays that of the part.
+        """
+        return replace(self, R_part_plane=R_part_plane)
 
     @property
     def label(self) -> str:
@@ -157,13 +170,15 @@ class Cell:
 
     @cached_property
     def T_base_part(self) -> Float:
-        """(4, 4) part frame in the robot base, as the controller knows it."""
-        return self.part.matrix()
+        """(4, 4) part frame (its working plane) in the robot base, as the controller knows it."""
+        T_base_part = self.part.matrix()
+        return T_base_part if self.R_part_plane is None else T_base_part @ pose.make(self.R_part_plane)
 
     @cached_property
     def datum_points_part(self) -> Float:
         """(k, 3) m, points where the robot touched the part to measure its frame."""
-        return np.array(self.part.datum_points_mm, dtype=np.float64).reshape(-1, 3) * MM
+        points = np.array(self.part.datum_points_mm, dtype=np.float64).reshape(-1, 3) * MM
+        return points if self.R_part_plane is None else points @ self.R_part_plane
 
     @cached_property
     def force_law(self) -> ForceLaw:
@@ -219,7 +234,7 @@ class Cell:
         if self.part.stock is None:
             raise self._lacking("[part.stock]")
         with _located(f"{self.path}: part.stock"):
-            return _stock(self.part.stock, self.path.parent)
+            return _stock(self.part.stock, self.path.parent, self.R_part_plane)
 
 
 def read_cell(path: str | Path, *, assume_class: bool = False) -> Cell:
@@ -398,8 +413,17 @@ def _force_law(table: MaterialTable, where: str) -> ForceLaw:
         return built(table.law, table.law_values(), ValidFor(h_min, h_max, table.source, "cell file"))
 
 
-def _stock(table: StockTable, folder: Path) -> HeightMap:
+def _stock(table: StockTable, folder: Path, R_part_plane: Float | None) -> HeightMap:
     cell_m = table.cell_mm * MM
+    if R_part_plane is not None:
+        if table.box_min_mm is None or table.box_max_mm is None:
+            raise FileFormatError(
+                "only a blank that is a box can be cut with a tilted tool",
+                value="stl" if table.stl is not None else "result",
+                limit="box_min_mm and box_max_mm",
+                hint="Give the box around what the tool meets",
+            )
+        return box_along_tool(np.array(table.box_min_mm) * MM, np.array(table.box_max_mm) * MM, cell_m, R_part_plane)
     if table.box_min_mm is not None and table.box_max_mm is not None:
         low, high = ((x * MM, y * MM, z * MM) for x, y, z in (table.box_min_mm, table.box_max_mm))
         return HeightMap.from_box(low, high, cell_m)

@@ -14,6 +14,7 @@ from counterflex.files.cell.ads import AdsTable
 from counterflex.files.cell.bodies import SurroundingsTable
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.machine import MachineTable
 from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.cell.monitor import MonitorTable, OverrideTable
 from counterflex.files.cell.online import OnlineTable
@@ -256,6 +257,7 @@ class CellTables(Versioned):
     part: PartTable | None = None
     tools: tuple[ToolTable, ...] = ()
     material: MaterialTable | None = None
+    machine: MachineTable | None = None
     posture: PostureTable = PostureTable()
     controller: ControllerTable = ControllerTable()
     dynamics: DynamicsTable = DynamicsTable()

@@ -16,7 +16,7 @@ G_GROUP: Final[dict[int, str]] = {
     **dict.fromkeys((930, 940, 950), "feed"),
     **dict.fromkeys((200, 210), "units"),
     400: "cutter radius",
-    **dict.fromkeys((430, 431, 490), "tool length"),
+    **dict.fromkeys((430, 431, 434, 435, 490), "tool length"),
     **dict.fromkeys((980, 990), "retract"),
     **dict.fromkeys((540, 550, 560, 570, 580, 590, 591, 592, 593), "work offset"),
     **dict.fromkeys((610, 611, 640), "path control"),

@@ -17,7 +17,7 @@ from counterflex.programs.gcode.read.motion import FARTHEST_M, MotionMaker, poin
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain
 from counterflex.programs.gcode.read.state import State
-from counterflex.programs.program import Block, Modal, Motion, Word
+from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Word
 
 _ZERO_ABC: Final = (0.0, 0.0, 0.0)
 
@@ -298,7 +298,8 @@ class Interpreter(FlowRunner):
         jump = self._stop(source, block, stop)
         if motion == 800 and block.has("XYZABC"):
             raise block.fault("G80 moves nothing, yet there are axis words", "G800", "G80")
-        if block.has("XYZABC") or (active in (20, 30) and block.has("IJKR")):
+        vector = active in (0, 10) and state.tool_centre == TOOL_VECTOR and block.has("IJK")
+        if block.has("XYZABC") or (active in (20, 30) and block.has("IJKR")) or vector:
             if active == 800:
                 letter = next(axis for axis in "XYZABC" if block.has(axis))
                 raise block.fault("an axis word, but no motion code is active", letter, hint="Write G0, G1, G2 or G3")

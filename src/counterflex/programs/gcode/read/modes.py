@@ -9,6 +9,7 @@ from counterflex.core.units import INCH, MM
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import code_name
 from counterflex.programs.gcode.read.state import WORK_OFFSETS, ZERO, Six, State, minus, plus
+from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR
 
 _OFFSET_CODES: Final = (540, 550, 560, 570, 580, 590, 591, 592, 593)
 _WORK_OFFSET: Final = dict(zip(_OFFSET_CODES, WORK_OFFSETS, strict=True))
@@ -125,6 +126,10 @@ def _tool_length(block: BlockWords, state: State, tool_lengths: Mapping[int, flo
     """Change the tool length offset; the machine stays where it is, so the tip's coordinates change."""
     code = block.g["tool length"]
     before = state.tool_length
+    if (code == TOOL_VECTOR) != (state.tool_centre == TOOL_VECTOR):
+        x, y, z, *_ = state.position  # the same three places now mean angles instead of components, or the reverse
+        state.position = (x, y, z, 0.0, 0.0, 0.0)
+    state.tool_centre = code if code in (TOOL_CENTRE, TOOL_VECTOR) else 0
     if code == 490:
         state.tool_length = ZERO
     elif code == 431:

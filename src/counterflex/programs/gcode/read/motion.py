@@ -15,7 +15,7 @@ from counterflex.programs.gcode.read.canned_cycles import MOST_PECKS, Step, hole
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.parameters import Parameters
 from counterflex.programs.gcode.read.state import Six, State, minus
-from counterflex.programs.program import Motion, MotionKind
+from counterflex.programs.program import TOOL_VECTOR, Motion, MotionKind
 
 # No machine is larger, and beyond it a float no longer resolves a micrometre against rounding.
 FARTHEST_M: Final = 1000.0
@@ -25,6 +25,7 @@ UNKNOWN_PLACE: Final = (
 )
 _LONGEST_DWELL_S: Final = 1e6
 _SAME_NUMBER: Final = 1e-6
+_SHORTEST_VECTOR: Final = 1e-3
 _SAME_HEIGHT_M: Final = 1e-9
 _CENTRE_LETTERS: Final = "IJK"
 _NORMALS: Final[dict[int, Float]] = {}
@@ -191,7 +192,25 @@ class MotionMaker:
         elif code in (20, 30):
             self.arc(block, clockwise=code == 20)
         else:
-            self.straight(block, self.target(block.take_axes(), machine), rapid=code == 0)
+            axes = block.take_axes()
+            if self._state.tool_centre == TOOL_VECTOR:
+                axes |= self._tool_vector(block, axes)
+            self.straight(block, self.target(axes, machine), rapid=code == 0)
+
+    def _tool_vector(self, block: BlockWords, axes: dict[int, float]) -> dict[int, float]:
+        """Components of the tool axis (G43.5) in the places of A B C; those that a block leaves out are 0."""
+        turned = [axis for axis in axes if axis > 2]
+        if turned:
+            letter = "XYZABC"[turned[0]]
+            raise block.fault("a rotary word under G43.5, which has the tool axis as I J K", letter, hint="Use G43.4")
+        if not block.has("IJK"):
+            return {}
+        vector = [block.take(letter) or 0.0 for letter in "IJK"]
+        if math.hypot(*vector) < _SHORTEST_VECTOR:
+            raise block.fault("the tool axis I J K has no length", next(c for c in "IJK" if block.names(c)))
+        if not self._state.absolute:
+            raise block.fault("a tool axis I J K under G91 is not defined", "I", "G91", "Write G90")
+        return {3 + axis: value / DEG for axis, value in enumerate(vector)}
 
     def arc(self, block: BlockWords, clockwise: bool) -> None:
         """Execute G2 or G3."""

@@ -71,6 +71,7 @@ class State:
         g92: Active G92/G52 shift.
         g92_saved: What G92.3 brings back.
         tool_length: Active tool length offset.
+        tool_centre: Tenths of G43.4 or G43.5 while active, else 0.
         motion: Tenths of the active motion code; 800 for none.
         plane: 17, 18 or 19.
         unit_m: Length of a program unit, m.
@@ -97,6 +98,7 @@ class State:
     g92: Six = ZERO
     g92_saved: Six = ZERO
     tool_length: Six = ZERO
+    tool_centre: int = 0
     motion: int = 800
     plane: int = 17
     unit_m: float = MM
@@ -153,4 +155,5 @@ class State:
             p_part_origin=origin[:3],
             tool=self.tool,
             spindle_rpm=self.spindle_rpm,
+            tool_centre=self.tool_centre,
         )

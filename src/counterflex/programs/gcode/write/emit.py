@@ -123,11 +123,13 @@ class Emitter(WrittenMachine):
 
     def _straight(self, block: Block, line: WrittenLine, index: int, motion: Motion) -> None:
         modal, rows = block.modal, self.rows
-        corrected, inherits = bool(rows.moved[index]), self.inherits(modal)
-        completed = self.state_motion(block, line, block.modal.motion)
         first, last = int(rows.first[index]), int(rows.last[index])
+        turned = last >= 0 and motion.abc_start == motion.abc_end and self.turns.differ(modal, last)
+        corrected, inherits = bool(rows.moved[index]), self.inherits(modal) or turned
+        completed = self.state_motion(block, line, block.modal.motion)
         if not corrected and not inherits:
             self.keep(line, modal)
+            self.turns.reach(modal, last)
             self.hold_feed(line, modal, motion.feed_m_s, 1.0)
         else:
             self.check_words(block, motion)
@@ -138,6 +140,7 @@ class Emitter(WrittenMachine):
                 return
             start = self.here()
             self.set_end(line, block, motion, shift)
+            self.turns.set(line, modal, last)
             self.hold_feed(line, modal, motion.feed_m_s, self._whole_factor(first, last, start) if corrected else 1.0)
             completed = not corrected and line.changed
         self.completed_blocks += completed
@@ -168,11 +171,13 @@ class Emitter(WrittenMachine):
         for step, row in enumerate(steps):
             if step == 0:
                 self.go(line, modal, rows.command[row])
+                self.turns.set(line, modal, row)
                 self.hold_feed(line, modal, motion.feed_m_s, float(factors[0]))
                 self.lines.append(line.render())
             else:
                 feed_word = self.hold_feed(None, modal, motion.feed_m_s, float(factors[step]))
-                self.lines.append(prefix + self.added(modal, rows.command[row]) + feeds[step] + feed_word)
+                words = self.added(modal, rows.command[row]) + self.turns.added(modal, row)
+                self.lines.append(prefix + words + feeds[step] + feed_word)
             self.written[row] = self.here()
         self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
         self.arrive(index, motion)

@@ -10,6 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH
+from counterflex.programs.gcode.write.turn_words import TurnWords
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, number
 from counterflex.programs.motion_rows import MotionRows
 from counterflex.programs.program import Block, Modal, Motion, Program, Word
@@ -52,6 +53,7 @@ class WrittenMachine:
         self.arcs_kept = self.arcs_split = self.arcs_as_lines = self.radius_replaced = 0
         self.completed_blocks = self.cycles_expanded = 0
         self.feed_written = 1.0
+        self.turns = TurnWords(rows.angles, decimals)
 
     # ---- positions and numbers -------------------------------------------------------------------------------
 
@@ -119,7 +121,7 @@ class WrittenMachine:
                     value=block.text.strip(),
                     hint="Write the motion in the work coordinate system (no machine coordinates, no polar words)",
                 )
-        if motion.abc_start != motion.abc_end:
+        if motion.abc_start != motion.abc_end and self.rows.angles is None:
             raise ProgramError(
                 "a motion that turns a rotary axis cannot be corrected",
                 where=f"{self.program.name}:{block.line}:1",

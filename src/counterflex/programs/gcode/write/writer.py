@@ -16,6 +16,7 @@ from counterflex.programs.gcode.write.written_line import without_comments
 from counterflex.programs.limits import LINUXCNC
 from counterflex.programs.motion_rows import MotionRows, motion_rows
 from counterflex.programs.program import Program
+from counterflex.programs.rotary.poses import CommandedWords
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ def write_gcode(
     cell: str = "",
     header: bool = True,
     job: str = "",
+    words: CommandedWords | None = None,
 ) -> GcodeText:
     """Write a program back with its targets replaced by the commanded ones.
 
@@ -92,6 +94,7 @@ def write_gcode(
         cell: Name of the cell, for the header comment.
         header: Write a comment that says what made the program; never written when nothing changed.
         job: Hash of the plan, for the header comment: :func:`counterflex.plan.plan.job_hash`.
+        words: Of a program that turns the tool, the words to command; ``compensated`` is not asked then.
 
     Returns:
         Text and counts.
@@ -103,10 +106,15 @@ def write_gcode(
     as_positive("tolerance_m", tolerance_m)
     if not 2 <= decimals <= 6:
         raise InputError("decimals is out of range", value=decimals, limit="2 .. 6")
-    rows = motion_rows(program, compensated, tolerance_m)
+    angles = None
+    if words is not None:
+        compensated = CompensatedPath(words.path, words.p_command, np.zeros_like(words.p_command))
+        angles = (words.angle_rad, words.angle_command_rad)
+    rows = motion_rows(program, compensated, tolerance_m, angles)
     units = {block.modal.unit_m for block in program.blocks} or {MM}
     resolution = max(u * 10.0 ** -(decimals + (u == INCH)) for u in units)
     dropped = float(np.max(np.linalg.norm(compensated.rotvec_part_command, axis=1), initial=0.0))
+    dropped = dropped if words is None else words.dropped_rad
     if not rows.moved.any() and np.all(rows.share == 1.0):
         return GcodeText(
             text=program.newline.join(program.lines),
@@ -191,7 +199,7 @@ def _line_error(rows: MotionRows, written: Float, checked: Bool) -> float:
         return 0.0
     b = at[np.minimum(np.searchsorted(at, k), len(at) - 1)]
     a = at[np.maximum(np.searchsorted(at, k, side="right") - 1, 0)]
-    span = rows.way[b] - rows.way[a]
-    share = np.where(span > 0.0, (rows.way[k] - rows.way[a]) / np.where(span > 0.0, span, 1.0), 0.0)
+    span = rows.along[b] - rows.along[a]
+    share = np.where(span > 0.0, (rows.along[k] - rows.along[a]) / np.where(span > 0.0, span, 1.0), 0.0)
     gap = written[a] + share[:, None] * (written[b] - written[a]) - rows.command[k]
     return float(np.sqrt(np.sum(gap * gap, axis=1)).max())
