@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.app.inputs import Job
-from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.preflight.bodies import Body, carried, links, part_bodies, with_given
@@ -21,7 +20,7 @@ def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     """
     known = {tool.number: tool for tool in cell.tables.tools}
     used = [number for number in np.unique(job.machined.tool).tolist() if number in known]
-    overhang = {n: length * MM for n in used if (length := known[n].overhang_mm) is not None}
+    overhang = {n: length for n in used if (length := known[n].overhang_m) is not None}
     chain = cell.controller_chain
     given, removed = cell.tables.cell.bodies()
     assumed = [*links(chain), *carried(chain, {n: cell.cutter(n) for n in used}, overhang), *part_bodies(stock)]

@@ -18,7 +18,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, UM
+from counterflex.core.units import DEG, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import text_with_posture
@@ -92,7 +92,8 @@ def robot_of(cell: Cell, setting: Setting) -> RobotHere:
 
 def surroundings_of(job: Job, cell: Cell) -> Surroundings:
     """Coarse bodies of a cell, as preflight compares them."""
-    return Surroundings(coarse_bodies(job, cell, cell.stock()), job.machined.tool, cell.tables.limits.clearance_mm * MM)
+    bounds = cell.tables.limits.preflight(cell.tables.controller, cell.robot)
+    return Surroundings(coarse_bodies(job, cell, cell.stock()), job.machined.tool, bounds.clearance_m)
 
 
 def posture_of(

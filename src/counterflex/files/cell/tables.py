@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from counterflex.core.errors import CounterflexError
+from counterflex.core.units import MM
 from counterflex.cutting.force_laws import FORCE_LAWS, require_parameters
 from counterflex.files.cell.ads import AdsTable
 from counterflex.files.cell.bodies import SurroundingsTable
@@ -95,6 +96,11 @@ class ToolTable(Table):
     modulus_gpa: Annotated[float, Field(ge=50.0, le=1200.0)] | None = None
     tool_data: Annotated[int, Field(ge=1, le=128)] | None = None
     tooldata: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
+
+    @property
+    def overhang_m(self) -> float | None:
+        """Length out of the holder, m; None where it is not known."""
+        return None if self.overhang_mm is None else self.overhang_mm * MM
 
     @field_validator("tooldata")
     @classmethod
