@@ -271,6 +271,7 @@ def setting_of(
         datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         branch=tables.posture.branch,
         rotation_about_tool_rad=tables.posture.rotation_about_tool_rad,
+        turning=tables.posture.turning,
         law=cell.force_law if law is None else law,
         cutter_of=cell.cutter,
         mode=tables.dynamics.mode,

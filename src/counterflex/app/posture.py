@@ -23,6 +23,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import text_with_posture
 from counterflex.files.summary_file import write_summary
+from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Inputs, Setting, feed_runs
 from counterflex.plan.posture.choose import Chosen, Freedom, choose
@@ -161,11 +162,19 @@ def run(
     with atomic.atomic_folder(out) as staging:
         done = posture_of(program, cell, progress=progress, **options)
         best = done.chosen.best
-        text = text_with_posture(cell.path, best.branch, best.rotation_rad / DEG, Path(out))
+        turning = () if best.turning is None else _mm_deg(best.turning)
+        text = text_with_posture(cell.path, best.branch, best.rotation_rad / DEG, Path(out), turning)
         atomic.write_text(staging / "cell.toml", text)
         atomic.write_text(staging / MAP, _map(done.chosen))
         write_summary(staging / "summary.json", done.summary)
     return done.summary
+
+
+def _mm_deg(turning: ToolRotation) -> list[list[float]]:
+    """Rows of ``turning_mm_deg``; of places at one angle the first and the last."""
+    rows = [[place / MM, angle / DEG] for place, angle in zip(turning.length_m, turning.angle_rad, strict=True)]
+    inner = [b for a, b, c in zip(rows, rows[1:], rows[2:], strict=False) if not a[1] == b[1] == c[1]]
+    return [rows[0], *inner, *rows[1:][-1:]]
 
 
 def _map(chosen: Chosen) -> str:
@@ -202,6 +211,9 @@ def _held(held: Held, job: Job) -> dict[str, Any]:
     return {
         "branch": held.branch,
         "rotation_about_tool_deg": round(held.rotation_rad / DEG, 4),
+        "turned_deg": 0.0
+        if held.turning is None
+        else round(float(np.sum(np.abs(np.diff(held.turning.angle_rad)))) / DEG, 3),
         "deflection_um": _um(held.share_m),
         "largest_um": _um(held.largest_m),
         "largest_in_line": int(job.line_of_motion[job.machined.motion[row]]),

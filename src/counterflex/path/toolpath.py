@@ -58,7 +58,7 @@ class ToolPath:
         return len(self.p_part_tcp)
 
 
-def tool_orientation(axis_part: Float, rotation_about_tool_rad: float) -> Float:
+def tool_orientation(axis_part: Float, rotation_about_tool_rad: float | Float) -> Float:
     """Orientation of the TCP frame for given tool axes.
 
     z of the TCP frame points out of the spindle through the tip, ``z = -axis``. x is the part's x axis projected
@@ -67,7 +67,7 @@ def tool_orientation(axis_part: Float, rotation_about_tool_rad: float) -> Float:
 
     Args:
         axis_part: (n, 3) unit vectors from the tip towards the spindle, in part axes.
-        rotation_about_tool_rad: The free angle.
+        rotation_about_tool_rad: The free angle, or (n,) one for each axis.
 
     Returns:
         Rs_part_tcp (n, 3, 3).
@@ -76,7 +76,8 @@ def tool_orientation(axis_part: Float, rotation_about_tool_rad: float) -> Float:
     reference = np.where(np.abs(axis[:, :1]) < 0.9, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
     x0 = reference - np.sum(reference * axis, axis=1, keepdims=True) * axis
     x0 /= np.linalg.norm(x0, axis=1, keepdims=True)
-    x = np.cos(rotation_about_tool_rad) * x0 + np.sin(rotation_about_tool_rad) * np.cross(axis, x0)
+    angle = np.reshape(rotation_about_tool_rad, (-1, 1))
+    x = np.cos(angle) * x0 + np.sin(angle) * np.cross(axis, x0)
     z = -axis
     out: Float = np.stack([x, np.cross(z, x), z], axis=-1)
     return out

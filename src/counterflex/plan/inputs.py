@@ -15,6 +15,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
+from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import FEED, RAPID, ToolPath, tool_orientation, tool_poses
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -66,6 +67,7 @@ class Setting:
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
         orientation: Correct the orientation too.
         allow_extrapolation: Accept force from chips outside the law's range.
+        turning: How the free rotation changes along the program; ``rotation_about_tool_rad`` is that of its beginning.
         drive_errors: Periodic errors and sag of the drives: what the links of ``chain`` truly do at commanded angles.
     """
 
@@ -86,6 +88,11 @@ class Setting:
     orientation: bool = False
     allow_extrapolation: bool = False
     drive_errors: DriveErrors = _NO_ERRORS
+    turning: ToolRotation | None = None
+
+    def rotations_rad(self, p_part_tcp: Float) -> float | Float:
+        """Free rotation at all points (n, 3) m of a program, in their order: one angle, or (n,) where it turns."""
+        return self.rotation_about_tool_rad if self.turning is None else self.turning.along(p_part_tcp)
 
 
 SETTLING_S: Final = 0.05
@@ -180,7 +187,7 @@ class Inputs:
 
 def programmed_poses(path: ToolPath, setting: Setting) -> Float:
     """(n, 4, 4) m, poses of the tool frame in the base that a path of n rows asks for."""
-    Rs_part_tcp = tool_orientation(path.axis_part, setting.rotation_about_tool_rad)
+    Rs_part_tcp = tool_orientation(path.axis_part, setting.rotations_rad(path.p_part_tcp))
     return tool_poses(setting.T_base_part, path.p_part_tcp, Rs_part_tcp)
 
 

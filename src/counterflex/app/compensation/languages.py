@@ -63,7 +63,7 @@ class WritingOrder:
         """(n, 4, 4) poses of the tool in the part frame that are to be commanded, a row for each point of the path."""
         correction, rotvec = self.corrections
         commanded = CompensatedPath.from_correction(self.job.path, correction, rotvec)
-        turned = self.cell.tables.posture.rotation_about_tool_rad
+        turned = self.cell.tables.posture.rotations_rad(self.job.path.p_part_tcp)
         return commanded.poses(tool_orientation(self.job.path.axis_part, turned))
 
     @property

@@ -47,6 +47,7 @@ def controller(cell: Cell) -> Controller:
         cell.T_base_part,
         branch=tables.posture.branch,
         rotation_about_tool_rad=tables.posture.rotation_about_tool_rad,
+        turning=tables.posture.turning,
         blending_m=tables.controller.blending_m,
         acceleration_m_s2=tables.controller.acceleration_m_s2,
         rapid_m_s=tables.controller.rapid_m_s,

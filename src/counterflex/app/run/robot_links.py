@@ -144,7 +144,7 @@ def planned_stream(cell: Cell, plan: Plan, period_s: float, *, compensated: bool
     contained: Float = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
     if not compensated:
         contained = np.zeros_like(contained)
-    Rs_part_tcp = tool_orientation(plan.path.axis_part, cell.tables.posture.rotation_about_tool_rad)
+    Rs_part_tcp = tool_orientation(plan.path.axis_part, cell.tables.posture.rotations_rad(plan.path.p_part_tcp))
     return PoseStream(
         commanded_poses(Rs_part_tcp, plan.path.p_part_tcp, contained),
         plan.path,

@@ -5,15 +5,18 @@ Fields are in shop units, as in the file; properties are what they become in SI,
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
+from counterflex.path.tool_rotation import ToolRotation
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING
@@ -22,6 +25,7 @@ from counterflex.robot.model.description import Robot
 from counterflex.signals.preview import Mode, Shaping
 
 NonNegative = Annotated[float, Field(ge=0.0)]
+_SAME_DEG = 1e-3
 _Rate = Annotated[float, Field(gt=0.0, le=100_000.0)]
 SixRates = tuple[_Rate, _Rate, _Rate, _Rate, _Rate, _Rate]
 CableAngle = Annotated[float, Field(gt=0.0, le=3600.0)]
@@ -34,6 +38,31 @@ class PostureTable(Table):
     elbow: Literal["up", "down"] = "up"
     wrist: Literal["noflip", "flip"] = "noflip"
     rotation_about_tool_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
+    turning_mm_deg: Annotated[tuple[tuple[float, float], ...], Field(max_length=100_000)] = ()
+
+    @model_validator(mode="after")
+    def _rises(self) -> PostureTable:
+        places = [place for place, _ in self.turning_mm_deg]
+        if any(second <= first for first, second in itertools.pairwise(places)):
+            raise ValueError("the places of turning_mm_deg do not rise; list them along the program, each once")
+        if places and abs(self.turning_mm_deg[0][1] - self.rotation_about_tool_deg) > _SAME_DEG:
+            raise ValueError(
+                f"turning_mm_deg begins at {self.turning_mm_deg[0][1]:g} deg and rotation_about_tool_deg is "
+                f"{self.rotation_about_tool_deg:g}; expected the same"
+            )
+        return self
+
+    @property
+    def turning(self) -> ToolRotation | None:
+        """How the tool turns about its axis along the program; None where it does not."""
+        if not self.turning_mm_deg:
+            return None
+        places, angles = zip(*self.turning_mm_deg, strict=True)
+        return ToolRotation(tuple(place * MM for place in places), tuple(angle * DEG for angle in angles))
+
+    def rotations_rad(self, p_part_tcp: Float) -> float | Float:
+        """Free rotation at all points (n, 3) m of a program, in their order: one angle, or (n,) where it turns."""
+        return self.rotation_about_tool_rad if self.turning is None else self.turning.along(p_part_tcp)
 
     @property
     def branch(self) -> str:

@@ -97,7 +97,9 @@ def copied_text(path: Path, folder: Path) -> str:
     return tomlkit.dumps(doc)
 
 
-def text_with_posture(path: Path, branch: str, rotation_deg: float, folder: Path) -> str:
+def text_with_posture(
+    path: Path, branch: str, rotation_deg: float, folder: Path, turning_mm_deg: Sequence[Sequence[float]] = ()
+) -> str:
     """Text of a cell file with another posture; comments, order and everything else are kept.
 
     Args:
@@ -105,6 +107,7 @@ def text_with_posture(path: Path, branch: str, rotation_deg: float, folder: Path
         branch: Such as ``front up noflip``.
         rotation_deg: Rotation about the tool axis.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
+        turning_mm_deg: Rotations along the program; none where the tool does not turn about its axis.
 
     Raises:
         FileFormatError: The file cannot be read.
@@ -114,6 +117,9 @@ def text_with_posture(path: Path, branch: str, rotation_deg: float, folder: Path
     for key, word in zip(("shoulder", "elbow", "wrist"), branch.split(), strict=True):
         table[key] = word
     table["rotation_about_tool_deg"] = round(rotation_deg, 6)
+    table.pop("turning_mm_deg", None)
+    if turning_mm_deg:
+        table["turning_mm_deg"] = [[round(float(number), 6) for number in row] for row in turning_mm_deg]
     _move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)
 

@@ -11,6 +11,8 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG
+from counterflex.path.tool_rotation import ToolRotation
+from counterflex.plan.inputs import Setting
 from counterflex.plan.posture.clearance import too_close, worst
 from counterflex.plan.posture.cut_path import CutPath, in_contact, stations
 from counterflex.plan.posture.held import Held, Task, held
@@ -132,8 +134,7 @@ def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: 
         way, passed = best_way(cut, robot, survey, rows, steps, freedom.weights)
         if way is None:
             raise no_way(passed, rows, task, turns=freedom.turns) if collision is None else collision
-        rotation = float(freedom.grid_rad[way.index[0]])
-        best = held(task, replace(task.setting, branch=BRANCHES[way.slot], rotation_about_tool_rad=rotation))
+        best = held(task, _setting(task, freedom, way, rows))
         close = None if around is None else worst(best.q, robot, around)
         if around is None or close is None:
             return way, best
@@ -144,6 +145,20 @@ def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: 
             blocked |= too_close(survey.q, rows, robot, around)
             survey.q[:, blocked] = np.nan
             looked = True
+
+
+def _setting(task: Task, freedom: Freedom, way: Way, rows: Int) -> Setting:
+    """The plan's setting with the posture of a way."""
+    start = float(freedom.grid_rad[way.index[0]])
+    turning = None
+    if np.any(way.steps):
+        p = task.path.p_part_tcp
+        length = np.cumsum(np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1))[rows]
+        angle = start + freedom.step_rad * np.concatenate([[0], np.cumsum(way.steps)])
+        moved = np.append(np.diff(length) > 0.0, True)  # of stations at one place the last counts
+        turning = ToolRotation(tuple(length[moved].tolist()), tuple(angle[moved].tolist()))
+        start = turning.angle_rad[0]
+    return replace(task.setting, branch=BRANCHES[way.slot], rotation_about_tool_rad=start, turning=turning)
 
 
 def _block(survey: Survey, blocked: Bool, way: Way) -> None:

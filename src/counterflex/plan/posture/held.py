@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Setting, solve_joints
 from counterflex.plan.posture.clearance import Surroundings
@@ -48,6 +49,7 @@ class Held:
     Attributes:
         branch: Of the arm.
         rotation_rad: About the tool axis at the beginning.
+        turning: How the tool turns about its axis along the program; None where it does not.
         q: (n, 6) rad.
         deflection_m: (n,) m, size of the deflection in the directions that matter; 0 out of the cut.
         share_m: What 99.7 % of the path in the cut stay below.
@@ -60,6 +62,7 @@ class Held:
 
     branch: str
     rotation_rad: float
+    turning: ToolRotation | None
     q: Float
     deflection_m: Float
     share_m: float
@@ -92,6 +95,7 @@ def held(task: Task, setting: Setting) -> Held:
     return Held(
         setting.branch,
         setting.rotation_about_tool_rad,
+        setting.turning,
         q,
         size,
         share,

@@ -107,7 +107,8 @@ class CommandedMotion:
     ) -> None:
         self.controller = controller
         self.reference = interpolate(path, controller)
-        self.poses = controller.tool_poses(self.reference.p_part_command, self.reference.axis_part)
+        reference = self.reference
+        self.poses = controller.tool_poses(reference.p_part_command, reference.axis_part, reference.turned_rad)
         self.at = 0.0
         self.running = False
         answer = answer if answer is not None else PathAnswer()

@@ -15,7 +15,8 @@ from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, ModelError, ReachError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.path.path_speed import build_track, timed
+from counterflex.path.path_speed import Track, build_track, places, timed
+from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.robot.model.description import EndEffector, Opw, Robot
 from counterflex.robot.model.opw import BRANCHES, branches, nearest_turn, turns
@@ -37,6 +38,7 @@ class Controller:
         branch: One of :data:`counterflex.robot.model.opw.BRANCHES`.
         rotation_about_tool_rad: Turns the tool frame from "x along part x", right-handed about the direction from
             tip to spindle.
+        turning: How the tool turns about its axis along the program, in place of a constant rotation; or None.
         blending_m: Distance of approximate positioning; 0 is exact stop at every corner.
         acceleration_m_s2: Limit along and across the path.
         rapid_m_s: Speed of rapid moves.
@@ -57,6 +59,7 @@ class Controller:
     following_gain_per_s: float | None = None
     cycle_s: float = CYCLE_S
     smoothing_s: float = 0.0
+    turning: ToolRotation | None = None
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -73,22 +76,29 @@ class Controller:
         if self.following_gain_per_s is not None:
             as_positive("following_gain_per_s", self.following_gain_per_s)
 
-    def tool_poses(self, p_part_tcp: Float, axis_part: Float) -> Float:
-        """Poses ``Ts_part_tcp`` (n, 4, 4) of the tool frame for tips (n, 3) m and axes (n, 3), see the class."""
+    def tool_poses(self, p_part_tcp: Float, axis_part: Float, turned_rad: Float | None = None) -> Float:
+        """Poses ``Ts_part_tcp`` (n, 4, 4) of the tool frame, see the class.
+
+        Args:
+            p_part_tcp: (n, 3) m, tips.
+            axis_part: (n, 3) from tip to spindle.
+            turned_rad: (n,) rotation about the axis, or None for the constant one.
+        """
         axis = axis_part / np.linalg.norm(axis_part, axis=1, keepdims=True)
         along = np.where(np.abs(axis[:, :1]) < 0.9, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
         x0 = along - np.sum(along * axis, axis=1, keepdims=True) * axis
         x0 /= np.linalg.norm(x0, axis=1, keepdims=True)
-        angle = self.rotation_about_tool_rad
+        angle = np.reshape(self.rotation_about_tool_rad if turned_rad is None else turned_rad, (-1, 1))
         x = np.cos(angle) * x0 + np.sin(angle) * np.cross(axis, x0)
         return pose.make(np.stack([x, np.cross(-axis, x), -axis], axis=-1), p_part_tcp)
 
-    def joints(self, p_part_tcp: Float, axis_part: Float) -> Float:
+    def joints(self, p_part_tcp: Float, axis_part: Float, turned_rad: Float | None = None) -> Float:
         """Joint angles for tool tips in the controller's part frame, one posture, without jumps.
 
         Args:
             p_part_tcp: (n, 3) m.
             axis_part: (n, 3) from tip to spindle.
+            turned_rad: (n,) rotation about the axis, or None for the constant one.
 
         Returns:
             (n, 6) rad.
@@ -96,7 +106,7 @@ class Controller:
         Raises:
             ReachError: A point is out of reach or of the joint limits in this posture, or the wrist turns over.
         """
-        Ts_base_tcp: Float = self.T_base_part @ self.tool_poses(p_part_tcp, axis_part)
+        Ts_base_tcp: Float = self.T_base_part @ self.tool_poses(p_part_tcp, axis_part, turned_rad)
         Ts_base_flange: Float = Ts_base_tcp @ pose.inverse(self.T_flange_tcp)
         q: Float = branches(self.opw, Ts_base_flange)[:, BRANCHES.index(self.branch)]
         bad = ~np.all(np.isfinite(q), axis=1)
@@ -161,6 +171,7 @@ class Reference:
         q_ref: (n, 6) rad.
         qd_ref: (n, 6) rad/s.
         source: (n,) row of the tool path.
+        turned_rad: (n,) rotation about the tool axis, or None where it is constant.
     """
 
     time_s: Float
@@ -169,6 +180,7 @@ class Reference:
     q_ref: Float
     qd_ref: Float
     source: Int
+    turned_rad: Float | None = None
 
 
 def as_it_is(controller: Controller, kind: ControllerKind | None) -> Controller:
@@ -200,6 +212,16 @@ def moving_mean(q: Float, count: int) -> Float:
     return out
 
 
+def _turned(path: ToolPath, controller: Controller, track: Track) -> Float | None:
+    """Rotation about the tool axis at each sample, interpolated as the tool axis is; None where it is constant."""
+    if controller.turning is None:
+        return None
+    at = controller.turning.along(path.p_part_tcp)[track.turned]
+    segment, share = places(track, controller.acceleration_m_s2, controller.cycle_s)
+    out: Float = (1.0 - share) * at[segment] + share * at[segment + 1]
+    return out
+
+
 def interpolate(path: ToolPath, controller: Controller) -> Reference:
     """Run a tool path on the controller.
 
@@ -225,10 +247,11 @@ def interpolate(path: ToolPath, controller: Controller) -> Reference:
     t, p, axis, source = timed(track, controller.acceleration_m_s2, controller.cycle_s)
     if len(t) < 2:
         raise InputError("the tool path does not move", value=len(path))
-    q = controller.joints(p, axis)
+    turned = _turned(path, controller, track)
+    q = controller.joints(p, axis, turned)
     if controller.smoothing_s > 0.0:
         q = moving_mean(q, max(1, round(controller.smoothing_s / controller.cycle_s)))
     if controller.following_gain_per_s is not None:
         q = first_order_lag(q, controller.cycle_s, controller.following_gain_per_s)
     qd: Float = np.gradient(q, controller.cycle_s, axis=0)
-    return Reference(time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source)
+    return Reference(time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source, turned_rad=turned)

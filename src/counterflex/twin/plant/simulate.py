@@ -89,7 +89,9 @@ def simulate(
     parts = in_parts(progress, {str(first): float(last - first) for first, last in stretches} or {"": 1.0})
     for first, last in stretches:
         run.stretch(first, last, parts[str(first)])
-    Rs_part_command = controller.tool_poses(reference.p_part_command, reference.axis_part)[:, :3, :3]
+    Rs_part_command = controller.tool_poses(reference.p_part_command, reference.axis_part, reference.turned_rad)[
+        :, :3, :3
+    ]
     progress(1.0, "machined")
     return record_of(run.cycles(), path, reference, Rs_part_command[run.rows], process.finish(), T_base_part, residual)
 

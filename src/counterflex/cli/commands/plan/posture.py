@@ -9,6 +9,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.core.units import DEG
 from counterflex.programs.limits import DIALECTS
 
 _SURFACES: Final = ("both", "wall", "floor")
@@ -34,6 +35,16 @@ def posture(
     rotations: Annotated[
         int, typer.Option("--rotations", help="Rotations about the tool axis that are tried.", min=4, max=720)
     ] = 72,
+    turning: Annotated[
+        float,
+        typer.Option(
+            "--turning",
+            help="Let the tool turn about its axis along the path, at this rate at most; 0: it is held still.",
+            metavar="DEG_PER_S",
+            min=0.0,
+            max=360.0,
+        ),
+    ] = 0.0,
     dialect: Dialect = DIALECTS[0],
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
@@ -64,7 +75,7 @@ def posture(
             out,
             reading=Reading(dialect, parameters, complete=not without_end),
             surface=cast("Surface", surface),
-            freedom=Freedom(rotations=rotations),
+            freedom=Freedom(rotations, turning * DEG, turning * DEG),
             progress=progress,
         )
     if as_json:
@@ -76,7 +87,7 @@ def posture(
 
 def _show(summary: dict[str, Any]) -> None:
     rows = [[name, *_row(summary[name])] for name in ("present", "chosen")]
-    columns = ["posture", "branch", "rotation deg", "deflection um", "largest um", "in line"]
+    columns = ["posture", "branch", "rotation deg", "turned deg", "deflection um", "largest um", "in line"]
     columns += ["reversals", "unloadings", "limit margin deg", "wrist deg"]
     note = f"Deflection: 99.7 % of the cut stay below it, normal to {_SURFACE_WORDS[summary['surface']]}."
     print_table(f"{summary['program']} on {summary['cell']}", columns, rows, note=note)
@@ -90,8 +101,16 @@ _SURFACE_WORDS: Final = {"both": "wall and floor", "wall": "the wall", "floor": 
 
 def _row(held: dict[str, Any] | None) -> list[str]:
     if held is None:
-        return ["out of reach", *[""] * 8]
-    keys = ("branch", "rotation_about_tool_deg", "deflection_um", "largest_um", "largest_in_line", "reversals")
+        return ["out of reach", *[""] * 9]
+    keys = (
+        "branch",
+        "rotation_about_tool_deg",
+        "turned_deg",
+        "deflection_um",
+        "largest_um",
+        "largest_in_line",
+        "reversals",
+    )
     return [
         *(str(held[key]) if isinstance(held[key], str) else f"{held[key]:g}" for key in keys),
         *(f"{held[key]:g}" for key in ("unloadings", "limit_margin_deg", "wrist_deg")),
