@@ -230,6 +230,16 @@ def test_retract_while_still_touching_is_not_taken_for_the_cut() -> None:
     assert figures.path.extent == pytest.approx(0.05, abs=1e-3)
 
 
+def test_a_tool_that_swings_as_it_starts_to_plunge_is_not_taken_for_the_move_after_the_plunge() -> None:
+    """The first stations run the way of the move that begins 9 mm below them."""
+    nominal = np.array([[0.0, 0.0, 9e-3], [0.0, 0.0, 0.0], [0.06, 0.0, 0.0]])
+    swing = np.array([[0.0, 0.0, 9e-3], [5e-4, 0.0, 9e-3], [0.0, 0.0, 8.6e-3], [0.0, 0.0, 0.0], [0.06, 0.0, 0.0]])
+    time, p = travel(swing)
+    found = run(nominal, p, time)
+    assert found.length_m[0] == 0.0
+    assert np.max(found.across_m) < 5.1e-4
+
+
 def test_entry_and_exit_are_part_of_the_whole_and_at_least_a_radius_long() -> None:
     time, p = travel(LINE)
     contact = (p[:, 0] > 0.02) & (p[:, 0] < 0.08)
