@@ -48,6 +48,7 @@ Float = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
 Int = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
+Complex = npt.NDArray[np.complex128]
 
 
 def as_float(name: str, value: Any, shape: tuple[int | None, ...] | None = None) -> Float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from counterflex.cli.commands.plan import posture, strategy, trochoid
+from counterflex.cli.commands.plan import posture, stability, strategy, trochoid
 
 _plan = typer.Typer(
     no_args_is_help=True,
@@ -17,6 +17,7 @@ def register(app: typer.Typer) -> None:
     posture.register(_plan)
     strategy.register(_plan)
     trochoid.register(_plan)
+    stability.register(_plan)
     _plan.callback()(_group)
     app.add_typer(_plan, name="plan")
 

@@ -1,0 +1,300 @@
+"""Stability of a program on a cell: margin of every stretch, lobes at the worst of each tool, in shop units."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from counterflex import __version__
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
+from counterflex.core import atomic
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import DEG, MM, RPM, UM
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stability.process import mean_chip
+from counterflex.cutting.stability.response import Response
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.summary_file import write_summary
+from counterflex.files.tool_tip import read_modal, read_response
+from counterflex.plan.stability.along import LARGEST, Margin, Structure, confirmed, margins
+from counterflex.plan.stability.diagram import Diagram, diagram, needed_damping
+from counterflex.plan.stability.robot_modes import CAUTIOUS_DAMPING
+
+READING, MARGINS, DIAGRAMS = "reading the program", "margin along the path", "lobes"
+PLAUSIBLE_DAMPING: Final = (0.02, 0.1)
+"""Ratios that modal tests on milling robots find below 30 Hz, from drives locked to drives on."""
+_ENGAGED: Final = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A judged program.
+
+    Attributes:
+        job: The program as read.
+        margins: Of every stretch.
+        diagrams: By tool, at its worst stretch.
+        summary: What is printed as JSON and written to ``summary.json``.
+        table: One row for each stretch.
+    """
+
+    job: Job
+    margins: list[Margin]
+    diagrams: dict[int, Diagram]
+    summary: dict[str, Any]
+    table: pl.DataFrame
+
+
+def structure_of(
+    cell: Cell, damping_ratio: float | None, response: str | Path | None, modal: str | Path | None
+) -> tuple[Structure, str]:
+    """What swings, and where the damping of the robot comes from.
+
+    Args:
+        cell: The cell.
+        damping_ratio: Of the robot's modes; None takes the tap test's, or assumes :data:`CAUTIOUS_DAMPING`.
+        response: CSV of a measured response of the tool tip, or None.
+        modal: CSV of modal parameters of spindle and tool, or None.
+
+    Raises:
+        InputError: Both are given.
+        FileFormatError: One cannot be used.
+    """
+    if response is not None and modal is not None:
+        raise InputError("the tool tip is given twice", where="--response and --modal", hint="Give one of them")
+    dynamics = cell.tables.dynamics
+    measured = dynamics.mode
+    tip = read_response(response) if response is not None else None if modal is None else read_modal(modal)
+    if damping_ratio is not None:
+        return Structure(damping_ratio, measured, tip), "given"
+    if measured is not None and dynamics.damping_ratio is not None:
+        return Structure(measured.damping_ratio, measured, tip), "tap test"
+    return Structure(CAUTIOUS_DAMPING, measured, tip), "assumed"
+
+
+def judge(
+    program: str | Path,
+    cell: Cell,
+    structure: Structure,
+    damping_from: str = "given",
+    *,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+) -> Judged:
+    """Judge a program.
+
+    Args:
+        program: G-code file.
+        cell: The cell.
+        structure: What swings.
+        damping_from: Where the damping of the robot comes from: given, tap test or assumed.
+        reading: How the program is read.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        CounterflexError: The program cannot be read, reached or cut, cuts nothing, or no modes are known.
+    """
+    begin = time.perf_counter()
+    parts = in_parts(progress, {READING: 1.0, MARGINS: 5.0, DIAGRAMS: 4.0})
+    job = read_job(program, cell, reading=reading)
+    parts[READING](1.0)
+    with faults_in(job):
+        values = margins(job.machined, cell.stock(), setting_of(cell), structure, progress=parts[MARGINS])
+    if not values:
+        raise ProgramError("the program cuts nothing sideways", where=str(program), hint="Does it reach the blank?")
+    rows = [_shown(margin, job, cell.cutter(margin.stretch.tool)) for margin in values]
+    numbers = sorted({margin.stretch.tool for margin in values})
+    diagrams, tools = {}, []
+    for number in numbers:
+        own = [i for i, margin in enumerate(values) if margin.stretch.tool == number]
+        worst = min(own, key=lambda i: values[i].margin)
+        diagrams[number] = diagram(values[worst], structure, progress=parts[DIAGRAMS])
+        tools.append(_of_tool(number, values[worst], rows[worst], structure, diagrams[number]))
+    parts[DIAGRAMS](1.0)
+    at = int(np.argmin([margin.margin for margin in values]))
+    needed = max(tool["needed_damping_ratio"] for tool in tools)
+    summary = {
+        "program": job.program.name,
+        "cell": cell.label,
+        "robot": cell.robot.name,
+        "verdict": _verdict(values[at], tools, needed, damping_from),
+        "worst": rows[at],
+        "stretches": len(rows),
+        "below_1": int(sum(margin.margin < 1.0 for margin in values)),
+        "tools": tools,
+        "robot_modes_hz": [round(float(w) / (2.0 * math.pi), 2) for w in values[at].robot.omega_rad_s],
+        "robot_damping_ratio": structure.damping_ratio,
+        "robot_damping_from": damping_from,
+        "robot_mode_measured": structure.measured is not None,
+        "tool_tip": _tip(structure),
+        "seconds": round(time.perf_counter() - begin, 3),
+        "counterflex": __version__,
+    }
+    return Judged(job, values, diagrams, summary, pl.DataFrame(rows))
+
+
+def _verdict(worst: Margin, tools: list[dict[str, Any]], needed: float, damping_from: str) -> str:
+    """``stable``, ``chatter``, or ``open`` where it depends on a damping ratio that nobody measured."""
+    tool_margin = min(tool["worst"]["tool_margin"] or LARGEST for tool in tools)
+    if tool_margin < 1.0:
+        return "chatter"
+    if damping_from != "assumed":
+        return "stable" if worst.margin >= 1.0 else "chatter"
+    low, high = PLAUSIBLE_DAMPING
+    return "stable" if needed <= low else "chatter" if needed > high else "open"
+
+
+def _of_tool(number: int, worst: Margin, row: dict[str, Any], structure: Structure, lobes: Diagram) -> dict[str, Any]:
+    factor = confirmed(worst, structure) if worst.margin < LARGEST else math.inf
+    depth = row["axial_depth_mm"]
+    rpm = lobes.spindle_rad_s / RPM
+    best = int(np.argmax(np.minimum(lobes.zeroth, LARGEST)))
+    needed = needed_damping(worst)
+    return {
+        "tool": number,
+        "worst": row,
+        "semi_discretisation_margin": _finite(factor, 4),
+        "needed_damping_ratio": 1.0 if math.isinf(needed) else round(needed, 4),
+        "deepest_stable_at_any_speed_mm": _finite(float(lobes.zeroth.min()) * depth, 3),
+        "best_speed_rpm": round(float(rpm[best])),
+        "depth_at_best_speed_mm": _finite(min(float(lobes.zeroth[best]), LARGEST) * depth, 3),
+    }
+
+
+def _shown(margin: Margin, job: Job, cutter: Cutter) -> dict[str, Any]:
+    """A stretch in shop units."""
+    piece, path = margin.stretch, job.machined
+    depth, entry, leave, width = _engagement(piece.depth_m, cutter)
+    return {
+        "line": int(job.line_of_motion[path.motion[piece.row]]),
+        **dict(zip(("x_mm", "y_mm", "z_mm"), np.round(path.p_part_tcp[piece.row] / MM, 3).tolist(), strict=True)),
+        "time_s": round(float(path.time_s[piece.row]), 4),
+        "tool": piece.tool,
+        "spindle_rpm": round(float(path.spindle_rad_s[piece.row] / RPM), 1),
+        "axial_depth_mm": round(depth / MM, 3),
+        "radial_width_mm": round(width / MM, 3),
+        "entry_deg": round(entry / DEG, 1),
+        "exit_deg": round(leave / DEG, 1),
+        "feed_per_tooth_mm": round(piece.feed_per_tooth_m / MM, 5),
+        "mean_chip_um": round(mean_chip(piece.depth_m, cutter, piece.feed_per_tooth_m) / UM, 3),
+        "low_frequency_margin": _finite(margin.low_frequency, 4),
+        "robot_margin": _limited(margin.robot_margin),
+        "tool_margin": _limited(margin.tool_margin),
+        "margin": round(margin.margin, 4),
+        "method": margin.method if margin.margin < LARGEST else "no limit",
+        "chatter_hz": _finite(margin.chatter_hz, 2),
+    }  # fmt: skip
+
+
+def _engagement(depth: Any, cutter: Cutter) -> tuple[float, float, float, float]:
+    """Axial depth, entry and exit angle, radial width: the mean over the engaged bins, by chip width."""
+    edges = np.linspace(0.0, np.pi, depth.shape[1] + 1)
+    column, share = depth.sum(axis=0), -np.diff(np.cos(edges))
+    engaged = np.flatnonzero(column > _ENGAGED * column.max())
+    width = float(share[engaged].sum())
+    axial = float(column @ share) / width
+    return axial, float(edges[engaged[0]]), float(edges[engaged[-1] + 1]), width * cutter.radius_m
+
+
+def _tip(structure: Structure) -> dict[str, Any]:
+    """What is known of spindle and tool."""
+    modes, unexplained = structure.tip_modes()
+    if modes is None:
+        return {"from": "none: spindle and tool are taken as rigid", "modes": []}
+    return {
+        "from": "measured response" if isinstance(structure.tip, Response) else "modal parameters",
+        "unexplained": round(unexplained, 4),
+        "modes": [
+            {
+                "frequency_hz": round(float(w) / (2.0 * math.pi), 2),
+                "damping_ratio": round(float(z), 5),
+                "stiffness_n_per_um": round(float(w**2 / (u @ u)) * UM, 4),
+                "direction": "xyz"[int(np.argmax(np.abs(u)))],
+            }
+            for w, z, u in zip(modes.omega_rad_s, modes.damping_ratio, modes.shape.T, strict=True)
+        ],
+    }
+
+
+def _finite(value: float, digits: int) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None
+
+
+def _limited(value: float) -> float | None:
+    return round(value, 4) if value < LARGEST else None
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    out: str | Path | None = None,
+    *,
+    response: str | Path | None = None,
+    modal: str | Path | None = None,
+    damping_ratio: float | None = None,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Judge a program; with ``out``, write ``summary.json``, ``stability.csv``, ``lobes.csv`` and ``report.html``.
+
+    Args:
+        program: G-code file.
+        cell_file: Cell file.
+        out: Folder, made when missing; None writes nothing.
+        response: CSV of a measured response of the tool tip.
+        modal: CSV of modal parameters of spindle and tool.
+        damping_ratio: Of the robot's modes.
+        reading: How the program is read.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        The summary.
+
+    Raises:
+        CounterflexError: As :func:`structure_of` and :func:`judge`.
+    """
+    cell = read_cell(cell_file)
+    structure, damping_from = structure_of(cell, damping_ratio, response, modal)
+    if out is None:
+        return judge(program, cell, structure, damping_from, reading=reading, progress=progress).summary
+    with atomic.atomic_folder(out) as staging:
+        done = judge(program, cell, structure, damping_from, reading=reading, progress=progress)
+        write_summary(staging / "summary.json", done.summary)
+        done.table.write_csv(staging / "stability.csv")
+        lobes_table(done).write_csv(staging / "lobes.csv")
+        from counterflex.report.page import write_page
+        from counterflex.report.stability_page import StabilityData, stability_page
+
+        write_page(
+            stability_page(StabilityData(done.summary, done.table.to_dicts(), lobes_table(done).to_dicts())),
+            staging / "report.html",
+        )
+    return done.summary
+
+
+def lobes_table(done: Judged) -> pl.DataFrame:
+    """The diagrams: tool, method, spindle speed and deepest stable cut; no depth where there is no limit."""
+    rows = []
+    for number, one in done.diagrams.items():
+        depth = next(tool["worst"]["axial_depth_mm"] for tool in done.summary["tools"] if tool["tool"] == number)
+        for method, speeds, factors in (
+            ("zeroth order", one.spindle_rad_s, one.zeroth),
+            ("semi-discretisation", one.checked_rad_s, one.semi_discretisation),
+        ):
+            rows += [
+                {
+                    "tool": number,
+                    "method": method,
+                    "spindle_rpm": round(float(speed / RPM), 1),
+                    "depth_mm": None if factor > LARGEST else round(float(factor) * depth, 4),
+                }
+                for speed, factor in zip(speeds, factors, strict=True)
+            ]
+    return pl.DataFrame(rows, infer_schema_length=None)

@@ -1,0 +1,142 @@
+"""Command plan stability: margin of a program against chatter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import Dialect, Parameters, WithoutEnd
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.programs.limits import DIALECTS
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(stability)
+
+
+def stability(
+    cell: Annotated[Path, typer.Argument(help="Cell file (.toml).", metavar="CELL", callback=arguments.file)],
+    program: Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Folder for report.html (lobes, margin along the path), stability.csv, lobes.csv and summary.json; "
+            "made when missing.",
+            metavar="DIR",
+            callback=arguments.output_folder,
+        ),
+    ] = None,
+    response: Annotated[
+        Path | None,
+        typer.Option(
+            "--response",
+            help="Measured frequency response of the tool tip (.csv): direction (x, y, z of the TCP frame), "
+            "frequency_hz, real_um_per_n, imaginary_um_per_n.",
+            metavar="CSV",
+            callback=arguments.file,
+        ),
+    ] = None,
+    modal: Annotated[
+        Path | None,
+        typer.Option(
+            "--modal",
+            help="Modal parameters of spindle and tool (.csv): direction, frequency_hz, damping_ratio, "
+            "stiffness_n_per_um.",
+            metavar="CSV",
+            callback=arguments.file,
+        ),
+    ] = None,
+    damping: Annotated[
+        float | None,
+        typer.Option(
+            "--damping",
+            help="Damping ratio of the robot's modes, 0.001 to 0.7. Default: that of the tap test in the cell file, "
+            "otherwise 0.03 is assumed.",
+            metavar="RATIO",
+            callback=arguments.between(0.001, 0.7),
+        ),
+    ] = None,
+    dialect: Dialect = DIALECTS[0],
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+) -> None:
+    """Compute the margin of a program against chatter along its path, and name the worst line.
+
+    The margin is the factor by which the cut could be deeper; below 1 it chatters. The robot's modes depend on the
+    posture and come from the masses and compliances of the cell file; spindle and tool come from a measured response
+    or from modal parameters. Without either they are taken as rigid.
+
+    Verdicts: stable; chatter (exit status 1); open (depends on a damping ratio that was not measured: the least one
+    needed is printed).
+
+    Example: `counterflex plan stability cell.toml part.ngc --out stability`
+    """
+    if out is not None:
+        keep_inputs(out, cell, program, *(item for item in (parameters, response, modal) if item is not None))
+    from counterflex.app import stability as job
+    from counterflex.app.inputs import Reading
+
+    with progress_bar(f"stability of {program.name}") as progress:
+        summary = job.run(
+            program,
+            cell,
+            out,
+            response=response,
+            modal=modal,
+            damping_ratio=damping,
+            reading=Reading(dialect, parameters, complete=not without_end),
+            progress=progress,
+        )
+    if as_json:
+        print_json(summary)
+    else:
+        _show(summary)
+    if out is not None and not as_json:
+        say_written(out, f"wrote {out}: report.html, stability.csv, lobes.csv, summary.json")
+    if summary["verdict"] == "chatter":
+        raise typer.Exit(1)
+
+
+def _show(summary: dict[str, Any]) -> None:
+    rows = []
+    for tool in summary["tools"]:
+        worst = tool["worst"]
+        rows.append(
+            [
+                f"T{tool['tool']}",
+                f"line {worst['line']}",
+                _number(worst["axial_depth_mm"], "mm"),
+                f"{worst['entry_deg']:.0f} to {worst['exit_deg']:.0f} deg",
+                f"{worst['spindle_rpm']:.0f} rpm",
+                _number(worst["robot_margin"], "", "no limit"),
+                _number(worst["tool_margin"], "", "no limit"),
+                _number(tool["semi_discretisation_margin"], "", "no limit"),
+                _number(worst["chatter_hz"], "Hz"),
+            ]
+        )
+    print_table(
+        f"{summary['program']} on {summary['cell']}: the worst stretch of each tool",
+        ["tool", "worst", "depth", "engaged", "speed", "margin robot", "margin tool", "semi-discr.", "chatter at"],
+        rows,
+    )
+    worst = summary["worst"]
+    typer.echo(
+        f"{summary['verdict']}: least margin {worst['margin']:.3g} at line {worst['line']} ({worst['method']}); "
+        f"{summary['below_1']} of {summary['stretches']} stretches below 1"
+    )
+    needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])
+    typer.echo(
+        f"robot: damping ratio {summary['robot_damping_ratio']:g} ({summary['robot_damping_from']}); "
+        f"stable from {needed:.3g} upwards"
+    )
+    typer.echo(f"spindle and tool: {summary['tool_tip']['from']}")
+
+
+def _number(value: float | None, unit: str, otherwise: str = "") -> str:
+    return otherwise if value is None else f"{value:.3g} {unit}".rstrip()

@@ -1,0 +1,180 @@
+"""The cut as it feeds back on the tool: directional coefficients of an engagement.
+
+A tool that is displaced by q against the surface that the tooth before it left (displaced by q_T) changes the chip
+thickness by ``dh = n . (q - q_T)``, and with it the force by
+
+    dF(phi) = -a(phi) (q - q_T),   a(phi) = sum_edges dz (Kt t + Kr n + Ka e) n' / sin(kappa)
+
+in the feed frame (x along the feed, y to its left, z up the tool axis) at the immersion angle phi, clockwise from +y
+as seen from the spindle, with the motion of the edge ``t = (cos, -sin, 0)``, the outward normal of the cut surface
+``n = (sin sin(kappa), cos sin(kappa), -cos(kappa))`` and the direction along the edge
+``e = (sin cos(kappa), cos cos(kappa), sin(kappa))``. Kt, Kr, Ka in Pa are the slopes of the force per length of edge
+over the chip thickness, taken at the mean thickness of the engagement; edge forces do not feed back. The mean over a
+revolution is ``A = N/2pi integral a dphi``. Helix and pitch do not change A; the time-varying a(t) is that of straight
+teeth, evenly pitched.
+
+Source: Altintas and Budak 1995; inclined edges as in :mod:`counterflex.cutting.mean_force` (Altintas and Lee 1998).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import InputError
+from counterflex.cutting.coefficients import ForceLaw
+from counterflex.cutting.cutter import Cutter
+
+_UPRIGHT = 1e-12
+"""Cosine of an inclination that counts as 90 deg: the axial direction then drops out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """An engagement with the slopes of its force.
+
+    Attributes:
+        arcs: (m, 4) rows of start angle, end angle (rad, 0 <= start < end <= pi), axial depth (m) and inclination
+            kappa (rad, 90 deg on the cylinder).
+        slopes_pa: (3,) Kt, Kr, Ka.
+        teeth: Number of teeth N.
+    """
+
+    arcs: Float
+    slopes_pa: Float
+    teeth: int
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        arcs = as_float("arcs", self.arcs, (None, 4))
+        as_float("slopes_pa", self.slopes_pa, (3,))
+        if self.teeth < 1:
+            raise InputError("number of teeth is out of range", value=self.teeth, limit=">= 1")
+        if np.any((arcs[:, 0] < 0.0) | (arcs[:, 1] <= arcs[:, 0]) | (arcs[:, 1] > np.pi + 1e-9)):
+            raise InputError("an arc of the engagement is out of range", limit="0 <= start < end <= pi")
+        if np.any(arcs[:, 2] < 0.0):
+            raise InputError("axial depth is negative", value=float(arcs[:, 2].min()), limit=">= 0 m")
+
+    def up_to(self, phi: Float) -> Float:
+        """Integral of a from 0 to phi in [0, 2 pi], (..., 3, 3) N/m rad."""
+        start, end, depth, kappa = self.arcs.T
+        here = np.clip(np.asarray(phi)[..., None], start, end)
+        parts = _primitive(here, kappa, self.slopes_pa) - _primitive(start, kappa, self.slopes_pa)
+        out: Float = np.einsum("m,...mij->...ij", depth, parts)
+        return out
+
+    @property
+    def mean(self) -> Float:
+        """A, (3, 3) N/m: the mean over a revolution."""
+        out: Float = self.teeth / (2.0 * np.pi) * self.up_to(np.array(np.pi))
+        return out
+
+    def means(self, intervals: int) -> Float:
+        """Means over equal intervals of the tooth period, all teeth together, (intervals, 3, 3) N/m."""
+        pitch = 2.0 * np.pi / self.teeth
+        begin = np.arange(self.teeth)[:, None] * pitch
+        edges = self.up_to(np.minimum(begin + np.linspace(0.0, pitch, intervals + 1), 2.0 * np.pi))
+        out: Float = np.diff(edges, axis=1).sum(axis=0) * (intervals / pitch)
+        return out
+
+
+def _primitive(phi: Float, kappa: Float, slopes: Float) -> Float:
+    """Primitive of ``(Kt t + Kr n + Ka e) n' / sin(kappa)`` over phi, (..., 3, 3); phi and kappa broadcast."""
+    kt, kr, ka = slopes
+    S, C = np.sin(kappa), np.cos(kappa)
+    C = np.where(np.abs(C) < _UPRIGHT, 0.0, C)
+    half = 0.25 * np.sin(2.0 * phi)
+    ss, cc, sc = 0.5 * phi - half, 0.5 * phi + half, 0.5 * np.sin(phi) ** 2
+    s, c = -np.cos(phi), np.sin(phi)
+    radial, upward = kr * S + ka * C, kr * C - ka * S  # along (sin, cos) and, negative, along z
+    out = np.empty((*np.shape(half + S), 3, 3))
+    out[..., 0, 0] = kt * sc + radial * ss
+    out[..., 0, 1] = kt * cc + radial * sc
+    out[..., 1, 0] = radial * sc - kt * ss
+    out[..., 1, 1] = radial * cc - kt * sc
+    out[..., 0, 2] = -(kt * c + radial * s) * C / S
+    out[..., 1, 2] = (kt * s - radial * c) * C / S
+    out[..., 2, 0] = -upward * s
+    out[..., 2, 1] = -upward * c
+    out[..., 2, 2] = upward * C / S * phi
+    return out
+
+
+def process_of_arc(
+    entry_rad: float, exit_rad: float, kt_pa: float, kr_pa: float, teeth: int, depth_m: float = 1.0
+) -> Process:
+    """A cylindrical cutter engaged over one arc.
+
+    Args:
+        entry_rad: Immersion angle at which a tooth enters: 0 in up-milling.
+        exit_rad: Where it leaves: pi in down-milling.
+        kt_pa: Tangential slope Kt, Pa.
+        kr_pa: Radial slope Kr, Pa.
+        teeth: N.
+        depth_m: Axial depth, m; 1 makes limits of depth factors of it.
+
+    Raises:
+        InputError: Angles out of order, or numbers out of range.
+    """
+    arcs = np.array([[entry_rad, exit_rad, depth_m, 0.5 * np.pi]])
+    return Process(arcs, np.array([kt_pa, kr_pa, 0.0]), teeth)
+
+
+def mean_chip(depth: Float, cutter: Cutter, feed_m: float) -> float:
+    """Mean chip thickness of an engagement over its engaged edge, m: ``f_z mean(sin(phi)) sin(kappa)``; 0 when empty.
+
+    Args:
+        depth: (n_levels, n_bins) engaged axial length, m.
+        cutter: The cutter.
+        feed_m: Feed per tooth, m.
+    """
+    edges = np.linspace(0.0, np.pi, depth.shape[1] + 1)
+    sine = -np.diff(np.cos(edges)) / np.diff(edges)
+    total = float(depth.sum())
+    if total <= 0.0:
+        return 0.0
+    return feed_m * float(np.sum(depth * sine * np.sin(cutter.level_inclinations())[:, None])) / total
+
+
+def slopes_of(law: ForceLaw, chip_m: float) -> Float:
+    """Slopes Kt, Kr, Ka of the force per length of edge over the chip thickness, (3,) Pa: ``sum_t p_t k_t h^(p_t-1)``.
+
+    A power law has no finite slope at h = 0; the mean thickness of the engagement is the place to take it.
+
+    Args:
+        law: The force law.
+        chip_m: Chip thickness, m, > 0.
+
+    Raises:
+        InputError: The thickness is not above zero.
+    """
+    if not chip_m > 0.0:
+        raise InputError("chip thickness is out of range", value=chip_m, limit="> 0 m")
+    terms = law.terms()
+    p = terms[:, :1]
+    out: Float = np.sum(p * terms[:, 1:] * chip_m ** (p - 1.0), axis=0)
+    return out
+
+
+def process_of_engagement(depth: Float, cutter: Cutter, law: ForceLaw, feed_m: float, least_m: float = 1e-6) -> Process:
+    """The process of a booked engagement.
+
+    Args:
+        depth: (n_levels, n_bins) engaged axial length, m, see :mod:`counterflex.cutting.removal`.
+        cutter: The cutter.
+        law: The force law.
+        feed_m: Feed per tooth, m, > 0.
+        least_m: Bins with less engaged length are taken as empty, m.
+
+    Raises:
+        InputError: Nothing is engaged.
+    """
+    edges = np.linspace(0.0, np.pi, depth.shape[1] + 1)
+    level, at = np.nonzero(depth > least_m)
+    if len(level) == 0:
+        raise InputError("nothing is engaged", limit=f"some bin above {least_m:g} m")
+    kappa = cutter.level_inclinations()[level]
+    arcs = np.stack([edges[at], edges[at + 1], depth[level, at], kappa], axis=1)
+    return Process(arcs, slopes_of(law, mean_chip(depth, cutter, feed_m)), cutter.flutes)

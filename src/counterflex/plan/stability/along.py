@@ -1,0 +1,254 @@
+"""Margin against chatter of every stretch of a path.
+
+Robot: the low-frequency criterion where it holds (every mode turns by at most 0.3 rad within a tooth period and
+regeneration takes little of the modal mass), otherwise the zeroth-order solution with the robot's modes. Spindle and
+tool: the zeroth-order solution with their response at the spindle speed. The margin is the factor by which the cut
+could be deeper; below 1 the cut chatters. At the worst stretch of a tool, semi-discretisation with all modes together
+confirms it (:func:`confirmed`).
+
+Stretches in one posture whose directional matrices agree within half a percent share a result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import DEG
+from counterflex.cutting.stability import lobes, low_frequency, semi_discretisation
+from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.process import Process, process_of_engagement
+from counterflex.cutting.stability.response import Response, fitted_modes
+from counterflex.cutting.stock import HeightMap
+from counterflex.path.toolpath import ToolPath, tool_orientation, tool_poses
+from counterflex.plan.elastic_motion import postures
+from counterflex.plan.inputs import Setting
+from counterflex.plan.stability.robot_modes import robot_modes
+from counterflex.plan.stability.stretches import Stretch, stretches_of
+from counterflex.robot.kinematics.inverse import inverse_path
+from counterflex.signals.preview import Mode
+
+POSTURE_RAD: Final = 2.0 * DEG
+"""Change of an axis after which modes are computed anew."""
+LARGEST: Final = 100.0
+"""Margin from which a cut counts as stable at any depth."""
+ENGAGEMENT, MARGINS = "engagement", "margins"
+LOW, ZEROTH, TOOL = "robot, low frequency", "robot, zeroth order", "spindle and tool"
+_SAME: Final = 5e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """What swings.
+
+    Attributes:
+        damping_ratio: Of the robot's modes.
+        measured: Lowest mode of the robot by a tap test, or None.
+        tip: Spindle and tool in the TCP frame, by a measured response or by modes; None: rigid.
+    """
+
+    damping_ratio: float
+    measured: Mode | None
+    tip: Response | Modes | None = None
+
+    @property
+    def robot_below(self) -> float:
+        """Angular frequency from which a measured response holds what the robot does, too; inf without one."""
+        return float(self.tip.omega_rad_s[0]) if isinstance(self.tip, Response) else math.inf
+
+    def tip_modes(self) -> tuple[Modes | None, float]:
+        """Modes of spindle and tool, fitted where a response was measured, and the unexplained share of it."""
+        if isinstance(self.tip, Response):
+            return fitted_modes(self.tip)
+        return self.tip, 0.0
+
+    def tip_response(self) -> Response | None:
+        """Response of spindle and tool."""
+        if isinstance(self.tip, Modes):
+            omega = lobes.frequencies_for(self.tip)
+            return Response(omega, self.tip.response(omega))
+        return self.tip
+
+
+@dataclass(frozen=True, eq=False)
+class Margin:
+    """A stretch and how far it is from chatter.
+
+    Attributes:
+        stretch: The stretch.
+        process: Its directional coefficients, feed frame.
+        R_part_feed: (3, 3) feed frame (x along the feed, z up) in part axes.
+        R_part_tcp: (3, 3) TCP frame in part axes.
+        robot: Modes of the robot there, part axes.
+        low_frequency: Factor on the depth by the low-frequency criterion with the slow modes; inf without a limit.
+        robot_margin: Factor on the depth of all modes of the robot, at most :data:`LARGEST`.
+        tool_margin: The same of spindle and tool; :data:`LARGEST` without a response.
+        method: How the smaller one was found.
+        chatter_hz: Frequency of chatter at the limit; nan without one.
+    """
+
+    stretch: Stretch
+    process: Process
+    R_part_feed: Float
+    R_part_tcp: Float
+    robot: Modes
+    low_frequency: float
+    robot_margin: float
+    tool_margin: float
+    method: str
+    chatter_hz: float
+
+    @property
+    def margin(self) -> float:
+        """The smaller of both."""
+        return min(self.robot_margin, self.tool_margin)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Factor on the depth at which a structure chatters.
+
+    Attributes:
+        factor: inf without a limit.
+        omega: Angular frequency of chatter, rad/s; nan without a limit.
+        method: How it was found.
+        low: By the low-frequency criterion with the slow modes.
+    """
+
+    factor: float
+    omega: float
+    method: str
+    low: float = math.inf
+
+
+def margins(
+    path: ToolPath, stock: HeightMap, setting: Setting, structure: Structure, *, progress: Progress = silent
+) -> list[Margin]:
+    """Margin of every stretch of a path.
+
+    Args:
+        path: As machined.
+        stock: The blank; left as it is.
+        setting: Cell.
+        structure: What swings.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        CounterflexError: The path cannot be reached or cut, or no modes of the robot are known.
+    """
+    parts = in_parts(progress, {ENGAGEMENT: 1.0, MARGINS: 2.0})
+    pieces = stretches_of(path, stock.copy(), setting.cutter_of, progress=parts[ENGAGEMENT])
+    if not pieces:
+        return []
+    rows = np.array([piece.row for piece in pieces])
+    Rs_part_tcp = tool_orientation(path.axis_part[rows], setting.rotation_about_tool_rad)
+    Ts = tool_poses(setting.T_base_part, path.p_part_tcp[rows], Rs_part_tcp)
+    q = inverse_path(setting.controller_chain, Ts, setting.branch).q
+    number, _ = postures(q, POSTURE_RAD)
+    R_part_base = setting.T_base_part[:3, :3].T
+    tip = structure.tip_response()
+    modes: dict[int, Modes] = {}
+    robot_limits, tool_limits = _Shared(robot_limit), _Shared(_tool_limit)
+    out = []
+    for at, piece in enumerate(pieces):
+        posture = int(number[at])
+        if posture not in modes:
+            all_of_robot = robot_modes(setting.chain, q[at], R_part_base, structure.measured, structure.damping_ratio)
+            modes[posture] = all_of_robot.only(all_of_robot.omega_rad_s < structure.robot_below)
+        process = process_of_engagement(
+            piece.depth_m, setting.cutter_of(piece.tool), setting.law, piece.feed_per_tooth_m
+        )
+        R = _feed_frame(piece.direction_part)
+        A, T = R @ process.mean @ R.T, piece.period_s
+        robot = robot_limits(posture, modes[posture], A, T)
+        tool = Limit(LARGEST, math.nan, TOOL)
+        if tip is not None:
+            R_tcp = Rs_part_tcp[at]
+            tool = tool_limits(0, tip, R_tcp.T @ A @ R_tcp, T)
+        least = tool if tool.factor < robot.factor else robot
+        out.append(
+            Margin(
+                piece, process, R, Rs_part_tcp[at], modes[posture], robot.low, robot.factor, tool.factor,
+                least.method, least.omega / (2.0 * math.pi),
+            )
+        )  # fmt: skip
+        parts[MARGINS]((at + 1) / len(pieces))
+    return out
+
+
+def confirmed(worst: Margin, structure: Structure) -> float:
+    """Margin of a stretch by semi-discretisation, robot and tool together; inf above twice the margin.
+
+    Raises:
+        InputError: The response of the tool has no mode.
+    """
+    modes = all_modes(worst, structure)
+    return semi_discretisation.limit(
+        modes, worst.process, worst.stretch.period_s, most=2.0 * worst.margin, least=0.6 * worst.margin
+    )
+
+
+def all_modes(margin: Margin, structure: Structure) -> Modes:
+    """Modes of robot, spindle and tool at a stretch, in the feed frame."""
+    robot = margin.robot.turned(margin.R_part_feed.T)
+    tip, _ = structure.tip_modes()
+    if tip is None:
+        return robot
+    tip = tip.turned(margin.R_part_feed.T @ margin.R_part_tcp)
+    return Modes(
+        np.concatenate([robot.omega_rad_s, tip.omega_rad_s]),
+        np.concatenate([robot.damping_ratio, tip.damping_ratio]),
+        np.concatenate([robot.shape, tip.shape], axis=1),
+    )
+
+
+def _feed_frame(direction: Float) -> Float:
+    """Columns x along the horizontal feed, y to its left, z up, in part axes."""
+    up = np.array([0.0, 0.0, 1.0])
+    return np.stack([direction, np.cross(up, direction), up], axis=1)
+
+
+class _Shared:
+    """Limits by posture, tooth period and shape of the directional matrix; the size of A divides the factor."""
+
+    def __init__(self, limit_of: Callable[..., Limit]) -> None:
+        self._limit_of = limit_of
+        self._known: dict[tuple[int, float, bytes], Limit] = {}
+
+    def __call__(self, posture: int, structure: Modes | Response, A: Float, T: float) -> Limit:
+        size = float(np.abs(A).max())
+        key = (posture, T, np.round(A / (size * 2.0 * _SAME)).astype(np.int64).tobytes())
+        if key not in self._known:
+            self._known[key] = self._limit_of(structure, A / size, T)
+        unit = self._known[key]
+        return Limit(min(unit.factor / size, LARGEST), unit.omega, unit.method, unit.low / size)
+
+
+def robot_limit(modes: Modes, A: Float, T: float) -> Limit:
+    """Limit of the robot's modes: low-frequency where it holds, otherwise zeroth order.
+
+    Args:
+        modes: In the axes of A.
+        A: (3, 3) mean directional matrix, N/m.
+        T: Tooth period, s.
+    """
+    if len(modes) == 0:
+        return Limit(math.inf, math.nan, ZEROTH)
+    slow = modes.omega_rad_s * T <= low_frequency.VALID_TO
+    low, omega = low_frequency.limit(modes.only(slow), A, T)
+    if np.all(slow) and math.isfinite(low):
+        return Limit(low, omega, LOW, low)
+    grid = lobes.frequencies_for(modes)
+    factors, chatter = lobes.limits(A, modes.response(grid), grid, np.array([T]))
+    return Limit(float(factors[0]), float(chatter[0]), ZEROTH, low)
+
+
+def _tool_limit(tip: Response, A: Float, T: float) -> Limit:
+    factors, chatter = lobes.limits(A, tip.receptance, tip.omega_rad_s, np.array([T]))
+    return Limit(float(factors[0]), float(chatter[0]), TOOL)

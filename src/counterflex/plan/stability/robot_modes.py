@@ -1,0 +1,55 @@
+"""Modes of the robot as the tool tip sees them, in a posture.
+
+Those of :func:`counterflex.plan.modes.modes`, drives held, with the shapes x at the tip and for a modal mass of 1 kg:
+``u = omega R_part_base J x`` where ``x' K x = 1``. A chain without masses of its own gets assumed ones
+(:func:`counterflex.plan.lowest_mode.assumed_masses`), all times the factor that puts the lowest frequency where a tap
+test measured it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ModelError
+from counterflex.cutting.stability.modes import Modes
+from counterflex.plan.elastic_motion import matrices
+from counterflex.plan.lowest_mode import assumed_masses, can_move
+from counterflex.plan.modes import modes
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.signals.preview import Mode
+
+CAUTIOUS_DAMPING: Final = 0.03
+"""Damping ratio of every mode where none was measured: modal tests on milling robots find 0.02 (drives locked) to 0.1,
+and a verdict on chatter must not count on the upper end. A judgement, not a measurement."""
+HIGHEST_HZ: Final = 150.0
+"""Modes above are left out: there the bodies themselves bend, and what they do must be measured at the tool."""
+
+
+def robot_modes(chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float) -> Modes:
+    """Modes below :data:`HIGHEST_HZ` in a posture, and the lowest, shapes in part axes.
+
+    Args:
+        chain: Springs and masses.
+        q: (6,) rad.
+        R_part_base: (3, 3).
+        measured: Lowest mode of a tap test, or None; used where the chain has no masses of its own.
+        damping_ratio: Of every mode.
+
+    Raises:
+        ModelError: Nothing yields.
+    """
+    if not np.any(chain.compliance > 0.0):
+        raise ModelError("nothing of the robot yields, so it has no modes", hint="Give compliances, or a tool response")
+    moves = can_move(chain)
+    M, stiffness, J, _ = matrices(chain if moves else assumed_masses(chain, q), q)
+    free = modes(M, stiffness)
+    omega = free.omega_rad_s
+    if measured is not None and not moves:
+        omega = omega * (measured.omega_rad_s / omega[0])
+    shape = R_part_base @ J[:3] @ free.shapes * omega
+    chosen = omega <= max(2.0 * math.pi * HIGHEST_HZ, float(omega[0]))
+    return Modes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen])
