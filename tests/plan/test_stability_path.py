@@ -124,8 +124,8 @@ def test_a_tap_test_places_the_modes_of_a_robot_without_masses(path: ToolPath, c
     light = replace(cell.chain, mass=0.0 * cell.chain.mass)
     modes = robot_modes(light, q, np.eye(3), TAPPED, 0.05)
     assert modes.omega_rad_s[0] == pytest.approx(TAPPED.omega_rad_s)
-    expected = cartesian_compliance(cell.chain, q)[:3, :3]
-    np.testing.assert_allclose(modes.response(np.array([0.0]))[0].real, expected, atol=0.05 * np.abs(expected).max())
+    left_out = cartesian_compliance(cell.chain, q)[:3, :3] - modes.response(np.array([0.0]))[0].real
+    assert np.linalg.eigvalsh(left_out).min() > -1e-9
 
 
 def test_nothing_that_yields_has_no_modes(path: ToolPath, cell: Cell) -> None:

@@ -55,13 +55,15 @@ def test_a_slot_damps_every_direction() -> None:
 
 def _cases(count: int) -> list[tuple[Modes, Process, float]]:
     """Robots with two modes, one to four teeth, any engagement, omega T of the faster mode from 0.02 to 0.1."""
-    random, out = np.random.default_rng(1), []
+    random = np.random.default_rng(1)
+    out: list[tuple[Modes, Process, float]] = []
     while len(out) < count:
         f, ratio = random.uniform(5.0, 36.0), random.uniform(0.01, 0.08)
         T = random.uniform(0.02, 0.1) / (TURN * f)
         phi = np.arccos(1.0 - 2.0 * random.uniform(0.1, 0.9))
         arc = (0.0, phi) if random.random() < 0.5 else (np.pi - phi, np.pi)
-        process = process_of_arc(*arc, 8e8, random.uniform(0.2, 0.6) * 8e8, int(random.integers(1, 5)))
+        entry, leave = arc
+        process = process_of_arc(entry, leave, 8e8, random.uniform(0.2, 0.6) * 8e8, int(random.integers(1, 5)))
         u = random.normal(size=(2, 3))
         u[:, 2] = 0.0
         frequencies = np.array([f, f * random.uniform(0.4, 1.0)])

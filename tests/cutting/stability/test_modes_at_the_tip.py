@@ -13,7 +13,9 @@ from counterflex.cutting.stability.response import Response, fitted_modes
 
 
 def test_static_response_is_the_compliance_of_the_springs() -> None:
-    modes = modes_along(np.array([10.0, 12.0]), np.full(2, 0.05), np.array([4e5, 6e5]), np.array([[3.0, 0, 0], [0, 0, 1]]))
+    modes = modes_along(
+        np.array([10.0, 12.0]), np.full(2, 0.05), np.array([4e5, 6e5]), np.array([[3.0, 0, 0], [0, 0, 1]])
+    )
     static = modes.response(np.array([0.0]))[0].real
     np.testing.assert_allclose(static, np.diag([1 / 4e5, 0.0, 1 / 6e5]), atol=1e-15)
 

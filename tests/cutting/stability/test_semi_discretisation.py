@@ -65,7 +65,8 @@ def _growth_in_time(modes: Modes, process: Process, period: float, factor: float
 
     def coefficients(t: float) -> np.ndarray:
         phi = begin + speed * t
-        return (process.up_to(phi + step) - process.up_to(phi - step)).sum(axis=0) / (2.0 * step)
+        out: np.ndarray = (process.up_to(phi + step) - process.up_to(phi - step)).sum(axis=0) / (2.0 * step)
+        return out
 
     table = np.array([coefficients(t) for t in np.linspace(0.0, period, 201)])
     sizes, state, before = [], np.concatenate([np.zeros(n), np.ones(n)]), None

@@ -29,7 +29,7 @@ from counterflex.cutting.stability.modes import Modes
 
 VALID_TO: Final = 0.3
 """Largest omega T of a mode that the criterion is used for."""
-LARGEST_MASS: Final = 0.1
+LARGEST_MASS: Final = 0.05
 """Largest share of the modal mass that regeneration may take."""
 _STEPS: Final = 24
 _PER_DECADE: Final = 10
@@ -55,7 +55,7 @@ def separate_limits(modes: Modes, A: Float, period_s: float) -> Float:
 
 
 def valid_factor(modes: Modes, A: Float, period_s: float) -> float:
-    """Largest factor on the depth that the criterion is good for: ``s T^2/2 |U'AU| <= 0.1``; inf without coupling."""
+    """Largest factor on the depth that the criterion is good for: ``s T^2/2 |U'AU| <= 0.05``; inf without coupling."""
     coupling = float(np.linalg.norm(modes.shape.T @ A @ modes.shape, 2)) if len(modes) else 0.0
     taken = 0.5 * period_s**2 * coupling
     return LARGEST_MASS / taken if taken > 0.0 else np.inf

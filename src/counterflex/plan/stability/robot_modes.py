@@ -29,7 +29,9 @@ HIGHEST_HZ: Final = 150.0
 """Modes above are left out: there the bodies themselves bend, and what they do must be measured at the tool."""
 
 
-def robot_modes(chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float) -> Modes:
+def robot_modes(
+    chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float
+) -> Modes:
     """Modes below :data:`HIGHEST_HZ` in a posture, and the lowest, shapes in part axes.
 
     Args:

@@ -170,7 +170,8 @@ def smoothed(depth: Float, cell_share: float) -> Float:
         """Share of each bin's volume at offsets below x, (bins of x, bins)."""
         half, x = 0.5 * cell_share, x[:, None]
         ramps = [np.maximum(x - edge, 0.0) ** 2 for edge in (low - half, high - half, low + half, high + half)]
-        return (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (2.0 * width * cell_share)
+        out: Float = (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (2.0 * width * cell_share)
+        return out
 
     share = below(high) - below(low) + below(2.0 - low) - below(2.0 - high) + below(-2.0 - low) - below(-2.0 - high)
     out: Float = ((depth * width) @ share.T) / width
