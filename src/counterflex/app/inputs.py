@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
-from counterflex.cutting.tilted_stock import working_plane
+from counterflex.cutting.tilted_stock import may_touch, working_plane
 from counterflex.files.cell.cell import Cell
 from counterflex.files.plan_file import WORKING_PLANE
 from counterflex.path.toolpath import FEED, ToolPath
@@ -35,6 +35,7 @@ from counterflex.robot.elasticity.chain import ElasticChain
 
 _PER_MINUTE: Final = 94
 """G94: F in units per minute."""
+_COARSE_M: Final = 1.0 * MM
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
 
@@ -143,20 +144,24 @@ def turned_by(path: ToolPath, R: Float) -> ToolPath:
 def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
     """Refuse feeds with the tool elsewhere than along z of the working plane."""
     tolerance_rad = cell.tables.limits.limits.rotation_rad
-    feeds = np.flatnonzero(path.kind == FEED)
-    if cell.R_part_plane is None and len(feeds) and path.axis_part[feeds[0], 2] < np.cos(tolerance_rad):
+    tilted = np.flatnonzero((path.kind == FEED) & (path.axis_part[:, 2] < np.cos(tolerance_rad)))
+    if cell.R_part_plane is None and len(tilted):
         raise ProgramError(
             "the tool is tilted, and this command takes programs with the tool along z of the part only",
-            where=f"{program.name}:{program.blocks[program.motions[path.motion[feeds[0]]].block].line}",
+            where=f"{program.name}:{program.blocks[program.motions[path.motion[tilted[0]]].block].line}",
             hint="compensate, simulate, evaluate, prove, preflight, plan posture take tilted cuts (docs/programs.md)",
         )
     tilt = np.where(path.kind == FEED, np.arccos(np.clip(path.axis_part[:, 2], -1.0, 1.0)), 0.0)
+    for number in np.unique(path.tool[tilt > tolerance_rad]):
+        rows = np.flatnonzero((tilt > tolerance_rad) & (path.tool == number))
+        cuts = may_touch(cell.stock(), path.p_part_tcp[rows], path.axis_part[rows], cell.cutter(int(number)))
+        tilt[rows[~cuts]] = 0.0  # in the air the tool may turn
     row = int(np.argmax(tilt > tolerance_rad))
     if tilt[row] > tolerance_rad:
         raise ProgramError(
-            "the tool turns while it feeds, or feeds in several directions, and the stock is cut in one direction only",
+            "the tool turns while it cuts, or cuts in several directions, and the height map knows one direction only",
             where=f"{program.name}:{program.blocks[program.motions[path.motion[row]].block].line}",
-            value=f"{tilt.max() / DEG:.3g} deg from the first feed",
+            value=f"{tilt.max() / DEG:.3g} deg from the first cut",
             limit=f"<= {tolerance_rad / DEG:g} deg",
             hint="Split the program into operations with one direction of the tool each",
         )
@@ -165,7 +170,8 @@ def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
 def in_working_plane(program: str | Path, cell: Cell, reading: Reading = AS_IT_IS) -> Cell:
     """The cell with its part seen along the tool, for a program that cuts with a tilted one (3+2 axes).
 
-    The direction is that of the first feed. Programs that do not turn the tool leave the cell as it is.
+    The direction is that of the first feed that may touch the blank, of the first feed if none does. Programs that do
+    not turn the tool leave the cell as it is.
 
     Args:
         program: G-code file; of a compensated program its original, whose direction is exact.
@@ -179,12 +185,17 @@ def in_working_plane(program: str | Path, cell: Cell, reading: Reading = AS_IT_I
     if not turns(read):
         return cell
     known = fitted(read, machine_of(cell))
-    first = next((motion for motion in known.motions if motion.kind == "feed"), None)
-    if first is None:
+    words = Words.of(known, machine_of(cell))
+    path = turned_path(known, words, step_m=_COARSE_M, rapid_speed_m_s=cell.tables.controller.rapid_m_s).path
+    fed = np.flatnonzero(path.kind == FEED)
+    if len(fed) == 0:
         return cell
-    words, index = Words.of(known, machine_of(cell)), known.motions.index(first)
-    axis = words.pose(first.p_end[None], np.array([first.abc_end]), np.array([index]))[1][0]
-    return cell.in_plane(working_plane(axis))
+    stock, cuts = cell.stock(), np.zeros(len(fed), dtype=np.bool_)
+    for tool in cell.tables.tools:
+        rows = path.tool[fed] == tool.number
+        at = fed[rows]
+        cuts[rows] = may_touch(stock, path.p_part_tcp[at], path.axis_part[at], cell.cutter(tool.number))
+    return cell.in_plane(working_plane(path.axis_part[fed[int(np.argmax(cuts))]]))
 
 
 def in_plane_of(cell: Cell) -> dict[str, list[list[float]]]:

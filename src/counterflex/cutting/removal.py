@@ -16,8 +16,9 @@ from counterflex.cutting.booking_kernels import AREA, BINS, BOTTOM, EVENTS, QUAN
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.envelope_kernels import LANES, NODES, OUT, SIDE
 from counterflex.cutting.kernel_arrays import Grid, Scratch, Workspace
-from counterflex.cutting.stock import HeightMap, require_vertical
+from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.sweep_kernels import stamp_bands
+from counterflex.cutting.tilted_stock import require_upright_cuts
 from counterflex.path import FEED, RAPID, ToolPath
 
 UInt16 = npt.NDArray[np.uint16]
@@ -341,7 +342,8 @@ def remove_tool_path(
         ModelError: The tool axis is tilted against part z.
         InputError: The path uses more than one tool, or is otherwise not as :func:`remove_path` needs it.
     """
-    require_vertical(path.axis_part[path.kind == FEED])
+    fed = path.kind == FEED
+    require_upright_cuts(stock, path.p_part_tcp[fed], path.axis_part[fed], cutter)
     if len(path) > 1 and np.any(path.tool[1:] != path.tool[1]):
         raise InputError("tool path changes the tool", hint="Cut it tool by tool")
     return remove_path(

@@ -7,11 +7,14 @@ filled. That matters only where the tool breaks through the underside.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Bool, Float, as_float
 from counterflex.core.errors import InputError
-from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap, require_vertical
 
 
 def working_plane(axis_part: Float) -> Float:
@@ -70,3 +73,49 @@ def box_along_tool(low_m: Float, high_m: Float, cell_m: float, R_part_plane: Flo
         enter, leave = np.maximum(enter, np.minimum(a, b)), np.minimum(leave, np.maximum(a, b))
     tops = np.where(leave > enter, leave, bottom)
     return HeightMap(box.x0_m, box.y0_m, cell_m, np.maximum(tops, bottom).astype(np.float32), bottom)
+
+
+def may_touch(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cutter) -> Bool:
+    """Points at which the fluted part of a tool of any direction may meet the box around the stock.
+
+    The flutes are a capsule about the tool axis from the tip; it is held against the box at points an eighth of the
+    diameter apart, with half that distance added to the radius.
+
+    Args:
+        stock: The stock.
+        p_part_tcp: (n, 3) m, tips in the frame of the stock.
+        axis_part: (n, 3) unit vectors from the tip to the spindle.
+        cutter: The tool.
+
+    Returns:
+        (n,) False where it is certainly clear.
+    """
+    ny, nx = stock.z.shape
+    half = 0.5 * stock.cell_m
+    low = np.array([stock.x0_m - half, stock.y0_m - half, stock.bottom_m])
+    high = np.array([stock.x0_m + (nx - 0.5) * stock.cell_m, stock.y0_m + (ny - 0.5) * stock.cell_m, stock.z.max()])
+    apart = 0.25 * cutter.radius_m
+    out = np.zeros(len(p_part_tcp), dtype=np.bool_)
+    for along in np.linspace(0.0, cutter.flute_length_m, math.ceil(cutter.flute_length_m / apart) + 1):
+        p = p_part_tcp + along * axis_part
+        off = np.linalg.norm(np.maximum(np.maximum(low - p, p - high), 0.0), axis=1)
+        out |= off <= cutter.radius_m + 0.5 * apart
+    return out
+
+
+def require_upright_cuts(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cutter) -> None:
+    """Refuse a tool that is tilted where it may cut; in the air it may lie and turn as it likes.
+
+    Args:
+        stock: The stock.
+        p_part_tcp: (n, 3) m, tips of feed motions, in the frame of the stock.
+        axis_part: (n, 3) unit vectors from the tip to the spindle.
+        cutter: The tool.
+
+    Raises:
+        ModelError: See :func:`~counterflex.cutting.stock.require_vertical`.
+    """
+    upright = axis_part[:, 2] >= 1.0 - 1e-12
+    if not upright.all():
+        rows = np.flatnonzero(~upright)
+        require_vertical(axis_part[rows][may_touch(stock, p_part_tcp[rows], axis_part[rows], cutter)])

@@ -17,7 +17,8 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.mean_force import mean_force_weights
 from counterflex.cutting.removal import bin_edges_rad, grid_of, stamp_workspace
-from counterflex.cutting.stock import HeightMap, require_vertical
+from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.tilted_stock import require_upright_cuts
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut_kernel import cut_rows
 from counterflex.plan.cut_kernel_arrays import STATE, CutPath, CutRows, CutTool
@@ -97,7 +98,9 @@ def cut(
     """
     n = len(path)
     command = as_float("p_part_command", p_part_command, (n, 3))
-    require_vertical(path.axis_part[path.kind == FEED])
+    for number in np.unique(path.tool[path.kind == FEED]):
+        fed = (path.kind == FEED) & (path.tool == number)
+        require_upright_cuts(stock, path.p_part_tcp[fed], path.axis_part[fed], cutter_of(int(number)))
     if (compliance_part is None) != (mode is None):
         raise InputError("bending needs both a compliance and a mode")
     C = np.zeros((n, 6, 6)) if compliance_part is None else as_float("compliance_part", compliance_part, (n, 6, 6))

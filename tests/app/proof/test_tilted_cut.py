@@ -120,7 +120,11 @@ def test_robot_programs_are_in_the_part_frame(program: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("G1 Y40 F1500", "G1 Y40 B20 F1500", ("tilted.ngc:12", "in one direction only", "5 deg", "Split the program")),
+        (
+            "G1 Y40 F1500",
+            "G1 Y40 B20 F1500",
+            ("tilted.ngc:12", "knows one direction", "4.71 deg", "Split"),
+        ),
         ("G0 B15 C0", "G0 A15 B15", ("tilted.ngc:7:4", "no rotary axis A", "B C")),
         ("G0 B15 C0", "G0 B115 C0", ("tilted.ngc:7:4", "beyond its limits", "-110 to 110")),
     ],
@@ -139,3 +143,25 @@ def test_what_cannot_be_cut_is_refused_with_its_line(
 def test_other_commands_say_that_the_tool_is_tilted(program: Path) -> None:
     with pytest.raises(ProgramError, match=r"tilted\.ngc:11.*this command takes programs with the tool along z"):
         read_job(program, read_cell(CELL))
+
+
+def test_the_tool_may_turn_in_the_air(program: Path) -> None:
+    """Simultaneous motion off the blank, at a feed: planned with its turning, and written back as it was."""
+    file = program.parent / "turning.ngc"
+    turning = "G0 X20 Y-70 Z60 B0\nG1 Y-50 Z50 B15 F3000\nG0 Y-12\n"
+    file.write_text(TEXT.replace("G0 X20 Y-12 Z60\n", turning).replace("G0 B15 C0", "G0 B0 C0"), encoding="ascii")
+    cell = in_working_plane(file, read_cell(CELL))
+    tilt = np.deg2rad(15.0)
+    assert cell.R_part_plane is not None
+    np.testing.assert_allclose(cell.R_part_plane[:, 2], [-np.sin(tilt), 0.0, np.cos(tilt)], atol=1e-12)
+    result = compensate.compensate(file, read_cell(CELL), predict=False)
+    assert "G1 Y-50 Z50 B15 F3000" in next(iter(result.files.values()))
+    plan = result.plan
+    turns = np.flatnonzero((plan.path.kind == 1) & (plan.path.axis_part[:, 2] < 0.999))
+    assert len(turns) > 40
+    assert not plan.volume_m3[turns].any()
+    assert np.linalg.norm(np.diff(plan.q[turns], axis=0), axis=1).max() < np.deg2rad(1.0)
+    late = TEXT.replace("G0 X20 Y-12 Z60\n", "G0 X20 Y10 Z60 B0\nG1 Z45 B15 F3000\n")
+    file.write_text(late, encoding="ascii")
+    with pytest.raises(ProgramError, match=r"turning\.ngc:10: the tool turns while it cuts"):
+        compensate.compensate(file, read_cell(CELL), predict=False)
