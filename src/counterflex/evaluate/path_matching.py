@@ -159,9 +159,10 @@ def _search(
     if least_j < 0:
         return least, least_j, least_u, math.inf
     turn = _SAME_WAY if way[i, 0] ** 2 + way[i, 1] ** 2 + way[i, 2] ** 2 > 0.0 else _ANY_WAY
-    any_way, any_j, any_u = _nearest(q[i], way[i], _ANY_WAY, P, S, j0, u0, u1)
-    if math.sqrt(least) > math.sqrt(any_way) + capture:  # a tool that swings across its move runs no way
-        least, least_j, least_u, turn = any_way, any_j, any_u, _ANY_WAY
+    if i == 0:
+        any_way, any_j, any_u = _nearest(q[i], way[i], _ANY_WAY, P, S, j0, u0, u1)
+        if math.sqrt(least) > math.sqrt(any_way) + capture:  # a tool that swings as it sets off runs no way yet
+            least, least_j, least_u, turn = any_way, any_j, any_u, _ANY_WAY
     limit = (math.sqrt(least) + capture) ** 2
     candidates = np.empty((256, 3))
     count = 0
