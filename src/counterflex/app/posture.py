@@ -18,7 +18,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, UM
+from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import text_with_posture
