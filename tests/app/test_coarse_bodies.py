@@ -5,10 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from counterflex.app import preflight as job
+from counterflex.app.coarse_bodies import coarse_bodies
+from counterflex.app.inputs import read_job
 from counterflex.files.cell.cell import read_cell
+from counterflex.geometry import rotation
 
 SMALL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 GROOVE = "G21 G17 G90 G94\nT1 M6\nM3 S13000\nG0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60\nM30\n"
@@ -42,3 +46,20 @@ def test_a_body_of_the_file_is_said_to_be_no_assumption(tmp_path: Path) -> None:
     bodies = {body["name"]: body for body in checked(tmp_path, text)["bodies"]}
     assert (bodies["forearm"]["assumed"], bodies["elbow"]["assumed"]) == (False, True)
     assert len(bodies) == len(checked(tmp_path, SMALL.read_text(encoding="utf-8"))["bodies"])
+
+
+def test_bodies_of_the_part_stand_where_they_are_whatever_the_tool_is_tilted(tmp_path: Path) -> None:
+    """Seen along a tool tilted by 15 deg: blank, table and fixture have the same places in the base."""
+    text = SMALL.read_text(encoding="utf-8")
+    text += '\n[[cell.body]]\nname = "fixture"\nframe = "part"\nshape = "box"\nx_mm = 90\nsize_mm = [20, 30, 40]\n'
+    (tmp_path / "cell.toml").write_text(text)
+    (tmp_path / "part.ngc").write_text(GROOVE)
+    cell = read_cell(tmp_path / "cell.toml")
+    program = read_job(tmp_path / "part.ngc", cell)
+    tilted = cell.in_plane(rotation.about_y(np.radians(15.0)))
+    upright, seen = ({body.name: body for body in coarse_bodies(program, c, c.stock())} for c in (cell, tilted))
+    assert set(seen) == set(upright)
+    for name in ("stock", "table", "fixture"):
+        before, after = upright[name], seen[name]
+        assert after.size_m == pytest.approx(before.size_m)
+        assert tilted.T_base_part @ after.T_frame_body == pytest.approx(cell.T_base_part @ before.T_frame_body)

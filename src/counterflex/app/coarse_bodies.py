@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from counterflex.app.inputs import Job
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose
 from counterflex.plan.preflight.bodies import Body, carried, links, part_bodies, with_given
 
 
 def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     """Links, spindle, every tool that the program has in it, blank and table; with those of the cell file.
 
+    Where the cell is seen along a tilted tool, bodies of the part stand as they do in the part frame, not in the
+    working plane.
+
     Args:
         job: The program.
-        cell: The cell.
-        stock: Its blank.
+        cell: The cell, perhaps in the working plane of a tilted tool.
+        stock: Its blank, likewise.
     """
+    R_part_plane = cell.R_part_plane
+    if R_part_plane is not None:
+        stock = replace(cell, R_part_plane=None).stock()
     known = {tool.number: tool for tool in cell.tables.tools}
     used = [number for number in np.unique(job.machined.tool).tolist() if number in known]
     overhang = {n: length for n in used if (length := known[n].overhang_m) is not None}
     chain = cell.controller_chain
     given, removed = cell.tables.cell.bodies()
     assumed = [*links(chain), *carried(chain, {n: cell.cutter(n) for n in used}, overhang), *part_bodies(stock)]
-    return with_given(assumed, given, removed)
+    bodies = with_given(assumed, given, removed)
+    if R_part_plane is None:
+        return bodies
+    T_plane_part = pose.make(R_part_plane.T)
+    return [
+        replace(body, T_frame_body=T_plane_part @ body.T_frame_body) if body.frame == "part" else body
+        for body in bodies
+    ]

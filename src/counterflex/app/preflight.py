@@ -74,7 +74,7 @@ def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progr
         coarse_bodies(job, cell, stock),
         parts[CHECKING],
     )
-    rows = [shown(row, result, job) for row in result.rows]
+    rows = [shown(row, result, job, cell) for row in result.rows]
     summary = {
         "program": job.program.name,
         "cell": cell.label,
@@ -94,14 +94,16 @@ def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progr
     return Checked(job, result, summary)
 
 
-def shown(row: Row, result: Preflight, job: Job) -> dict[str, Any]:
+def shown(row: Row, result: Preflight, job: Job, cell: Cell) -> dict[str, Any]:
     """A row in shop units, with the line of the program and the place in the part frame."""
     unit, size = SHOP.get(row.unit, (row.unit, 1.0))
     line = at = None
     if row.point is not None:
         point = min(row.point, len(result.path) - 1)
         motion = int(result.path.motion[point])
-        line, at = int(job.line_of_motion[motion]), np.round(result.path.p_part_tcp[point] / MM, 3).tolist()
+        p_part = result.path.p_part_tcp[point]
+        p_part = p_part if cell.R_part_plane is None else cell.R_part_plane @ p_part
+        line, at = int(job.line_of_motion[motion]), np.round(p_part / MM, 3).tolist()
     return {
         "check": row.check,
         "verdict": row.verdict,
