@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from counterflex.app import modes as job
+from counterflex.app.cell_modes import modes_in
 from counterflex.app.lowest_mode import estimate
 from counterflex.cli.main import app
 from counterflex.core.errors import InputError
@@ -25,7 +26,7 @@ JOINTS = [0.0, -90.0, 110.0, 0.0, 40.0, 0.0]
 def test_tip_motions_add_up_to_the_compliance() -> None:
     """``sum_k a_k a_k'`` of all modes is the static compliance, and every frequency lies in its interval."""
     cell = read_cell(SMALL)
-    done = job.modes_in(cell, np.array(JOINTS) * DEG)
+    done = modes_in(cell, np.array(JOINTS) * DEG)
     np.testing.assert_allclose(done.tip @ done.tip.T, cartesian_compliance(cell.chain, done.q), rtol=1e-6, atol=1e-12)
     for row in done.summary["modes"]:
         low, high = row["of_90_percent_hz"]
@@ -58,3 +59,24 @@ def test_a_robot_without_stiffness_is_refused_or_taken_by_its_class() -> None:
     with pytest.raises(InputError, match="no stiffness is known"):
         job.run(file)
     assert job.run(file, assume_class=True)["masses"] == "from stiffness and assumed masses"
+
+
+def test_a_tap_test_finds_the_masses_that_are_off() -> None:
+    """``examples/tap_test.csv``: spindle 20 %, axis 3 15 % and arm 25 % heavier, all compliances 10 % larger."""
+    before = job.run(SMALL, joints_deg=JOINTS)
+    found = job.run(SMALL, joints_deg=JOINTS, tap_test=ROOT / "examples" / "tap_test.csv")["tap_test"]
+    masses = {row["body"]: row for row in found["masses"]}
+    assert masses["spindle"]["fitted_kg"] == pytest.approx(1.2 * masses["spindle"]["stated_kg"], rel=0.05)
+    assert masses["axis3"]["fitted_kg"] == pytest.approx(1.15 * masses["axis3"]["stated_kg"], rel=0.05)
+    assert found["stiffness_factor"] == pytest.approx(1.0 / 1.1, rel=0.02)
+    assert not masses["axis1"]["seen"]
+    assert found["frac_after"] > 0.99 > found["frac_before"]
+    assert found["modes_after"][0]["hz"] < 0.93 * before["modes"][0]["hz"]
+    assert found["modes_after"][0]["damping_ratio"] == pytest.approx(
+        2e-3 * np.pi * found["modes_after"][0]["hz"], rel=0.05
+    )
+
+
+def test_a_tap_test_above_what_counts_is_refused() -> None:
+    with pytest.raises(InputError, match="low enough"):
+        job.run(SMALL, joints_deg=JOINTS, tap_test=ROOT / "examples" / "tap_test.csv", up_to_hz=1.0)

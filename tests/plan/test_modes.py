@@ -14,7 +14,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.plan.elastic_motion import DENSITY_KG_M3, coordinates, matrices
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING, RIGID_HZ, assumed_masses, can_move, mode_of
-from counterflex.plan.modes import frequency_response, frequency_sigma, kinetic_shares, lowest_mode, modes
+from counterflex.plan.modes import Spread, drawn_frequencies, frequency_response, kinetic_shares, lowest_mode, modes
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.elasticity.equations import DOUBLE, walk
@@ -113,22 +113,29 @@ def rigid_frames(chain: ElasticChain, q: Float) -> Float:
     return out
 
 
-def test_the_spread_of_a_frequency_is_that_of_drawn_constants(arm: ElasticChain) -> None:
-    """First order against a thousand drawn robots; modes that lie apart, for near ones change places."""
-    q, rng = POSTURES[1], np.random.default_rng(3)
+def test_drawn_frequencies_follow_the_energies(arm: ElasticChain) -> None:
+    """Small spreads: ``d ln f = (sum s d ln k - sum t d ln m) / 2`` with the shares of the energies."""
+    q, small = POSTURES[1], 0.02
     M, stiffness = matrices(arm, q)[:2]
-    found = modes(M, stiffness)
-    kinetic = kinetic_shares(arm, q, found.shapes[:, :1])[:, 0]
-    sigma_k, sigma_m = np.full(len(stiffness), 0.02), np.full(arm.n, 0.02)
-    expected = frequency_sigma(found.strain[:, 0], kinetic, sigma_k, sigma_m)
-    bodies = np.flatnonzero(arm.mass > 0.0)
-    parts = [matrices(replace(arm, mass=np.where(np.arange(arm.n) == b, arm.mass, 0.0)), q)[0] for b in bodies]
-    drawn = []
-    for _ in range(1000):
-        heavy = np.einsum("b,bij->ij", np.exp(0.02 * rng.standard_normal(len(parts))), np.array(parts))
-        soft = stiffness * np.exp(0.02 * rng.standard_normal(len(stiffness)))
-        drawn.append(math.log(modes(heavy, soft).omega_rad_s[0]))
-    assert np.std(drawn) == pytest.approx(expected, rel=0.12)
+    free = modes(M, stiffness)
+    kinetic = kinetic_shares(arm, q, free.shapes[:, :1])[:, 0]
+    assert kinetic.sum() == pytest.approx(1.0)
+    for common in (0.0, 0.5):
+        springs = small * free.strain[:, 0]
+        variance = (1.0 - common) * np.sum(springs**2) + common * np.sum(springs) ** 2 + np.sum((small * kinetic) ** 2)
+        spread = Spread(np.full(len(stiffness), small), np.full(arm.n, small), common)
+        drawn = np.log(drawn_frequencies(arm, q, spread, draws=2000)[:, 0])
+        assert np.std(drawn) == pytest.approx(0.5 * math.sqrt(variance), rel=0.06)
+        assert np.median(drawn) == pytest.approx(math.log(free.omega_rad_s[0]), abs=0.002)
+
+
+def test_without_spread_every_draw_is_the_robot(arm: ElasticChain) -> None:
+    M, stiffness = matrices(arm, POSTURES[0])[:2]
+    certain = Spread(np.zeros(len(stiffness)), np.zeros(arm.n), 0.2)
+    free = modes(M, stiffness).omega_rad_s
+    np.testing.assert_allclose(
+        drawn_frequencies(arm, POSTURES[0], certain, draws=3)[:, : len(free)], [free] * 3, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("servo", [(None,) * 6, (Servo(3e4, 15.0, 0.05),) * 6])

@@ -13,7 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.elastic_motion import coordinates, matrices
 from counterflex.plan.lowest_mode import assumed_masses, can_move, mode_of
-from counterflex.plan.modes import frequency_sigma, kinetic_shares, modes
+from counterflex.plan.modes import Spread, drawn_frequencies, modes
 from counterflex.plan.plan import Plan
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
@@ -24,10 +24,11 @@ STATED: Final = 0.35
 deviation of the logarithm; one set has that over the square root of two."""
 MASS: Final = 0.15
 """The same of a stated mass: of a body with its hoses and cables, and with its centre of gravity."""
+COMMON: Final = 0.2
+"""Share of the variance that the compliances of one robot have in common: that of the axes of published sets, see
+:mod:`counterflex.robot.model.class_prior`."""
 ASSUMED_MASS: Final = 0.5
 """The same of masses by the length of the arm: a factor of two either way holds 90 %, with what the posture adds."""
-INSIDE: Final = 1.645
-"""Standard deviations that hold 90 %."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,8 @@ def lowest_mode(cell: Cell, q: Float | None = None) -> Mode:
 def estimate(cell: Cell, q: Float) -> Estimate:
     """The lowest mode that planning takes in a posture, with the spread of what it is computed from.
 
-    To first order, with independent spreads: :data:`STATED` of a compliance or what its identification left,
-    :data:`MASS` of a mass. That unknown drives yield, which makes every mode slower, is not in it.
+    :data:`STATED` of a compliance, or what its identification left, :data:`COMMON` of that in common;
+    :data:`MASS` of a mass, each by itself. That unknown drives yield, which makes every mode slower, is not in it.
 
     Args:
         cell: The cell.
@@ -95,11 +96,20 @@ def estimate(cell: Cell, q: Float) -> Estimate:
     if not np.any(chain.compliance > 0.0):
         return Estimate(mode, math.nan, math.nan, "nothing yields: any")
     swinging = swinging_chain(cell, q)
-    free = modes(*matrices(swinging.chain, q)[:2])
-    kinetic = kinetic_shares(swinging.chain, q, free.shapes[:, :1])[:, 0]
-    sigma = frequency_sigma(free.strain[:, 0], kinetic, swinging.stiffness_sigma, swinging.mass_sigma)
-    wide = math.exp(INSIDE * sigma)
-    return Estimate(mode, mode.hz / wide, mode.hz * wide, swinging.origin)
+    low, high = frequency_intervals(swinging, q)[0] * mode.hz / undamped_hz(swinging.chain, q)
+    return Estimate(mode, float(low), float(high), swinging.origin)
+
+
+def undamped_hz(chain: ElasticChain, q: Float) -> float:
+    """Lowest natural frequency with rigid drives, Hz."""
+    return float(modes(*matrices(chain, q)[:2]).omega_rad_s[0]) / (2.0 * math.pi)
+
+
+def frequency_intervals(swinging: SwingingChain, q: Float) -> Float:
+    """(n, 2) Hz, what nine of ten robots have: the lowest mode first."""
+    drawn = drawn_frequencies(swinging.chain, q, swinging.spread)
+    out: Float = np.quantile(drawn, [0.05, 0.95], axis=0, method="inverted_cdf").T / (2.0 * math.pi)
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +118,12 @@ class SwingingChain:
 
     Attributes:
         chain: With assumed masses where an axis has none behind it.
-        stiffness_sigma: (n,) of each coordinate, standard deviation of the logarithm.
-        mass_sigma: (bodies,) the same.
+        spread: How well its constants are known.
         origin: Where its modes come from.
     """
 
     chain: ElasticChain
-    stiffness_sigma: Float
-    mass_sigma: Float
+    spread: Spread
     origin: str
 
 
@@ -124,11 +132,9 @@ def swinging_chain(cell: Cell, q: Float) -> SwingingChain:
     chain, moves = cell.chain, can_move(cell.chain)
     filled = chain if moves else assumed_masses(chain, q)
     relative = _of_the_class(cell) | identified_sigma(cell)
-    spread = np.array([relative.get(filled.names[i], STATED) for i in coordinates(filled)[0]])
-    heavy = np.where(chain.mass > 0.0, MASS, ASSUMED_MASS)
-    return SwingingChain(
-        filled, spread, heavy, "from masses and stiffness" if moves else "from stiffness and assumed masses"
-    )
+    soft = np.array([relative.get(filled.names[i], STATED) for i in coordinates(filled)[0]])
+    spread = Spread(soft, np.where(chain.mass > 0.0, MASS, ASSUMED_MASS), COMMON)
+    return SwingingChain(filled, spread, "from masses and stiffness" if moves else "from stiffness and assumed masses")
 
 
 def at_largest_force(cell: Cell, plan: Plan) -> Estimate:

@@ -1,146 +1,19 @@
-"""Natural frequencies, damping and mode shapes of a cell in a posture, as a table, a page and beside a tap test."""
+"""The job `modes`: the modes of a cell as a table, and beside a tap test."""
 
 from __future__ import annotations
 
-import math
-import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from counterflex import __version__
-from counterflex.app.lowest_mode import INSIDE, posture_at_blank, swinging_chain
-from counterflex.app.unknown_stiffness import require_stiffness
+from counterflex.app.cell_modes import COUNT, modes_in
+from counterflex.app.tap_test import UP_TO_HZ, beside_tap_test
 from counterflex.core import atomic
-from counterflex.core.arrays import Float, as_float
-from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG
-from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.cell import read_cell
 from counterflex.files.summary_file import write_summary
-from counterflex.plan.elastic_motion import coordinates, matrices
-from counterflex.plan.elastic_motion_kernel import AXES
-from counterflex.plan.lowest_mode import damping_of, mode_of
-from counterflex.plan.modes import Modes, driven_modes, frequency_sigma, kinetic_shares, modes
-from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.signals.preview import Mode
-
-DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
-_NAMED: Final = 3
-"""Elements and bodies that are named of each mode."""
-_WORTH: Final = 0.05
-"""Share of the energy from which one is named."""
-COUNT: Final = 6
-
-
-@dataclass(frozen=True, eq=False)
-class PostureModes:
-    """The modes of a cell in a posture.
-
-    Attributes:
-        cell: The cell.
-        q: (6,) rad.
-        chain: With the masses that were taken.
-        free: Undamped, drives held.
-        tip: (6, m) motion of the tool's tip in each mode, m and rad, base axes.
-        sigma: (m,) standard deviation of the logarithm of each frequency.
-        damping_s: beta of the damping beta K.
-        driven: Modes with the drives on, where loop gains are known.
-        summary: Plain values.
-    """
-
-    cell: Cell
-    q: Float
-    chain: ElasticChain
-    free: Modes
-    tip: Float
-    sigma: Float
-    damping_s: float
-    driven: tuple[Mode, ...]
-    summary: dict[str, Any]
-
-
-def modes_in(cell: Cell, q: Float | None = None, *, count: int = COUNT) -> PostureModes:
-    """The modes of a cell.
-
-    Args:
-        cell: The cell.
-        q: (6,) rad; None is at the blank, or all axes at zero where the cell has no part.
-        count: Modes in the summary.
-
-    Raises:
-        InputError: Axes of unknown stiffness, or nothing that yields.
-    """
-    require_stiffness(cell)
-    if not np.any(cell.chain.compliance > 0.0):
-        raise InputError(
-            "nothing of the cell yields, so nothing swings",
-            where=str(cell.path),
-            hint="Give compliances in [[robot.elastic]] or of the end effector",
-        )
-    begin = time.perf_counter()
-    angles = posture_at_blank(cell) if q is None else as_float("q", q, (6,))
-    swinging = swinging_chain(cell, angles)
-    chain = swinging.chain
-    M, stiffness, J, _ = matrices(chain, angles)
-    free = modes(M, stiffness)
-    kinetic = kinetic_shares(chain, angles, free.shapes)
-    sigma = np.array(
-        [
-            frequency_sigma(free.strain[:, k], kinetic[:, k], swinging.stiffness_sigma, swinging.mass_sigma)
-            for k in range(len(free.omega_rad_s))
-        ]
-    )
-    beta = damping_of(chain, mode_of(chain, angles, cell.tables.dynamics.mode))
-    servo = chain.servo or (None,) * AXES
-    driven = tuple(driven_modes(M, stiffness, beta, servo)) if chain.servo is not None else ()
-    tip = J @ free.shapes
-    rows = [_row(k, chain, free, kinetic, tip, sigma, beta) for k in range(min(count, len(sigma)))]
-    summary = {
-        "cell": cell.label,
-        "robot": cell.robot.name,
-        "joints_deg": np.round(angles / DEG, 4).tolist(),
-        "modes": rows,
-        "with_drives": [
-            {"hz": round(mode.hz, 3), "damping_ratio": round(mode.damping_ratio, 4)} for mode in driven[:count]
-        ],
-        "masses": swinging.origin,
-        "drives": "rigid" if chain.servo is None else "loop gains of the cell file",
-        "damping": "assumed" if cell.tables.dynamics.mode is None and chain.servo is None else "cell file",
-        "seconds": round(time.perf_counter() - begin, 3),
-        "counterflex": __version__,
-    }
-    return PostureModes(cell, angles, chain, free, tip, sigma, beta, driven, summary)
-
-
-def _row(
-    k: int, chain: ElasticChain, free: Modes, kinetic: Float, tip: Float, sigma: Float, beta_s: float
-) -> dict[str, Any]:
-    """A mode in plain values."""
-    omega = float(free.omega_rad_s[k])
-    hz, wide = omega / (2.0 * math.pi), math.exp(INSIDE * float(sigma[k]))
-    segment, direction, _ = coordinates(chain)
-    springs = [f"{chain.names[s]} {DIRECTIONS[d]}" for s, d in zip(segment.tolist(), direction.tolist(), strict=True)]
-    moved = tip[:3, k]
-    size = float(np.linalg.norm(moved))
-    whole = float(np.sum(tip[:3] ** 2))
-    towards = moved / size if size > 0.0 else np.zeros(3)
-    return {
-        "hz": round(hz, 3),
-        "of_90_percent_hz": [round(hz / wide, 3), round(hz * wide, 3)],
-        "damping_ratio": round(0.5 * beta_s * omega, 4),
-        "tip_direction": np.round(towards * (1.0 if towards[np.argmax(np.abs(towards))] >= 0.0 else -1.0), 3).tolist(),
-        "share_of_compliance": round(size**2 / whole, 4) if whole > 0.0 else 0.0,
-        "springs": _largest(free.strain[:, k], springs),
-        "bodies": _largest(kinetic[:, k], list(chain.names)),
-    }
-
-
-def _largest(share: Float, names: list[str]) -> list[dict[str, Any]]:
-    order = np.argsort(-share)[:_NAMED]
-    return [{"name": names[i], "share": round(float(share[i]), 3)} for i in order.tolist() if share[i] >= _WORTH]
 
 
 def run(
@@ -150,6 +23,8 @@ def run(
     joints_deg: list[float] | None = None,
     assume_class: bool = False,
     count: int = COUNT,
+    tap_test: str | Path | None = None,
+    up_to_hz: float | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """The modes of a cell; with ``out``, write ``summary.json`` there.
@@ -160,6 +35,8 @@ def run(
         joints_deg: Six angles, deg; None is at the blank.
         assume_class: Take the median of the robot's class for axes of unknown stiffness.
         count: Modes that are listed.
+        tap_test: File of a tap test in this posture, or None.
+        up_to_hz: Rows of it that count; None is :data:`counterflex.app.tap_test.UP_TO_HZ`.
         progress: Progress callback, fraction 0 to 1.
 
     Returns:
@@ -171,6 +48,9 @@ def run(
     cell = read_cell(cell_file, assume_class=assume_class)
     q = None if joints_deg is None else np.array(joints_deg) * DEG
     done = modes_in(cell, q, count=count)
+    if tap_test is not None:
+        progress(0.2)
+        done.summary["tap_test"] = beside_tap_test(done, tap_test, UP_TO_HZ if up_to_hz is None else up_to_hz)
     progress(1.0)
     if out is not None:
         with atomic.atomic_folder(out) as staging:

@@ -4,11 +4,8 @@ With inertia M and the compliances C = 1/k of the coordinates of :func:`counterf
 free motion ``M x'' + K x = 0`` is solved in the form ``sqrt(C) M sqrt(C) y = y / omega^2``, ``x = sqrt(C) y``: rigid
 coordinates (C = 0) and coordinates without mass drop out by themselves. Shapes are normalised to ``x' K x = 1``.
 
-A frequency follows its constants by energy (Rayleigh's quotient, stationary at a mode)::
-
-    d ln f = 1/2 (sum_i s_i d ln k_i - sum_b t_b d ln m_b)
-
-with s_i the share of coordinate i in the strain energy and t_b that of body b in the kinetic energy.
+A frequency follows its constants by energy (Rayleigh's quotient): the share of a spring in the strain energy is by how
+much f^2 rises with its stiffness, that of a body in the kinetic energy by how much it falls with its mass.
 
 Source: Meirovitch 2001, Fundamentals of Vibrations, ch. 7 (generalised eigenproblem, Rayleigh's quotient).
 """
@@ -16,13 +13,14 @@ Source: Meirovitch 2001, Fundamentals of Vibrations, ch. 7 (generalised eigenpro
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError, ModelError
-from counterflex.plan.elastic_motion import inertia
+from counterflex.plan.elastic_motion import inertia, stiffness_of
 from counterflex.plan.elastic_motion_kernel import AXES
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model.description import Servo
@@ -30,6 +28,8 @@ from counterflex.signals.preview import Mode
 
 Complex = NDArray[np.complex128]
 
+DRAWS: Final = 400
+"""Robots that are drawn for an interval: its ends are then known to about a tenth of its width."""
 _OVERDAMPED = 0.7
 """Poles with a larger damping ratio are no modes."""
 _STILL = 1e-12
@@ -167,22 +167,60 @@ def kinetic_shares(chain: ElasticChain, q: Float, shapes: Float) -> Float:
     Returns:
         (bodies, m); columns sum to 1.
     """
-    angles = as_float("q", q, (6,))[None]
+    bodies, parts = inertia_of_bodies(chain, q)
     out = np.zeros((chain.n, shapes.shape[1]))
-    for body in np.flatnonzero(chain.mass > 0.0):
-        alone = replace(chain, mass=np.where(np.arange(chain.n) == body, chain.mass, 0.0))
-        out[body] = np.einsum("im,ij,jm->m", shapes, inertia(alone, angles)[0], shapes)
+    out[bodies] = np.einsum("im,bij,jm->bm", shapes, parts, shapes)
     shares: Float = out / out.sum(axis=0)
     return shares
 
 
-def frequency_sigma(strain: Float, kinetic: Float, stiffness_sigma: Float, mass_sigma: Float) -> float:
-    """Standard deviation of the logarithm of a frequency.
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How well the constants of a chain are known: standard deviations of their logarithms.
+
+    Attributes:
+        stiffness: (n,) of each coordinate.
+        mass: (bodies,) of each mass, independent.
+        common: Share of the variance of stiffnesses that all have in common, 0 to 1.
+    """
+
+    stiffness: Float
+    mass: Float
+    common: float
+
+
+def drawn_frequencies(chain: ElasticChain, q: Float, spread: Spread, draws: int = DRAWS, seed: int = 0) -> Float:
+    """Natural frequencies of robots as a chain is known, its own values their medians.
+
+    Modes that lie near each other change places, so the lowest of a draw is lower than the first mode is alone.
 
     Args:
-        strain: (n,) shares of the strain energy.
-        kinetic: (b,) shares of the kinetic energy.
-        stiffness_sigma: (n,) standard deviations of the logarithms of stiffnesses, independent.
-        mass_sigma: (b,) the same of masses.
+        chain: The chain.
+        q: (6,) rad.
+        spread: How well it is known.
+        draws: Number of robots.
+        seed: Of the random numbers; the same on every machine.
+
+    Returns:
+        (draws, n) rad/s, rising; inf where a coordinate has no mass.
     """
-    return 0.5 * float(np.hypot(np.linalg.norm(strain * stiffness_sigma), np.linalg.norm(kinetic * mass_sigma)))
+    rng = np.random.default_rng(seed)
+    bodies, parts = inertia_of_bodies(chain, q)
+    stiffness = stiffness_of(chain, as_float("q", q, (6,))[None])[0]
+    shared, own = rng.standard_normal((draws, 1)), rng.standard_normal((draws, len(stiffness)))
+    z = np.sqrt(spread.common) * shared + np.sqrt(1.0 - spread.common) * own
+    root = np.exp(-0.5 * spread.stiffness * z) / np.sqrt(stiffness)
+    heavy = np.exp(spread.mass[bodies] * rng.standard_normal((draws, len(bodies))))
+    M = np.einsum("db,bij->dij", heavy, parts)
+    value = np.linalg.eigvalsh(root[:, :, None] * M * root[:, None, :])[:, ::-1]
+    still = value <= _STILL * value[:, :1]
+    out: Float = np.where(still, np.inf, 1.0 / np.sqrt(np.where(still, 1.0, value)))
+    return out
+
+
+def inertia_of_bodies(chain: ElasticChain, q: Float) -> tuple[Int, Float]:
+    """Bodies (k,) that have a mass, and the inertia (k, n, n) of each by itself in the posture q (6,) rad."""
+    angles = as_float("q", q, (6,))[None]
+    bodies = np.flatnonzero(chain.mass > 0.0)
+    alone = [replace(chain, mass=np.where(np.arange(chain.n) == b, chain.mass, 0.0)) for b in bodies.tolist()]
+    return bodies, np.array([inertia(one, angles)[0] for one in alone])

@@ -34,6 +34,18 @@ def modes(
         bool,
         typer.Option("--assume-class", help="Give axes of unknown stiffness the median of the robot's class."),
     ] = False,
+    tap_test: Annotated[
+        Path | None,
+        typer.Option(
+            "--tap-test",
+            help="CSV of a tap test at the tool's tip in this posture: frequency_hz,force,motion,real_um_n,imag_um_n.",
+            metavar="FILE",
+            callback=arguments.file,
+        ),
+    ] = None,
+    up_to_hz: Annotated[
+        float, typer.Option("--up-to-hz", help="Rows of the tap test that count.", min=1.0, max=500.0)
+    ] = 40.0,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -51,10 +63,13 @@ def modes(
     file has their loop gains. Each frequency with the interval that nine of ten such robots lie in, the direction in
     which the tool's tip moves, the mode's share of the compliance at the tip, and the springs that bend most.
 
+    With --tap-test: how well a measured frequency response agrees (FRAC), and masses, one factor on all stiffnesses and
+    the damping fitted to it, each held by what the cell file says of it.
+
     Example: `counterflex modes cell.toml --joints 0,-90,110,0,40,0`
     """
     if out is not None:
-        keep_inputs(out, cell)
+        keep_inputs(out, cell, *([] if tap_test is None else [tap_test]))
     from counterflex.app import modes as job
 
     with progress_bar(f"modes of {cell.name}") as progress:
@@ -64,6 +79,8 @@ def modes(
             joints_deg=numbers(joints_deg, "--joints", 6),
             assume_class=assume_class,
             count=count,
+            tap_test=tap_test,
+            up_to_hz=up_to_hz,
             progress=progress,
         )
     if as_json:
@@ -96,3 +113,31 @@ def _show(summary: dict[str, Any]) -> None:
     if summary["with_drives"]:
         listed = ", ".join(f"{row['hz']:.2f} Hz ({row['damping_ratio']:.2f})" for row in summary["with_drives"])
         typer.echo(f"with the drives on: {listed}")
+    if "tap_test" in summary:
+        _show_tap_test(summary["tap_test"])
+
+
+def _show_tap_test(tap: dict[str, Any]) -> None:
+    rows = [
+        [
+            row["body"],
+            f"{row['stated_kg']:.1f}",
+            f"{row['fitted_kg']:.1f}",
+            f"{row['sigma_percent']:.0f} %",
+            "yes" if row["seen"] else "no: as stated",
+        ]
+        for row in tap["masses"]
+    ]
+    before, after = (
+        ", ".join(f"{mode['hz']:.2f} Hz ({mode['damping_ratio']:.3f})" for mode in tap[name])
+        for name in ("modes_before", "modes_after")
+    )
+    print_table(
+        f"Tap test {tap['file']}, {tap['rows']} rows up to {tap['up_to_hz']:g} Hz",
+        ["body", "stated kg", "fitted kg", "sigma", "seen by the data"],
+        rows,
+        note=f"all stiffnesses times {tap['stiffness_factor']:.3f}; FRAC {tap['frac_before']:.3f} before, "
+        f"{tap['frac_after']:.3f} after",
+    )
+    typer.echo(f"modes before: {before}")
+    typer.echo(f"modes after:  {after}")

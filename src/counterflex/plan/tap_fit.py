@@ -1,0 +1,144 @@
+"""Masses of the elastic chain fitted to a tap test: a measured frequency response at the tip of the tool.
+
+Free are the logarithms of every mass, of one factor on all stiffnesses and of the damping beta, each drawn to what the
+cell file says with the standard deviation of that statement (maximum a posteriori, Gauss-Newton on real and imaginary
+parts). A frequency alone tells only k/m; how far the tip moves below the first mode tells k.
+
+Source: Friswell and Mottershead 1995, Finite Element Model Updating in Structural Dynamics, ch. 8 (weighted updating
+with a prior). Heylen and Lammens 1996, FRAC: A consistent way of comparing frequency response functions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from counterflex.core.arrays import Bool, Float, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.plan.elastic_motion import jacobians, stiffness_of
+from counterflex.plan.elastic_motion_kernel import AXES
+from counterflex.plan.modes import frequency_response, inertia_of_bodies
+from counterflex.robot.elasticity.chain import ElasticChain
+
+Complex = NDArray[np.complex128]
+ERROR_SHARE: Final = 0.05
+"""Standard deviation of a measured response, of its own size and of the root mean square of all: hammer and
+accelerometer are calibrated to a few percent, and the model has its own errors of form."""
+DAMPING_SIGMA: Final = 0.7
+"""Of the logarithm of the damping: a factor of three either way."""
+LEAST_ROWS: Final = 8
+_SEEN: Final = 0.8
+"""Share of its prior standard deviation from which a value is called known by the prior alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tap:
+    """A tap test in one posture.
+
+    Attributes:
+        omega_rad_s: (n,) > 0.
+        force_base: (n, 3) direction of the tap, base axes, unit length.
+        motion_base: (n, 3) direction in which motion was measured, unit length.
+        receptance: (n,) complex, m/N.
+    """
+
+    omega_rad_s: Float
+    force_base: Float
+    motion_base: Float
+    receptance: Complex
+
+
+@dataclass(frozen=True, eq=False)
+class MassFit:
+    """What a tap test says of a chain.
+
+    Attributes:
+        bodies: (k,) bodies of the chain that have a mass.
+        factor: (k,) on their masses.
+        sigma: (k,) standard deviation of the logarithm of each factor.
+        seen: (k,) True where the data say more than the prior did.
+        stiffness_factor: On all stiffnesses.
+        damping_s: beta.
+        before: (n,) response of the model as it was.
+        after: (n,) as fitted.
+    """
+
+    bodies: Int
+    factor: Float
+    sigma: Float
+    seen: Bool
+    stiffness_factor: float
+    damping_s: float
+    before: Complex
+    after: Complex
+
+    def applied(self, chain: ElasticChain) -> ElasticChain:
+        """The chain with the masses and compliances that were fitted."""
+        mass = chain.mass.copy()
+        mass[self.bodies] *= self.factor
+        return replace(chain, mass=mass, compliance=chain.compliance / self.stiffness_factor)
+
+
+def fit_masses(
+    chain: ElasticChain, q: Float, tap: Tap, damping_s: float, mass_sigma: Float, stiffness_sigma: float
+) -> MassFit:
+    """Fit masses, one factor on stiffnesses, and damping.
+
+    Args:
+        chain: With masses; its loop gains count.
+        q: (6,) rad, posture of the tap test.
+        tap: What was measured.
+        damping_s: beta of the damping D = beta K to begin with.
+        mass_sigma: (bodies,) standard deviation of the logarithm of each mass.
+        stiffness_sigma: The same of the factor on all stiffnesses.
+
+    Raises:
+        InputError: Too few rows.
+    """
+    if len(tap.omega_rad_s) < LEAST_ROWS:
+        raise InputError("too few rows to fit masses to", value=len(tap.omega_rad_s), limit=f">= {LEAST_ROWS}")
+    angles = as_float("q", q, (6,))[None]
+    J, stiffness = jacobians(chain, angles)[0][0], stiffness_of(chain, angles)[0]
+    bodies, parts = inertia_of_bodies(chain, q)
+    servo = chain.servo or (None,) * AXES
+    omega, where = np.unique(tap.omega_rad_s, return_inverse=True)
+    sigma = np.concatenate([mass_sigma[bodies], [stiffness_sigma, DAMPING_SIGMA]])
+
+    def response(p: Float) -> Complex:
+        M = np.einsum("b,bij->ij", np.exp(p[:-2]), parts)
+        G = frequency_response(M, stiffness * np.exp(p[-2]), J, damping_s * float(np.exp(p[-1])), servo, omega)
+        out: Complex = np.einsum("na,nab,nb->n", tap.motion_base, G[where, :3, :3], tap.force_base)
+        return out
+
+    size = np.abs(tap.receptance)
+    weight = 1.0 / (ERROR_SHARE * np.hypot(size, np.sqrt(np.mean(size**2))))
+
+    def residuals(p: Float) -> Float:
+        off = weight * (response(p) - tap.receptance)
+        return np.concatenate([off.real, off.imag, p / sigma])
+
+    done = least_squares(residuals, np.zeros(len(sigma)), x_scale=sigma)
+    spread = np.sqrt(np.diag(np.linalg.inv(done.jac.T @ done.jac)))
+    chi = max(1.0, float(np.sum(done.fun**2)) / (len(done.fun) - len(sigma)))
+    spread = np.minimum(spread * np.sqrt(chi), sigma)
+    return MassFit(
+        bodies=bodies,
+        factor=np.exp(done.x[:-2]),
+        sigma=spread[:-2],
+        seen=spread[:-2] < _SEEN * sigma[:-2],
+        stiffness_factor=float(np.exp(done.x[-2])),
+        damping_s=damping_s * float(np.exp(done.x[-1])),
+        before=response(np.zeros(len(sigma))),
+        after=response(done.x),
+    )
+
+
+def frac(measured: Complex, computed: Complex) -> float:
+    """Frequency response assurance criterion, ``|m^H c|^2 / ((m^H m) (c^H c))``: 1 where they are proportional."""
+    return float(
+        np.abs(np.vdot(measured, computed)) ** 2 / (np.vdot(measured, measured) * np.vdot(computed, computed)).real
+    )
