@@ -73,7 +73,7 @@ def _cases(count: int) -> list[tuple[Modes, Process, float]]:
     return out
 
 
-@pytest.mark.parametrize("case", _cases(10), ids=str)
+@pytest.mark.parametrize("case", _cases(10), ids=[f"robot {i}" for i in range(10)])
 def test_within_one_percent_of_semi_discretisation(case: tuple[Modes, Process, float]) -> None:
     modes, process, T = case
     assert modes.omega_rad_s.max() * T <= 0.1
