@@ -19,6 +19,7 @@ from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.robot.elasticity import compliance
+from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.model.description import Play
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -27,6 +28,10 @@ ABB, KUKA = (EXAMPLES / "cells" / f"{name}.toml" for name in ("irb6640_d16", "kr
 
 def named(cell: Cell, points: CutPoints | None = None) -> dict[str, Unknown]:
     return {one.name: one for one in unknowns(cell, corner_points(cell) if points is None else points)}
+
+
+def replace_values(entry: IdentifiedTable, rows: tuple[IdentifiedValue, ...]) -> IdentifiedTable:
+    return entry.model_copy(update={"values": rows})
 
 
 def median_mm(one: Unknown) -> float:
@@ -117,6 +122,25 @@ def test_play_is_unknown_of_the_axes_that_have_no_row() -> None:
     assert "play and friction of A1, A2, A3, A4, A5, A6" in named(cell)
     rows = (Play(), None, Play(), Play(), None, Play())
     assert "play and friction of A2, A5" in named(replace(cell, chain=replace(cell.chain, play=rows)))
+
+
+def test_what_the_identification_of_play_left_open_is_a_twist_of_the_axis() -> None:
+    """Half of the dead band and the slip angle of axis 1, 3 and 4 urad: a twist of 5 urad by the lever of the axis."""
+    cell = read_cell(KUKA)
+    points = corner_points(cell)
+    rows = tuple(
+        IdentifiedValue(name=name, value=0.03, sigma=sigma, unit="mrad")
+        for name, sigma in (("axis1.half_band", 0.003), ("axis1.slip2", 0.004), ("axis1.delay", 9.0))
+    )
+    known = with_identified(cell, "play")
+    (entry,) = known.tables.identified
+    known = replace(known, tables=cell.tables.model_copy(update={"identified": (replace_values(entry, rows),)}))
+    (one,) = [source for source in room.sources(known, points) if source.known_from == "identified"]
+    assert one.name == "play and friction of A1"
+    assert one.displacements is not None
+    lever = jacobian(cell.chain, points.q)[..., :3, 0]
+    got = np.std(one.displacements, axis=0) / 5e-6
+    np.testing.assert_allclose(got, np.abs(lever), rtol=0.08, atol=1e-9)
 
 
 def test_measurements_add_up_by_recipe() -> None:

@@ -9,7 +9,8 @@ them. At rest and linear: what it is in motion, a plan says.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
 - Play and friction: of an axis without ``[[robot.play]]``, half of a lost motion of up to :data:`LOST_MOTION_RAD`, and
-  the twist that dry friction holds in the gear: up to :data:`FRICTION_NM`, in proportion to payload times reach.
+  the twist that dry friction holds in the gear: up to :data:`FRICTION_NM`, in proportion to payload times reach. Of an
+  identified axis, the standard deviations of dead band and slip angles.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from counterflex.app.lowest_mode import STATED, estimate, identified_sigma
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, drawn_deflections, expected, why_no_prior
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import DEG, MM
+from counterflex.core.units import DEG, MM, MRAD
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import axis_names, prior_of
 from counterflex.robot.elasticity.axis_springs import axis_deflections
@@ -113,7 +114,8 @@ def sources(cell: Cell, points: CutPoints) -> list[Source]:
         cell: The cell.
         points: Where it is judged.
     """
-    listed = [*_axes_of_the_class(cell, points), *_stated(cell, points), _force(cell, points), *_play(cell, points)]
+    listed = [*_axes_of_the_class(cell, points), *_stated(cell, points), _force(cell, points)]
+    listed += [*_play(cell, points), *_identified_play(cell, points)]
     if cell.chain.servo is None:
         listed.append(Source("loop gains of the drives", "nothing; shown by what moves", None, "servo"))
     if cell.tables.dynamics.mode_hz is None:
@@ -241,6 +243,26 @@ def _play(cell: Cell, points: CutPoints) -> list[Source]:
     d = np.einsum("nda,ra->rnd", columns, twist)
     name = f"play and friction of {axis_names(tuple(axes))}"
     return [Source(name, "nothing; that of other robots", d, _PLAY)]
+
+
+def _identified_play(cell: Cell, points: CutPoints) -> list[Source]:
+    """What the identification of play leaves open: half of the dead band and the slip angles, by standard deviation."""
+    twist = np.zeros(6)
+    for entry in cell.tables.identified:
+        if entry.recipe == "play":
+            variance = np.zeros(6)
+            for one in entry.values:
+                axis, _, what = one.name.partition(".")
+                if what == "half_band" or what.startswith("slip"):
+                    variance[int(axis.removeprefix("axis")) - 1] += (one.sigma * MRAD) ** 2
+            twist = np.sqrt(variance)
+    axes = np.flatnonzero(twist)
+    if len(axes) == 0:
+        return []
+    columns = jacobian(cell.chain, points.q)[..., :3, axes]
+    z = np.random.default_rng(_PLAY_SEED).standard_normal((_DRAWS, len(axes)))
+    d = np.einsum("nda,ra->rnd", columns, twist[axes] * z)
+    return [Source(f"play and friction of {axis_names(tuple(axes.tolist()))}", "identified", d, _PLAY)]
 
 
 def _held_by_friction(cell: Cell) -> Float:
