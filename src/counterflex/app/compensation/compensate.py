@@ -8,15 +8,16 @@ read (`app.inputs.read_job`) -> cell (`files.cell.cell.read_cell`) -> plan (`pla
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from counterflex import __version__
 from counterflex.app.compensation.feed_for_tolerance import lowered_plan, shown_feed
+from counterflex.app.compensation.feed_limits import limited_feed, shown_limits
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.app.compensation.languages import require_tolerance, write
-from counterflex.app.compensation.prediction import prediction, summary_of
+from counterflex.app.compensation.prediction import calm_feed, prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, in_plane_of, in_working_plane, read_job, setting_of
@@ -101,9 +102,11 @@ def compensate(
     require_stiffness_for(job, cell, parts[PLANNING])
     setting = setting_of(cell, normal_only=normal_only, orientation=kind.orientation or job.words is not None)
     with faults_in(job):
+        limited = None if programmed_feed else limited_feed(job, cell, setting)
+        slowed = job if limited is None else replace(job, path=limited.path)
         if feed is None:
             plan = make_plan(
-                job.path,
+                slowed.path,
                 job.line_of_motion,
                 cell.stock(),
                 setting,
@@ -112,12 +115,14 @@ def compensate(
                 progress=parts[PLANNING],
             )
         else:
-            lowered = lowered_plan(job, cell, setting, feed, parts[PLANNING])
+            lowered = lowered_plan(slowed, cell, setting, feed, parts[PLANNING])
             plan = lowered.plan
     parts[WRITING](0.0)
     files, facts = write(job, plan, cell, language, tolerance_m)
     about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m)
     parts[WRITING](1.0)
+    if limited is not None:
+        about |= {"feed_limits": shown_limits(limited), "calm_feed": calm_feed(slowed, plan, cell)}
     about |= {} if feed is None else {"feed": shown_feed(lowered, feed)}
     about |= in_plane_of(cell)
     about |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}

@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
+from counterflex.app.compensation.feed_limits import limited_feed
 from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import calm_feed, figures
 from counterflex.app.cost_of_unknown_stiffness import assumed, remarks, require_stiffness_for
@@ -43,6 +45,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, WORKING_PLANE, write_plan
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
+from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.plant.record import Record
 from counterflex.twin.truth.family import FIRST_SEED, MILD, Family
@@ -104,8 +107,10 @@ def prove(
     parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), exact=exact))
     parts[PLANNING](0.0)
     with faults_in(job):
+        limited = limited_feed(job, cell, setting_of(cell))
+        slowed = job if limited is None else replace(job, path=limited.path)
         plan = make_plan(
-            job.path,
+            slowed.path,
             job.line_of_motion,
             cell.stock(),
             setting_of(cell, orientation=job.words is not None),
@@ -127,7 +132,9 @@ def prove(
         tasks += [((seed, "nominal"), Path(program)), ((seed, "compensated"), compensated)]
         if exact:
             part = _saying(parts[_exact_part(seed)], PLANNING)
-            tasks.append(((seed, "exact"), _exact_program(job, cell, truth, scratch / f"exact-{seed}", part)))
+            tasks.append(
+                ((seed, "exact"), _exact_program(job, slowed.path, cell, truth, scratch / f"exact-{seed}", part))
+            )
     begin = time.perf_counter()
     records = _machine_all(tasks, cell_file, truths, workers, reading, parts)
     timing["machining"] = time.perf_counter() - begin
@@ -152,7 +159,7 @@ def prove(
         "robot": cell.chain.name,
         "family": family.name,
         "prediction": with_intervals(figures(plan), plan, cell),
-        "calm_feed": calm_feed(job, plan, cell),
+        "calm_feed": calm_feed(slowed, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *remarks(plan, cell)]},
         **assumed(plan, cell),
         **in_plane_of(cell),
@@ -250,12 +257,10 @@ def _exact_part(seed: int) -> str:
     return f"{PLANNING}, seed {seed}"
 
 
-def _exact_program(job: Job, cell: Cell, truth: Truth, folder: Path, progress: Progress) -> Path:
+def _exact_program(job: Job, path: ToolPath, cell: Cell, truth: Truth, folder: Path, progress: Progress) -> Path:
     """The program compensated with the truth's exact constants."""
     setting = exact_setting(job, cell, truth)
-    plan = make_plan(
-        job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False, progress=progress
-    )
+    plan = make_plan(path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False, progress=progress)
     return _program(folder, write(job, plan, cell, "gcode")[0], job.program.encoding)
 
 

@@ -138,6 +138,9 @@ def compensate(
     in time otherwise, a lower feed can: with feed_for_tolerance_um it is lowered there, planned anew up to five
     times. Both are reported with the time they cost.
 
+    Limits of [process_limits] in the cell file (force, spindle torque and power, bending of the tool, torque on each
+    axis, deflection, acceleration) lower it too; the one that binds is named line by line.
+
     Table of the scenario: compensation.
 
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
@@ -176,6 +179,8 @@ def compensate(
         _show(summary, [*summary["files"], "plan.parquet", "summary.json", *(["report.html"] if report else [])], out)
         if "feed" in summary:
             _show_feed(summary["feed"])
+        if "feed_limits" in summary:
+            _show_limits(summary["feed_limits"])
 
 
 def _show_feed(lowered: dict[str, Any]) -> None:
@@ -200,6 +205,26 @@ def _show_feed(lowered: dict[str, Any]) -> None:
         f"now (asked for {lowered['tolerance_um']:g}); additional time {lowered['extra_s']:.1f} s of "
         f"{lowered['time_s']:.1f} s, accelerations left out"
     )
+
+
+def _show_limits(limited: dict[str, Any]) -> None:
+    """Where the feed was lowered for spindle, tool and robot, and which limit binds."""
+    if limited["lines"]:
+        print_table(
+            "Feed within limits",
+            ["line", "feed", "binds", "before", "after"],
+            [
+                [
+                    str(line["line"]),
+                    f"{line['feed_percent']:g} %",
+                    line["limit"],
+                    f"{line['before_percent']:g} %",
+                    f"{line['after_percent']:g} %" + ("" if line["kept"] else ", not kept: least feed"),
+                ]
+                for line in limited["lines"]
+            ],
+        )
+    typer.echo(f"limits of [process_limits]: additional time {limited['extra_s']:g} s")
 
 
 def _written_rows(written: dict[str, Any]) -> list[list[str]]:

@@ -1,0 +1,212 @@
+"""Lower the programmed feed where the undisturbed cut is beyond what spindle, tool or robot bear.
+
+At every row of the path each limit that is known is held against what the cut asks for: mean force, spindle torque and
+power, bending of the tool under the mean force, torque on each axis, deflection square to the path, acceleration
+``v^2 kappa`` where the path turns. All but the last grow with the force, and that by about the power
+:data:`EXPONENT` of the feed; so the feed is multiplied by ``(limit / value)^(1 / EXPONENT)`` for the limit that is
+exceeded most, the path is cut anew, and so on until every limit is kept. Acceleration goes with the square. The limit
+that lowered a row most is remembered: it *binds* there. Shares are those of :mod:`counterflex.plan.feed_schedule`: in
+steps, one for a group, never below :data:`counterflex.plan.feed_schedule.LEAST` nor below its least chip. A corner
+without an arc has no curvature; there :mod:`counterflex.plan.feed_schedule` slows down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.progress import silent
+from counterflex.geometry import wrench
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.plan.feed_schedule import LEAST, LEAST_CHIP_M, STEP, FeedGroups, at_feed
+from counterflex.plan.inputs import Inputs
+from counterflex.plan.plan import across
+from counterflex.plan.process_limits import ProcessLimits, axis_torques
+from counterflex.plan.undisturbed_cut import UndisturbedCut, undisturbed_cut
+from counterflex.robot.elasticity import compliance
+
+ROUNDS: Final = 6
+EXPONENT: Final = 0.75
+"""Of the feed in the force: Kienzle's 1 - m for common materials; another only needs more rounds."""
+ACCELERATION: Final = "acceleration"
+_CORNER_RAD: Final = 0.35
+"""A turn between two segments that is no arc but a corner."""
+
+
+@dataclass(frozen=True)
+class LimitedLine:
+    """What became of a source line.
+
+    Attributes:
+        line: In the source.
+        share: Lowest share of its programmed feed.
+        limit: The limit that binds there.
+        before: Share of that limit that the programmed feed uses, largest of the line.
+        after_share: The same at the lowered feed; above 1 where the least feed does not reach the limit.
+    """
+
+    line: int
+    share: float
+    limit: str
+    before: float
+    after_share: float
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedFeed:
+    """A path at feeds within limits.
+
+    Attributes:
+        path: At these feeds.
+        share: (n,) of the programmed feed.
+        lines: That were slowed down or stay beyond a limit, in order.
+        extra_s: Time that it costs.
+    """
+
+    path: ToolPath
+    share: Float
+    lines: tuple[LimitedLine, ...]
+    extra_s: float
+
+
+def known(limits: ProcessLimits) -> bool:
+    """Whether any limit is known that a feed can keep."""
+    some = (limits.power_w, limits.torque_nm, limits.force_n, limits.deflection_m, limits.acceleration_m_s2)
+    bends = limits.bending_m is not None and limits.overhang_m is not None
+    return bends or limits.axis_torque_nm is not None or any(limit is not None for limit in some)
+
+
+def uses(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> dict[str, Float]:
+    """Share of each known limit that every row uses.
+
+    Args:
+        inputs: Path and setting.
+        cut: The undisturbed cut along it.
+        limits_of: Gives the limits for a tool number.
+
+    Returns:
+        By name, (n,); 0 where nothing is cut (but for the acceleration).
+    """
+    path, setting, w = inputs.path, inputs.setting, cut.w_tcp_part
+    side, moment = np.linalg.norm(w[:, :2], axis=1), np.abs(w[:, 5])
+    limits = limits_of(int(path.tool[-1]))
+    out: dict[str, Float] = {}
+
+    def add(name: str, value: Float, limit: float | None) -> None:
+        if limit is not None:
+            out[name] = np.where(cut.contact, value, 0.0) / limit
+
+    add("force", np.linalg.norm(w[:, :3], axis=1), limits.force_n)
+    add("spindle torque", moment, limits.torque_nm)
+    add("spindle power", moment * np.abs(path.spindle_rad_s), limits.power_w)
+    bending = np.zeros(len(path))
+    for number in np.unique(path.tool[cut.contact]).tolist():
+        rows = path.tool == number
+        bending[rows] = limits_of(number).bending(setting.cutter_of(number).diameter_m, side[rows])
+    add("tool bending", bending, limits.bending_m if bending.any() else None)
+    R = setting.T_base_part[:3, :3]
+    if limits.axis_torque_nm is not None:
+        torques = np.abs(axis_torques(setting.chain, inputs.q, wrench.rotate(R, w)))
+        for axis, limit in enumerate(limits.axis_torque_nm.tolist()):
+            add(f"torque of axis {axis + 1}", torques[:, axis], limit)
+    if limits.deflection_m is not None:
+        bent = wrench.rotate(R.T, compliance.deflection(setting.chain, inputs.q, wrench.rotate(R, w)))
+        add("deflection", np.linalg.norm(across(bent[:, :3], path.p_part_tcp), axis=1), limits.deflection_m)
+    if limits.acceleration_m_s2 is not None:
+        out[ACCELERATION] = path.feed_m_s**2 * curvature(path) / limits.acceleration_m_s2
+    return out
+
+
+def curvature(path: ToolPath) -> Float:
+    """(n,) 1/m, curvature of arcs at the end of each feed segment; 0 at corners, at ends and on straight lines."""
+    step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
+    length = np.linalg.norm(step, axis=1)
+    moves = (path.kind == FEED) & (length > 0.0)
+    unit = step / np.where(length > 0.0, length, 1.0)[:, None]
+    turn = np.arccos(np.clip(np.sum(unit[1:] * unit[:-1], axis=1), -1.0, 1.0))
+    arc = moves[1:] & moves[:-1] & (turn < _CORNER_RAD) & (turn > 1e-6)
+    out = np.zeros(len(path))
+    out[:-1] = np.where(arc, turn / np.where(arc, 0.5 * (length[1:] + length[:-1]), 1.0), 0.0)
+    last: Float = np.where(moves & (out == 0.0), np.concatenate([[0.0], out[:-1]]), 0.0)
+    return np.maximum(out, last)
+
+
+def limit_feed(inputs: Inputs, feeds: FeedGroups, limits_of: Callable[[int], ProcessLimits]) -> LimitedFeed:
+    """Lower the feed of a path until the undisturbed cut keeps every limit, as far as the least feed lets it.
+
+    Args:
+        inputs: Path at the programmed feed, blank, tools, law.
+        feeds: Where the feed can be changed.
+        limits_of: Gives the limits for a tool number.
+
+    Raises:
+        CounterflexError: What cutting raises.
+    """
+    path = inputs.path
+    moves = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1) > 0.0
+    free: Bool = (path.kind == FEED) & moves & ~feeds.fixed
+    cut = undisturbed_cut(inputs, silent)
+    first = now = uses(inputs, cut, limits_of)
+    least = _least(cut)
+    share: Float = np.ones(len(path))
+    for _ in range(ROUNDS):
+        factor = np.min([_factor(name, used) for name, used in now.items()], axis=0)
+        lowered = _grouped(np.where(free, np.minimum(share, share * factor), 1.0), least, free, feeds.group)
+        if np.all(lowered >= share - 1e-9):
+            break
+        share = np.minimum(share, lowered)
+        slowed = replace(inputs, path=at_feed(path, share))
+        now = uses(slowed, undisturbed_cut(slowed, silent), limits_of)
+    result = at_feed(path, share)
+    return LimitedFeed(
+        result, share, _lines(inputs.line, share, first, now), float(result.time_s[-1] - path.time_s[-1])
+    )
+
+
+def _factor(name: str, used: Float) -> Float:
+    power = 0.5 if name == ACCELERATION else 1.0 / EXPONENT
+    out: Float = np.maximum(used, 1.0) ** -power
+    return out
+
+
+def _least(cut: UndisturbedCut) -> Float:
+    """(n,) least share of the feed, by the chip too."""
+    fz = cut.cut.feed_per_tooth_m
+    known_chip = cut.contact & np.isfinite(fz) & (fz > 0.0)
+    out: Float = np.maximum(LEAST, np.where(known_chip, LEAST_CHIP_M / np.where(known_chip, fz, 1.0), 0.0))
+    return np.minimum(out, 1.0)
+
+
+def _grouped(share: Float, least: Float, free: Bool, group: Int) -> Float:
+    """Shares in steps, at least the least, the lowest of each group."""
+    stepped = np.where(free, np.maximum(np.floor(share / STEP + 1e-9) * STEP, least), 1.0)
+    lowest: Float = np.ones(int(group.max(initial=0)) + 1)
+    np.minimum.at(lowest, group[free], stepped[free])
+    return np.where(free, lowest[group], 1.0)
+
+
+def _lines(line: Int, share: Float, first: dict[str, Float], now: dict[str, Float]) -> tuple[LimitedLine, ...]:
+    if not now:
+        return ()
+    names = list(first)
+    before, after = (np.stack([values[name] for name in names]) for values in (first, now))
+    touched = (share < 1.0) | np.any(after > 1.0 + 1e-3, axis=0)
+    factors = np.stack([_factor(name, values) for name, values in zip(names, before, strict=True)])
+    out = []
+    for number in np.unique(line[touched]).tolist():
+        rows = np.flatnonzero((line == number) & touched)
+        which = int(np.unravel_index(np.argmin(factors[:, rows]), (len(names), len(rows)))[0])
+        out.append(
+            LimitedLine(
+                number,
+                float(share[rows].min()),
+                names[which],
+                float(before[which, rows].max()),
+                float(after[:, rows].max()),
+            )
+        )
+    return tuple(out)
