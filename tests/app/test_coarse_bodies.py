@@ -62,4 +62,6 @@ def test_bodies_of_the_part_stand_where_they_are_whatever_the_tool_is_tilted(tmp
     for name in ("stock", "table", "fixture"):
         before, after = upright[name], seen[name]
         assert after.size_m == pytest.approx(before.size_m)
-        assert tilted.T_base_part @ after.T_frame_body == pytest.approx(cell.T_base_part @ before.T_frame_body)
+        T_base_plane, T_plane_body = tilted.T_base_part, after.T_frame_body
+        T_base_part, T_part_body = cell.T_base_part, before.T_frame_body
+        assert T_base_plane @ T_plane_body == pytest.approx(T_base_part @ T_part_body)

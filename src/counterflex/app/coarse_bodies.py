@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from counterflex.app.inputs import Job
+from counterflex.core.arrays import Float
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
@@ -37,7 +38,9 @@ def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     if R_part_plane is None:
         return bodies
     T_plane_part = pose.make(R_part_plane.T)
-    return [
-        replace(body, T_frame_body=T_plane_part @ body.T_frame_body) if body.frame == "part" else body
-        for body in bodies
-    ]
+    return [_in_plane(body, T_plane_part) if body.frame == "part" else body for body in bodies]
+
+
+def _in_plane(body: Body, T_plane_part: Float) -> Body:
+    T_part_body = body.T_frame_body
+    return replace(body, T_frame_body=T_plane_part @ T_part_body)
