@@ -46,6 +46,22 @@ def test_soft_spindle_chatters_and_the_line_is_named(folder: Path, counterflex: 
     assert summary["tools"][0]["semi_discretisation_margin"] == pytest.approx(summary["worst"]["margin"], rel=0.3)
 
 
+def test_needed_damping_is_that_of_the_line_where_the_robot_is_softest(
+    folder: Path, counterflex: Any, soft: str
+) -> None:
+    """The tool is worst in the slot; the robot in the shallow down-milling cut behind it."""
+    text = (folder / "part.ngc").read_text(encoding="utf-8")
+    (folder / "two.ngc").write_text(text.replace("G1 X10 F1500", "G1 X10 F1500\nG1 Y20\nG1 X-2"), encoding="utf-8")
+    words = ("plan", "stability", "cell.toml", "two.ngc", "--modal", soft, "--json")
+    low = json.loads(counterflex(*words, "--damping", "0.002").out)
+    needed = low["tools"][0]["needed_damping_ratio"]
+    assert needed > 0.004
+    (folder / "stiff.csv").write_text(MODAL.format(k=2000), encoding="utf-8")
+    stiff = ("plan", "stability", "cell.toml", "two.ngc", "--modal", "stiff.csv", "--json", "--damping")
+    assert json.loads(counterflex(*stiff, str(1.3 * needed)).out)["worst"]["margin"] > 1.0
+    assert json.loads(counterflex(*stiff, str(0.7 * needed)).out)["worst"]["margin"] < 1.0
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

@@ -31,6 +31,8 @@ READING, MARGINS, DIAGRAMS = "reading the program", "margin along the path", "lo
 PLAUSIBLE_DAMPING: Final = (0.02, 0.1)
 """Ratios that modal tests on milling robots find below 30 Hz, from drives locked to drives on."""
 _ENGAGED: Final = 0.05
+_LINES: Final = 8
+"""Lines at which the damping that is needed is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,8 @@ def judge(
         own = [i for i, margin in enumerate(values) if margin.stretch.tool == number]
         worst = min(own, key=lambda i: values[i].margin)
         diagrams[number] = diagram(values[worst], structure, progress=parts[DIAGRAMS])
-        tools.append(_of_tool(number, values[worst], rows[worst], structure, diagrams[number]))
+        needed = max(needed_damping(values[i]) for i in _softest(own, values, rows))
+        tools.append(_of_tool(values[worst], rows[worst], structure, diagrams[number], needed))
     parts[DIAGRAMS](1.0)
     at = int(np.argmin([margin.margin for margin in values]))
     needed = max(tool["needed_damping_ratio"] for tool in tools)
@@ -151,14 +154,21 @@ def _verdict(worst: Margin, tools: list[dict[str, Any]], needed: float, damping_
     return "stable" if needed <= low else "chatter" if needed > high else "open"
 
 
-def _of_tool(number: int, worst: Margin, row: dict[str, Any], structure: Structure, lobes: Diagram) -> dict[str, Any]:
+def _softest(own: list[int], values: list[Margin], rows: list[dict[str, Any]]) -> list[int]:
+    """Of each line the stretch with the least margin of the robot; the :data:`_LINES` lowest of them."""
+    least: dict[int, int] = {}
+    for i in sorted(own, key=lambda i: values[i].robot_margin):
+        least.setdefault(rows[i]["line"], i)
+    return list(least.values())[:_LINES]
+
+
+def _of_tool(worst: Margin, row: dict[str, Any], structure: Structure, lobes: Diagram, needed: float) -> dict[str, Any]:
     factor = confirmed(worst, structure) if worst.margin < LARGEST else math.inf
     depth = row["axial_depth_mm"]
     rpm = lobes.spindle_rad_s / RPM
     best = int(np.argmax(np.minimum(lobes.zeroth, LARGEST)))
-    needed = needed_damping(worst)
     return {
-        "tool": number,
+        "tool": worst.stretch.tool,
         "worst": row,
         "semi_discretisation_margin": _finite(factor, 4),
         "needed_damping_ratio": 1.0 if math.isinf(needed) else round(needed, 4),
