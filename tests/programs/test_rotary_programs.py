@@ -185,3 +185,19 @@ def test_at_a_singular_position_the_direction_that_cannot_be_said_is_told() -> N
     np.testing.assert_array_equal(asked.angle_command_rad[:, 2], asked.angle_rad[:, 2])
     result = write_gcode(program, CompensatedPath.nominal(turned.programmed), words=asked)
     assert result.largest_dropped_rotation_rad == asked.dropped_rad
+
+
+def test_a_block_that_stays_one_turns_at_its_end_and_the_retract_turns_back() -> None:
+    text = HEAD + "G43.4 H1\nG0 X5 Y-4 Z60 A20 C30\nG0 Z21\nG1 Z20 F900\nG1 X35 F600\nG0 Z60\nM2\n"
+    program, words, turned = sampled(text, TRUNNION)
+    fed = turned.path.kind == FEED
+    first = int(np.argmax(fed))
+    share = np.clip((np.arange(len(fed)) - first + 1) / 1.0, 0.0, 1.0) * fed
+    rotvec = share[:, None] * np.array([1e-3, 0.0, 0.0])
+    asked = commanded_words(turned, words, np.zeros_like(rotvec), rotvec)
+    back = read_gcode(write_gcode(program, CompensatedPath.nominal(turned.programmed), words=asked).text)
+    ends = [motion.abc_end for motion in back.motions]
+    assert len(ends) == 5
+    np.testing.assert_allclose(ends[3], asked.angle_command_rad[fed][-1], atol=2e-7)
+    assert abs(ends[3][0] - np.deg2rad(20.0)) > 1e-4
+    np.testing.assert_allclose(ends[4], np.deg2rad([20.0, 0.0, 30.0]), atol=1e-12)

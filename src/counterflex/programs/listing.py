@@ -10,7 +10,7 @@ import polars as pl
 
 from counterflex.core.atomic import write_text
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM
-from counterflex.programs.program import Program
+from counterflex.programs.program import TOOL_VECTOR, Program
 
 # A nanometre and a microdegree: below the digits of any program, above the noise of binary fractions.
 _DIGITS: Final = 6
@@ -44,7 +44,8 @@ def listing(program: Program) -> pl.DataFrame:
     """Return the motions of a program as a table.
 
     Columns: ``line`` in the source; ``motion`` rapid, feed, arc or dwell; end point ``x_mm y_mm z_mm`` of the tool tip
-    in the part frame and ``a_deg b_deg c_deg`` of the rotary axes; ``feed_mm_min`` along the path (empty for rapids,
+    in the part frame (as programmed where the tool turns) and ``a_deg b_deg c_deg`` of the rotary
+    axes (empty under G43.5, which has none); ``feed_mm_min`` along the path (empty for rapids,
     dwells and moves of rotary axes alone); of arcs ``plane`` (G17, G18, G19), the centre at the start's height and
     ``turns`` = angle / 360 deg, positive for G3; ``dwell_s``; ``tool``; and
     ``spindle_rpm``, positive for M3.
@@ -58,14 +59,14 @@ def listing(program: Program) -> pl.DataFrame:
     columns: dict[str, list[object]] = {name: [] for name in SCHEMA}
     for motion in program.motions:
         block = program.blocks[motion.block]
-        arc = motion.p_centre is not None
+        arc, vector = motion.p_centre is not None, block.modal.tool_centre == TOOL_VECTOR
         centre = [_shown(value / MM) for value in motion.p_centre] if motion.p_centre is not None else [None] * 3
         feed = _shown(motion.feed_m_s / MM_PER_MIN) if motion.feed_m_s > 0.0 else None
         row: tuple[object, ...] = (
             block.line,
             motion.kind,
             *(_shown(value / MM) for value in motion.p_end),
-            *(_shown(angle / DEG) for angle in motion.abc_end),
+            *(None if vector else _shown(angle / DEG) for angle in motion.abc_end),
             feed,
             f"G{block.modal.plane}" if arc else None,
             *centre,
