@@ -79,7 +79,7 @@ def may_touch(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cut
     """Points at which the fluted part of a tool of any direction may meet the box around the stock.
 
     The flutes are a capsule about the tool axis from the tip; it is held against the box at points an eighth of the
-    diameter apart, with half that distance added to the radius.
+    diameter spacing, with half that distance added to the radius.
 
     Args:
         stock: The stock.
@@ -94,12 +94,12 @@ def may_touch(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cut
     half = 0.5 * stock.cell_m
     low = np.array([stock.x0_m - half, stock.y0_m - half, stock.bottom_m])
     high = np.array([stock.x0_m + (nx - 0.5) * stock.cell_m, stock.y0_m + (ny - 0.5) * stock.cell_m, stock.z.max()])
-    apart = 0.25 * cutter.radius_m
+    spacing = 0.25 * cutter.radius_m
     out = np.zeros(len(p_part_tcp), dtype=np.bool_)
-    for along in np.linspace(0.0, cutter.flute_length_m, math.ceil(cutter.flute_length_m / apart) + 1):
+    for along in np.linspace(0.0, cutter.flute_length_m, math.ceil(cutter.flute_length_m / spacing) + 1):
         p = p_part_tcp + along * axis_part
         off = np.linalg.norm(np.maximum(np.maximum(low - p, p - high), 0.0), axis=1)
-        out |= off <= cutter.radius_m + 0.5 * apart
+        out |= off <= cutter.radius_m + 0.5 * spacing
     return out
 
 

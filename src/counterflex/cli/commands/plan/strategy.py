@@ -31,7 +31,7 @@ def strategy(
         Path | None,
         typer.Argument(help="G-code file that finishes a wall.", metavar="PROGRAM", callback=arguments.file),
     ] = None,
-    tool: Annotated[int | None, typer.Option("--tool", help="Number of the tool.", min=0)] = None,
+    tool: Annotated[int | None, typer.Option("--tool", help="Number of the tool.", min=0, max=99999)] = None,
     ae: Annotated[str | None, _range("--ae-mm", "Radial width of cut: the allowance that roughing leaves")] = None,
     ap: Annotated[str | None, _range("--ap-mm", "Axial depth")] = None,
     fz: Annotated[str | None, _range("--fz-mm", "Feed per tooth")] = None,

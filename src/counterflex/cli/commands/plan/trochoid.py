@@ -27,7 +27,9 @@ def trochoid(
     out: Out,
     tool: Annotated[
         int | None,
-        typer.Option("--tool", help="Number of a smaller tool; the slot stays as wide as the program's.", min=0),
+        typer.Option(
+            "--tool", help="Number of a smaller tool; the slot stays as wide as the program's.", min=0, max=99999
+        ),
     ] = None,
     width_mm: Annotated[
         float | None,
