@@ -169,9 +169,9 @@ def test_chord_angle_is_the_sagitta_law() -> None:
     [("step_m", 0.0), ("step_m", math.nan), ("rapid_speed_m_s", -1.0), ("chord_m", 0.0), ("step_m", 1e-12)],
 )
 def test_sample_refuses_arguments_out_of_range(name: str, value: float) -> None:
-    given: dict[str, Any] = {name: value}
+    arguments: dict[str, Any] = {name: value}
     with pytest.raises(InputError):
-        sample(table([{"p_end": (1.0, 0.0, 0.0)}]), **given)
+        sample(table([{"p_end": (1.0, 0.0, 0.0)}]), **arguments)
 
 
 @pytest.mark.parametrize(
