@@ -18,6 +18,7 @@ import argparse
 import importlib.util
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -49,6 +50,15 @@ GOAL_S = 60.0
 ALLOWANCE_M = 0.5 * MM
 QUICK = ("corner.ngc", "fc_ramps.ngc", "groove.ngc")
 SAME_M = 1e-7
+
+
+def upright_programs(folder: Path) -> list[Path]:
+    """Programs of a folder that turn no rotary axis: the judge below compares ends of motions in one frame."""
+    return [
+        file
+        for file in sorted(folder.glob("*.ngc"))
+        if not re.search(r"^[^(;]*\b[ABC]-?\d", file.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
+    ]
 
 
 def cell_for(program: Path, folder: Path) -> Path:
@@ -230,7 +240,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="only small programs, for a smoke run")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args()
-    programs = sorted(options.folder.glob("*.ngc"))
+    programs = upright_programs(options.folder)
     if options.quick:
         programs = [program for program in programs if program.name in QUICK] or programs[:2]
     if not programs:

@@ -33,6 +33,7 @@ from counterflex.identify.recipe import Identification
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import cut
 from counterflex.plan.inputs import part_compliance, solve_joints
+from counterflex.plan.lowest_mode import mode_of
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.laboratory.slot_path import slot_path, straight_cuts
 from counterflex.twin.laboratory.slots import measure
@@ -77,9 +78,10 @@ def predicted_force(path: ToolPath, cell: Cell, law: ForceLaw) -> Float:
     """(n, 3) N mean force of the planner's model on every row, the robot yielding."""
     setting = setting_of(cell, law=law)
     q = solve_joints(path, np.zeros(int(path.motion.max()) + 1, dtype=np.int64), setting).q
+    in_contact = q[len(q) // 2]  # one mode for the whole path: that of its middle
     bent = cut(
         path, path.p_part_tcp, cell.stock(), cell.cutter, law, compliance_part=part_compliance(setting, q),
-        mode=setting.mode,
+        mode=mode_of(setting.chain, in_contact, setting.mode),
     )  # fmt: skip
     return bent.w_tcp_part[:, :3]
 

@@ -26,6 +26,7 @@ KNOWN = {
     "URAD_PER_KNM": constants.micro / constants.kilo,
     "UM_PER_KN": constants.micron / constants.kilo,
     "KN": constants.kilo,
+    "GPA": constants.giga,
     "N_MM": constants.milli,
     "US": constants.micro,
     "NS": constants.nano,

@@ -277,8 +277,8 @@ def run(
     with atomic.atomic_folder(out) as staging:
         done = judge(program, cell, structure, damping_from, reading=reading, progress=progress)
         write_summary(staging / "summary.json", done.summary)
-        done.table.write_csv(staging / "stability.csv")
-        lobes_table(done).write_csv(staging / "lobes.csv")
+        atomic.write_text(staging / "stability.csv", done.table.write_csv())
+        atomic.write_text(staging / "lobes.csv", lobes_table(done).write_csv())
         from counterflex.report.page import write_page
         from counterflex.report.stability_page import StabilityData, stability_page
 

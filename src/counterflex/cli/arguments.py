@@ -298,6 +298,19 @@ def robot_or_cell(param: Param, value: Any) -> Any:
     return value
 
 
+def material(_: Param, value: Any) -> Any:
+    """Name of a row of the material tables.
+
+    Raises:
+        InputError: There is no such row.
+    """
+    if value is not None:
+        from counterflex.cutting import material as table
+
+        table.load(value)
+    return value
+
+
 def faults(_: Param, value: Any) -> Any:
     """Faults in short form.
 

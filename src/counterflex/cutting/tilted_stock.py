@@ -96,7 +96,9 @@ def may_touch(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cut
     high = np.array([stock.x0_m + (nx - 0.5) * stock.cell_m, stock.y0_m + (ny - 0.5) * stock.cell_m, stock.z.max()])
     spacing = 0.25 * cutter.radius_m
     out = np.zeros(len(p_part_tcp), dtype=np.bool_)
-    for along in np.linspace(0.0, cutter.flute_length_m, math.ceil(cutter.flute_length_m / spacing) + 1):
+    away = np.linalg.norm(p_part_tcp - 0.5 * (low + high), axis=1).max(initial=0.0)  # m, no tip is farther from the box
+    length = min(cutter.flute_length_m, away + np.linalg.norm(high - low) + cutter.radius_m)
+    for along in np.linspace(0.0, length, math.ceil(length / spacing) + 1):
         p = p_part_tcp + along * axis_part
         off = np.linalg.norm(np.maximum(np.maximum(low - p, p - high), 0.0), axis=1)
         out |= off <= cutter.radius_m + 0.5 * spacing

@@ -19,11 +19,9 @@ from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.reader import read_gcode_file
 
 ROOT = Path(__file__).resolve().parents[3]
-PROGRAMS = sorted((ROOT / "examples" / "programs").glob("*.ngc"))
 
 
-@pytest.fixture(scope="module")
-def bench() -> ModuleType:
+def _bench() -> ModuleType:
     spec = importlib.util.spec_from_file_location("benchmark_compensate", ROOT / "benchmarks" / "compensate.py")
     assert spec is not None
     assert spec.loader is not None
@@ -33,17 +31,22 @@ def bench() -> ModuleType:
     return module
 
 
+BENCH = _bench()
+PROGRAMS = BENCH.upright_programs(ROOT / "examples" / "programs")
+"""tests/app/proof/test_tilted_cut.py has the tilted one."""
+
+
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.stem)
-def test_shipped_program(program: Path, bench: ModuleType, tmp_path: Path) -> None:
-    cell = read_cell(bench.cell_for(program, tmp_path))
+def test_shipped_program(program: Path, tmp_path: Path) -> None:
+    cell = read_cell(BENCH.cell_for(program, tmp_path))
     found = compensate(program, cell)
     result = tmp_path / program.name
     result.write_text(found.files[program.name], encoding="ascii", newline="")
     job = read_job(program, cell)
     back = read_gcode_file(result)
-    assert bench.untouched_faults(job, found.plan, back) == []
-    if bench.RS274.exists():
-        assert bench.linuxcnc_fault(result) is None
+    assert BENCH.untouched_faults(job, found.plan, back) == []
+    if BENCH.RS274.exists():
+        assert BENCH.linuxcnc_fault(result) is None
 
     # The written path runs through the planned points.
     feed = found.plan.path.kind == FEED
@@ -62,14 +65,14 @@ def test_shipped_program(program: Path, bench: ModuleType, tmp_path: Path) -> No
     assert after["rms_mm"] < 0.5 * before["rms_mm"]
 
 
-def test_untouched_faults_are_found(bench: ModuleType, tmp_path: Path) -> None:
+def test_untouched_faults_are_found(tmp_path: Path) -> None:
     """The judge itself: a line changed where nothing was corrected does not escape it."""
     program = next(file for file in PROGRAMS if file.stem == "groove")
-    cell = read_cell(bench.cell_for(program, tmp_path))
+    cell = read_cell(BENCH.cell_for(program, tmp_path))
     found = compensate(program, cell, predict=False)
     text = found.files[program.name]
     result = tmp_path / "changed.ngc"
     for old, new in (("G0 X-12 Y15", "G0 X-12.1 Y15"), ("M5", "M9")):
         assert old in text
         result.write_text(text.replace(old, new), encoding="ascii", newline="")
-        assert bench.untouched_faults(read_job(program, cell), found.plan, read_gcode_file(result)) != []
+        assert BENCH.untouched_faults(read_job(program, cell), found.plan, read_gcode_file(result)) != []

@@ -51,7 +51,13 @@ def strategy(
         typer.Option("--height-mm", help="Height of the wall, cut in levels.", min=0.01, max=1000.0, metavar="MM"),
     ] = None,
     material: Annotated[
-        str | None, typer.Option("--material", help="Row of the material tables instead of the cell's.", metavar="NAME")
+        str | None,
+        typer.Option(
+            "--material",
+            help="Row of the material tables instead of the cell's.",
+            metavar="NAME",
+            callback=arguments.material,
+        ),
     ] = None,
     kr_over_kc: Annotated[
         float | None, typer.Option("--kr-over-kc", help="Ratio assumed where that row has no radial constant.")
