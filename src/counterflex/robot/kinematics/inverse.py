@@ -10,6 +10,7 @@ smallest singular value of the Jacobian with its linear rows divided by L.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -116,23 +117,18 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
     chain = problem.chain
     results: list[Solution] = []
     outside: list[Solution] = []
-    for seed in [*seeds(chain, target), *([] if near is None else [near])]:
-        solved = problem.polish(target, seed)
-        if solved is None:
-            continue
-        q, sigma, wrist = solved
+    for q, sigma, wrist in _distinct(problem, target, [*seeds(chain, target), *([] if near is None else [near])]):
         if near is not None and not within_limits:
             row = q + opw.TURN * np.round((near - q) / opw.TURN)
-            _add(results, _solution(chain, target, row, sigma, wrist))
+            results.append(_solution(chain, target, row, sigma, wrist))
             continue
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
-        for row in choices:
-            _add(results, _solution(chain, target, row, sigma, wrist))
+        results += [_solution(chain, target, row, sigma, wrist) for row in choices]
         if len(choices) == 0:
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)
-            _add(outside, _solution(chain, target, row, sigma, wrist))
+            outside.append(_solution(chain, target, row, sigma, wrist))
     if not within_limits and near is None:
         per_branch: dict[str, Solution] = {}
         for s in sorted(results + outside, key=lambda s: -s.limit_margin_rad):
@@ -313,9 +309,17 @@ def _solution(chain: ElasticChain, target: Float, q: Float, sigma: float, wrist:
     return Solution(q, branch, float(room[axis]), axis, wrist, sigma, None if reserve is None else float(reserve))
 
 
-def _add(solutions: list[Solution], new: Solution) -> None:
-    if all(np.max(np.abs(new.q - s.q)) > _SAME_RAD for s in solutions):
-        solutions.append(new)
+def _distinct(problem: _Problem, target: Float, starts: Sequence[Float]) -> list[tuple[Float, float, float]]:
+    """Angles, scaled sigma_min and wrist angle of every solution; those that are full turns apart count as one."""
+    found: list[tuple[Float, float, float]] = []
+    known = np.empty((0, 6))
+    for start in starts:
+        solved = problem.polish(target, start)
+        if solved is None or np.any(np.max(np.abs(_wrapped(known - solved[0])), axis=1) <= _SAME_RAD):
+            continue
+        found.append(solved)
+        known = np.vstack([known, solved[0]])
+    return found
 
 
 def _wrapped(q: Float) -> Float:
