@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.app.cell_modes import COUNT, modes_in
+from counterflex.app.cell_modes import COUNT, PostureModes, modes_in
 from counterflex.app.tap_test import UP_TO_HZ, beside_tap_test
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.summary_file import write_summary
+from counterflex.plan.mode_shape import point_motion
 
 
 def run(
@@ -27,7 +28,7 @@ def run(
     up_to_hz: float | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """The modes of a cell; with ``out``, write ``summary.json`` there.
+    """The modes of a cell; with ``out``, write ``summary.json`` and ``report.html`` there.
 
     Args:
         cell_file: Cell file.
@@ -55,4 +56,18 @@ def run(
     if out is not None:
         with atomic.atomic_folder(out) as staging:
             write_summary(staging / "summary.json", done.summary)
+            _write_page(done, staging / "report.html")
     return done.summary
+
+
+def _write_page(done: PostureModes, target: Path) -> None:
+    """Each mode moving, and the table."""
+    from counterflex.report.modes_page import ModesData, modes_page
+    from counterflex.report.page import write_page
+
+    shapes = done.free.shapes[:, : len(done.summary["modes"])]
+    points, moved = point_motion(done.chain, done.q, shapes)
+    page = ModesData(
+        done.summary, points, moved, done.chain.flange_segment + 2, f"Modes of {done.cell.label}", done.cell.robot.name
+    )
+    write_page(modes_page(page), target)

@@ -50,7 +50,7 @@ def modes(
         Path | None,
         typer.Option(
             "--out",
-            help="Folder for summary.json; made when missing.",
+            help="Folder for summary.json and report.html, in which the modes move; made when missing.",
             metavar="DIR",
             callback=arguments.output_folder,
         ),
@@ -88,7 +88,7 @@ def modes(
         return
     _show(summary)
     if out is not None:
-        say_written(out, f"wrote {out}: summary.json")
+        say_written(out, f"wrote {out}: summary.json, report.html")
 
 
 def _show(summary: dict[str, Any]) -> None:
