@@ -311,15 +311,15 @@ def _solution(chain: ElasticChain, target: Float, q: Float, sigma: float, wrist:
 
 def _distinct(problem: _Problem, target: Float, starts: Sequence[Float]) -> list[tuple[Float, float, float]]:
     """Angles, scaled sigma_min and wrist angle of every solution; those that are full turns apart count as one."""
-    found: list[tuple[Float, float, float]] = []
+    results: list[tuple[Float, float, float]] = []
     known = np.empty((0, 6))
     for start in starts:
         solved = problem.polish(target, start)
         if solved is None or np.any(np.max(np.abs(_wrapped(known - solved[0])), axis=1) <= _SAME_RAD):
             continue
-        found.append(solved)
+        results.append(solved)
         known = np.vstack([known, solved[0]])
-    return found
+    return results
 
 
 def _wrapped(q: Float) -> Float:
