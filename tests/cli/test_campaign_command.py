@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import shutil
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -52,10 +53,24 @@ def test_an_interrupted_campaign_keeps_what_it_has(
         (("--seeds", "1", "--twin", "cell.toml"), "--twin or --seeds"),
         (("--seeds", "1", "--recipe", "weather"), "weather"),
         (("--twin", "nowhere.toml"), "nowhere.toml"),
+        (("--seeds", "1", "--no-identify", "--recipe", "play"), "--recipe or --no-identify"),
+        (("--seeds", "1", "--no-identify", "--placements", "cell.toml"), "the columns are not those of placements"),
+        (("part.ngc", "--seeds", "1", "--posture", "upright"), "no posture"),
+        (("--seeds", "1", "--posture", "present"), "those of a program"),
+        (("--seeds", "1", "--scheduler", "host"), "no address of a scheduler"),
+        (("--seeds", "1", "--scheduler", "h:1", "--workers", "2"), "--scheduler or --workers"),
     ],
 )
 def test_refused(folder: Path, refused: Any, words: tuple[str, ...], said: str) -> None:
     assert said in refused("campaign", "--cell", "cell.toml", "--out", "out", *words)
+
+
+def test_a_cluster_that_is_not_there(folder: Path, refused: Any) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    message = refused("campaign", "--seeds", "1", "--scheduler", f"127.0.0.1:{port}", "--out", "out")
+    assert f"--scheduler tcp://127.0.0.1:{port}: no scheduler answers there" in message
+    assert not (folder / "out").exists()
 
 
 def test_twin_measure_prints_what_it_measured(folder: Path, counterflex: Any, refused: Any, machined: Any) -> None:

@@ -47,12 +47,12 @@ class SeedResult:
     Attributes:
         seed: Of the truth, None for a truth that agrees with the cell file.
         truth_level: What the planner knew of the simulated cell.
-        variants: By name: ``nominal`` and ``compensated``.
+        variants: By name: ``nominal`` and ``compensated``; or their figures as :func:`variant_summary` gives them.
     """
 
     seed: int | None
     truth_level: TruthLevel
-    variants: Mapping[str, Variant] = field(default_factory=dict)
+    variants: Mapping[str, Variant | Mapping[str, Any]] = field(default_factory=dict)
 
 
 def variant_summary(variant: Variant) -> dict[str, Any]:
@@ -91,7 +91,10 @@ def summary(results: Sequence[SeedResult], about: Mapping[str, Any] | None = Non
         raise InputError("a summary needs at least one result")
     seeds = []
     for result in results:
-        variants = {name: variant_summary(variant) for name, variant in result.variants.items()}
+        variants = {
+            name: variant_summary(variant) if isinstance(variant, Variant) else dict(variant)
+            for name, variant in result.variants.items()
+        }
         seeds.append(
             {
                 "seed": result.seed,

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from counterflex.app.campaign import campaign, laboratory
+from counterflex.app.campaign.axes import Grid
 from counterflex.app.campaign.plan import ORDER, campaign_of
 from counterflex.app.campaign.report import headline_rows, remaining, rows_of, verdict
 from counterflex.app.proof import simulate
@@ -27,7 +28,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, small: Path) -> tuple[Path, P
     program = folder / "groove.ngc"
     program.write_text(SHORT, encoding="ascii")
     out = folder / "out"
-    found = campaign.run(small, out, program=program, seeds=[1], recipes=[RECIPE], with_exact=True, workers=1)
+    found = campaign.run(small, out, grid=Grid([program]), seeds=[1], recipes=[RECIPE], with_exact=True, workers=1)
     return program, out, found
 
 
@@ -85,7 +86,7 @@ def test_what_is_done_is_not_done_again(
 
     monkeypatch.setattr(simulate, "machine", fail)
     monkeypatch.setattr(laboratory, "measure", fail)
-    again = campaign.run(small, out, program=program, seeds=[1], recipes=[RECIPE], with_exact=True, workers=1)
+    again = campaign.run(small, out, grid=Grid([program]), seeds=[1], recipes=[RECIPE], with_exact=True, workers=1)
     assert again["seeds"] == found["seeds"]
     assert again["campaigns"] == found["campaigns"]
 

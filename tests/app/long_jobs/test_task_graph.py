@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from counterflex.app.long_jobs.task_graph import Task, run_tasks
+from counterflex.app.long_jobs.task import Task
+from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 

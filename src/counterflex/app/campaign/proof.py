@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.campaign.axes import CHOSEN, PRESENT, branch_and_rotation
 from counterflex.app.campaign.parameter_errors import parameter_errors
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.languages import write
 from counterflex.app.inputs import read_job
-from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished
+from counterflex.app.posture import posture_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Reference, judge, reference_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, share_of, silent
+from counterflex.core.units import DEG
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.summary import Variant
+from counterflex.evaluate.summary import variant_summary
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.update import text_placed_as, text_with_part, text_with_posture
 from counterflex.files.run_file import read_run
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import plan as make_plan
@@ -31,77 +35,137 @@ POSES: Final = 16
 """Points of a program at which poses and deflections are compared with the truth."""
 
 
-def compensated(program: str, cell_file: str, folder: str, *, progress: Progress = silent) -> dict[str, Any]:
-    """Compensate a program with a cell, unless that was done before, telling the fraction done.
+def placed(
+    cell_file: str, program: str, pose: Mapping[str, float], posture: str, folder: str, *, progress: Progress = silent
+) -> dict[str, Any]:
+    """Write ``cell.toml``: the cell with the part elsewhere, or held in another posture.
+
+    Args:
+        cell_file: The cell.
+        program: What the posture is chosen for.
+        pose: Keys of ``[part]`` that change (``x_mm`` ... ``c_deg``).
+        posture: See :mod:`.axes`.
+        folder: Where it is written.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        ``branch`` and ``rotation_about_tool_deg``.
+
+    Raises:
+        CounterflexError: The program cannot be run there.
+    """
+    out = Path(folder)
+    target = out / "cell.toml"
+    atomic.write_text(target, text_with_part(Path(cell_file), pose, out))
+    cell = read_cell(target)
+    if posture == CHOSEN:
+        best = posture_of(program, cell, progress=progress).chosen.best
+        atomic.write_text(target, text_with_posture(target, best.branch, best.rotation_rad / DEG, out))
+    elif posture != PRESENT:
+        branch, rotation_deg = branch_and_rotation(posture)
+        atomic.write_text(target, text_with_posture(target, branch, rotation_deg, out))
+    held = read_cell(target).tables.posture
+    return {"branch": held.branch, "rotation_about_tool_deg": held.rotation_about_tool_deg}
+
+
+def compensated(
+    program: str, cell_file: str, folder: str, placed_cell: str | None = None, *, progress: Progress = silent
+) -> dict[str, Any]:
+    """Compensate a program with a cell, telling the fraction done.
+
+    Args:
+        program: G-code file.
+        cell_file: The cell.
+        folder: Where the program files are written.
+        placed_cell: Cell file that says where the part stands and how the robot holds the tool; None is the same.
+        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``prediction``: figures of the plan.
     """
     out = Path(folder)
-    mark = fingerprint(program, cell_file, job="compensate")
-    before = finished(out, mark)
-    if before is not None:
-        return before
-    begin(out, mark)
-    cell = read_cell(cell_file)
-    result = compensate(program, cell, progress=progress)
+    if placed_cell is not None:
+        atomic.write_text(out / "cell.toml", text_placed_as(Path(cell_file), Path(placed_cell), out))
+        cell_file = str(out / "cell.toml")
+    result = compensate(program, read_cell(cell_file), progress=progress)
     for name, text in result.files.items():
         atomic.write_bytes(out / name, text.encode(result.encoding, errors="replace"))
-    figures = {"prediction": result.summary["prediction"]}
-    finish(out, mark, figures)
-    return figures
+    return {"prediction": result.summary["prediction"]}
 
 
 def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str, Any]:
-    """Compensate a program with the truth's exact constants, unless that was done before."""
-    out = Path(folder)
-    mark = fingerprint(program, cell_file, truth_file, job="exact")
-    before = finished(out, mark)
-    if before is not None:
-        return before
-    begin(out, mark)
+    """Compensate a program with the truth's exact constants."""
     cell = read_cell(cell_file)
     job = read_job(program, cell)
     setting = exact_setting(job, cell, read_truth(truth_file))
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
     for name, text in write(job, plan, cell, "gcode")[0].items():
-        atomic.write_bytes(out / name, text.encode(job.program.encoding, errors="replace"))
-    finish(out, mark, {})
+        atomic.write_bytes(Path(folder) / name, text.encode(job.program.encoding, errors="replace"))
     return {}
 
 
 def machined(
-    program: str, original: str, cell_file: str, truth_file: str, folder: str, *, progress: Progress = silent
-) -> Variant:
-    """Machine a program on a truth, unless that was done before, and judge it against the original.
+    program: str,
+    original: str,
+    cell_file: str,
+    truth_file: str,
+    folder: str,
+    keep: bool = True,
+    *,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Machine a program on a truth and judge it against the original.
 
-    Progress is that of the machining, which takes nine tenths of the time.
+    Args:
+        program: G-code file.
+        original: The uncompensated program.
+        cell_file: What the controller believes.
+        truth_file: How the cell is.
+        folder: What ``simulate`` writes goes there.
+        keep: Write it; otherwise only the figures are kept.
+        progress: Of the machining, which takes nine tenths of the time.
 
     Returns:
-        Its figures.
+        Its figures in mm, as :func:`counterflex.evaluate.summary.variant_summary` has them.
     """
-    out = Path(folder)
-    mark = fingerprint(program, original, cell_file, truth_file, job="simulate")
-    if finished(out, mark) is None:
-        begin(out, mark)
-        machining = share_of(progress, 0.0, 0.9)
+    reference = _reference(original, cell_file)
+    machining = share_of(progress, 0.0, 0.9)
+    if keep:
+        out = Path(folder)
         simulate.run(program, cell_file, truth_file, out, original=original, progress=machining)
-        finish(out, mark, {})
-    run, _ = read_run(out / simulate.RUN)
-    return judge(_reference(original, cell_file), run, HeightMap.load(out / simulate.SURFACE)).variant
+        run, surface = read_run(out / simulate.RUN)[0], HeightMap.load(out / simulate.SURFACE)
+    else:
+        cell, truth = read_cell(cell_file), read_truth(truth_file)
+        simulate.check_same_cell(cell, truth, truth_file)
+        record = simulate.machine(read_job(program, cell), cell, truth, progress=machining)
+        run, surface = record, record.stock
+    return variant_summary(judge(reference, run, surface).variant)
 
 
-@lru_cache(maxsize=1)
+_references: Final[dict[str, Reference]] = {}
+"""What the last program is judged against, by the contents of its files: a worker has them in a new place each time."""
+
+
 def _reference(original: str, cell_file: str) -> Reference:
-    cell = read_cell(cell_file)
-    return reference_of(read_job(original, cell), cell)
+    content = hashlib.sha256(Path(original).read_bytes() + b"\n" + Path(cell_file).read_bytes()).hexdigest()
+    reference = _references.get(content)
+    if reference is None:
+        cell = read_cell(cell_file)
+        reference = reference_of(read_job(original, cell), cell)
+        _references.clear()
+        _references[content] = reference
+    return reference
 
 
-def compared(before: str, identified: str, truth_file: str, program: str | None) -> list[dict[str, Any]]:
-    """The identified cell against the truth, at the joints of a program or, without one, around the part."""
+def compared(before: str, identified: str, truth_file: str, program: str | None, folder: str) -> dict[str, Any]:  # noqa: ARG001
+    """The identified cell against the truth, at the joints of a program or, without one, around the part.
+
+    Returns:
+        ``rows``; nothing is written into the folder.
+    """
     cell = read_cell(before)
     rows = parameter_errors(cell, read_cell(identified), read_truth(truth_file), _joints(cell, program))
-    return [row.plain() for row in rows]
+    return {"rows": [row.plain() for row in rows]}
 
 
 def _joints(cell: Cell, program: str | None) -> Float:

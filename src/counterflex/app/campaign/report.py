@@ -6,7 +6,7 @@ import datetime
 import importlib.metadata
 import platform
 import statistics
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from counterflex import __version__
@@ -32,6 +32,21 @@ COLUMNS: Final = (
     "exact constants mm",
     "remains",
 )
+SETUP_COLUMNS: Final = (
+    "program",
+    "placement",
+    "posture",
+    "planned with",
+    "uncompensated mm",
+    "worst mm",
+    "compensated mm",
+    "worst mm",
+    "remains",
+    "worst",
+    "cells",
+    "failed",
+)
+_LEVEL_WORDS: Final = {"catalogue": "cell file", "identified": "identified cell", "exact": "exact constants"}
 _GROUPS: Final = {
     "use": "What planning uses",
     "stiffness": "Elastic elements",
@@ -46,6 +61,10 @@ def campaign_page_of(summary: Mapping[str, Any]) -> str:
     """The page of a campaign's summary, as HTML."""
     rows = rows_of(summary)
     with_exact = any(row[-1] != "-" for row in rows)
+    shown = [row if with_exact else row[:-2] for row in rows]
+    columns: Sequence[str] = COLUMNS if with_exact else COLUMNS[:-2]
+    if "setups" in summary:
+        columns, shown = SETUP_COLUMNS, [tuple(row) for row in setup_rows(summary)]
     return campaign_page(
         CampaignData(
             title=f"Campaign: {summary['cell']}",
@@ -53,8 +72,8 @@ def campaign_page_of(summary: Mapping[str, Any]) -> str:
             created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
             verdict=verdict(summary),
             cards=_cards(summary),
-            columns=COLUMNS if with_exact else COLUMNS[:-2],
-            rows=[row if with_exact else row[:-2] for row in rows],
+            columns=columns,
+            rows=shown,
             seeds=tuple(_campaign(item) for item in summary["campaigns"]),
             facts=(
                 Fact("Cell", str(summary["cell"])),
@@ -91,6 +110,28 @@ def rows_of(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
             value = levels[level]["variants"]["compensated"]["path"]["p997_mm"]
             cells += [f"{value:.3f}", f"{100.0 * value / before:.1f} %"]
         rows.append(tuple(cells))
+    return rows
+
+
+def setup_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of the table of several set-ups: median and worst over the simulated cells."""
+    rows = []
+    for entry in summary["setups"]:
+        cells = [
+            entry["program"],
+            entry["placement"] or "cell file",
+            entry["posture"],
+            _LEVEL_WORDS[entry["truth_level"]],
+        ]
+        for key, form in (
+            ("nominal_p997_mm", "{:.3f}"),
+            ("compensated_p997_mm", "{:.3f}"),
+            ("remains_percent", "{:.1f} %"),
+        ):
+            value = entry[key]
+            cells += ["-", "-"] if value is None else [form.format(value["median"]), form.format(value["worst"])]
+        failed = f"{entry['failed']}: {entry['fault']}" if entry["failed"] else "0"
+        rows.append([*cells, str(entry["cells"]), failed])
     return rows
 
 

@@ -14,7 +14,6 @@ from counterflex.app.campaign import laboratory
 from counterflex.app.campaign.plan import Measurement
 from counterflex.app.identification import identify
 from counterflex.app.identification.propose import propose
-from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -38,7 +37,7 @@ _HOLDOUT_SEED: Final = 1000
 def step(
     plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: int, *, progress: Progress = silent
 ) -> dict[str, Any]:
-    """Do one recipe, unless it was done before from the same inputs.
+    """Do one recipe.
 
     Writes into the folder: the two proposals, ``data/`` and ``holdout/`` (datasets), ``result/`` (what ``identify``
     writes) and ``cell.toml``, the cell to go on with: the identified one, or, where the identification was refused
@@ -57,19 +56,6 @@ def step(
         ``rows`` measured, ``seconds`` per part.
     """
     out = Path(folder)
-    facts = {
-        "recipe": plan.recipe,
-        "count": plan.count,
-        "holdout": plan.holdout,
-        "propose": dict(plan.propose),
-        "identify": dict(plan.identify),
-        "seed": seed,
-    }
-    mark = fingerprint(cell_file, truth_file, **facts)
-    before = finished(out, mark)
-    if before is not None:
-        return before
-    begin(out, mark)
     parts = in_parts(progress, WORK)
     seconds: dict[str, float] = {}
     rows: dict[str, int] = {}
@@ -115,5 +101,4 @@ def step(
     atomic.write_text(out / CELL, copied_text(new_cell, out))
     seconds["identify"] = time.perf_counter() - clock
     outcome["seconds"] = {key: round(value, 2) for key, value in seconds.items()}
-    finish(out, mark, outcome)
     return outcome

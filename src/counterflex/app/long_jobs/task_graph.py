@@ -1,119 +1,131 @@
-"""Run tasks that wait for one another, several at a time."""
+"""Run tasks that wait for one another, several at a time; those that are kept on disk are not done again."""
 
 from __future__ import annotations
 
-import concurrent.futures
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+import contextlib
+import graphlib
+import heapq
+from collections.abc import Sequence
+from typing import Any, Final
 
-from counterflex.app.long_jobs.workers import REPORT_EVERY_S, Shares, count_of, interrupts_deferred, pool_of, share
-from counterflex.core.errors import InputError
+from counterflex.app.long_jobs.executors import Executor, Start, here, processes
+from counterflex.app.long_jobs.step_cache import Mark, begin, finish, finished
+from counterflex.app.long_jobs.task import Failed, Task
+from counterflex.app.long_jobs.workers import Shares, count_of
+from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import Progress
 
-
-@dataclass(frozen=True)
-class Task:
-    """One piece of work in a worker process.
-
-    Attributes:
-        name: Unique.
-        text: What is being worked on, for people.
-        function: Of a module, so that a worker finds it.
-        arguments: Plain values and paths.
-        after: Names of tasks that must have ended; their results are on disk.
-        weight: Expected time, in any unit.
-        tells: The function takes ``progress`` and tells the fraction done.
-    """
-
-    name: str
-    text: str
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...] = ()
-    after: tuple[str, ...] = ()
-    weight: float = 1.0
-    tells: bool = False
+_NAMED: Final = 4
+"""Running tasks that the progress names; the others are counted."""
 
 
-def run_tasks(tasks: Sequence[Task], workers: int | None, progress: Progress) -> dict[str, Any]:
+def run_tasks(
+    tasks: Sequence[Task],
+    workers: int | None,
+    progress: Progress,
+    *,
+    start: Start | None = None,
+    keep_going: bool = False,
+) -> dict[str, Any]:
     """Run tasks, the earlier of those that are ready first.
 
     Args:
         tasks: In order of urgency.
-        workers: Processes; None is one per core, 1 works in this process.
+        workers: Processes of this machine; None is one per core, 1 works in this process.
         progress: Progress callback, share of the weights 0 to 1, running tasks included.
+        start: Who does them instead, such as :func:`counterflex.app.long_jobs.cluster.cluster`.
+        keep_going: A task that raises a CounterflexError does not end the job: it, and the tasks that wait for it,
+            result in :class:`Failed`.
 
     Returns:
         What each returned, by name.
 
     Raises:
-        InputError: Names are not unique, or tasks wait for each other in a circle.
+        InputError: Names are not unique, a task waits for one that is not there, or tasks wait in a circle.
         CounterflexError: What a task raised; the others are ended.
     """
-    if len({task.name for task in tasks}) != len(tasks):
-        raise InputError("two tasks have the same name")
-    results: dict[str, Any] = {}
+    graph = _Graph(tasks)
     count = count_of(workers, len(tasks))
-    shares, weights, place = (
-        Shares(len(tasks)),
-        [task.weight for task in tasks],
-        {t.name: i for i, t in enumerate(tasks)},
-    )
+    own = here if count == 1 else processes(count)
+    shares, weights = Shares(len(tasks)), [task.weight for task in tasks]
+    results: dict[str, Any] = {}
+    running: dict[int, tuple[Task, Mark | None]] = {}
 
-    def report(text: str) -> None:
-        progress(shares.sum(weights), text)
+    def report() -> None:
+        progress(shares.sum(weights), _texts([task for task, _ in running.values()]))
 
-    def ready(waiting: Sequence[Task]) -> Task | None:
-        return next((task for task in waiting if all(name in results for name in task.after)), None)
+    def ended(place: int, result: Any) -> None:
+        results[tasks[place].name] = result
+        shares.of(place)(1.0)
+        graph.done(place)
 
-    waiting = list(tasks)
-    if count == 1:
-        while waiting:
-            task = _require_task(ready(waiting), waiting)
-            report(task.text)
-            done_of, text = shares.of(place[task.name]), task.text
-
-            def task_progress(fraction: float, what: str = "", done_of: Progress = done_of, text: str = text) -> None:  # noqa: ARG001
-                done_of(fraction)
-                report(text)
-
-            results[task.name] = _work(task, task_progress)
-            done_of(1.0)
-            waiting.remove(task)
-        report("")
-        return results
-    with pool_of(count, shares) as pool:
-        running: dict[concurrent.futures.Future[Any], Task] = {}
-        while waiting or running:
-            while len(running) < count and (task_ready := ready(waiting)) is not None:
-                with interrupts_deferred():
-                    running[pool.submit(_work_at, task_ready, place[task_ready.name])] = task_ready
-                waiting.remove(task_ready)
-            if not running:
-                _require_task(None, waiting)
-            done: set[concurrent.futures.Future[Any]] = set()
-            while not done:
-                report(", ".join(task.text for task in running.values()))
-                done, _ = concurrent.futures.wait(
-                    running, REPORT_EVERY_S, return_when=concurrent.futures.FIRST_COMPLETED
-                )
-            for future in done:
-                task = running.pop(future)
-                results[task.name] = future.result()
-                shares.of(place[task.name])(1.0)
-    report("")
+    with contextlib.ExitStack() as stack:
+        executor: Executor | None = None  # nothing is started where all is kept
+        while graph.active or running:
+            while (executor is None or len(running) < executor.slots()) and (place := graph.next()) is not None:
+                task = tasks[place]
+                lost = next((results[name] for name in task.after if isinstance(results[name], Failed)), None)
+                if lost is not None:
+                    ended(place, lost)
+                    continue
+                mark = None if task.writes is None else task.mark()
+                kept = None if mark is None or task.writes is None else finished(task.writes, mark)
+                if kept is not None:
+                    ended(place, kept)
+                    continue
+                if task.writes is not None:
+                    begin(task.writes, mark)
+                if executor is None:
+                    executor = stack.enter_context((start or own)(shares, report))
+                running[place] = (task, mark)
+                executor.submit(place, task)
+            report()
+            for place, result in executor.ended() if executor is not None and running else ():
+                task, mark = running.pop(place)
+                if isinstance(result, BaseException):
+                    if not (keep_going and isinstance(result, CounterflexError)):
+                        raise result
+                    result = Failed(str(result))
+                elif mark is not None and task.writes is not None:
+                    finish(task.writes, mark, result)
+                ended(place, result)
+    report()
     return results
 
 
-def _work(task: Task, progress: Progress) -> Any:
-    return task.function(*task.arguments, **({"progress": progress} if task.tells else {}))
+class _Graph:
+    """Which task comes next: of those that wait for none that has not ended the first."""
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        self._place = {task.name: i for i, task in enumerate(tasks)}
+        if len(self._place) != len(tasks):
+            raise InputError("two tasks have the same name")
+        self._names = [task.name for task in tasks]
+        for task in tasks:
+            for name in task.after:
+                if name not in self._place:
+                    raise InputError(f"{task.name} waits for a task that is not there", value=name)
+        self._sorter = graphlib.TopologicalSorter({task.name: task.after for task in tasks})
+        try:
+            self._sorter.prepare()
+        except graphlib.CycleError as fault:
+            raise InputError("tasks wait for each other in a circle", value=", ".join(fault.args[1])) from fault
+        self._ready: list[int] = []
+
+    @property
+    def active(self) -> bool:
+        return bool(self._ready) or self._sorter.is_active()
+
+    def next(self) -> int | None:
+        for name in self._sorter.get_ready():
+            heapq.heappush(self._ready, self._place[name])
+        return heapq.heappop(self._ready) if self._ready else None
+
+    def done(self, place: int) -> None:
+        self._sorter.done(self._names[place])
 
 
-def _work_at(task: Task, place: int) -> Any:
-    return _work(task, share(place))
-
-
-def _require_task(task: Task | None, waiting: Sequence[Task]) -> Task:
-    if task is None:
-        raise InputError("tasks wait for each other in a circle", value=", ".join(t.name for t in waiting))
-    return task
+def _texts(running: Sequence[Task]) -> str:
+    texts = [task.text for task in running[:_NAMED]]
+    more = [f"{len(running) - _NAMED} more"] if len(running) > _NAMED else []
+    return ", ".join(texts + more)

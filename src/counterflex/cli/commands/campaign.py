@@ -25,10 +25,10 @@ def campaign(
         Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
     program: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Argument(
-            help="Program to machine before and after; none: identify only.",
-            metavar="[PROGRAM]",
+            help="Programs to machine before and after; none: identify only.",
+            metavar="[PROGRAM]...",
             callback=arguments.file,
         ),
     ] = None,
@@ -63,16 +63,46 @@ def campaign(
     exact: Annotated[
         bool, typer.Option("--exact/--no-exact", help="Also plan with the truth's exact constants.")
     ] = False,
+    identify: Annotated[
+        bool, typer.Option("--identify/--no-identify", help="Identify the cells; otherwise only the cell file plans.")
+    ] = True,
+    placements: Annotated[
+        Path | None,
+        typer.Option(
+            "--placements",
+            help="CSV file of places for the part: name and any of x_mm y_mm z_mm a_deg b_deg c_deg, as in [part].",
+            metavar="FILE",
+            callback=arguments.file,
+        ),
+    ] = None,
+    posture: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--posture",
+            help="present (cell file), chosen (as plan posture), or 'front up noflip 180'; may be given several times.",
+            metavar="POSTURE",
+        ),
+    ] = None,
     workers: Workers = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            help="Scheduler of dask whose workers do the work; without it processes of this machine do.",
+            metavar="ADDRESS",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Identify a complete cell on simulated cells, as a laboratory would, and show the accuracy gained.
 
-    For each recipe: propose, measure on the twin, identify, validate on separate measurements. Then a program is
-    machined before and after compensation, planned with the original and with the identified cell file. An interrupted
-    campaign continues when the same command is given again.
+    For each recipe: propose, measure on the twin, identify, validate on separate measurements. Then programs are
+    machined before and after compensation, planned with the original and with the identified cell file: every program
+    at every placement in every posture on every simulated cell. An interrupted campaign continues when the same command
+    is given again; results.parquet has a row for each result.
 
-    With all recipes a cell takes minutes; --recipe does one of them.
+    With all recipes a cell takes minutes; --recipe does one of them, --no-identify none. --scheduler tls://HOST:8786
+    does the same on other machines (docs/campaign.md).
 
     Example: `counterflex campaign part.ngc --cell cell.toml --twin truth.toml --recipe tracker-frame --out campaign`
     """
@@ -82,29 +112,41 @@ def campaign(
             value="neither" if twin is None else "both",
             hint="--twin TRUTH is one simulated cell, --seeds 5 makes five",
         )
+    if recipe and not identify:
+        raise InputError("use either --recipe or --no-identify", value="both")
+    if scheduler and workers:
+        raise InputError(
+            "use either --scheduler or --workers", value="both", hint="A scheduler's workers are started beside it"
+        )
     numbers = None if seeds is None else arguments.seeds(seeds)
-    inputs = [path for path in (program, cell, twin) if path is not None]
+    programs = list(program or ())
+    inputs = [path for path in (*programs, cell, twin, placements) if path is not None]
     keep_inputs(out, *inputs)
     from counterflex.app import examples
     from counterflex.app.campaign import campaign as job
+    from counterflex.app.campaign.axes import Grid, read_placements
+    from counterflex.app.long_jobs.scheduler import open_to_others, require_scheduler_address
     from counterflex.twin.truth.family import family_of
 
+    if scheduler is not None and (message := open_to_others(require_scheduler_address(scheduler))):
+        typer.echo(message, err=True)
+    places = () if placements is None else read_placements(placements)
     with tempfile.TemporaryDirectory() as folder, progress_bar("campaign") as progress:
         if cell is None:
             cell = Path(folder) / "cell.toml"
             _, part = examples.write(cell)
-            program = part if program is None else program
+            programs = programs or [part]
         try:
             summary = job.run(
                 cell,
                 out,
-                program=program,
+                grid=Grid(programs, places, posture or ()),
                 seeds=numbers,
                 family=family_of(family),
                 truth_file=twin,
-                recipes=recipe or None,
+                recipes=(recipe or None) if identify else [],
                 with_exact=exact,
-                workers=workers,
+                workers=scheduler or workers,
                 progress=progress,
             )
         except KeyboardInterrupt as stop:
@@ -119,7 +161,7 @@ def campaign(
 
 def show(summary: dict[str, Any], out: Path) -> None:
     """Print the tables of a campaign."""
-    from counterflex.app.campaign.report import COLUMNS, headline_rows, rows_of, verdict
+    from counterflex.app.campaign.report import COLUMNS, SETUP_COLUMNS, headline_rows, rows_of, setup_rows, verdict
 
     lines = headline_rows(summary)
     if lines:
@@ -137,5 +179,7 @@ def show(summary: dict[str, Any], out: Path) -> None:
             [list(row if with_exact else row[:-2]) for row in rows],
         )
         typer.echo(verdict(summary))
+    if "setups" in summary:
+        print_table("99.7 % path error over the simulated cells", list(SETUP_COLUMNS), setup_rows(summary))
     print_made_again(summary)
     typer.echo(f"report: {out / 'report.html'}")

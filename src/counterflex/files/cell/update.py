@@ -39,6 +39,8 @@ COMPLIANCE_KEYS: Final = (
 )
 _CALIBRATION_KEYS: Final = (*((f"{a}_mm", MM) for a in "xyz"), *((f"r{a}_mrad", MRAD) for a in "xyz"))
 _SAME_PLACE_M: Final = 1e-9
+POSE_KEYS: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
+"""Keys of a pose in a cell file."""
 _PATHS: Final = (("robot", "urdf"), ("part", "stock", "stl"), ("part", "stock", "result"))
 Doc = MutableMapping[str, Any]
 
@@ -122,6 +124,80 @@ def text_with_posture(
         table["turning_mm_deg"] = [[round(float(number), 6) for number in row] for row in turning_mm_deg]
     _move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)
+
+
+def text_with_part(path: Path, pose: Mapping[str, float], folder: Path) -> str:
+    """Text of a cell file with the part elsewhere; comments, order and everything else are kept.
+
+    Args:
+        path: Cell file.
+        pose: Keys of ``[part]`` that change, in shop units: ``x_mm`` ... ``c_deg``.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    doc = _parsed(path)
+    table = _table(doc, "part")
+    for key, value in pose.items():
+        table[key] = value
+    _move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def text_placed_as(path: Path, other: Path, folder: Path) -> str:
+    """Text of a cell file with the pose of the part and the posture of another one.
+
+    Args:
+        path: Cell file.
+        other: Cell file that has them.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+
+    Raises:
+        FileFormatError: A file cannot be read.
+    """
+    doc, there = _parsed(path), _parsed(other)
+    part, pose = _table(doc, "part"), there.get("part", {})
+    for key in POSE_KEYS:
+        part.pop(key, None)
+        if key in pose:
+            part[key] = pose[key]
+    doc.pop("posture", None)
+    if "posture" in there:
+        doc["posture"] = there["posture"]
+    _move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def text_with_files(path: Path, folder: Path, inputs: Path) -> tuple[str, dict[Path, bytes]]:
+    """Text of a cell file whose files lie in a folder of its own, so that the folder is all that it needs.
+
+    Args:
+        path: Cell file.
+        folder: Where the new file will lie.
+        inputs: Folder for the files that it names.
+
+    Returns:
+        The text, and the contents of these files by where they have to be written.
+
+    Raises:
+        FileFormatError: A file cannot be read.
+    """
+    doc, files = _parsed(path), {}
+    for *keys, last in _PATHS:
+        table: Any = doc
+        for key in keys:
+            table = table.get(key, {})
+        if table.get(last) is None:
+            continue
+        source = path.parent / str(table[last])
+        target = inputs / f"{'-'.join((*keys, last))}{source.suffix}"
+        try:
+            files[target] = source.read_bytes()
+        except OSError as fault:
+            raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(source)) from fault
+        table[last] = Path(os.path.relpath(target, folder)).as_posix()
+    return tomlkit.dumps(doc), files
 
 
 def _parsed(path: Path) -> tomlkit.TOMLDocument:

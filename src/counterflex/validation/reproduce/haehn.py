@@ -17,6 +17,7 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.campaign import campaign
 from counterflex.app.campaign.step import CELL
+from counterflex.app.campaign.tasks import TRUTH
 from counterflex.app.compensation import compensate
 from counterflex.app.long_jobs.step_cache import Mark, begin, fingerprint, finish, finished, made_again
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
@@ -119,7 +120,7 @@ def _mill_all(
             plan.result()
         with interrupts_deferred():
             waiting = {
-                pool.submit(_one_at, k, places[job[:2]], cells[job[0]].with_name(campaign.TRUTH), job): job
+                pool.submit(_one_at, k, places[job[:2]], cells[job[0]].with_name(TRUTH), job): job
                 for k, job in enumerate(jobs)
             }
 

@@ -15,9 +15,11 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.campaign import campaign
 from counterflex.app.campaign.step import CELL
+from counterflex.app.campaign.tasks import TRUTH
 from counterflex.app.compensation import compensate
 from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished, made_again
-from counterflex.app.long_jobs.task_graph import Task, run_tasks
+from counterflex.app.long_jobs.task import Task
+from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.app.proof import evaluate
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
@@ -127,7 +129,7 @@ def prepare(folder: str, seed: int, rows: Sequence[str]) -> None:
         rows: What may be wrong.
     """
     base = Path(folder)
-    cell, truth = base / "cells" / f"seed-{seed}" / CELL, base / "cells" / f"seed-{seed}" / campaign.TRUTH
+    cell, truth = base / "cells" / f"seed-{seed}" / CELL, base / "cells" / f"seed-{seed}" / TRUTH
     for row in rows:
         online_case.write_case(_place(folder, seed, row), row, cell, truth, base / online_case.CATALOGUE, seed)
     plan, program = base / f"seed-{seed}" / PLANNED, base / online_case.PROGRAM

@@ -1,0 +1,175 @@
+"""What a campaign is carried out over besides the simulated cells: programs, placements of the part, postures."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.files.cell.update import POSE_KEYS
+from counterflex.robot.model.opw import BRANCHES
+
+PRESENT: Final = "present"
+"""The posture of the cell file."""
+CHOSEN: Final = "chosen"
+"""The posture that ``plan posture`` chooses, for each program and placement by itself."""
+MOST_PLACEMENTS: Final = 100_000
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the part stands.
+
+    Attributes:
+        name: Of files and rows; empty for the place that the cell file says.
+        pose: Keys of ``[part]`` that differ from the cell file.
+    """
+
+    name: str = ""
+    pose: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One program at one placement in one posture.
+
+    Attributes:
+        name: Of its folders; empty where the campaign has only one.
+        program: Name of the program's file.
+        placement: Where the part stands.
+        posture: ``present``, ``chosen``, or configuration and rotation: ``front up noflip 180``.
+    """
+
+    name: str
+    program: str
+    placement: Placement
+    posture: str
+
+    @property
+    def moved(self) -> bool:
+        """Whether part or posture are not those of the cell file."""
+        return bool(self.placement.pose) or self.posture != PRESENT
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What is machined on every simulated cell: each program at each placement in each posture.
+
+    Attributes:
+        programs: G-code files.
+        placements: Where the part stands; none is where the cell file says.
+        postures: As in :class:`Setup`; none is that of the cell file.
+    """
+
+    programs: Sequence[str | Path] = ()
+    placements: Sequence[Placement] = ()
+    postures: Sequence[str] = ()
+
+
+IDENTIFY_ONLY: Final = Grid()
+
+
+def read_placements(file: str | Path) -> tuple[Placement, ...]:
+    """Placements from a CSV file.
+
+    Its first line names the columns: ``name`` and any of ``x_mm y_mm z_mm a_deg b_deg c_deg``, the keys of ``[part]``
+    in the cell file; what has no column stays as it is there. Further columns are an error.
+
+    Raises:
+        FileFormatError: The file is not so, a value is no number, or a name is no name or is there twice.
+    """
+    where = str(file)
+    try:
+        with Path(file).open(encoding="utf-8-sig", newline="") as stream:
+            rows = list(csv.DictReader(stream, strict=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as fault:
+        raise FileFormatError("cannot be read as CSV", where=where, value=str(fault)[:80]) from fault
+    if not rows:
+        raise FileFormatError("there is no placement in this file", where=where, limit="a header and a row for each")
+    known = ("name", *POSE_KEYS)
+    columns = list(rows[0])
+    if "name" not in columns or any(column not in known for column in columns):
+        raise FileFormatError("the columns are not those of placements", where=where, value=columns, limit=known)
+    if len(rows) > MOST_PLACEMENTS:
+        raise FileFormatError("too many placements", where=where, value=len(rows), limit=MOST_PLACEMENTS)
+    placements = []
+    for number, row in enumerate(rows, start=2):
+        line = f"{where}:{number}"
+        name = row["name"] or ""
+        if not _NAME.fullmatch(name):
+            raise FileFormatError("no name for a folder", where=line, value=name, limit="letters, digits, . _ -")
+        placements.append(Placement(name, {key: _number(row[key], line, key) for key in columns if key != "name"}))
+    names = [place.name.lower() for place in placements]
+    twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
+    if twice is not None:
+        raise FileFormatError("two placements have the same name", where=where, value=twice)
+    return tuple(placements)
+
+
+def branch_and_rotation(text: str) -> tuple[str, float]:
+    """Configuration of the arm and rotation about the tool axis in degrees, from ``front up noflip 180``.
+
+    Raises:
+        InputError: It is no such text.
+    """
+    *words, angle = text.split() or [""]
+    try:
+        rotation_deg = float(angle)
+    except ValueError:
+        rotation_deg = math.nan
+    if " ".join(words) not in BRANCHES or not abs(rotation_deg) <= 360.0:
+        raise InputError(
+            "that is no posture",
+            value=text,
+            limit=f'{PRESENT}, {CHOSEN}, or such as "front up noflip 180" (degrees, -360 to 360)',
+        )
+    return " ".join(words), rotation_deg
+
+
+def setups_of(grid: Grid) -> tuple[Setup, ...]:
+    """Every program at every placement in every posture; none where there is no program.
+
+    Raises:
+        InputError: Placements or postures without a program, two programs have the same name, a posture is none or is
+            named twice.
+    """
+    programs, placements, postures = tuple(map(Path, grid.programs)), grid.placements, grid.postures
+    if not programs and (placements or postures):
+        raise InputError("placements and postures are those of a program", value="no program", hint="Name one")
+    stems = [program.stem.lower() for program in programs]
+    if len(set(stems)) < len(stems):
+        twice = next(stem for stem in stems if stems.count(stem) > 1)
+        raise InputError(
+            "two programs have the same name", value=twice, hint="Rename one; results are named after them"
+        )
+    places, held = tuple(placements) or (Placement(),), tuple(postures) or (PRESENT,)
+    for posture in held:
+        if posture not in (PRESENT, CHOSEN):
+            branch_and_rotation(posture)
+    if len(set(held)) < len(held):
+        raise InputError("a posture is named twice", value=", ".join(held))
+    setups = []
+    for program in programs:
+        for place in places:
+            for posture in held:
+                parts = [program.stem] if len(programs) > 1 else []
+                parts += [place.name] if place.name else []
+                parts += [posture.replace(" ", "-")] if len(held) > 1 or posture != PRESENT else []
+                setups.append(Setup("_".join(parts), program.name, place, posture))
+    return tuple(setups)
+
+
+def _number(text: str | None, where: str, key: str) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FileFormatError(f"{key} is no number", where=where, value=text)
+    return value

@@ -1,0 +1,110 @@
+"""A piece of work of a long job: a function, what it reads, what it writes, and what must have ended before it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from counterflex.app.long_jobs.step_cache import Mark, fingerprint
+
+
+@dataclass(frozen=True)
+class Reads:
+    """An argument that is a path, of a file or folder that is read; the function gets it as a text.
+
+    Attributes:
+        path: Below the folder of the job.
+    """
+
+    path: str
+
+
+@dataclass(frozen=True)
+class Writes:
+    """The argument that is the path of the folder that is written; the function gets it as a text.
+
+    Attributes:
+        path: Below the folder of the job.
+    """
+
+    path: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """One piece of work.
+
+    A task with an argument :class:`Writes` is kept on disk: when the job is started again and it was made from the same
+    files, arguments and program, its function is not called again. It returns a table of plain values (JSON).
+
+    Attributes:
+        name: Unique.
+        text: What is being worked on, for people.
+        function: Of a module, so that a worker finds it.
+        arguments: Plain values, :class:`Reads`, at most one :class:`Writes`; paths as plain texts only where all
+            workers share this machine's disk.
+        after: Names of tasks that must have ended; their results are on disk.
+        weight: Expected time, in any unit.
+        tells: The function takes ``progress`` and tells the fraction done.
+        reads: Further files that it reads: those that the files named in its arguments name.
+    """
+
+    name: str
+    text: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...] = ()
+    after: tuple[str, ...] = ()
+    weight: float = 1.0
+    tells: bool = False
+    reads: tuple[str, ...] = ()
+
+    @property
+    def writes(self) -> Path | None:
+        """The folder that it writes."""
+        return next((Path(item.path) for item in self.arguments if isinstance(item, Writes)), None)
+
+    def files(self) -> tuple[Path, ...]:
+        """The files that it reads, each once, folders with all that is in them."""
+        named = [item.path for item in self.arguments if isinstance(item, Reads)]
+        paths: list[Path] = []
+        for path in map(Path, (*named, *self.reads)):
+            paths += sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+        return tuple(dict.fromkeys(paths))
+
+    def plain_arguments(self) -> tuple[Any, ...]:
+        """Its arguments as the function takes them, on this machine."""
+        return tuple(item.path if isinstance(item, Reads | Writes) else item for item in self.arguments)
+
+    def mark(self) -> Mark:
+        """What it is made from.
+
+        Raises:
+            FileFormatError: A file cannot be read.
+        """
+        facts = [_plain(item) for item in self.arguments if not isinstance(item, Reads | Writes)]
+        name = f"{self.function.__module__}.{self.function.__qualname__}"
+        return fingerprint(*self.files(), job=name, arguments=facts)
+
+
+@dataclass(frozen=True)
+class Failed:
+    """Result of a task that could not be done, or that waited for one.
+
+    Attributes:
+        why: The fault in one line.
+    """
+
+    why: str
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return _plain(dataclasses.asdict(value))
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(item) for item in value]
+    return value
