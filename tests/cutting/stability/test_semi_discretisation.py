@@ -29,6 +29,13 @@ def test_multipliers_of_the_benchmark(depth_mm: float, mu: float) -> None:
     assert largest_multiplier(ONE, SLOT, 0.006, depth_mm * 1e-3) == pytest.approx(mu, rel=0.01)
 
 
+def test_the_delayed_wave_is_linear_between_its_ends() -> None:
+    """Then it is too small by ``(omega T / k)^2 / 12``, and the multiplier by less; as a constant, by twice that."""
+    period, k, mu = 0.006, 100, 1.40647
+    wave = (2.0 * np.pi * 922.0 * period / k) ** 2 / 12.0
+    assert 0.5 * wave < 1.0 - largest_multiplier(ONE, SLOT, period, 1e-3, k) / mu < wave
+
+
 @pytest.mark.parametrize(
     ("process", "rpm", "limit_mm"),
     [
