@@ -23,6 +23,7 @@ from counterflex.evaluate.figures import weighted_figures
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import RAPID
 from counterflex.plan.feed_schedule import share_between
+from counterflex.plan.lasting_swing import lasting_swings
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
@@ -66,6 +67,7 @@ def figures(plan: Plan) -> dict[str, Any]:
         size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[cutting]
         out[f"predicted_{name}"] = path_error(size, _weights(plan)[cutting])
     out["chatter"] = chatter(plan)
+    out["lasting_swings"] = lasting(plan)
     return out
 
 
@@ -114,6 +116,28 @@ def chatter_warnings(regions: list[dict[str, Any]]) -> list[str]:
     return [
         f"the model chatters in line {lines}, up to {hardest['deviation_mm']:.3g} mm in line {hardest['line']}: "
         "predicted errors there are no forecast. Less depth (pecks: G83), another feed or spindle speed, a stiffer tool"
+    ]
+
+
+def lasting(plan: Plan) -> list[dict[str, Any]]:
+    """Lines of the compensated program in which the predicted tool swings and does not come to rest."""
+    deviation = plan.deviation_compensated_part
+    if np.any(np.isnan(deviation)):
+        return []
+    swings = lasting_swings(plan.path.time_s, deviation, plan.cutting, plan.line)
+    return [{"line": line, "amplitude_mm": round(size / MM, 3)} for line, size in swings]
+
+
+def swing_warnings(swings: list[dict[str, Any]]) -> list[str]:
+    """The same in words; empty where nothing swings."""
+    if not swings:
+        return []
+    hardest = max(swings, key=lambda item: float(item["amplitude_mm"]))
+    lines = ", ".join(str(item["line"]) for item in swings[:_LISTED]) + (", ..." if len(swings) > _LISTED else "")
+    return [
+        f"the arm of the model swings in line {lines} and does not come to rest, by {hardest['amplitude_mm']:.3g} mm "
+        f"in line {hardest['line']} (the feed's direction included): the cut feeds it, and no correction takes it "
+        "away. Less depth, another posture or spindle speed; plan stability says which damping of the arm it needs"
     ]
 
 
@@ -167,7 +191,8 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
             f"{100 * predicted['extrapolated_force_share']:.2g} % of the force comes from chips outside the range "
             "of the cutting constants."
         )
-    notes += [f"{text[0].upper()}{text[1:]}." for text in chatter_warnings(predicted["chatter"])]
+    swinging = [*chatter_warnings(predicted["chatter"]), *swing_warnings(predicted["lasting_swings"])]
+    notes += [f"{text[0].upper()}{text[1:]}." for text in swinging]
     notes += [
         f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in predicted["collisions"]
     ]
@@ -245,6 +270,7 @@ def summary_of(
         *doubtful_readings(job.program),
         *beyond_measured(cell, plan),
         *chatter_warnings(predicted["chatter"]),
+        *swing_warnings(predicted["lasting_swings"]),
         *grain_warnings(job, plan, cell),
     )
     written = written | {
