@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import math
 import queue
 import time
 import uuid
@@ -62,11 +63,13 @@ class _Cluster:
         self._topic = f"counterflex-{uuid.uuid4().hex}"
         self._running: dict[int, tuple[Task, Any]] = {}
         self._ended: queue.SimpleQueue[int] = queue.SimpleQueue()
+        self._threads, self._counted_s = 0, -math.inf
         client.subscribe_topic(self._topic, self._reported)
 
     def slots(self) -> int:
-        threads: dict[str, int] = self._client.nthreads()
-        return AHEAD * max(1, sum(threads.values()))
+        if time.monotonic() - self._counted_s >= REPORT_EVERY_S:
+            self._threads, self._counted_s = sum(self._client.nthreads().values()), time.monotonic()
+        return AHEAD * max(1, self._threads)
 
     def submit(self, place: int, task: Task) -> None:
         order = ordered(task, self._root)
