@@ -16,7 +16,9 @@ from counterflex.app.long_jobs.workers import ONE_THREAD, interrupts_deferred
 from counterflex.core.errors import InputError
 
 CONNECT_S: Final = 5.0
-"""How long a scheduler may take to answer."""
+"""How long it may take to reach the machine of a scheduler."""
+ANSWER_S: Final = 20.0
+"""How long a scheduler that is reached may take to answer, on a machine with much other work."""
 _QUIET: Final = {"DASK_LOGGING__DISTRIBUTED": "critical"}
 
 
@@ -87,7 +89,7 @@ def connected(address: str) -> AbstractContextManager[Any]:
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client: AbstractContextManager[Any] = Client(
-            require_scheduler(address), timeout=CONNECT_S, set_as_default=False, name="counterflex"
+            require_scheduler(address), timeout=ANSWER_S, set_as_default=False, name="counterflex"
         )
     except (OSError, TypeError, RuntimeError) as fault:
         raise _nobody(address, fault) from fault
