@@ -508,16 +508,6 @@ def test_program_the_twin_refuses(
         assert part in line
 
 
-def test_two_tools_in_the_twin(folder: Path, refused: Any, machined: Any) -> None:
-    shutil.copy(machined.folder / "truth.toml", folder)
-    cell, program = folder / "cell.toml", folder / "part.ngc"
-    second = "[[tools]]\nnumber = 2\ndiameter_mm = 8\nflutes = 2\nflute_length_mm = 20\n\n[material]"
-    cell.write_text(cell.read_text(encoding="utf-8").replace("[material]", second), encoding="utf-8")
-    program.write_text(program.read_text(encoding="ascii").replace("M2", "M6 T2\nG1 X0 F1000\nM2"), encoding="ascii")
-    line = refused("simulate", "part.ngc", "--cell", "cell.toml", "--truth", "truth.toml", "--out", "run")
-    assert "one tool at a time; got T1, T2" in line
-
-
 DAMAGED: dict[str, tuple[str, bytes | None, list[str]]] = {
     "run missing": ("run.parquet", None, ["run", "run.parquet", "counterflex simulate"]),
     "run damaged": ("run.parquet", b"damaged", ["run.parquet", "not a readable Parquet file"]),

@@ -31,7 +31,7 @@ class NominalSurface:
     Attributes:
         stock: Before machining.
         nominal: After the undisturbed program.
-        cutter: The tool.
+        cutter: The tool; of several the widest.
         floor: (ny, nx) True on machined cells that do not adjoin a wall.
         normal_z: (ny, nx) vertical component of the floor's unit normal.
         rise_m: (ny, nx) highest wall that stands within ``reach_m`` of the cell, m; infinite where there is none. Floor
@@ -89,6 +89,7 @@ def nominal_surface(
     p_part_tcp: Float,
     cutter: Cutter,
     *,
+    outline: Float | None = None,
     reach_m: float = 3.0 * MM,
     pitch_m: float = 0.5 * MM,
 ) -> NominalSurface:
@@ -101,7 +102,8 @@ def nominal_surface(
         stock: Map before machining.
         nominal: Map after removal simulation of the undisturbed path; same grid.
         p_part_tcp: (n, 3) m, the undisturbed path, joined by straight moves; part frame, tool along part z.
-        cutter: The tool.
+        cutter: The tool; of several the widest.
+        outline: (n, 2) m, radius and corner radius of the tool that each row was run to with; None: of the one tool.
         reach_m: Largest wall shift that is followed; also how far from a wall the floor may be covered by it.
         pitch_m: Distance between wall points.
 
@@ -122,13 +124,17 @@ def nominal_surface(
     fall: Float32 = ndimage.maximum_filter(edge, window)
     rise[rise == 0.0] = np.inf
     fall[fall == 0.0] = np.inf
-    point, normal, area = _walls(nominal, machined, p_part_tcp, cutter, step, pitch)
+    point, normal, area = _walls(nominal, machined, p_part_tcp, cutter if outline is None else outline, step, pitch)
     floor: Bool = machined & (foot == 0.0) & (edge == 0.0)
     return NominalSurface(stock, nominal, cutter, floor, normal_z, rise, fall, point, normal, area, reach)
 
 
 def surface_deviation(
-    surface: NominalSurface, actual: HeightMap, p_part_actual: Float, joined: Bool | None = None
+    surface: NominalSurface,
+    actual: HeightMap,
+    p_part_actual: Float,
+    joined: Bool | None = None,
+    outline: Float | None = None,
 ) -> SurfaceDeviation:
     """Compare a machined part with the nominal surface.
 
@@ -138,6 +144,7 @@ def surface_deviation(
         p_part_actual: (n, 3) m, path of the tool tip as it really ran, dense enough that chords are as good as the
             path (the stations of :class:`~counterflex.evaluate.PathDeviation` are).
         joined: (n,) False where a sample does not continue the one before, or None.
+        outline: (n, 2) m, radius and corner radius of the tool at each sample; None: of the one tool.
 
     Raises:
         InputError: Grids differ, or values are not finite.
@@ -151,8 +158,8 @@ def surface_deviation(
     floor: Float32 = np.where(surface.floor & ~covered, rise * surface.normal_z, np.float32(np.nan))
     wall = np.full(len(surface.wall_point), np.nan)
     if len(wall):
-        section = swept_section(p_part_actual, surface.cutter, surface.reach_m, joined)
-        inside = min(surface.reach_m, surface.cutter.radius_m)
+        section = swept_section(p_part_actual, surface.cutter if outline is None else outline, surface.reach_m, joined)
+        inside = min(surface.reach_m, float(np.min(section.radius_m, initial=surface.cutter.radius_m)))
         reached, _ = wall_exit(section, surface.wall_point, surface.wall_normal, inside)
         wall = np.where(np.isfinite(reached), -reached, np.nan)
         above = _material_above(actual, surface)
@@ -239,7 +246,7 @@ def _steps(z: Float32, step: float) -> tuple[Float32, Float32]:
 
 
 def _walls(
-    nominal: HeightMap, machined: Bool, p_part_tcp: Float, cutter: Cutter, step: float, pitch: float
+    nominal: HeightMap, machined: Bool, p_part_tcp: Float, cutter: Cutter | Float, step: float, pitch: float
 ) -> tuple[Float, Float, Float]:
     """Exact points on the nominal walls, their normals and areas."""
     cell = nominal.cell_m

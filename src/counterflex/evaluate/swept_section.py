@@ -26,8 +26,8 @@ class SweptSection:
     Attributes:
         start: (n, 3) m tool tip at the start of each move, part frame.
         end: (n, 3) m.
-        radius_m: Cutter radius.
-        corner_m: Corner radius of its outline.
+        radius_m: (n,) cutter radius of each move.
+        corner_m: (n,) corner radius of its outline.
         reach_m: Longest ray that may be cast from a wall point, m.
         bin_m: Side of a bin.
         low: (2,) m corner of the first bin.
@@ -38,8 +38,8 @@ class SweptSection:
 
     start: Float
     end: Float
-    radius_m: float
-    corner_m: float
+    radius_m: Float
+    corner_m: Float
     reach_m: float
     bin_m: float
     low: Float
@@ -48,12 +48,14 @@ class SweptSection:
     member: Int
 
 
-def swept_section(p_part_tcp: Float, cutter: Cutter, reach_m: float, joined: Bool | None = None) -> SweptSection:
+def swept_section(
+    p_part_tcp: Float, outline: Cutter | Float, reach_m: float, joined: Bool | None = None
+) -> SweptSection:
     """Prepare the moves of a tool path for :func:`wall_exit`.
 
     Args:
         p_part_tcp: (n, 3) m tool tip, part frame, tool axis along part z.
-        cutter: Its radius and corner radius count.
+        outline: Cutter, or (n, 2) m, radius and corner radius of the tool that each row was run to with.
         reach_m: Longest ray, from a wall point inward and outward.
         joined: (n,) False where a row does not continue the one before, or None for a path without holes.
 
@@ -65,19 +67,22 @@ def swept_section(p_part_tcp: Float, cutter: Cutter, reach_m: float, joined: Boo
     keep = np.ones(max(len(p) - 1, 0), dtype=np.bool_)
     if joined is not None:
         keep &= np.asarray(joined, dtype=np.bool_)[1:]
+    if isinstance(outline, Cutter):
+        outline = np.tile([outline.radius_m, outline.corner_radius_m], (len(p), 1))
+    sizes = as_float("outline", outline, (len(p), 2))[1:][keep]
+    radius, corner = np.ascontiguousarray(sizes[:, 0]), np.ascontiguousarray(sizes[:, 1])
     start, end = np.ascontiguousarray(p[:-1][keep]), np.ascontiguousarray(p[1:][keep])
-    side = max(cutter.radius_m, reach, 1e-3)
-    margin = cutter.radius_m + reach
+    widest = float(np.max(radius, initial=0.0))
+    side = max(widest, reach, 1e-3)
+    margin = widest + reach
     if len(start) == 0:
         empty = np.zeros(0, dtype=np.int64)
-        return SweptSection(
-            start, end, cutter.radius_m, cutter.corner_radius_m, reach, side, np.zeros(2), (0, 0), empty, empty
-        )
+        return SweptSection(start, end, radius, corner, reach, side, np.zeros(2), (0, 0), empty, empty)
     low: Float = np.minimum(start, end)[:, :2].min(axis=0) - margin
     high: Float = np.maximum(start, end)[:, :2].max(axis=0) + margin
     nx, ny = (int(v) for v in np.floor((high - low) / side) + 1)
     first, member = _bins(start, end, margin, low[0], low[1], side, nx, ny)
-    return SweptSection(start, end, cutter.radius_m, cutter.corner_radius_m, reach, side, low, (ny, nx), first, member)
+    return SweptSection(start, end, radius, corner, reach, side, low, (ny, nx), first, member)
 
 
 def wall_exit(section: SweptSection, point: Float, direction: Float, inside_m: float) -> tuple[Float, Float]:
@@ -201,8 +206,8 @@ def _exits(
     reach: float,
     a: Float,
     b: Float,
-    R: float,
-    rc: float,
+    R: Float,
+    rc: Float,
     x0: float,
     y0: float,
     side: float,
@@ -227,7 +232,7 @@ def _exits(
         for c in range(f0, f1):
             s0, s1, gx, gy = _span(
                 point[k, 0], point[k, 1], point[k, 2], direction[k, 0], direction[k, 1], a[member[c]], b[member[c]],
-                R, rc,
+                R[member[c]], rc[member[c]],
             )  # fmt: skip
             if s1 >= s0 and s1 >= -inside:
                 spans[count, 0], spans[count, 1], spans[count, 2], spans[count, 3] = s0, s1, gx, gy

@@ -12,7 +12,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import Job
 from counterflex.app.proof import simulate
-from counterflex.core.arrays import Bool
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import find_features
@@ -26,6 +26,7 @@ from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary
 from counterflex.path.run import Run
 from counterflex.path.toolpath import FEED
+from counterflex.twin.plant.simulate import mounted_tools
 from counterflex.twin.truth.file import read_truth
 from counterflex.twin.truth.truth import Truth
 
@@ -46,8 +47,16 @@ class Reference:
 
     @property
     def radius_m(self) -> float:
-        """Radius of the cutter."""
+        """Radius of the cutter; of several the largest."""
         return self.surface.cutter.radius_m
+
+    def outline_at(self, motion: Int) -> Float | None:
+        """(k, 2) m, radius and corner radius of the tool in each of (k,) motions; None where one tool cuts all."""
+        path = self.job.path
+        if len(simulate.tools_of(path)) < 2:
+            return None
+        last = np.maximum(np.searchsorted(path.motion, motion, side="right") - 1, 0)
+        return _outlines(mounted_tools(path)[last], self.cell)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +90,19 @@ class Judged:
 
 def reference_of(job: Job, cell: Cell) -> Reference:
     """Removal simulation of the undisturbed path, and what it machines."""
-    cutter = cell.cutter(simulate.tool_of(job.path))
+    tools = simulate.tools_of(job.path)
+    widest = max((cell.cutter(number) for number in tools), key=lambda cutter: cutter.radius_m)
+    outline = None if len(tools) < 2 else _outlines(mounted_tools(job.path), cell)
     nominal = simulate.undisturbed(job, cell)
-    cut = job.path.p_part_tcp
-    return Reference(job, cell, nominal_surface(cell.stock(), nominal, cut, cutter))
+    return Reference(job, cell, nominal_surface(cell.stock(), nominal, job.path.p_part_tcp, widest, outline=outline))
+
+
+def _outlines(tool: Int, cell: Cell) -> Float:
+    """(n, 2) m, radius and corner radius of tools by their numbers (n,)."""
+    numbers, place = np.unique(tool, return_inverse=True)
+    cutters = [cell.cutter(int(number)) for number in numbers]
+    out: Float = np.array([[cutter.radius_m, cutter.corner_radius_m] for cutter in cutters])[place]
+    return out
 
 
 def judge(reference: Reference, run: Run, actual: HeightMap) -> Judged:
@@ -105,12 +123,20 @@ def judge(reference: Reference, run: Run, actual: HeightMap) -> Judged:
         command_part_tcp=run.p_part_command,
         progress=run.progress,
     )
-    surface = surface_deviation(reference.surface, actual, deviation.p_part_actual, ~deviation.broken)
+    surface = surface_deviation(
+        reference.surface,
+        actual,
+        deviation.p_part_actual,
+        ~deviation.broken,
+        reference.outline_at(deviation.motion),
+    )
     return Judged(run, actual, deviation, surface)
 
 
 def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[FeatureRow, ...]:
-    """Grooves, ramps and pockets of the part, measured on every run."""
+    """Grooves, ramps and pockets of the part, measured on every run; none of a part that several tools cut."""
+    if len(simulate.tools_of(reference.job.path)) > 1:
+        return ()
     return measure_features(
         reference.surface,
         reference.job.path.p_part_tcp,

@@ -53,13 +53,13 @@ def comparison_page(comparison: Comparison) -> str:
 def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], timing: Mapping[str, float]) -> str:
     cell, truth = comparison.reference.cell, comparison.truth
     before, after = comparison.judged["nominal"], comparison.judged["compensated"]
-    number = simulate.tool_of(comparison.reference.job.path)
-    tool = next(table for table in cell.tables.tools if table.number == number)
+    numbers = simulate.tools_of(comparison.reference.job.path)
+    tools = [table for table in cell.tables.tools if table.number in numbers]
     facts = (
         Fact("Part", str(comparison.summary["program"]), "", f"{identified['removed_mm3'] / 1000:.1f} cm³ removed"),
         Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
-        Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes"),
+        *(Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes") for tool in tools),
         Fact("Material", cell.material.name or str(cell.material.catalog)),
         Fact(
             "Peak force",

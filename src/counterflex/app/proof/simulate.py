@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import time
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ from counterflex.files.summary_file import write_summary
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.controller import Controller, controller_of
 from counterflex.twin.plant.record import Record
-from counterflex.twin.plant.simulate import simulate
+from counterflex.twin.plant.simulate import mounted_tools, simulate
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
 
@@ -58,7 +60,7 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
     """Machine a program on the twin of a cell.
 
     Raises:
-        InputError: The program cuts with several tools, or never comes near the blank.
+        InputError: The program never comes near the blank.
         SimulationError: The simulated cell left its physical range.
     """
     record = simulate(
@@ -66,7 +68,7 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
         truth=truth,
         controller=controller(cell),
         stock=cell.stock(),
-        cutter=cell.cutter(tool_of(job.path)),
+        cutter={number: cell.cutter(number) for number in tools_of(job.path)},
         datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         progress=progress,
     )
@@ -82,7 +84,16 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
 def undisturbed(job: Job, cell: Cell, *, threads: int = 1) -> HeightMap:
     """The part that a program would give if nothing bent: the nominal surface of every comparison."""
     stock = cell.stock()
-    remove_tool_path(stock, job.path, cell.cutter(tool_of(job.path)), engagement=False, threads=threads)
+    path, mounted = job.path, mounted_tools(job.path)
+    changes = np.flatnonzero(np.diff(mounted[1:])) + 1
+    for first, last in itertools.pairwise([0, *changes.tolist(), len(path) - 1]):
+        if last > first:
+            some = slice(first, last + 1)
+            rows = {field.name: getattr(path, field.name)[some] for field in fields(path)}
+            rows["tool"] = np.full(last + 1 - first, mounted[last])
+            remove_tool_path(
+                stock, ToolPath(**rows), cell.cutter(int(mounted[last])), engagement=False, threads=threads
+            )
     return stock
 
 
@@ -234,6 +245,11 @@ def figures(record: Record) -> dict[str, Any]:
     }
 
 
+def tools_of(path: ToolPath) -> list[int]:
+    """Numbers of the tools that a path is simulated with, rising."""
+    return [int(number) for number in np.unique(mounted_tools(path))]
+
+
 def tool_of(path: ToolPath) -> int:
     """Number of the one tool that a path cuts with; InputError when there are several."""
     tools = np.unique(path.tool[path.kind == FEED])
@@ -241,7 +257,7 @@ def tool_of(path: ToolPath) -> int:
         return int(path.tool[-1])
     if len(tools) > 1:
         raise InputError(
-            "the simulation runs one tool at a time",
+            "a run with online correction has one tool",
             value=", ".join(f"T{number}" for number in tools),
             hint="Split the program at the tool change and give the first result to the second cell as stock",
         )

@@ -101,15 +101,9 @@ class Process:
         self._wrench_base: Float = np.zeros(6)
         self.step_s = step_s
         self._grid: Float = np.array([stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m])
-        flute = min(cutter.flute_length_m, 1.0)
-        self._shape: Float = np.array([cutter.radius_m, cutter.corner_radius_m, flute])
-        self._rings = end_rings(cutter)
-        self._rims, self._faces = corner_slices(cutter)
         angle = (np.arange(ANGLES) + 0.5) * (2.0 * np.pi / ANGLES)
         self._circle: Float = np.ascontiguousarray(np.stack([np.cos(angle), np.sin(angle)], axis=1))
-        self._teeth = int(cutter.flutes)
-        turn = 2.0 * np.pi * np.arange(self._teeth) / self._teeth
-        self._radii: Float = cutting.runout_m * np.cos(turn) if self._teeth > 1 else np.zeros(1)
+        self._runout_m = cutting.runout_m
         self._law = force_law(cutting)
         self._history: Float = np.zeros((HISTORY, 3))
         self._load: Float = np.zeros(3)
@@ -120,6 +114,21 @@ class Process:
         self._head = 0
         self._tail = 0
         self._top = float(stock.z.max())
+        self.mount(cutter)
+
+    def mount(self, cutter: Cutter) -> None:
+        """Change the tool; the spindle stands still, and what the last one cut is out of the stock.
+
+        Call :meth:`restart` before the new tool cuts.
+        """
+        self._flush()
+        flute = min(cutter.flute_length_m, 1.0)
+        self._shape: Float = np.array([cutter.radius_m, cutter.corner_radius_m, flute])
+        self._rings = end_rings(cutter)
+        self._rims, self._faces = corner_slices(cutter)
+        self._teeth = int(cutter.flutes)
+        turn = 2.0 * np.pi * np.arange(self._teeth) / self._teeth
+        self._radii: Float = self._runout_m * np.cos(turn) if self._teeth > 1 else np.zeros(1)
         self.spindle(0.0)
 
     def spindle(self, speed_rad_s: float) -> None:

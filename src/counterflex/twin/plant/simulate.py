@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,7 @@ def simulate(
     truth: Truth,
     controller: Controller,
     stock: HeightMap,
-    cutter: Cutter,
+    cutter: Cutter | Mapping[int, Cutter],
     datum_points_part: Float | None = None,
     skip_air: bool = True,
     step_s: float = STEP_S,
@@ -46,11 +47,11 @@ def simulate(
     motion and the start transient has died out by then.
 
     Args:
-        path: In the part frame, one tool.
+        path: In the part frame.
         truth: The cell as it really is.
         controller: What the robot controller believes.
         stock: Blank in the part frame; not changed.
-        cutter: The tool.
+        cutter: The tool, or the tools by their numbers: a tool change mounts the next one, in the same stock.
         datum_points_part: (k, 3) m; the part frame is measured by touching them with the robot (see
             :func:`~counterflex.twin.plant.setup.touched_part_frame`). None: it was measured with an ideal instrument,
             the part lies exactly where the controller has it.
@@ -62,14 +63,14 @@ def simulate(
         The record, with the as-machined stock.
 
     Raises:
-        InputError: The path feeds with more than one tool, or the step does not divide the cycle.
+        InputError: The path feeds with several tools and one is given, or the step does not divide the cycle.
         ReachError: The robot cannot reach the path.
         SimulationError: The robot becomes unstable, the tool cuts with its shank or with the spindle off.
     """
-    tools = np.unique(path.tool[path.kind == FEED])
-    if len(tools) > 1:
-        raise InputError("the simulation runs one tool at a time", value=tools.tolist(), hint="Split the program")
-    number = int(tools[0]) if len(tools) else 0
+    fed = np.unique(path.tool[path.kind == FEED]).tolist()
+    if len(fed) > 1 and isinstance(cutter, Cutter):
+        raise InputError("the path cuts with several tools and one is given", value=fed, hint="Give them by number")
+    mounted = mounted_tools(path)
     substeps = round(controller.cycle_s / step_s)
     if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
         raise InputError("integration step does not divide the controller's cycle", value=step_s)
@@ -80,11 +81,15 @@ def simulate(
     if datum_points_part is not None:
         T_base_part, residual = touched_part_frame(plant, controller, datum_points_part)
     blank = as_delivered(stock, truth.stock_top_offset_m)
-    cutter = as_ground(cutter, truth.other.tool(number))
-    process = Process(blank, cutter, truth.cutting, step_s, T_base_part)
-    near = near_stock(reference.p_part_command, blank, cutter.radius_m)
+    cutters = {
+        number: as_ground(cutter if isinstance(cutter, Cutter) else cutter[number], truth.other.tool(number))
+        for number in np.unique(mounted).tolist()
+    }
+    tool = mounted[reference.source]
+    process = Process(blank, cutters[int(tool[0])], truth.cutting, step_s, T_base_part)
+    near = near_stock(reference.p_part_command, blank, max(c.radius_m for c in cutters.values()))
     run = _Run(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
-    run.tool = number
+    run.tool, run.cutters = tool, cutters
     stretches = _stretches(near, controller.cycle_s, skip_air)
     parts = in_parts(progress, {str(first): float(last - first) for first, last in stretches} or {"": 1.0})
     for first, last in stretches:
@@ -94,6 +99,19 @@ def simulate(
     ]
     progress(1.0, "machined")
     return record_of(run.cycles(), path, reference, Rs_part_command[run.rows], process.finish(), T_base_part, residual)
+
+
+def mounted_tools(path: ToolPath) -> Int:
+    """(n,) number of the tool that each row is simulated with: its own, where it is one that cuts.
+
+    Before the first change, and with an empty spindle, it is the next one that cuts; behind the last cut the last one.
+    """
+    rows = np.flatnonzero(path.kind == FEED)
+    if len(rows) == 0:
+        return np.full(len(path), path.tool[-1], dtype=np.int64)
+    following = rows[np.minimum(np.searchsorted(rows, np.arange(len(path))), len(rows) - 1)]
+    out: Int = np.where(np.isin(path.tool, path.tool[rows]), path.tool, path.tool[following])
+    return out
 
 
 def _as_driven(reference: Reference, truth: Truth, cycle_s: float) -> Reference:
@@ -161,7 +179,9 @@ class _Run:
         n = len(reference.time_s)
         self.plant, self.process, self.reference = plant, process, reference
         self.spindle, self.near, self.substeps = spindle, near, substeps
-        self.tool = 0
+        self.tool: Int = np.zeros(n, dtype=np.int64)
+        self.cutters: Mapping[int, Cutter] = {}
+        self._mounted: int | None = None
         self.place, self.speed = hermite(substeps, float(reference.time_s[1]))
         self.p_base_tcp: Float = np.zeros((n, 3))
         self.R_base_tcp: Float = np.zeros((n, 3, 3))
@@ -180,7 +200,7 @@ class _Run:
 
     def stretch(self, first: int, last: int, progress: Progress) -> None:
         plant, process, reference = self.plant, self.process, self.reference
-        plant.program_time(float(reference.time_s[first]), self.tool)
+        plant.program_time(float(reference.time_s[first]), int(self.tool[first]))
         plant.reset(reference.q_ref[first], None, reference.qd_ref[first])
         turning, was_near = np.nan, False
         free: Float = np.zeros(6)
@@ -194,6 +214,9 @@ class _Run:
                 break
             if (k - first) % _REPORT_EVERY == 0:
                 progress((k - first) / (last - first), "machining on the twin")
+            if self.tool[k] != self._mounted:
+                self._mounted, was_near, turning = int(self.tool[k]), False, np.nan
+                process.mount(self.cutters[self._mounted])
             near = bool(self.near[k])
             if near:
                 if not was_near:
