@@ -59,6 +59,8 @@ def test_the_simulated_cell_carries_the_stock_over(cell: Cell, job: Job) -> None
     tool = job.path.tool[np.searchsorted(job.path.motion, record.motion)]
     depth = [float(np.median(record.depth_m[(tool == n) & record.engaged & (record.kind == FEED)])) for n in (1, 2)]
     np.testing.assert_allclose(depth, [4e-3, 3e-3], atol=0.4e-3)
+    shelf = record.stock.z[round((36.5e-3 - record.stock.y0_m) / record.stock.cell_m)]
+    assert shelf[round((3e-3 - record.stock.x0_m) / record.stock.cell_m)] > 35e-3  # beside the narrower tool
     reference = reference_of(job, cell)
     judged = judge(reference, record, record.stock)
     assert 0.05e-3 < judged.variant.path.path.p997_m < 1.2e-3
