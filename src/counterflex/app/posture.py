@@ -195,7 +195,7 @@ def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surfac
         "cell": cell.label,
         "robot": cell.robot.name,
         "surface": surface,
-        **{name: None if held is None else _held(held, job) for name, held in shown.items()},
+        **{name: None if held is None else held_row(held, job) for name, held in shown.items()},
         "reduction_percent": None
         if chosen.present is None or chosen.present.share_m == 0.0
         else round(100.0 * (1.0 - chosen.best.share_m / chosen.present.share_m), 1),
@@ -206,7 +206,8 @@ def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surfac
     }
 
 
-def _held(held: Held, job: Job) -> dict[str, Any]:
+def held_row(held: Held, job: Job) -> dict[str, Any]:
+    """What a posture is worth, as summaries have it: um, deg."""
     row = int(np.argmax(held.deflection_m))
     return {
         "branch": held.branch,

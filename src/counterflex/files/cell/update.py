@@ -115,13 +115,42 @@ def text_with_posture(
         FileFormatError: The file cannot be read.
     """
     doc = _parsed(path)
+    table = _with_posture(doc, branch, rotation_deg)
+    if turning_mm_deg:
+        table["turning_mm_deg"] = [[round(float(number), 6) for number in row] for row in turning_mm_deg]
+    _move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def _with_posture(doc: Doc, branch: str, rotation_deg: float) -> Doc:
+    """Enter a posture that is held still; its table."""
     table = _table(doc, "posture")
     for key, word in zip(("shoulder", "elbow", "wrist"), branch.split(), strict=True):
         table[key] = word
     table["rotation_about_tool_deg"] = round(rotation_deg, 6)
     table.pop("turning_mm_deg", None)
-    if turning_mm_deg:
-        table["turning_mm_deg"] = [[round(float(number), 6) for number in row] for row in turning_mm_deg]
+    return table
+
+
+def text_with_place(path: Path, pose: Mapping[str, float], branch: str, rotation_deg: float, folder: Path) -> str:
+    """Text of a cell file with the part elsewhere and a posture for it; everything else is kept.
+
+    Args:
+        path: Cell file.
+        pose: Keys of ``[part]`` in shop units; those that stay as they are do not appear anew.
+        branch: Such as ``front up noflip``.
+        rotation_deg: Rotation about the tool axis.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    doc = _parsed(path)
+    table = _table(doc, "part")
+    for key, value in pose.items():
+        if key in table or value != 0.0:
+            table[key] = value
+    _with_posture(doc, branch, rotation_deg)
     _move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)
 

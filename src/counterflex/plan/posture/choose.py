@@ -17,7 +17,7 @@ from counterflex.plan.posture.clearance import too_close, worst
 from counterflex.plan.posture.cut_path import CutPath, in_contact, stations
 from counterflex.plan.posture.held import Held, Task, held
 from counterflex.plan.posture.impossible import in_the_way, no_way, require_possible
-from counterflex.plan.posture.survey import constant_costs, survey_path
+from counterflex.plan.posture.survey import RobotHere, constant_costs, survey_path
 from counterflex.plan.posture.survey_kernel import POWER, Survey
 from counterflex.plan.posture.way import Way, Weights, allowed_steps, best_way, least_cost
 from counterflex.robot.model.opw import BRANCHES
@@ -101,7 +101,7 @@ def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
     rows = stations(cut, freedom.step_rad / (freedom.rate_rad_s or _USUAL_RATE_RAD_S), MOST_EDGES)
     survey = survey_path(cut, task.robot, freedom.grid_rad, rows, parts[SURVEY])
     require_possible(survey, task)
-    blocked = _cannot_touch(task, freedom)
+    blocked = cannot_touch(task.setting.datum_points_part, task.robot, freedom)
     survey.q[0, blocked] = np.nan
     parts[WAY](0.0)
     way, best = _free_way(task, freedom, survey, rows, blocked)
@@ -168,14 +168,22 @@ def _block(survey: Survey, blocked: Bool, way: Way) -> None:
         survey.q[:, index, way.slot] = np.nan
 
 
-def _cannot_touch(task: Task, freedom: Freedom) -> Bool:
-    """(r, 8) postures in which the robot cannot touch the points that its part frame is measured at."""
-    points = task.setting.datum_points_part
+def cannot_touch(points: Float | None, robot: RobotHere, freedom: Freedom) -> Bool:
+    """Postures in which the robot cannot touch the points that its part frame is measured at.
+
+    Args:
+        points: (k, 3) m in the part frame; None: it is not measured with the robot.
+        robot: Robot, tool and place of the part.
+        freedom: Rotations that are tried.
+
+    Returns:
+        (r, 8).
+    """
     if points is None:
         return np.zeros((freedom.rotations, len(BRANCHES)), dtype=np.bool_)
     k = len(points)
     upright = np.tile([0.0, 0.0, 1.0], (k, 1))
     none = np.zeros(k)
     touched = CutPath(points, upright, np.zeros((k, 6)), np.zeros((k, 1, 3)), none, none, np.zeros(k, np.int64))
-    q = survey_path(touched, task.robot, freedom.grid_rad, np.arange(k)).q
+    q = survey_path(touched, robot, freedom.grid_rad, np.arange(k)).q
     return np.asarray(np.any(np.isnan(q[..., 0]), axis=0))

@@ -1,0 +1,109 @@
+"""Command plan placement: where the part stands in the cell, and the posture there."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, cast
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
+from counterflex.programs.limits import DIALECTS
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(placement)
+
+
+def placement(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    region: Annotated[
+        str | None,
+        typer.Option(
+            "--region",
+            help="Where the part may stand, mm in the robot base: x and y of the middle of the program, z of the part "
+            "frame. Without it: in front of the robot, from its foot to half its reach.",
+            metavar="X0,X1,Y0,Y1,Z0,Z1",
+        ),
+    ] = None,
+    turned: Annotated[
+        str,
+        typer.Option(
+            "--turned", help="Rotations of the part about z that are allowed, deg from the present one.", metavar="A,B"
+        ),
+    ] = "-180,180",
+    candidates: Annotated[
+        int, typer.Option("--candidates", help="Poses of the part that are judged.", min=64, max=100_000)
+    ] = 1024,
+    surface: Annotated[
+        str,
+        typer.Option(
+            "--surface",
+            help="Surface that must be true: wall (beside the feed), floor (below the tool), both.",
+            callback=arguments.one_of(("both", "wall", "floor"), "surface"),
+        ),
+    ] = "both",
+    dialect: Dialect = DIALECTS[0],
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+) -> None:
+    """Choose where the part stands in the cell: smallest deflection normal to the machined surface.
+
+    A robot is several times stiffer in one place than in another. Poses of the part (x, y, z, rotation about z) are
+    searched globally; each is judged by the best posture of the robot along the program, under the predicted cutting
+    force. Refused are poses out of reach, those that break joint limits or cables, come too close to singularities,
+    leave a datum point untouched or bring coarse bodies together.
+
+    Writes into DIR: cell.toml (the cell file with the pose of the part and the posture), candidates.csv (all poses
+    judged, those that no other beats in deflection, time and margin marked), summary.json.
+
+    Example: `counterflex plan placement part.ngc --cell cell.toml --region 900,1800,-400,400,300,1000 --out placement`
+    """
+    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    from counterflex.app import placement as job
+    from counterflex.app.inputs import Reading
+    from counterflex.plan.posture.cut_path import Surface
+
+    box = arguments.numbers(region, "region", 6)
+    angles = arguments.numbers(turned, "turned", 2)
+    with progress_bar(f"searching the place for {program.name}") as progress:
+        summary = job.run(
+            program,
+            cell,
+            out,
+            reading=Reading(dialect, parameters, complete=not without_end),
+            surface=cast("Surface", surface),
+            wish=job.Wish(None if box is None else tuple(box), (-180.0, 180.0) if angles is None else tuple(angles)),
+            count=candidates,
+            progress=progress,
+        )
+    _show(summary)
+    say_written(out, f"wrote {out}: cell.toml, candidates.csv, summary.json")
+
+
+def _show(summary: dict[str, Any]) -> None:
+    columns = ["place", "x mm", "y mm", "z mm", "a deg", "branch", "rotation deg", "deflection um", "reversals"]
+    columns += ["limit margin deg", "wrist deg"]
+    note = "Deflection: 99.7 % of the cut stay below it."
+    print_table(
+        f"{summary['program']} on {summary['cell']}",
+        columns,
+        [[name, *_row(summary[name])] for name in ("present", "posture_alone", "chosen")],
+        note=note,
+    )
+    if summary["reduction_percent"] is not None:
+        typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present place and posture")
+    refused = ", ".join(f"{count} {reason}" for reason, count in summary["refused"].items())
+    typer.echo(f"{summary['candidates']} places judged in {summary['search_s']:g} s; refused: {refused or 'none'}")
+
+
+def _row(held: dict[str, Any] | None) -> list[str]:
+    if held is None:
+        return ["out of reach", *[""] * 9]
+    keys = ("x_mm", "y_mm", "z_mm", "a_deg", "branch", "rotation_about_tool_deg", "deflection_um", "reversals")
+    values = [held[key] for key in (*keys, "limit_margin_deg", "wrist_deg")]
+    return [value if isinstance(value, str) else f"{value:g}" for value in values]

@@ -1,0 +1,134 @@
+"""Global search of the pose of the part: Sobol points and differential evolution of scipy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from counterflex.core.arrays import Float
+from counterflex.core.progress import Progress, silent
+from counterflex.geometry import pose
+from counterflex.plan.placement.candidate import Candidate, Site, judge
+from counterflex.robot.model.description import Opw
+
+POPULATION: Final = 64
+"""Candidates of a generation; the first are Sobol points, which need a power of two."""
+_REFUSED: Final = 1.0
+"""Cost of a refused candidate, m: over any deflection; less by the share of points that can be reached, which leads the
+search back to where the part can be reached."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where the part may stand.
+
+    Attributes:
+        low: (4,) m, m, m, rad: least x and y of the middle of the program and z of the part frame, robot base; least
+            rotation about z.
+        high: (4,) largest.
+    """
+
+    low: tuple[float, float, float, float]
+    high: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """All candidates that were judged.
+
+    Attributes:
+        places: (n, 4) m, m, m, rad, as :class:`Region` has them.
+        candidates: n, in the order in which they were judged.
+    """
+
+    places: Float
+    candidates: list[Candidate]
+
+    def by_deflection(self) -> list[int]:
+        """Indices of those that can be run, the smallest deflection first."""
+        some = [k for k, candidate in enumerate(self.candidates) if not candidate.refused]
+        return sorted(some, key=lambda k: self.candidates[k].deflection_m)
+
+    def refusals(self) -> dict[str, int]:
+        """How many candidates each constraint refused, the most first."""
+        reasons = [candidate.refused for candidate in self.candidates if candidate.refused]
+        return {reason: reasons.count(reason) for reason in sorted(set(reasons), key=reasons.count, reverse=True)}
+
+
+def reach_m(opw: Opw) -> float:
+    """Largest distance of the wrist from axis 2, m: upper arm and forearm in one line."""
+    return float(opw.c2_m + np.hypot(opw.c3_m, opw.a2_m))
+
+
+def usual_region(opw: Opw) -> Region:
+    """In front of the robot, from the height of its foot to that of axis 2, any rotation of the part.
+
+    With R the reach (:func:`reach_m`): x from 0.2 to 1 R, y half of R to both sides.
+    """
+    reach = reach_m(opw)
+    return Region((0.2 * reach, -0.5 * reach, 0.0, -np.pi), (reach, 0.5 * reach, 0.5 * reach, np.pi))
+
+
+def placed(place: Float, middle: Float, R_turned: Float) -> Float:
+    """Pose of the part.
+
+    Args:
+        place: (4,) x, y of the middle of the program and z of the part frame, m; rotation about z, rad.
+        middle: (3,) m, middle of the program in the part frame; only what lies level in the base is used.
+        R_turned: (3, 3) orientation of the part frame in the base at rotation 0.
+
+    Returns:
+        (4, 4) part frame in the base.
+    """
+    c, s = np.cos(place[3]), np.sin(place[3])
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R_turned
+    level = (R @ middle) * [1.0, 1.0, 0.0]
+    return pose.make(R, np.asarray(place[:3]) - level)
+
+
+def search(
+    site: Site, region: Region, middle: Float, R_turned: Float, count: int, seed: int = 1, progress: Progress = silent
+) -> Judged:
+    """Judge ``count`` poses of the part: Sobol points over the region, then differential evolution.
+
+    Args:
+        site: The program.
+        region: Where the part may stand.
+        middle: (3,) m, see :func:`placed`.
+        R_turned: (3, 3), see :func:`placed`.
+        count: Candidates; rounded up to whole generations of :data:`POPULATION`.
+        seed: Of the search.
+        progress: Progress callback, fraction 0 to 1.
+    """
+    low, high = np.array(region.low), np.array(region.high)
+    free = high > low
+    generations = max(1, -(-count // POPULATION))
+    places: list[Float] = []
+    candidates: list[Candidate] = []
+
+    def cost(x: Float) -> float:
+        place = low.copy()
+        place[free] = x
+        candidate = judge(site, placed(place, middle, R_turned))
+        places.append(place)
+        candidates.append(candidate)
+        progress(min(1.0, len(places) / (generations * POPULATION)))
+        return _REFUSED * (2.0 - candidate.passed) if candidate.refused else candidate.deflection_m
+
+    if free.any():
+        differential_evolution(
+            cost,
+            list(zip(low[free], high[free], strict=True)),
+            maxiter=generations - 1,
+            popsize=max(1, POPULATION // int(free.sum())),
+            init="sobol",
+            tol=0.0,
+            polish=False,
+            rng=seed,
+        )
+    else:
+        cost(np.empty(0))
+    return Judged(np.array(places), candidates)

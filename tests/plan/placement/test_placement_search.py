@@ -1,0 +1,103 @@
+"""The place of the part: thinned path, judgement of a candidate, search, Pareto set."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterflex.app import placement
+from counterflex.app.inputs import AS_IT_IS
+from counterflex.core.units import DEG
+from counterflex.files.cell.cell import read_cell
+from counterflex.plan.placement.candidate import REFUSALS, Site, judge, pareto, site_of
+from counterflex.plan.placement.search import Region, placed, search
+from counterflex.plan.placement.thinned import thinned
+from counterflex.plan.posture.deflection_kernel import deflection_sizes
+from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.survey import base_points
+from counterflex.plan.posture.survey_kernel import OUT_OF_REACH, POWER
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
+
+
+@pytest.fixture(scope="module")
+def task() -> Task:
+    return placement.task_of(GROOVE, read_cell(CELL), AS_IT_IS, "both")[2]
+
+
+@pytest.fixture(scope="module")
+def site(task: Task) -> Site:
+    """Few rotations, no bodies: what is not under test costs nothing."""
+    return replace(site_of(task, rotations=8), around=None)
+
+
+def test_a_thinned_path_has_the_length_the_extent_and_the_mean_force_of_the_whole(task: Task) -> None:
+    few, rows = thinned(task.cut)
+    assert len(few) < 60 < len(task.cut)
+    assert few.weight_m.sum() == pytest.approx(task.cut.weight_m.sum(), rel=1e-12)
+    assert np.array_equal(few.p_part.min(axis=0), task.cut.p_part.min(axis=0))
+    assert np.array_equal(few.p_part.max(axis=0), task.cut.p_part.max(axis=0))
+    assert np.all(np.diff(rows) > 0)
+
+    def mean_force(path: object) -> float:
+        force = np.linalg.norm(path.w_tcp_part[:, :3], axis=1)  # type: ignore[attr-defined]
+        return float(np.average(force**POWER, weights=path.weight_m) ** (1 / POWER))  # type: ignore[attr-defined]
+
+    assert mean_force(few) == pytest.approx(mean_force(task.cut), rel=0.1)
+
+
+def test_the_deflection_of_a_candidate_is_that_of_its_angles(site: Site) -> None:
+    free = replace(site, freedom=replace(site.freedom, weights=replace(site.freedom.weights, winding=0.0)))
+    done = judge(free, site.robot.T_base_part)
+    assert done.q is not None
+    points = base_points(site.cut, site.robot.T_base_part, np.array([0, len(site.cut) - 1]))
+    size = np.empty(len(done.q))
+    deflection_sizes(site.robot.chain.compact, done.q, points.w, points.normals, size, 0, len(size))
+    expected = np.average(size**POWER, weights=site.cut.weight_m) ** (1 / POWER)
+    assert done.deflection_m == pytest.approx(float(expected), rel=1e-9)
+
+
+def test_a_turn_of_the_whole_cell_about_axis_1_changes_no_deflection(site: Site) -> None:
+    turn = placed(np.array([0.0, 0.0, 0.0, 20.0 * DEG]), np.zeros(3), np.eye(3))
+    free = replace(site, freedom=replace(site.freedom, weights=replace(site.freedom.weights, winding=0.0)))
+    here, there = judge(free, site.robot.T_base_part), judge(free, turn @ site.robot.T_base_part)
+    assert there.deflection_m == pytest.approx(here.deflection_m, rel=1e-9)
+
+
+def test_a_pose_turns_about_the_middle_of_the_program() -> None:
+    middle, R = np.array([0.1, 0.05, 0.04]), np.eye(3)
+    for angle in (0.0, 1.0, 3.0):
+        T = placed(np.array([1.2, -0.3, 0.8, angle]), middle, R)
+        assert (T[:3, :3] @ middle + T[:3, 3])[:2] == pytest.approx([1.2, -0.3])
+        assert T[2, 3] == pytest.approx(0.8)
+
+
+def test_what_is_out_of_reach_is_refused_for_that(site: Site) -> None:
+    done = judge(site, placed(np.array([9.0, 0.0, 1.0, 0.0]), np.zeros(3), np.eye(3)))
+    assert (done.refused, done.passed) == (REFUSALS[OUT_OF_REACH], 0.0)
+    assert done.deflection_m == np.inf
+
+
+def test_the_search_is_as_good_as_all_places_of_a_grid(site: Site) -> None:
+    low, high = (1.2, -0.03, 0.6, 0.0), (1.8, -0.03, 1.1, 0.0)
+    middle, R = np.zeros(3), np.eye(3)
+    judged = search(site, Region(low, high), middle, R, 192)
+    best = judged.candidates[judged.by_deflection()[0]].deflection_m
+    grid = [
+        judge(site, placed(np.array([x, low[1], z, 0.0]), middle, R)).deflection_m
+        for x in np.linspace(low[0], high[0], 13)
+        for z in np.linspace(low[2], high[2], 11)
+    ]
+    assert best <= 1.005 * min(grid)
+    assert best < 0.9 * float(np.median(grid))
+    assert np.all((judged.places >= low) & (judged.places <= high))
+    assert len(judged.candidates) == 192
+
+
+def test_a_pareto_set_is_what_nothing_beats() -> None:
+    values = np.array([[1.0, 3.0], [2.0, 2.0], [2.0, 3.0], [3.0, 1.0], [np.inf, 0.0]])
+    assert pareto(values).tolist() == [0, 1, 3]
