@@ -36,7 +36,7 @@ def test_the_cell_file_has_the_place_and_all_else_of_before(done: Path) -> None:
     assert cell.part.a_deg == chosen["a_deg"]
     assert cell.tables.posture.branch == chosen["branch"]
     assert cell.part.stock == read_cell(CELL).part.stock
-    rows = list(csv.DictReader((done / placement.TABLE).open()))
+    rows = list(csv.DictReader((done / placement.TABLE).read_text().splitlines()))
     assert len(rows) == summary["candidates"] == 64
     assert sum(row["pareto"] == "yes" for row in rows) == summary["pareto"] > 0
     assert sum(row["refused"] != "" for row in rows) == sum(summary["refused"].values())
