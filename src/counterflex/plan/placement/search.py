@@ -1,4 +1,4 @@
-"""Global search of the pose of the part: Sobol points and differential evolution of scipy."""
+"""Global search of the pose of the part: Sobol points, differential evolution and Nelder-Mead of scipy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import differential_evolution
+from scipy.optimize import differential_evolution, minimize
 
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
@@ -92,7 +92,7 @@ def placed(place: Float, middle: Float, R_turned: Float) -> Float:
 def search(
     site: Site, region: Region, middle: Float, R_turned: Float, count: int, seed: int = 1, progress: Progress = silent
 ) -> Judged:
-    """Judge ``count`` poses of the part: Sobol points over the region, then differential evolution.
+    """Judge ``count`` poses of the part: Sobol points over the region, differential evolution, Nelder-Mead at the end.
 
     Args:
         site: The program.
@@ -119,16 +119,20 @@ def search(
         return _REFUSED * (2.0 - candidate.passed) if candidate.refused else candidate.deflection_m
 
     if free.any():
-        differential_evolution(
+        bounds = list(zip(low[free], high[free], strict=True))
+        best = differential_evolution(
             cost,
-            list(zip(low[free], high[free], strict=True)),
-            maxiter=generations - 1,
+            bounds,
+            maxiter=max(0, generations - 2),
             popsize=max(1, POPULATION // int(free.sum())),
             init="sobol",
             tol=0.0,
             polish=False,
             rng=seed,
         )
+        if generations > 1:
+            refined = {"maxfev": POPULATION, "xatol": 0.0, "fatol": 0.0}
+            minimize(cost, best.x, method="Nelder-Mead", bounds=bounds, options=refined)
     else:
         cost(np.empty(0))
     return Judged(np.array(places), candidates)
