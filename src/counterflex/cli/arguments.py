@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Final
@@ -295,6 +296,36 @@ def robot_or_cell(param: Param, value: Any) -> Any:
     from counterflex.robot.model import catalog
 
     catalog.entry(value)
+    return value
+
+
+def scheduler(_: Param, value: Any) -> Any:
+    """Address of a scheduler of dask.
+
+    Raises:
+        InputError: It is none.
+    """
+    if value is not None:
+        from counterflex.app.long_jobs.scheduler import require_scheduler_address
+
+        require_scheduler_address(value)
+    return value
+
+
+def postures(param: Param, value: Any) -> Any:
+    """Postures by name: of the cell file, chosen, or configuration and rotation.
+
+    Raises:
+        InputError: One is none of these.
+    """
+    for text in value or []:
+        if not re.fullmatch(r"present|chosen|(front|back) (up|down) (no)?flip [-+]?\d+(\.\d*)?", text.strip()):
+            raise InputError(
+                "that is no posture",
+                where=param.opts[0],
+                value=text,
+                limit='present, chosen, or such as "front up noflip 180" (degrees, -360 to 360)',
+            )
     return value
 
 

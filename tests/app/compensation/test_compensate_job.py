@@ -13,7 +13,7 @@ import pytest
 
 from counterflex.app.compensation import compensate as job
 from counterflex.app.compensation.compensate import Compensated, compensate
-from counterflex.app.compensation.prediction import chatter, chatter_warnings, path_error
+from counterflex.app.compensation.prediction import chatter, chatter_warnings, figures, path_error, prediction
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import MM, UM
@@ -279,3 +279,19 @@ def test_a_tool_that_swings_up_is_told_from_one_that_overshoots(small: Path, pro
             if told:
                 assert [item["line"] for item in found] == [plan.line[row]]
                 assert f"line {plan.line[row]}" in chatter_warnings(found)[0]
+
+
+def test_lines_in_which_the_arm_keeps_swinging_are_warned_of(small: Path, program: ProgramFile) -> None:
+    """A swing along the feed is no path error, but it is told."""
+    cell, done = read_cell(small), compensate(program(), read_cell(small))
+    assert done.summary["prediction"]["lasting_swings"] == []
+    assert not any("does not come to rest" in text for text in done.summary["written"]["warnings"])
+    slow = replace(done.plan.path, time_s=np.arange(len(done.plan.path), dtype=np.float64) * 0.016)
+    swing = np.zeros_like(done.plan.deviation_compensated_part)
+    swing[:, 0] = 3e-4 * np.sin(2.0 * np.pi * 8.0 * slow.time_s)
+    plan = replace(done.plan, path=slow, deviation_compensated_part=swing)
+    told = figures(plan)["lasting_swings"]
+    assert told != []
+    summary = {**done.summary, "prediction": {**done.summary["prediction"], "lasting_swings": told}}
+    page = prediction(plan, cell, summary)
+    assert any("does not come to rest" in note for note in page.notes)

@@ -28,12 +28,16 @@ def placement(
             help="Where the part may stand, mm in the robot base: x and y of the middle of the program, z of the part "
             "frame. Without it: in front of the robot, from its foot to half its reach.",
             metavar="X0,X1,Y0,Y1,Z0,Z1",
+            callback=arguments.numbers_of(6),
         ),
     ] = None,
     turned: Annotated[
         str,
         typer.Option(
-            "--turned", help="Rotations of the part about z that are allowed, deg from the present one.", metavar="A,B"
+            "--turned",
+            help="Rotations of the part about z that are allowed, deg from the present one.",
+            metavar="A,B",
+            callback=arguments.numbers_of(2),
         ),
     ] = "-180,180",
     candidates: Annotated[
@@ -68,8 +72,8 @@ def placement(
     from counterflex.app.inputs import Reading
     from counterflex.plan.posture.cut_path import Surface
 
-    box = arguments.numbers(region, "region", 6)
-    angles = arguments.numbers(turned, "turned", 2)
+    box = arguments.numbers(region, "--region", 6)
+    angles = arguments.numbers(turned, "--turned", 2)
     with progress_bar(f"searching the place for {program.name}") as progress:
         summary = job.run(
             program,
