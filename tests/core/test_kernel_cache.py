@@ -46,6 +46,11 @@ def test_a_kernel_module_depends_on_all_that_it_imports(path: Path) -> None:
     assert jit._closure(named(path)) == seen
 
 
+def _forget() -> None:
+    for known in (jit._source, jit._imported, jit._closure, jit._cache_root, jit.cache_folder):
+        known.cache_clear()
+
+
 @pytest.fixture
 def house(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A package of three modules: a imports b (over two lines), c stands alone."""
@@ -56,11 +61,9 @@ def house(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "room" / "d.py").write_text("three = 3\n")
     monkeypatch.setattr(jit, "_PACKAGE", tmp_path)
     monkeypatch.setenv("COUNTERFLEX_CACHE", str(tmp_path / "cache"))
-    for known in (jit._closure, jit._cache_root, jit.cache_folder):
-        known.cache_clear()
+    _forget()
     yield tmp_path
-    for known in (jit._closure, jit._cache_root, jit.cache_folder):
-        known.cache_clear()
+    _forget()
 
 
 @pytest.mark.parametrize(("changed", "moves"), [("a", True), ("b", True), ("d", True), ("c", False)])
@@ -70,6 +73,5 @@ def test_the_folder_changes_with_what_a_kernel_depends_on_and_with_nothing_else(
     before = jit.cache_folder("counterflex.room.a")
     file = house / "room" / f"{changed}.py"
     file.write_text(file.read_text() + "# another\n")
-    for known in (jit._closure, jit.cache_folder):
-        known.cache_clear()
+    _forget()
     assert (jit.cache_folder("counterflex.room.a") != before) == moves

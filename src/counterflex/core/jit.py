@@ -41,17 +41,25 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _IMPORT = re.compile(rb"^from counterflex((?:\.\w+)*) import (?:\(([^)]*)\)|([^\n(]+))", re.MULTILINE)
 
 
-def _imported(source: bytes) -> set[str]:
-    """Dotted names below the package that a source text may import as modules."""
+@functools.cache
+def _source(name: str) -> bytes | None:
+    """Text of a module, dotted name below the package; None where there is none."""
+    file = _PACKAGE / (name.replace(".", "/") + ".py")
+    return file.read_bytes() if file.is_file() else None
+
+
+@functools.cache
+def _imported(name: str) -> frozenset[str]:
+    """Dotted names below the package that a module may import as modules."""
     results = set()
-    for match in _IMPORT.finditer(source):
+    for match in _IMPORT.finditer(_source(name) or b""):
         base = match.group(1).decode().lstrip(".")
         results.add(base)
         for name in (match.group(2) or match.group(3)).decode().replace("\n", " ").split(","):
             word = name.split(" as ")[0].strip()
             if word:
                 results.add(f"{base}.{word}".lstrip("."))
-    return results
+    return frozenset(results)
 
 
 @functools.cache
@@ -60,11 +68,10 @@ def _closure(module: str) -> frozenset[str]:
     todo, seen = [module], set()
     while todo:
         name = todo.pop()
-        file = _PACKAGE / (name.replace(".", "/") + ".py")
-        if name in seen or not file.is_file():
+        if name in seen or _source(name) is None:
             continue
         seen.add(name)
-        todo.extend(_imported(file.read_bytes()) - seen)
+        todo.extend(_imported(name) - seen)
     return frozenset(seen)
 
 
@@ -100,7 +107,7 @@ def cache_folder(module: str) -> Path:
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
     for dependency in sorted(_closure(name)):
         digest.update(dependency.encode())
-        digest.update((_PACKAGE / (dependency.replace(".", "/") + ".py")).read_bytes())
+        digest.update(_source(dependency) or b"")
     return _cache_root() / f"{name}-{digest.hexdigest()[:16]}"
 
 
@@ -119,9 +126,12 @@ def bundle(kind: type, /, **fields: Any) -> Any:
     return numba.types.NamedTuple([eval(one, known) if isinstance(one, str) else one for one in types], kind)
 
 
+_record_type = functools.cache(numba.from_dtype)
+
+
 def _with_records(signature: str, records: dict[str, Any]) -> Any:
     """A signature in which the names of records and bundles stand for their types."""
-    named = {name: numba.from_dtype(kind) if isinstance(kind, np.dtype) else kind for name, kind in records.items()}
+    named = {name: _record_type(kind) if isinstance(kind, np.dtype) else kind for name, kind in records.items()}
     return eval(signature, vars(numba.types) | named)
 
 
@@ -162,10 +172,11 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
 
     _only_stated = False
     _stated: tuple[Any, ...] = ()
+    _records: dict[str, Any]
 
-    def state(self, signatures: tuple[Any, ...]) -> None:
-        """State the only signatures that it will ever have."""
-        self._only_stated, self._stated = True, signatures
+    def state(self, signatures: tuple[Any, ...], records: dict[str, Any]) -> None:
+        """State the only signatures that it will ever have; their names are looked up when they are needed."""
+        self._only_stated, self._stated, self._records = True, signatures, records
 
     def enable_caching(self) -> None:
         self._cache = _SharedCache(self.py_func)
@@ -184,7 +195,7 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
             stated, self._stated = self._stated, ()
             try:
                 for signature in stated:
-                    self.compile(signature)
+                    self.compile(_with_records(signature, self._records) if self._records else signature)
             except BaseException:
                 self._stated = stated
                 raise
@@ -267,7 +278,7 @@ def kernel(
         compiled.enable_caching()
         if signature is not None:
             stated = signature if isinstance(signature, list) else [signature]
-            compiled.state(tuple(_with_records(one, records) if records else one for one in stated))
+            compiled.state(tuple(stated), records)
             _STATED.append(compiled)
         return cast(F, compiled)
 
