@@ -64,6 +64,8 @@ def upright_programs(folder: Path) -> list[Path]:
 def cell_for(program: Path, folder: Path) -> Path:
     """A cell file for a program: tool by the program's comments, part frame and blank of the right size."""
     text = program.read_text(encoding="utf-8", errors="replace")[:4000].lower()
+    if re.search(r"\bt2\b", text):
+        return CELLS / "kr300_d16_small.toml"  # the one with a second tool
     ball = "ball" in text
     data = read_toml(CELLS / ("kr300_d10_ball.toml" if ball else "kr300_d16_flat.toml"))
     out = folder / f"{program.stem}.toml"

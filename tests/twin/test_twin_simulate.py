@@ -187,7 +187,7 @@ def test_interruption_passes_through(truth: Truth, controller: Controller) -> No
 
 def test_bad_programs_are_refused(truth: Truth, controller: Controller) -> None:
     path = groove()
-    with pytest.raises(InputError, match="one tool"):
+    with pytest.raises(InputError, match="several tools"):
         simulate(
             replace(path, tool=np.array([1, 1, 1, 2, 2])),
             truth=truth,
