@@ -53,19 +53,20 @@ SAME_M = 1e-7
 
 
 def upright_programs(folder: Path) -> list[Path]:
-    """Programs of a folder that turn no rotary axis: the judge below compares ends of motions in one frame."""
+    """Programs of a folder that turn no rotary axis and have one tool.
+
+    The judge below compares ends of motions in one frame, and the reference interpreter knows one tool length.
+    """
     return [
         file
         for file in sorted(folder.glob("*.ngc"))
-        if not re.search(r"^[^(;]*\b[ABC]-?\d", file.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
+        if not re.search(r"^[^(;]*\b([ABC]-?\d|T2\b)", file.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
     ]
 
 
 def cell_for(program: Path, folder: Path) -> Path:
     """A cell file for a program: tool by the program's comments, part frame and blank of the right size."""
     text = program.read_text(encoding="utf-8", errors="replace")[:4000].lower()
-    if re.search(r"\bt2\b", text):
-        return CELLS / "kr300_d16_small.toml"  # the one with a second tool
     ball = "ball" in text
     data = read_toml(CELLS / ("kr300_d10_ball.toml" if ball else "kr300_d16_flat.toml"))
     out = folder / f"{program.stem}.toml"
