@@ -43,12 +43,17 @@ def test_first_column_is_the_slope_of_the_mean_force_over_the_feed(cutter: Cutte
 
 def test_teeth_average_to_the_mean() -> None:
     process = process_of_engagement(engagement_of_arc(BALL, 0.003, 0.2, 2.0), BALL, LAW, 5e-5)
-    np.testing.assert_allclose(process.means(37).mean(axis=0), process.mean, rtol=1e-12, atol=1e-6)
+    np.testing.assert_allclose(
+        process.means(np.linspace(0.0, 2.0 * np.pi / process.teeth, 38)).mean(axis=0),
+        process.mean,
+        rtol=1e-12,
+        atol=1e-6,
+    )
 
 
 def test_means_follow_the_teeth() -> None:
     """Four teeth in a narrow cut: most of the tooth period nothing is engaged."""
-    means = process_of_arc(0.1, 0.3, 8e8, 3e8, 4).means(100)
+    means = process_of_arc(0.1, 0.3, 8e8, 3e8, 4).means(np.linspace(0.0, 0.5 * np.pi, 101))
     assert np.count_nonzero(np.any(means != 0.0, axis=(1, 2))) == pytest.approx(100 * 0.2 / (0.5 * np.pi), abs=2)
 
 

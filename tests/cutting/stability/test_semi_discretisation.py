@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+import milling_collocation
 from counterflex.core.errors import InputError
 from counterflex.cutting.stability.modes import Modes, modes_along
 from counterflex.cutting.stability.process import Process, process_of_arc
@@ -122,8 +125,53 @@ def test_a_cut_of_no_depth_is_the_free_swing() -> None:
 
 
 def test_intervals_follow_the_fastest_mode() -> None:
-    assert intervals_for(ONE, 1e-4) == 40
-    assert intervals_for(ONE, 0.006) == pytest.approx(2.0 * np.pi * 922.0 * 0.006 / 0.3, abs=1.0)
+    assert len(intervals_for(ONE, SLOT, 1e-4)) == 41
+    wanted = 2.0 * np.pi * 922.0 * 0.006 / 0.3
+    assert len(intervals_for(ONE, SLOT, 0.006)) == pytest.approx(wanted + 1.0, abs=1.0)
+
+
+def test_free_motion_is_one_interval() -> None:
+    """5 % immersion cuts for a seventh of the pitch: the intervals lie there, before it one long one."""
+    edges = intervals_for(ROUND, SHALLOW_DOWN, 0.005)
+    assert len(edges) == 42
+    assert edges[1] == pytest.approx(np.pi - np.arccos(0.9), rel=1e-12)
+    assert edges[-1] == np.pi
+
+
+@given(
+    first=st.floats(0.0, 3.0), length=st.floats(0.05, 3.0), second=st.floats(0.0, 3.0), teeth=st.integers(1, 6)
+)  # fmt: skip
+def test_intervals_hold_all_that_is_cut(first: float, length: float, second: float, teeth: int) -> None:
+    """Outside the engaged stretches nothing feeds back, and the means over the intervals keep the whole."""
+    arcs = np.array([[begin, min(begin + length, np.pi), 1e-3, 0.5 * np.pi] for begin in sorted({first, second})])
+    process = Process(arcs, np.array([6e8, 2e8, 0.0]), teeth)
+    edges = intervals_for(ONE, process, 0.005)
+    a = process.means(edges)
+    np.testing.assert_allclose(np.diff(edges) @ a.reshape(len(a), 9), process.up_to(np.array(np.pi)).ravel(), rtol=1e-9)
+    spans, middles = process.engaged(), 0.5 * (edges[1:] + edges[:-1])
+    free = ~np.any((middles[:, None] > spans[:, 0]) & (middles[:, None] < spans[:, 1]), axis=1)
+    assert np.all(np.abs(a[free]) < 1e-3)
+    assert free.sum() <= len(spans) + 1
+
+
+@pytest.mark.parametrize(
+    ("entry", "leave", "rpm", "near_mm"),
+    [
+        (0.0, np.pi, 6000, 0.0484),
+        (0.0, 0.5 * np.pi, 6000, 0.127),
+        (np.pi - np.arccos(0.9), np.pi, 6000, 1.54),
+        (np.pi - np.arccos(0.9), np.pi, 9000, 11.3),
+        (np.pi - np.arccos(0.9), np.pi, 22000, 10.4),
+        (np.pi - np.arccos(0.98), np.pi, 6000, 6.0),
+    ],
+)
+def test_default_intervals_against_collocation(entry: float, leave: float, rpm: float, near_mm: float) -> None:
+    """Another method, which converges spectrally: 0.5 % at any immersion and as slow as the benchmark goes."""
+    cut = milling_collocation.Cut(2.0 * np.pi * 922.0, 0.011, STIFFNESS, entry, leave, (6e8, 2e8), 2)
+    expected = milling_collocation.limit(cut, 30.0 / rpm, (0.5e-3 * near_mm, 1.3e-3 * near_mm))
+    process = process_of_arc(entry, leave, 6e8, 2e8, 2)
+    value = limit(ROUND, process, 30.0 / rpm, most=1.2 * expected, least=0.9 * expected, tolerance=2e-4)
+    assert value == pytest.approx(expected, rel=5e-3)
 
 
 def test_large_and_small_matrices_give_the_same() -> None:

@@ -29,6 +29,8 @@ from counterflex.cutting.cutter import Cutter
 
 _UPRIGHT = 1e-12
 """Cosine of an inclination that counts as 90 deg: the axial direction then drops out."""
+_SAME_RAD = 1e-9
+"""Ends of arcs closer together than this are one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +73,29 @@ class Process:
         out: Float = self.teeth / (2.0 * np.pi) * self.up_to(np.array(np.pi))
         return out
 
-    def means(self, intervals: int) -> Float:
-        """Means over equal intervals of the tooth period, all teeth together, (intervals, 3, 3) N/m."""
+    def means(self, edges: Float) -> Float:
+        """Means over intervals of the tooth pitch, all teeth together, (k, 3, 3) N/m.
+
+        Args:
+            edges: (k + 1,) rad, rising from 0 to the pitch ``2 pi / N``.
+        """
         pitch = 2.0 * np.pi / self.teeth
         begin = np.arange(self.teeth)[:, None] * pitch
-        edges = self.up_to(np.minimum(begin + np.linspace(0.0, pitch, intervals + 1), 2.0 * np.pi))
-        out: Float = np.diff(edges, axis=1).sum(axis=0) * (intervals / pitch)
+        sums = np.diff(self.up_to(np.minimum(begin + edges, 2.0 * np.pi)), axis=1).sum(axis=0)
+        out: Float = sums / np.diff(edges)[:, None, None]
         return out
+
+    def engaged(self) -> Float:
+        """(m, 2) rad, rising: stretches of the tooth pitch in which any tooth cuts; it moves freely in the others."""
+        pitch = 2.0 * np.pi / self.teeth
+        spans = self.arcs[self.arcs[:, 2] > 0.0, :2]
+        marks = np.unique(np.concatenate([[0.0, pitch], np.mod(spans, pitch).ravel()]))
+        marks = marks[np.diff(marks, prepend=-1.0) > _SAME_RAD]
+        middles = 0.5 * (marks[:-1] + marks[1:]) + np.arange(self.teeth)[:, None] * pitch  # (N, stretches)
+        cuts = np.any((middles[..., None] > spans[:, 0]) & (middles[..., None] < spans[:, 1]), axis=(0, 2))
+        change = np.diff(np.concatenate([[0], cuts.astype(np.int64), [0]]))
+        first, last = np.flatnonzero(change > 0), np.flatnonzero(change < 0)
+        return np.stack([marks[first], marks[last]], axis=1)
 
 
 def _primitive(phi: Float, kappa: Float, slopes: Float) -> Float:

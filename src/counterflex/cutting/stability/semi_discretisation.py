@@ -1,12 +1,14 @@
 """Stability of milling by first-order semi-discretisation: time-varying coefficients, any engagement, few teeth.
 
 The delay equation ``eta'' + 2 zeta omega eta' + omega^2 eta = -s U' a(t) U (eta(t) - eta(t - T))`` is solved exactly
-over each of k equal intervals of the tooth period, with the mean of a(t) over the interval and the delayed
-displacement linear between its values at the interval's ends. The product of the k maps, the transition matrix over a
-tooth period, has the multipliers mu: the cut is stable when all ``|mu| < 1``. A multiplier at -1 is period doubling
-(flip), a complex pair a quasi-periodic chatter (Hopf).
+over each of k intervals of the tooth period, with the mean of a(t) over the interval and the delayed displacement
+linear between its values at the interval's ends. The product of the k maps, the transition matrix over a tooth period,
+has the multipliers mu: the cut is stable when all ``|mu| < 1``. A multiplier at -1 is period doubling (flip), a complex
+pair a quasi-periodic chatter (Hopf).
 
-The delayed wave is too small by about ``(omega T / k)^2 / 12``; :func:`intervals_for` chooses k for it.
+An interval of duration h makes the delayed wave too small by about ``(omega h)^2 / 12`` and takes the mean of a(t) over
+it. Both matter only while a tooth cuts: between cuts the modes move freely and one interval is exact, however long.
+:func:`intervals_for` therefore divides what is engaged, and is as accurate at 5 % immersion as in a slot.
 
 Source: Insperger and Stepan 2004, Updated semi-discretization method; Insperger, Stepan and Turi 2008 (first order).
 """
@@ -35,10 +37,21 @@ _TAYLOR_NORM, _TAYLOR_ORDER = 0.5, 12
 """Rest of the series: ``0.5^13 / 13!``, below 1e-13."""
 
 
-def intervals_for(modes: Modes, period_s: float) -> int:
-    """Intervals k of a tooth period: at most 0.3 rad of the fastest mode each (delayed wave to 0.75 %), at least 40."""
-    needed = math.ceil(float(modes.omega_rad_s.max()) * period_s / _STEP_RAD)
-    return min(max(LEAST_INTERVALS, needed), MOST_INTERVALS)
+def intervals_for(modes: Modes, process: Process, period_s: float) -> Float:
+    """Edges of the intervals of a tooth pitch, (k + 1,) rad, rising from 0 to ``2 pi / N``.
+
+    A stretch in which a tooth cuts is divided so that the fastest mode turns by at most 0.3 rad in an interval (the
+    delayed wave to 0.75 %), all such stretches together into at least 40; one between cuts is a single interval.
+    """
+    pitch = 2.0 * np.pi / process.teeth
+    spans = process.engaged()
+    durations = spans[:, 1] - spans[:, 0]
+    rad_per_rad = float(modes.omega_rad_s.max()) * period_s / pitch  # of the mode, per angle of the cutter
+    step = min(_STEP_RAD / rad_per_rad, float(durations.sum()) / LEAST_INTERVALS)
+    step = max(step, pitch / MOST_INTERVALS)
+    parts = [np.linspace(low, high, math.ceil((high - low) / step - 1e-9) + 1) for low, high in spans]
+    edges: Float = np.unique(np.concatenate([[0.0, pitch], *parts]))
+    return edges
 
 
 def largest_multiplier(
@@ -51,7 +64,7 @@ def largest_multiplier(
         process: The engagement.
         period_s: Tooth period T, s.
         factor: On the depths of the engagement, >= 0.
-        intervals: k, or None for :func:`intervals_for`.
+        intervals: k equal ones, or None for those of :func:`intervals_for`.
 
     Raises:
         InputError: A number is out of range, or there is no mode.
@@ -60,13 +73,19 @@ def largest_multiplier(
     s = as_positive("factor", factor, zero=True)
     if len(modes) == 0:
         raise InputError("no mode to discretise", limit="at least 1")
-    k = intervals_for(modes, T) if intervals is None else intervals
-    if not 2 <= k <= 100_000:
-        raise InputError("number of intervals is out of range", value=k, limit="2 to 100000")
-    return _radius(_transition(modes, s * process.means(k), T / k))
+    edges = _edges(modes, process, T, intervals)
+    return _radius(_transition(modes, s * process.means(edges), np.diff(edges) * T / edges[-1]))
 
 
-def _transition(modes: Modes, a: Float, step_s: float) -> Float:
+def _edges(modes: Modes, process: Process, period_s: float, intervals: int | None) -> Float:
+    if intervals is None:
+        return intervals_for(modes, process, period_s)
+    if not 2 <= intervals <= 100_000:
+        raise InputError("number of intervals is out of range", value=intervals, limit="2 to 100000")
+    return np.linspace(0.0, 2.0 * np.pi / process.teeth, intervals + 1)
+
+
+def _transition(modes: Modes, a: Float, step_s: Float) -> Float:
     """Transition matrix over a tooth period of (eta, eta', y(-1), ..., y(-k)), y the displacements that feed back."""
     k, n = len(a), len(modes)
     used = np.flatnonzero(np.any(a != 0.0, axis=(0, 1)) & np.any(modes.shape != 0.0, axis=1))
@@ -100,22 +119,24 @@ def _add_delayed(x: Float, R: Float, at: int, n: int, U: Float) -> None:
 
 
 def _interval_maps(
-    modes: Modes, a: Float, used: Int, step_s: float
+    modes: Modes, a: Float, used: Int, step_s: Float
 ) -> tuple[list[tuple[Float, Float, Float]], list[int]]:
-    """Maps of an interval for each different coefficient matrix, and which of them each interval has.
+    """Maps of an interval for each different coefficient matrix and duration, and which of them each interval has.
 
     ``x(1) = P x(0) + R0 y(0 - T) + R1 y(1 - T)`` from one matrix exponential of the state with y and its slope.
     """
     n, d = len(modes), len(used)
-    distinct, which = np.unique(a.reshape(len(a), -1), axis=0, return_inverse=True)
+    rows = np.column_stack([a.reshape(len(a), -1), step_s])
+    distinct, which = np.unique(rows, axis=0, return_inverse=True)
+    h = distinct[:, -1, None, None]
     generator = np.zeros((len(distinct), 2 * n + 2 * d, 2 * n + 2 * d))
-    coupling = modes.shape.T @ distinct.reshape(-1, 3, 3)  # (m, n, 3)
+    coupling = modes.shape.T @ distinct[:, :-1].reshape(-1, 3, 3)  # (m, n, 3)
     generator[:, :n, n : 2 * n] = np.eye(n)
     generator[:, n : 2 * n, :n] = -np.diag(modes.omega_rad_s**2) - coupling @ modes.shape
     generator[:, n : 2 * n, n : 2 * n] = -np.diag(2.0 * modes.damping_ratio * modes.omega_rad_s)
     generator[:, n : 2 * n, 2 * n : 2 * n + d] = coupling[:, :, used]
-    generator[:, 2 * n : 2 * n + d, 2 * n + d :] = np.eye(d) / step_s
-    flow = _exponentials(generator * step_s, n, float(modes.omega_rad_s.max()))[:, : 2 * n]
+    generator[:, 2 * n : 2 * n + d, 2 * n + d :] = np.eye(d) / h
+    flow = _exponentials(generator * h, n, float(modes.omega_rad_s.max()))[:, : 2 * n]
     maps = []
     for one in flow:
         slope = one[:, 2 * n + d :]
@@ -175,17 +196,17 @@ def limit(
         period_s: Tooth period T, s.
         most: Largest factor of interest; the result is inf where all below are stable.
         least: Where to begin, default ``most / 13``; it is lowered while the cut is unstable there.
-        intervals: k, or None for :func:`intervals_for`.
+        intervals: k equal ones, or None for those of :func:`intervals_for`.
         tolerance: Relative, of the result.
 
     Raises:
         InputError: A number is out of range.
     """
     most = as_positive("most", most)
-    k = intervals_for(modes, as_positive("period_s", period_s)) if intervals is None else intervals
+    T = as_positive("period_s", period_s)
 
     def growth(factor: float) -> float:
-        return math.log(max(largest_multiplier(modes, process, period_s, factor, k), 1e-300))
+        return math.log(max(largest_multiplier(modes, process, T, factor, intervals), 1e-300))
 
     low = most * 1.2**-_SEARCH if least is None else min(as_positive("least", least), most)
     g_low = growth(low)
