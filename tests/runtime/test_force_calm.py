@@ -121,7 +121,7 @@ class _Calm:
 
     def __init__(self) -> None:
         self.limits, self.memory, self.now = (records(kind)[0] for kind in (LIMITS, MEMORY, CUT_KIND))
-        Plausibility().pack(self.limits, 4e-3)
+        Plausibility().pack(self.limits, 4e-3, (8.0, 0.1))
 
     def cut(self, residual: Float, planned: Float, feed: Float, seconds: float, way: float = FEED * 16e-3) -> bool:
         """Whether it has been told."""

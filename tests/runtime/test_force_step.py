@@ -176,7 +176,7 @@ def test_motor_currents_tell_the_sensor_from_the_process(real: float, told: bool
 def test_the_inertia_of_a_rapid_is_no_offset(swing_n: float, wrong: bool) -> None:
     """In the air 80 N are explained by 79 kg and 1 m/s2, and by nothing where the tool moves evenly (R17)."""
     limits, memory = records(LIMITS)[0], records(MEMORY)[0]
-    Plausibility().pack(limits, 4e-3)
+    Plausibility().pack(limits, 4e-3, (8.0, 0.1))
     measured = np.array([80.0, 0.0, 0.0, 0.0, 10.0, 0.0])
     found = [idle_is_wrong(measured, True, swing_n, limits, memory) for _ in range(200)]
     assert found[-1] == wrong

@@ -190,6 +190,7 @@ def chosen(**change: Any) -> OnlineSettings:
         "translation": WIDE,
         "hard_factor": 2.0,
         "tuning": TrackerTuning(noise_m=30 * UM),
+        "fusion": FusionTuning(mode=(8.0, 0.1)),
     }
     return OnlineSettings(**{**given_, **change})
 

@@ -18,6 +18,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.compliance import deflection
 from counterflex.runtime.cycle_inputs import CycleInputs
+from counterflex.runtime.estimator.fusion import FusionTuning
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.plausibility import kernel as pk
@@ -31,6 +32,8 @@ Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 R = rotation.about_x(np.pi)
 FEED = 0.025
 WIDE = MotionLimit(4.0 * MM, 0.2, 50.0)
+ARM = {"translation": WIDE, "hard_factor": 2.0, "fusion": FusionTuning(mode=(8.0, 0.1))}
+"""Of an arm that swings."""
 SIGNED = [
     np.array(p)
     for rows in itertools.permutations(np.eye(3))
@@ -63,7 +66,7 @@ class Plant:
     ) -> None:
         self.P, self.T = np.eye(3) if P is None else P, np.eye(3) if T is None else T
         delays = Delays(tracker_s=0.0)
-        chosen = OnlineSettings(delays=delays, translation=WIDE, hard_factor=2.0, **options)
+        chosen = OnlineSettings(**{**ARM, "delays": delays, **options})
         self.loop = Loop(CELL.chain, chosen, CELL.T_base_part, plan)
         self.queue = [np.zeros(3)] * (round(delays.dead_s / 4e-3) + 1)
         self.y, self.v = np.zeros(3), np.zeros(3)

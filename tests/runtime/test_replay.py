@@ -22,6 +22,7 @@ from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.cycle_inputs import CycleInputs
+from counterflex.runtime.estimator.fusion import FusionTuning
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.events import Event
@@ -47,7 +48,8 @@ def plan() -> LoopPlan:
 
 
 def loop(mode: ForceMode = ForceMode.PILOT, tracker: TrackerMode = TrackerMode.OBSERVER, **changes: Any) -> Loop:
-    return Loop(CELL.chain, OnlineSettings(force=mode, tracker=tracker, **changes), CELL.T_base_part, plan())
+    settings = OnlineSettings(force=mode, tracker=tracker, fusion=FusionTuning(mode=(8.0, 0.1)), **changes)
+    return Loop(CELL.chain, settings, CELL.T_base_part, plan())
 
 
 class _Robot:

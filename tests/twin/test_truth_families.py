@@ -35,12 +35,18 @@ def wide(cell: Cell) -> list[Truth]:
 
 
 @pytest.mark.parametrize(
-    ("seed", "digest"), [(0, "f594708b0fe863ef"), (1, "52fa51f1408a7399"), (7, "cde311a5d6219211")]
+    ("seed", "digest"), [(0, "7f80a552764019bd"), (1, "f385431611b8c114"), (7, "3927afbf018cfc84")]
 )
 def test_the_mild_truths_are_those_of_before_there_were_families(cell: Cell, seed: int, digest: str) -> None:
     data = to_dict(truth_of(cell, seed))
     assert data.pop("family") == "mild"
-    assert hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16] == digest
+    rounded = json.dumps(json.loads(json.dumps(data), parse_float=_rounded), sort_keys=True)
+    assert hashlib.sha256(rounded.encode()).hexdigest()[:16] == digest
+
+
+def _rounded(number: str) -> str:
+    """Exponentials differ in their last digit from one processor to another."""
+    return f"{float(number):.10g}"
 
 
 def _logarithms(cell: Cell, truths: list[Truth]) -> dict[str, np.ndarray]:

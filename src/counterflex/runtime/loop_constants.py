@@ -140,7 +140,7 @@ def pack_limits(out: Record, settings: OnlineSettings) -> None:
     integrates = settings.tracker in (TrackerMode.INTEGRATOR, TrackerMode.DESIGNED)
     gain = settings.tuning.gain if integrates else 0.0
     fusion, period_s = settings.fusion, settings.period_s
-    settings.plausibility.pack(out, period_s, gain, fusion.mode_hz, fusion.mode_damping)
+    settings.plausibility.pack(out, period_s, fusion.mode, gain)
     out.step_torque = period_s / TORQUE_MEMORY_S
     out.tracker_late = settings.delays.tracker_s
     if settings.force == ForceMode.FUSED:  # which takes slow trackers, too

@@ -45,8 +45,8 @@ class FusionTuning:
         gate: Standard deviations beyond which a measurement counts less.
         tracker_stale_s: Age at which a tracker or photogrammetry no longer counts as there.
         disbelieved: Samples in a row, farther off than the largest jump, after which it does not either.
-        mode_hz: Lowest mode of the arm, about which it swings when it is accelerated or a load comes.
-        mode_damping: Its damping ratio.
+        mode: Lowest mode of the arm, Hz, and its damping ratio, about which it swings when it is accelerated or a load
+            comes; None: of a robot that does not swing.
         torque_nm: Standard deviation of each axis torque found from motor currents: of what its friction changes by.
     """
 
@@ -61,14 +61,14 @@ class FusionTuning:
     gate: float = 5.0
     tracker_stale_s: float = 0.5
     disbelieved: int = 5
-    mode_hz: float = 8.0
-    mode_damping: float = 0.1
+    mode: tuple[float, float] | None = None
     torque_nm: tuple[float, float, float, float, float, float] = (60.0, 60.0, 60.0, 20.0, 20.0, 20.0)
 
     def __post_init__(self) -> None:
         """Check ranges."""
         for name in self.__dataclass_fields__:
-            for value in np.atleast_1d(getattr(self, name)):
+            value_or_none = getattr(self, name)
+            for value in () if value_or_none is None else np.atleast_1d(value_or_none):
                 as_positive(f"online: fusion {name}", float(value))
 
     def packed(self, period_s: float) -> Float:
@@ -88,9 +88,12 @@ class FusionTuning:
         )
 
     def swing(self, period_s: float) -> tuple[float, float]:
-        """``1 / w^2`` s2 of the mode, and what is left of a swing after a cycle."""
-        w = 2.0 * math.pi * self.mode_hz
-        return 1.0 / (w * w), math.exp(-self.mode_damping * w * period_s)
+        """``1 / w^2`` s2 of the mode, and what is left of a swing after a cycle; zeros without a mode."""
+        if self.mode is None:
+            return 0.0, 0.0
+        hz, damping = self.mode
+        w = 2.0 * math.pi * hz
+        return 1.0 / (w * w), math.exp(-damping * w * period_s)
 
     def begin(self, fusion: Record) -> None:
         """Write what is known at the start into the state: factors 1, model right, no offset."""

@@ -93,17 +93,15 @@ class Plausibility:
                 "plausibility: angle_rad lets every direction pass", value=self.angle_rad / DEG, limit="< 180 deg"
             )
 
-    def pack(
-        self, out: Record, period_s: float, gain: float = 0.0, mode_hz: float = 8.0, mode_damping: float = 0.1
-    ) -> None:
+    def pack(self, out: Record, period_s: float, mode: tuple[float, float] | None, gain: float = 0.0) -> None:
         """Write limits, and times in cycles of ``period_s``, at least one each.
 
         Args:
             out: :data:`counterflex.runtime.state.doubts.LIMITS`; written.
             period_s: Cycle.
+            mode: Lowest mode of the arm, Hz, and its damping ratio, about which it swings when a load comes or goes;
+                None: of a robot that does not swing.
             gain: Of the tracker's integrator, per cycle; 0: none, the mirror image is not judged.
-            mode_hz: Lowest mode of the arm, about which it swings when a load comes or goes.
-            mode_damping: Its damping ratio.
         """
         out.least_m, out.answer_share = self.least_m, self.answer_share
         out.answer_late_s, out.follow_late_s = self.answer_late_s, self.follow_late_s
@@ -113,8 +111,9 @@ class Plausibility:
         out.idle_n, out.idle_nm = self.idle_n, self.idle_nm
         out.period, out.rejected_share = period_s, self.rejected_share
         out.step_n, out.step_plan = self.step_n, self.step_plan
-        out.step_fade = math.exp(-mode_damping * 2.0 * math.pi * mode_hz * period_s)
-        out.step_memory = math.exp(-0.5 * mode_hz * period_s)
+        mode_s, turn = (0.0, math.inf) if mode is None else (1.0 / mode[0], 2.0 * math.pi * mode[0] * period_s)
+        out.step_fade = math.exp(-turn * (1.0 if mode is None else mode[1]))
+        out.step_memory = math.exp(-turn / (4.0 * math.pi))
         for name, seconds in (
             ("answer_cycles", self.answer_s),
             ("residual_cycles", self.residual_s),
@@ -125,7 +124,7 @@ class Plausibility:
             ("share_samples", self.rejected_s),
             ("silent_cycles", self.silent_s),
             ("step_few", max(self.step_few_s, 2.0 * period_s)),
-            ("step_period", min(1.0 / mode_hz, STEP_MOST // 3 * period_s)),
+            ("step_period", min(mode_s, STEP_MOST // 3 * period_s)),
             ("step_long", min(self.step_long_s, STEP_MOST // 2 * period_s)),
             ("step_back", self.step_back_s),
             ("window", min(100.0 * MS, WINDOW_MOST * period_s)),
