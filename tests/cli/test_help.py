@@ -125,6 +125,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         assert counterflex(*found).status == 0
     if words[0] in ("prove", "demo", "campaign"):
         words += ["--workers", "1"]
+    if words[:2] == ["plan", "placement"]:
+        words += ["--candidates", "64"]
     ended = counterflex(*words)
     assert ended.status == 0, ended.err
     assert ended.err == ""
