@@ -12,12 +12,13 @@ import numpy as np
 
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import CounterflexError, ProgramError
+from counterflex.core.errors import CounterflexError, FileFormatError, ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.tilted_stock import may_touch, working_plane
 from counterflex.files.cell.cell import Cell
 from counterflex.files.plan_file import WORKING_PLANE
+from counterflex.path.tool_rotation import APART_M
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.path.turning import TurnedPath
 from counterflex.plan.feed_schedule import FeedGroups
@@ -99,15 +100,38 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
     """Read a program and sample its path with the cell's rapid speed.
 
     Raises:
-        FileFormatError: The cell file describes no milling.
+        FileFormatError: The cell file describes no milling, or turns the tool along another program.
         ProgramError: The program cannot be read exactly, or makes no motion.
     """
     cell.require_milling()
     program = reading.program(file)
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
-    if turns(program):
-        return _turned_job(program, cell, step_m)
+    job = _turned_job(program, cell, step_m) if turns(program) else _job(program, cell, step_m)
+    _check_tool_rotation(job, cell)
+    return job
+
+
+def _check_tool_rotation(job: Job, cell: Cell) -> None:
+    """Refuse a rotation along the program that was chosen for another one."""
+    rotation = cell.tables.posture.turning
+    if rotation is None:
+        return
+    apart_m, place_m = rotation.distance(job.path.p_part_tcp)
+    if apart_m > APART_M:
+        raise FileFormatError(
+            "turning_mm_deg turns the tool along another program than this one",
+            where=f"{cell.path}: posture",
+            value=f"{Path(job.program.name).name} is {apart_m / MM:.0f} mm away from where it was expected after "
+            f"{place_m / MM:.0f} mm",
+            limit=f"{APART_M / MM:g} mm",
+            hint="Take turning_mm_deg and turning_at_mm out and choose a posture for this program: counterflex plan "
+            "posture ... --turning",
+        )
+
+
+def _job(program: Program, cell: Cell, step_m: float) -> Job:
+    """The job of a program whose tool stays along z."""
     bare = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_m_s)
     path = with_settling(bare)
     _check_tools(program, cell)

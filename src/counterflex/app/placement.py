@@ -20,7 +20,7 @@ from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.update import POSE_KEYS, text_with_place
+from counterflex.files.cell.set_up import POSE_KEYS, text_with_place
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
 from counterflex.plan.placement.candidate import pareto, site_of

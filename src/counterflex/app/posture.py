@@ -18,10 +18,10 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, UM
+from counterflex.core.units import DEG, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.update import text_with_posture
+from counterflex.files.cell.set_up import text_with_posture
 from counterflex.files.summary_file import write_summary
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
@@ -162,7 +162,7 @@ def run(
     with atomic.atomic_folder(out) as staging:
         done = posture_of(program, cell, progress=progress, **options)
         best = done.chosen.best
-        turning = () if best.turning is None else _mm_deg(best.turning)
+        turning = None if best.turning is None else _sparse(best.turning).placed(done.job.machined.p_part_tcp)
         text = text_with_posture(cell.path, best.branch, best.rotation_rad / DEG, Path(out), turning)
         atomic.write_text(staging / "cell.toml", text)
         atomic.write_text(staging / MAP, _map(done.chosen))
@@ -170,11 +170,12 @@ def run(
     return done.summary
 
 
-def _mm_deg(turning: ToolRotation) -> list[list[float]]:
-    """Rows of ``turning_mm_deg``; of places at one angle the first and the last."""
-    rows = [[place / MM, angle / DEG] for place, angle in zip(turning.length_m, turning.angle_rad, strict=True)]
+def _sparse(turning: ToolRotation) -> ToolRotation:
+    """The same with the first and the last only of places at one angle."""
+    rows = list(zip(turning.length_m, turning.angle_rad, strict=True))
     inner = [b for a, b, c in zip(rows, rows[1:], rows[2:], strict=False) if not a[1] == b[1] == c[1]]
-    return [rows[0], *inner, *rows[1:][-1:]]
+    places, angles = zip(*[rows[0], *inner, *rows[1:][-1:]], strict=True)
+    return ToolRotation(places, angles)
 
 
 def _map(chosen: Chosen) -> str:

@@ -8,7 +8,7 @@ import pytest
 
 from counterflex.core.errors import FileFormatError
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.cell.update import text_placed_as, text_with_files, text_with_part, text_with_posture
+from counterflex.files.cell.set_up import text_placed_as, text_with_files, text_with_part, text_with_posture
 
 
 def test_an_identified_cell_gets_place_and_posture_of_the_set_up(small: Path, tmp_path: Path) -> None:

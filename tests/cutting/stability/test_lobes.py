@@ -64,8 +64,8 @@ def test_lobes_are_semi_discretisation_of_the_mean_coefficients() -> None:
     """Another method with nothing in common: the delay equation with constant coefficients, in the time domain."""
 
     class Constant(Process):
-        def means(self, edges: np.ndarray) -> np.ndarray:
-            return np.broadcast_to(self.mean, (len(edges) - 1, 3, 3))
+        def means(self, phi: np.ndarray) -> np.ndarray:
+            return np.broadcast_to(self.mean, (len(phi) - 1, 3, 3))
 
     period = 60.0 / 9000.0 / 2.0
     omega = lobes.frequencies_for(ROUND)

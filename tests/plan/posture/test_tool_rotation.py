@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import read_job, setting_of
@@ -15,7 +17,7 @@ from counterflex.app.proof.simulate import controller
 from counterflex.core.errors import FileFormatError, InputError, ReachError
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.update import text_with_posture
+from counterflex.files.cell.set_up import text_with_posture
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.plan.inputs import solve_joints
 from counterflex.plan.posture.choose import Freedom, choose
@@ -25,12 +27,14 @@ from counterflex.twin.plant.controller import interpolate
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
-ROWS = [[0.0, 180.0], [20.0, 180.0], [90.0, 215.0]]
+CORNER = EXAMPLES / "programs" / "corner.ngc"
+TURNING = ToolRotation((0.0, 0.02, 0.09), (180.0 * DEG, 180.0 * DEG, 215.0 * DEG))
 
 
 def _turning_cell(folder: Path) -> Cell:
     file = folder / "cell.toml"
-    file.write_text(text_with_posture(CELL, "front up noflip", 180.0, folder, ROWS))
+    placed = TURNING.placed(read_job(GROOVE, read_cell(CELL)).machined.p_part_tcp)
+    file.write_text(text_with_posture(CELL, "front up noflip", 180.0, folder, placed))
     return read_cell(file)
 
 
@@ -65,13 +69,45 @@ def test_the_turning_is_written_into_the_program(tmp_path: Path) -> None:
     assert np.ptp(np.unwrap(angles, period=360.0)) == pytest.approx(35.0, abs=0.2)
 
 
+def test_the_turning_of_another_program_is_refused(tmp_path: Path) -> None:
+    """That of the groove serves the groove as programmed and as compensated, and nothing else."""
+    cell = _turning_cell(tmp_path)
+    with pytest.raises(FileFormatError, match=r"another program than this one.*mm away"):
+        read_job(CORNER, cell)
+    files = compensate(GROOVE, cell, language="gcode", predict=False).files
+    compensated = tmp_path / "compensated.ngc"
+    compensated.write_text(files["groove.ngc"])
+    read_job(compensated, cell)
+    moved = tmp_path / "moved.ngc"
+    moved.write_text(GROOVE.read_text().replace("Y", "Y-7"))
+    with pytest.raises(FileFormatError, match="another program"):
+        read_job(moved, cell)
+
+
+@given(
+    length=st.floats(0.02, 2.0), aside=st.floats(0.0, 0.02), along=st.floats(-0.02, 0.02), turned=st.floats(0.0, 6.28)
+)  # fmt: skip
+def test_distance_to_another_program(length: float, aside: float, along: float, turned: float) -> None:
+    """A straight line shifted along itself is the same program, one shifted aside by more than a correction is not."""
+    way = np.array([np.cos(turned), np.sin(turned), 0.0])
+    p = np.linspace(0.0, length, 50)[:, None] * way
+    rotation = ToolRotation((0.2 * length, 0.6 * length), (0.0, 1.0)).placed(p)
+    assert rotation.distance(p)[0] < 1e-3
+    shifted = p + aside * np.array([-way[1], way[0], 0.0]) + min(along, 0.2 * length) * way
+    short = max(0.0, abs(along) - 0.2 * length)  # a point that falls off the end of the line
+    assert aside - 1e-9 <= rotation.distance(shifted)[0] <= np.hypot(aside, short + 1e-3)
+
+
 def test_a_turning_that_goes_back_or_begins_elsewhere_is_refused(tmp_path: Path) -> None:
-    for rows, words in (
-        ([[0.0, 180.0], [0.0, 190.0]], "do not rise"),
-        ([[0.0, 90.0], [9.0, 95.0]], "expected the same"),
+    text = _turning_cell(tmp_path).path.read_text()
+    for old, new, words in (
+        ("[20.0, 180.0]", "[0.0, 180.0]", "do not rise"),
+        ("[0.0, 180.0]", "[0.0, 90.0]", "expected the same"),
+        ("[90.0, 215.0]", "[90.0, 215.0], [95.0, 215.0]", "turning_at_mm has 3 points"),
     ):
         file = tmp_path / "bad.toml"
-        file.write_text(text_with_posture(CELL, "front up noflip", 180.0, tmp_path, rows))
+        assert old in text
+        file.write_text(text.replace(old, new))
         with pytest.raises(FileFormatError, match=words):
             read_cell(file)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.cell.update import POSE_KEYS
+from counterflex.files.cell.set_up import POSE_KEYS
 from counterflex.robot.model.opw import BRANCHES
 
 PRESENT: Final = "present"

@@ -36,7 +36,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.evaluate.summary import SeedResult, summary
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.cell.update import copied_text, text_with_files
+from counterflex.files.cell.set_up import copied_text, text_with_files
 from counterflex.files.summary_file import write_summary
 from counterflex.twin.truth.family import MILD, Family
 from counterflex.twin.truth.file import read_truth, write_truth

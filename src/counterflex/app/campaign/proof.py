@@ -25,7 +25,7 @@ from counterflex.core.units import DEG
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.summary import variant_summary
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.update import text_placed_as, text_with_part, text_with_posture
+from counterflex.files.cell.set_up import text_placed_as, text_with_part, text_with_posture
 from counterflex.files.run_file import read_run
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import plan as make_plan

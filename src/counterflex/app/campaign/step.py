@@ -17,7 +17,7 @@ from counterflex.app.identification.propose import propose
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.files.cell.update import copied_text
+from counterflex.files.cell.set_up import copied_text
 
 CELL: Final = "cell.toml"
 DATA, HOLDOUT = "data", "holdout"

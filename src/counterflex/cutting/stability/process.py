@@ -73,16 +73,16 @@ class Process:
         out: Float = self.teeth / (2.0 * np.pi) * self.up_to(np.array(np.pi))
         return out
 
-    def means(self, edges: Float) -> Float:
+    def means(self, phi: Float) -> Float:
         """Means over intervals of the tooth pitch, all teeth together, (k, 3, 3) N/m.
 
         Args:
-            edges: (k + 1,) rad, rising from 0 to the pitch ``2 pi / N``.
+            phi: (k + 1,) rad, rising from 0 to the pitch ``2 pi / N``.
         """
         pitch = 2.0 * np.pi / self.teeth
         begin = np.arange(self.teeth)[:, None] * pitch
-        sums = np.diff(self.up_to(np.minimum(begin + edges, 2.0 * np.pi)), axis=1).sum(axis=0)
-        out: Float = sums / np.diff(edges)[:, None, None]
+        sums = np.diff(self.up_to(np.minimum(begin + phi, 2.0 * np.pi)), axis=1).sum(axis=0)
+        out: Float = sums / np.diff(phi)[:, None, None]
         return out
 
     def engaged(self) -> Float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.core.units import DEG, MM, MRAD, MS, UM, URAD
+from counterflex.core.errors import FileFormatError
+from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
@@ -20,18 +18,17 @@ from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tilted_stock import box_along_tool
 from counterflex.files.cell.class_stiffness import ClassStiffness, prior_of, unknown_axes, with_class_stiffness
-from counterflex.files.cell.measured import CalibrationTable
+from counterflex.files.cell.located import located
 from counterflex.files.cell.plausibility import require_units
-from counterflex.files.cell.robot import OpwTable
+from counterflex.files.cell.robot_description import calibration_of, robot_of
 from counterflex.files.cell.tables import CellTables, MaterialTable, PartTable, StockTable
 from counterflex.geometry import pose
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveErrors
-from counterflex.robot.model import catalog, opw_chain
 from counterflex.robot.model.calibration import calibrated
-from counterflex.robot.model.description import EndEffector, Opw, Play, Robot, Segment, Servo
+from counterflex.robot.model.description import EndEffector, Robot, Segment
 
 KIND = "counterflex-cell"
 VERSION = 1
@@ -159,7 +156,7 @@ class Cell:
     @cached_property
     def calibration(self) -> dict[str, Float]:
         """(6,) m, rad: displacement behind each calibrated segment."""
-        return _calibration(self.tables)
+        return calibration_of(self.tables)
 
     @cached_property
     def drive_errors(self) -> DriveErrors:
@@ -233,7 +230,7 @@ class Cell:
         """
         if self.part.stock is None:
             raise self._lacking("[part.stock]")
-        with _located(f"{self.path}: part.stock"):
+        with located(f"{self.path}: part.stock"):
             return _stock(self.part.stock, self.path.parent, self.R_part_plane)
 
 
@@ -259,11 +256,10 @@ def read_cell(path: str | Path, *, assume_class: bool = False) -> Cell:
 def resolve(tables: CellTables, path: Path, *, assume_class: bool = False) -> Cell:
     """Build the objects of a cell from its tables. Raises as :func:`read_cell`."""
     where = str(path)
-    robot = _with_drives(_with_elastic(_robot(tables, path), tables, where), tables)
-    robot = replace(robot, regions=(*robot.regions, *(row.region() for row in tables.robot.elastic_region)))
+    robot = robot_of(tables, path)
     given = None
     if assume_class and (axes := unknown_axes(robot, tables.robot)):
-        with _located(f"{where}: robot"):
+        with located(f"{where}: robot"):
             given = ClassStiffness(axes, prior_of(robot, tables.robot))
         robot = with_class_stiffness(robot, given)
     taken = {segment.name for segment in robot.segments}
@@ -288,119 +284,25 @@ def resolve(tables: CellTables, path: Path, *, assume_class: bool = False) -> Ce
     end_effector = EndEffector(bodies, tables.tcp.matrix())
     true_robot, true_end_effector = robot, end_effector
     if tables.robot.calibration:
-        with _located(f"{where}: robot.calibration"):
-            true_robot, true_end_effector = calibrated(robot, end_effector, _calibration(tables))
-    with _located(where):
+        with located(f"{where}: robot.calibration"):
+            true_robot, true_end_effector = calibrated(robot, end_effector, calibration_of(tables))
+    with located(where):
         chain = ElasticChain.build(true_robot, true_end_effector)
         cell = Cell(tables, path, true_robot, true_end_effector, chain, robot, end_effector, given)
     if tables.material is not None:
-        with _located(f"{where}: material"):
+        with located(f"{where}: material"):
             _ = cell.force_law
-    with _located(f"{where}: {'drive_error' if tables.drive_error is not None else 'axis_sag'}"):
+    with located(f"{where}: {'drive_error' if tables.drive_error is not None else 'axis_sag'}"):
         _ = cell.drive_errors
     for tool in tables.tools:
-        with _located(f"{where}: tool T{tool.number}"):
+        with located(f"{where}: tool T{tool.number}"):
             cell.cutter(tool.number)
     return cell
 
 
-@contextlib.contextmanager
-def _located(where: str) -> Iterator[None]:
-    """Put the file and the key in front of the place of a fault that was found deeper down."""
-    try:
-        yield
-    except CounterflexError as fault:
-        if fault.where is not None and fault.where.startswith(where):
-            raise
-        place = where if fault.where is None else f"{where}: {fault.where}"
-        raise FileFormatError(
-            fault.what, where=place, value=fault.value, limit=fault.limit, hint=fault.hint, **fault.data
-        ) from fault
-
-
-def _robot(tables: CellTables, path: Path) -> Robot:
-    table = tables.robot
-    if table.catalog is not None:
-        with _located(f"{path}: robot.catalog"):
-            return catalog.load(table.catalog)
-    if table.geometry is not None:
-        with _located(f"{path}: robot.geometry"):
-            return _own_robot(table.geometry, tables.name)
-    if table.dh is not None:
-        with _located(f"{path}: robot.dh"):
-            return table.dh.robot(tables.name)
-    from counterflex.robot.model import urdf  # heavy, optional dependency
-
-    with _located(f"{path}: robot.urdf"):
-        return urdf.load_urdf(path.parent / str(table.urdf), tip_link=table.urdf_tip)
-
-
-def _calibration(tables: CellTables) -> dict[str, Float]:
-    return {
-        row.segment: np.array([*(np.array([row.x_mm, row.y_mm, row.z_mm]) * MM), *(_turn(row) * MRAD)])
-        for row in tables.robot.calibration
-    }
-
-
-def _turn(row: CalibrationTable) -> Float:
-    return np.array([row.rx_mrad, row.ry_mrad, row.rz_mrad])
-
-
-def _own_robot(table: OpwTable, name: str) -> Robot:
-    opw = Opw(
-        a1_m=table.a1_mm * MM,
-        a2_m=table.a2_mm * MM,
-        b_m=table.b_mm * MM,
-        c1_m=table.c1_mm * MM,
-        c2_m=table.c2_mm * MM,
-        c3_m=table.c3_mm * MM,
-        c4_m=table.c4_mm * MM,
-        offsets_rad=tuple(angle * DEG for angle in table.offsets_deg),
-        signs=tuple(table.signs),
-    )
-    return opw_chain.from_opw(name, opw, np.array(table.limits_deg) * DEG)
-
-
-def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
-    segments = {segment.name: segment for segment in robot.segments}
-    for row in tables.robot.elastic:
-        if row.segment not in segments:
-            raise FileFormatError(
-                f"the robot has no segment '{row.segment}'",
-                where=f"{where}: robot.elastic",
-                limit=", ".join(segments),
-            )
-        old = segments[row.segment]
-        compliance = row.over(old.compliance)
-        mass = old.mass_kg if row.mass_kg is None else row.mass_kg
-        segments[row.segment] = replace(old, compliance=compliance, mass_kg=mass)
-    return replace(robot, segments=tuple(segments[segment.name] for segment in robot.segments))
-
-
-def _with_drives(robot: Robot, tables: CellTables) -> Robot:
-    """Play, friction and loop gains of the axes that the file gives them for."""
-    play, servo = list(robot.play or (None,) * 6), list(robot.servo or (None,) * 6)
-    for row in tables.robot.play:
-        slip = tuple(angle * URAD for angle in row.slip_urad)
-        play[row.axis - 1] = Play(row.dead_band_half_urad * URAD, row.friction_nm, slip)
-    for gains in tables.robot.servo:
-        servo[gains.axis - 1] = Servo(
-            speed_gain_nm_s=gains.speed_gain_nm_s,
-            position_gain_per_s=gains.position_gain_per_s,
-            integral_time_s=gains.integral_time_ms * MS,
-            friction_nm=gains.friction_nm,
-            slip_rad=gains.slip_urad * URAD,
-        )
-    return replace(
-        robot,
-        play=tuple(play) if any(play) else robot.play,
-        servo=tuple(servo) if any(servo) else robot.servo,
-    )
-
-
 def _force_law(table: MaterialTable, where: str) -> ForceLaw:
     if table.catalog is not None:
-        with _located(f"{where}: material.catalog"):
+        with located(f"{where}: material.catalog"):
             return material.load(table.catalog).with_ratios(kr_over_kc=table.kr_over_kc, ka_over_kc=table.ka_over_kc)
     h_min, h_max = table.chip_min_um * UM, table.chip_max_um * UM
     if h_min >= h_max:
@@ -409,7 +311,7 @@ def _force_law(table: MaterialTable, where: str) -> ForceLaw:
             where=f"{where}: material",
             value=f"{table.chip_min_um:g} and {table.chip_max_um:g}",
         )
-    with _located(f"{where}: material.law"):
+    with located(f"{where}: material.law"):
         return built(table.law, table.law_values(), ValidFor(h_min, h_max, table.source, "cell file"))
 
 

@@ -39,6 +39,7 @@ class PostureTable(Table):
     wrist: Literal["noflip", "flip"] = "noflip"
     rotation_about_tool_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = 0.0
     turning_mm_deg: Annotated[tuple[tuple[float, float], ...], Field(max_length=100_000)] = ()
+    turning_at_mm: Annotated[tuple[tuple[float, float, float], ...], Field(max_length=100_000)] = ()
 
     @model_validator(mode="after")
     def _rises(self) -> PostureTable:
@@ -50,6 +51,11 @@ class PostureTable(Table):
                 f"turning_mm_deg begins at {self.turning_mm_deg[0][1]:g} deg and rotation_about_tool_deg is "
                 f"{self.rotation_about_tool_deg:g}; expected the same"
             )
+        if len(self.turning_at_mm) != len(places):
+            raise ValueError(
+                f"turning_at_mm has {len(self.turning_at_mm)} points and turning_mm_deg {len(places)} rows; expected "
+                "as many: where the tool tip is in the part frame at each place, by which another program is told apart"
+            )
         return self
 
     @property
@@ -58,7 +64,8 @@ class PostureTable(Table):
         if not self.turning_mm_deg:
             return None
         places, angles = zip(*self.turning_mm_deg, strict=True)
-        return ToolRotation(tuple(place * MM for place in places), tuple(angle * DEG for angle in angles))
+        points = tuple((x * MM, y * MM, z * MM) for x, y, z in self.turning_at_mm)
+        return ToolRotation(tuple(place * MM for place in places), tuple(angle * DEG for angle in angles), points)
 
     def rotations_rad(self, p_part_tcp: Float) -> float | Float:
         """Free rotation at all points (n, 3) m of a program, in their order: one angle, or (n,) where it turns."""

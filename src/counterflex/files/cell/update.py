@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.document import Doc, move_paths, new_table, parsed, row_of, table_of
 from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.schema import STIFFEST
 from counterflex.identify.data.changes import (
@@ -39,10 +38,6 @@ COMPLIANCE_KEYS: Final = (
 )
 _CALIBRATION_KEYS: Final = (*((f"{a}_mm", MM) for a in "xyz"), *((f"r{a}_mrad", MRAD) for a in "xyz"))
 _SAME_PLACE_M: Final = 1e-9
-POSE_KEYS: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
-"""Keys of a pose in a cell file."""
-_PATHS: Final = (("robot", "urdf"), ("part", "stock", "stl"), ("part", "stock", "result"))
-Doc = MutableMapping[str, Any]
 
 
 def updated_text(cell: Cell, changes: Sequence[Change], entry: IdentifiedTable, folder: Path) -> str:
@@ -58,15 +53,12 @@ def updated_text(cell: Cell, changes: Sequence[Change], entry: IdentifiedTable, 
         FileFormatError: The file has changed since it was read.
         InputError: A change names a segment that the cell does not have.
     """
-    try:
-        doc = tomlkit.parse(cell.path.read_bytes().decode("utf-8-sig"))
-    except (OSError, UnicodeDecodeError, TOMLKitError) as fault:
-        raise FileFormatError("the file can no longer be read", where=str(cell.path), value=str(fault)[:80]) from fault
+    doc = parsed(cell.path)
     source = f"identified: {entry.recipe}, {entry.date}"
     for change in changes:
         apply(doc, change, cell, source)
     _enter(doc, entry)
-    _move_paths(doc, cell.path.parent, folder)
+    move_paths(doc, cell.path.parent, folder)
     return tomlkit.dumps(doc)
 
 
@@ -82,158 +74,6 @@ def check_update(text: str, path: Path) -> Cell:
     """
     path.write_text(text, encoding="utf-8", newline="\n")
     return read_cell(path)
-
-
-def copied_text(path: Path, folder: Path) -> str:
-    """Text of a cell file as it has to be in another folder: the files that it names are where they were.
-
-    Args:
-        path: Cell file.
-        folder: Where the copy will lie.
-
-    Raises:
-        FileFormatError: The file cannot be read.
-    """
-    doc = _parsed(path)
-    _move_paths(doc, path.parent, folder)
-    return tomlkit.dumps(doc)
-
-
-def text_with_posture(
-    path: Path, branch: str, rotation_deg: float, folder: Path, turning_mm_deg: Sequence[Sequence[float]] = ()
-) -> str:
-    """Text of a cell file with another posture; comments, order and everything else are kept.
-
-    Args:
-        path: Cell file.
-        branch: Such as ``front up noflip``.
-        rotation_deg: Rotation about the tool axis.
-        folder: Where the new file will lie; paths in it that are relative are made relative to there.
-        turning_mm_deg: Rotations along the program; none where the tool does not turn about its axis.
-
-    Raises:
-        FileFormatError: The file cannot be read.
-    """
-    doc = _parsed(path)
-    table = _with_posture(doc, branch, rotation_deg)
-    if turning_mm_deg:
-        table["turning_mm_deg"] = [[round(float(number), 6) for number in row] for row in turning_mm_deg]
-    _move_paths(doc, path.parent, folder)
-    return tomlkit.dumps(doc)
-
-
-def _with_posture(doc: Doc, branch: str, rotation_deg: float) -> Doc:
-    """Enter a posture that is held still; its table."""
-    table = _table(doc, "posture")
-    for key, word in zip(("shoulder", "elbow", "wrist"), branch.split(), strict=True):
-        table[key] = word
-    table["rotation_about_tool_deg"] = round(rotation_deg, 6)
-    table.pop("turning_mm_deg", None)
-    return table
-
-
-def text_with_place(path: Path, pose: Mapping[str, float], branch: str, rotation_deg: float, folder: Path) -> str:
-    """Text of a cell file with the part elsewhere and a posture for it; everything else is kept.
-
-    Args:
-        path: Cell file.
-        pose: Keys of ``[part]`` in shop units; those that stay as they are do not appear anew.
-        branch: Such as ``front up noflip``.
-        rotation_deg: Rotation about the tool axis.
-        folder: Where the new file will lie; paths in it that are relative are made relative to there.
-
-    Raises:
-        FileFormatError: The file cannot be read.
-    """
-    doc = _parsed(path)
-    table = _table(doc, "part")
-    for key, value in pose.items():
-        if key in table or value != 0.0:
-            table[key] = value
-    _with_posture(doc, branch, rotation_deg)
-    _move_paths(doc, path.parent, folder)
-    return tomlkit.dumps(doc)
-
-
-def text_with_part(path: Path, pose: Mapping[str, float], folder: Path) -> str:
-    """Text of a cell file with the part elsewhere; comments, order and everything else are kept.
-
-    Args:
-        path: Cell file.
-        pose: Keys of ``[part]`` that change, in shop units: ``x_mm`` ... ``c_deg``.
-        folder: Where the new file will lie; paths in it that are relative are made relative to there.
-
-    Raises:
-        FileFormatError: The file cannot be read.
-    """
-    doc = _parsed(path)
-    table = _table(doc, "part")
-    for key, value in pose.items():
-        table[key] = value
-    _move_paths(doc, path.parent, folder)
-    return tomlkit.dumps(doc)
-
-
-def text_placed_as(path: Path, other: Path, folder: Path) -> str:
-    """Text of a cell file with the pose of the part and the posture of another one.
-
-    Args:
-        path: Cell file.
-        other: Cell file that has them.
-        folder: Where the new file will lie; paths in it that are relative are made relative to there.
-
-    Raises:
-        FileFormatError: A file cannot be read.
-    """
-    doc, there = _parsed(path), _parsed(other)
-    part, pose = _table(doc, "part"), there.get("part", {})
-    for key in POSE_KEYS:
-        part.pop(key, None)
-        if key in pose:
-            part[key] = pose[key]
-    doc.pop("posture", None)
-    if "posture" in there:
-        doc["posture"] = there["posture"]
-    _move_paths(doc, path.parent, folder)
-    return tomlkit.dumps(doc)
-
-
-def text_with_files(path: Path, folder: Path, inputs: Path) -> tuple[str, dict[Path, bytes]]:
-    """Text of a cell file whose files lie in a folder of its own, so that the folder is all that it needs.
-
-    Args:
-        path: Cell file.
-        folder: Where the new file will lie.
-        inputs: Folder for the files that it names.
-
-    Returns:
-        The text, and the contents of these files by where they have to be written.
-
-    Raises:
-        FileFormatError: A file cannot be read.
-    """
-    doc, files = _parsed(path), {}
-    for *keys, last in _PATHS:
-        table: Any = doc
-        for key in keys:
-            table = table.get(key, {})
-        if table.get(last) is None:
-            continue
-        source = path.parent / str(table[last])
-        target = inputs / f"{'-'.join((*keys, last))}{source.suffix}"
-        try:
-            files[target] = source.read_bytes()
-        except OSError as fault:
-            raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(source)) from fault
-        table[last] = Path(os.path.relpath(target, folder)).as_posix()
-    return tomlkit.dumps(doc), files
-
-
-def _parsed(path: Path) -> tomlkit.TOMLDocument:
-    try:
-        return tomlkit.parse(path.read_bytes().decode("utf-8-sig"))
-    except (OSError, UnicodeDecodeError, TOMLKitError) as fault:
-        raise FileFormatError("the file cannot be read", where=str(path), value=str(fault)[:80]) from fault
 
 
 def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
@@ -255,17 +95,17 @@ def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
             values = {
                 key: _written(v, unit) for (key, unit), v in zip(_CALIBRATION_KEYS, change.displacement, strict=True)
             }
-            _fill(_row(_table(doc, "robot"), "calibration", "segment", change.segment), values, source)
+            _fill(row_of(table_of(doc, "robot"), "calibration", "segment", change.segment), values, source)
         case AxisPlay():
             play = change.play
-            row = _row(_table(doc, "robot"), "play", "axis", change.axis + 1)
+            row = row_of(table_of(doc, "robot"), "play", "axis", change.axis + 1)
             friction = [_written(f, 1.0) for f in play.friction_nm]
             slip = [_written(s, URAD) for s in play.slip_rad]
             values = {"dead_band_half_urad": _written(play.half_band_rad, URAD)}
             _fill(row, {**values, "friction_nm": friction, "slip_urad": slip}, source)
         case AxisServo():
             servo = change.servo
-            row = _row(_table(doc, "robot"), "servo", "axis", change.axis + 1)
+            row = row_of(table_of(doc, "robot"), "servo", "axis", change.axis + 1)
             values = {
                 "speed_gain_nm_s": _written(servo.speed_gain_nm_s, 1.0),
                 "position_gain_per_s": _written(servo.position_gain_per_s, 1.0),
@@ -283,7 +123,7 @@ def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
         case TableValues():
             table = doc
             for key in change.table.split("."):
-                table = _table(table, key)
+                table = table_of(table, key)
             for key, value in change.values.items():
                 table[key] = value
 
@@ -291,7 +131,7 @@ def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
 def _compliance(doc: Doc, change: ElementCompliance, cell: Cell, source: str) -> None:
     segments = {segment.name: segment for segment in cell.robot.segments}
     if change.segment in segments:
-        row = _row(_table(doc, "robot"), "elastic", "segment", change.segment)
+        row = row_of(table_of(doc, "robot"), "elastic", "segment", change.segment)
         before: Float = segments[change.segment].compliance
     else:
         row = _body(doc, change.segment, cell)
@@ -309,7 +149,7 @@ def _compliance(doc: Doc, change: ElementCompliance, cell: Cell, source: str) ->
 
 def _drop_regions(doc: Doc, segment: str, direction: str) -> None:
     """Remove the regions of a spring that is rigid now."""
-    rows = _table(doc, "robot").get("elastic_region", ())
+    rows = table_of(doc, "robot").get("elastic_region", ())
     for i in range(len(rows) - 1, -1, -1):
         if (rows[i]["segment"], rows[i]["direction"]) == (segment, direction):
             del rows[i]
@@ -318,11 +158,11 @@ def _drop_regions(doc: Doc, segment: str, direction: str) -> None:
 def _region(doc: Doc, change: ElementRegion, source: str) -> None:
     """Add a row; an earlier one of the same spring and axis stays, factors multiply."""
     region = change.region
-    robot = _table(doc, "robot")
+    robot = table_of(doc, "robot")
     if "elastic_region" not in robot:
         robot["elastic_region"] = tomlkit.aot()
     rows = robot["elastic_region"]
-    row: Any = tomlkit.inline_table() if isinstance(rows, tomlkit.items.Array) else _new_table()
+    row: Any = tomlkit.inline_table() if isinstance(rows, tomlkit.items.Array) else new_table()
     values = {
         "segment": region.segment,
         "direction": DIRECTIONS[region.direction],
@@ -341,7 +181,7 @@ def _mass(doc: Doc, change: BodyMass, cell: Cell, source: str) -> None:
                 raise InputError(
                     "the centre of gravity of a robot segment has no place in a cell file", value=change.segment
                 )
-            row = _row(_table(doc, "robot"), "elastic", "segment", change.segment)
+            row = row_of(table_of(doc, "robot"), "elastic", "segment", change.segment)
             row["mass_kg"] = _written(change.mass_kg, 1.0)
             row["source"] = source
             return
@@ -353,7 +193,7 @@ def _mass(doc: Doc, change: BodyMass, cell: Cell, source: str) -> None:
 
 
 def _law(doc: Doc, change: CuttingLaw, source: str) -> None:
-    law, old = change.law, _table(doc, "material")
+    law, old = change.law, table_of(doc, "material")
     entries = {"name": old.get("name") or old.get("catalog", ""), "allow_extrapolation": old.get("allow_extrapolation")}
     for key in list(old):
         del old[key]
@@ -396,37 +236,6 @@ def _fill(row: Doc, values: Mapping[str, Any], source: str) -> None:
     row["source"] = source
 
 
-def _new_table() -> Any:
-    """An empty table with an empty line above it."""
-    table = tomlkit.table()
-    table.trivia.indent = "\n"
-    return table
-
-
-def _table(doc: Doc, key: str) -> Doc:
-    if key not in doc:
-        doc[key] = _new_table()
-    result: Doc = doc[key]
-    return result
-
-
-def _row(parent: Doc, key: str, by: str, value: str | int) -> Doc:
-    """The row of a list of tables whose key ``by`` has a value; added when there is none."""
-    if key not in parent:
-        parent[key] = tomlkit.aot()
-    rows = parent[key]
-    for row in rows:
-        if row[by] == value:
-            result: Doc = row
-            return result
-    inline = isinstance(rows, tomlkit.items.Array)
-    new = tomlkit.inline_table() if inline else _new_table()
-    new[by] = value
-    rows.append(new)
-    made: Doc = rows[-1]
-    return made
-
-
 def _body(doc: Doc, name: str, cell: Cell) -> Doc:
     for row in doc.get("end_effector", ()):
         if row["name"] == name:
@@ -441,7 +250,7 @@ def _enter(doc: Doc, entry: IdentifiedTable) -> None:
     if "identified" not in doc:
         doc["identified"] = tomlkit.aot()
     rows = doc["identified"]
-    table = _new_table()
+    table = new_table()
     for key, value in entry.model_dump(mode="json").items():
         if key != "values":
             table[key] = value
@@ -458,14 +267,3 @@ def _enter(doc: Doc, entry: IdentifiedTable) -> None:
             rows[i] = table
             return
     rows.append(table)
-
-
-def _move_paths(doc: Doc, here: Path, there: Path) -> None:
-    """Make relative paths of files relative to another folder."""
-    for *keys, last in _PATHS:
-        table: Any = doc
-        for key in keys:
-            table = table.get(key, {})
-        named = table.get(last)
-        if named is not None and not Path(str(named)).is_absolute():
-            table[last] = Path(os.path.relpath(here / str(named), there)).as_posix()

@@ -1,0 +1,113 @@
+"""The robot that the tables of a cell file describe: model, own geometry or URDF, with what the file changes of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.core.units import DEG, MM, MRAD, MS, URAD
+from counterflex.files.cell.located import located
+from counterflex.files.cell.measured import CalibrationTable
+from counterflex.files.cell.robot import OpwTable
+from counterflex.files.cell.tables import CellTables
+from counterflex.robot.model import catalog, opw_chain
+from counterflex.robot.model.description import Opw, Play, Robot, Servo
+
+
+def robot_of(tables: CellTables, path: Path) -> Robot:
+    """The robot, not calibrated.
+
+    Args:
+        tables: Of the cell file.
+        path: Of the file, for the files that it names and for faults.
+
+    Raises:
+        FileFormatError: An unknown robot or segment, or a file that cannot be used.
+    """
+    robot = _with_drives(_with_elastic(_robot(tables, path), tables, str(path)), tables)
+    return replace(robot, regions=(*robot.regions, *(row.region() for row in tables.robot.elastic_region)))
+
+
+def _robot(tables: CellTables, path: Path) -> Robot:
+    table = tables.robot
+    if table.catalog is not None:
+        with located(f"{path}: robot.catalog"):
+            return catalog.load(table.catalog)
+    if table.geometry is not None:
+        with located(f"{path}: robot.geometry"):
+            return _own_robot(table.geometry, tables.name)
+    if table.dh is not None:
+        with located(f"{path}: robot.dh"):
+            return table.dh.robot(tables.name)
+    from counterflex.robot.model import urdf  # heavy, optional dependency
+
+    with located(f"{path}: robot.urdf"):
+        return urdf.load_urdf(path.parent / str(table.urdf), tip_link=table.urdf_tip)
+
+
+def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
+    segments = {segment.name: segment for segment in robot.segments}
+    for row in tables.robot.elastic:
+        if row.segment not in segments:
+            raise FileFormatError(
+                f"the robot has no segment '{row.segment}'",
+                where=f"{where}: robot.elastic",
+                limit=", ".join(segments),
+            )
+        old = segments[row.segment]
+        compliance = row.over(old.compliance)
+        mass = old.mass_kg if row.mass_kg is None else row.mass_kg
+        segments[row.segment] = replace(old, compliance=compliance, mass_kg=mass)
+    return replace(robot, segments=tuple(segments[segment.name] for segment in robot.segments))
+
+
+def _with_drives(robot: Robot, tables: CellTables) -> Robot:
+    """Play, friction and loop gains of the axes that the file gives them for."""
+    play, servo = list(robot.play or (None,) * 6), list(robot.servo or (None,) * 6)
+    for row in tables.robot.play:
+        slip = tuple(angle * URAD for angle in row.slip_urad)
+        play[row.axis - 1] = Play(row.dead_band_half_urad * URAD, row.friction_nm, slip)
+    for gains in tables.robot.servo:
+        servo[gains.axis - 1] = Servo(
+            speed_gain_nm_s=gains.speed_gain_nm_s,
+            position_gain_per_s=gains.position_gain_per_s,
+            integral_time_s=gains.integral_time_ms * MS,
+            friction_nm=gains.friction_nm,
+            slip_rad=gains.slip_urad * URAD,
+        )
+    return replace(
+        robot,
+        play=tuple(play) if any(play) else robot.play,
+        servo=tuple(servo) if any(servo) else robot.servo,
+    )
+
+
+def _own_robot(table: OpwTable, name: str) -> Robot:
+    opw = Opw(
+        a1_m=table.a1_mm * MM,
+        a2_m=table.a2_mm * MM,
+        b_m=table.b_mm * MM,
+        c1_m=table.c1_mm * MM,
+        c2_m=table.c2_mm * MM,
+        c3_m=table.c3_mm * MM,
+        c4_m=table.c4_mm * MM,
+        offsets_rad=tuple(angle * DEG for angle in table.offsets_deg),
+        signs=tuple(table.signs),
+    )
+    return opw_chain.from_opw(name, opw, np.array(table.limits_deg) * DEG)
+
+
+def calibration_of(tables: CellTables) -> dict[str, Float]:
+    """(6,) m, rad: displacement behind each calibrated segment, by its name."""
+    return {
+        row.segment: np.array([*(np.array([row.x_mm, row.y_mm, row.z_mm]) * MM), *(_turn(row) * MRAD)])
+        for row in tables.robot.calibration
+    }
+
+
+def _turn(row: CalibrationTable) -> Float:
+    return np.array([row.rx_mrad, row.ry_mrad, row.rz_mrad])

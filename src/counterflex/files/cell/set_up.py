@@ -1,0 +1,166 @@
+"""A cell file with the part elsewhere, with another posture, or in another folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import tomlkit
+
+from counterflex.core.errors import FileFormatError
+from counterflex.core.units import DEG, MM
+from counterflex.files.cell.document import FILES, Doc, move_paths, parsed, table_of
+from counterflex.path.tool_rotation import ToolRotation
+
+POSE_KEYS: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
+"""Keys of a pose in a cell file."""
+
+
+def copied_text(path: Path, folder: Path) -> str:
+    """Text of a cell file as it has to be in another folder: the files that it names are where they were.
+
+    Args:
+        path: Cell file.
+        folder: Where the copy will lie.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    doc = parsed(path)
+    move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def text_with_posture(
+    path: Path, branch: str, rotation_deg: float, folder: Path, turning: ToolRotation | None = None
+) -> str:
+    """Text of a cell file with another posture; comments, order and everything else are kept.
+
+    Args:
+        path: Cell file.
+        branch: Such as ``front up noflip``.
+        rotation_deg: Rotation about the tool axis.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+        turning: Rotation along the program, with its points; None where the tool does not turn about its axis.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    doc = parsed(path)
+    table = _with_posture(doc, branch, rotation_deg)
+    if turning is not None:
+        rows = zip(turning.length_m, turning.angle_rad, strict=True)
+        table["turning_mm_deg"] = [[round(place / MM, 6), round(angle / DEG, 6)] for place, angle in rows]
+        table["turning_at_mm"] = [[round(x / MM, 3) for x in point] for point in turning.p_part]
+    move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def _with_posture(doc: Doc, branch: str, rotation_deg: float) -> Doc:
+    """Enter a posture that is held still; its table."""
+    table = table_of(doc, "posture")
+    for key, word in zip(("shoulder", "elbow", "wrist"), branch.split(), strict=True):
+        table[key] = word
+    table["rotation_about_tool_deg"] = round(rotation_deg, 6)
+    for key in ("turning_mm_deg", "turning_at_mm"):
+        table.pop(key, None)
+    return table
+
+
+def text_with_place(path: Path, pose: Mapping[str, float], branch: str, rotation_deg: float, folder: Path) -> str:
+    """Text of a cell file with the part elsewhere and a posture for it; everything else is kept.
+
+    Args:
+        path: Cell file.
+        pose: Keys of ``[part]`` in shop units; those that stay as they are do not appear anew.
+        branch: Such as ``front up noflip``.
+        rotation_deg: Rotation about the tool axis.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    doc = parsed(path)
+    table = table_of(doc, "part")
+    for key, value in pose.items():
+        if key in table or value != 0.0:
+            table[key] = value
+    _with_posture(doc, branch, rotation_deg)
+    move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def text_with_part(path: Path, pose: Mapping[str, float], folder: Path) -> str:
+    """Text of a cell file with the part elsewhere; comments, order and everything else are kept.
+
+    Args:
+        path: Cell file.
+        pose: Keys of ``[part]`` that change, in shop units: ``x_mm`` ... ``c_deg``.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
+    doc = parsed(path)
+    table = table_of(doc, "part")
+    for key, value in pose.items():
+        table[key] = value
+    move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def text_placed_as(path: Path, other: Path, folder: Path) -> str:
+    """Text of a cell file with the pose of the part and the posture of another one.
+
+    Args:
+        path: Cell file.
+        other: Cell file that has them.
+        folder: Where the new file will lie; paths in it that are relative are made relative to there.
+
+    Raises:
+        FileFormatError: A file cannot be read.
+    """
+    doc, there = parsed(path), parsed(other)
+    part, pose = table_of(doc, "part"), there.get("part", {})
+    for key in POSE_KEYS:
+        part.pop(key, None)
+        if key in pose:
+            part[key] = pose[key]
+    doc.pop("posture", None)
+    if "posture" in there:
+        doc["posture"] = there["posture"]
+    move_paths(doc, path.parent, folder)
+    return tomlkit.dumps(doc)
+
+
+def text_with_files(path: Path, folder: Path, inputs: Path) -> tuple[str, dict[Path, bytes]]:
+    """Text of a cell file whose files lie in a folder of its own, so that the folder is all that it needs.
+
+    Args:
+        path: Cell file.
+        folder: Where the new file will lie.
+        inputs: Folder for the files that it names.
+
+    Returns:
+        The text, and the contents of these files by where they have to be written.
+
+    Raises:
+        FileFormatError: A file cannot be read.
+    """
+    doc, files = parsed(path), {}
+    for *keys, last in FILES:
+        table: Any = doc
+        for key in keys:
+            table = table.get(key, {})
+        if table.get(last) is None:
+            continue
+        source = path.parent / str(table[last])
+        target = inputs / f"{'-'.join((*keys, last))}{source.suffix}"
+        try:
+            files[target] = source.read_bytes()
+        except OSError as fault:
+            raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(source)) from fault
+        table[last] = Path(os.path.relpath(target, folder)).as_posix()
+    return tomlkit.dumps(doc), files
