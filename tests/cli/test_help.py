@@ -105,7 +105,7 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] == "simulate":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out").status == 0
         shutil.copy(machined.folder / "truth.toml", folder)
-    if words[0] in ("evaluate", "report"):
+    if words[0] in ("evaluate", "mesh", "report"):
         shutil.copytree(machined.folder / "run", folder / "run-before")
         shutil.copytree(machined.folder / "run", folder / "run-after")
     if words[0] == "doctor":

@@ -90,7 +90,7 @@ def _with_own_classes(app: typer.Typer) -> None:
 
 PANELS: Final = {
     "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate"),
-    "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "report"),
+    "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report"),
     "Identify": ("identify", "dataset", "campaign"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),

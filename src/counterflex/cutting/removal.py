@@ -130,7 +130,7 @@ class RemovalResult:
 
 
 @kernel()
-def _compress(
+def compress(
     booked: Int,
     length: Float,
     unit: float,
@@ -250,7 +250,7 @@ def remove_segments(
         booked_engagement = None
         if engagement:
             offsets = np.zeros(count + 1, np.int64)
-            used = _compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets, side)
+            used = compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets, side)
             booked_engagement = Engagement(levels, offsets, cell[:used].copy(), depth[:used].copy())
         quanta = sums[:, VOLUME] + sums[:, BOTTOM] + side
         volume = quanta * unit

@@ -13,6 +13,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.commands.program import AssumeClass, CellFile, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.core.units import UM
 from counterflex.twin.truth.family import FAMILIES
 
 Seeds = Annotated[
@@ -42,6 +43,7 @@ def register(app: typer.Typer) -> None:
     app.command()(truth)
     app.command()(simulate)
     app.command()(evaluate)
+    app.command()(mesh)
     app.command()(report)
     app.command()(prove)
 
@@ -153,6 +155,50 @@ def evaluate(
     show_figures(summary)
     if out is not None:
         typer.echo(f"wrote {out}")
+
+
+def mesh(
+    folder: Annotated[Path, typer.Argument(help="Folder of simulate.", metavar="DIR", callback=arguments.folder)],
+    out: Out,
+    range_um: Annotated[
+        float,
+        typer.Option(
+            "--range-um",
+            help="Deviation of full red (material left) and full blue (gouged).",
+            metavar="UM",
+            callback=arguments.between(1.0, 10_000.0),
+        ),
+    ] = 100.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Write the machined part as a mesh in the colours of its deviation, and the nominal part beside it.
+
+    Walls are exact, not those of a grid: points on them lie where lines along x and y leave what the tool swept.
+    nominal.stl, machined.ply, points.parquet (with the deviation of each point), summary.json.
+
+    Example: `counterflex mesh run-after --out mesh-after`
+    """
+    keep_folders(out, folder)
+    from counterflex.app.proof import mesh as job
+
+    with progress_bar(f"meshing {folder.name}") as progress:
+        summary = job.run(folder, out, range_m=range_um * UM, progress=progress)
+    if as_json:
+        print_json(summary)
+        return
+    print_table(
+        f"deviation of {summary['program']} on {summary['cell']}, along the normal of the surface",
+        ["surface", "points", "50 %", "99.7 %", "largest"],
+        [
+            [name, str(row["points"]), *(_um(row[key]) for key in ("p50_um", "p997_um", "max_um"))]
+            for name, row in ((name, summary[name]) for name in ("walls", "floors"))
+        ],
+    )
+    say_written(out, f"wrote {out}: nominal.stl, machined.ply, points.parquet, summary.json")
+
+
+def _um(value: float | None) -> str:
+    return "none" if value is None else f"{value:.1f} um"
 
 
 def report(

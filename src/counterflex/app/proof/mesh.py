@@ -1,0 +1,150 @@
+"""The job ``mesh``: the machined part and the one it should be as meshes, and how far its walls are off."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.proof import simulate
+from counterflex.core import atomic
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM, UM
+from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.tridexel.columns import ColumnStock
+from counterflex.cutting.tridexel.cut_log import CutLog
+from counterflex.cutting.tridexel.surface import Surface, surface
+from counterflex.files.cell.cell import Cell
+from counterflex.files.parquet_table import Column, columns, write
+from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_summary, write_summary
+from counterflex.path.run import Run
+from counterflex.path.toolpath import ToolPath
+from counterflex.twin.plant.simulate import mounted_tools
+
+NOMINAL, MACHINED, POINTS, SUMMARY = "nominal.stl", "machined.ply", "points.parquet", "summary.json"
+FORMAT = "counterflex-surface-points"
+
+
+def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progress = silent) -> dict[str, Any]:
+    """Do the job on files.
+
+    Writes ``nominal.stl`` (what the original program makes), ``machined.ply`` (what was made, in the colours of its
+    deviation), ``points.parquet`` (exact points of the machined surface with their deviation) and ``summary.json``, in
+    the part frame.
+
+    Args:
+        folder: Of ``simulate``.
+        out: Folder to write.
+        range_m: Deviation of full red and full blue.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        The summary.
+
+    Raises:
+        InputError: The folder holds no machined program, or its surface has too many points.
+        FileFormatError: A file of it is missing or damaged.
+    """
+    source = Path(folder)
+    if not (source / simulate.RUN).is_file():
+        raise InputError(
+            "no machined program in this folder",
+            where=str(source),
+            limit=f"{simulate.RUN} and the files beside it",
+            hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
+        )
+    cell = simulate.read_cell_of(source)
+    job = simulate.read_original(source, cell)
+    machined, actual = read_run(source / simulate.RUN)[0], HeightMap.load(source / simulate.SURFACE)
+    top = _top(cell, job.path, machined)
+    nominal = _log_of_path(job.path, cell, top)
+    progress(0.1)
+    should_be = surface(ColumnStock.of(simulate.undisturbed(job, cell)), nominal)
+    progress(0.4)
+    made = surface(ColumnStock.of(actual), _log_of_run(machined, job.path, cell, top))
+    progress(0.7)
+    deviation = np.full(len(made.points), np.nan)
+    deviation[made.cut] = -nominal.distance(made.points[made.cut])
+    R = np.eye(3) if cell.R_part_plane is None else cell.R_part_plane
+    summary = _figures(made, deviation) | {
+        "program": read_summary(source / simulate.SUMMARY).get("original", ""),
+        "cell": cell.name,
+        "counterflex": __version__,
+    }
+    with atomic.atomic_folder(out) as staging:
+        should_be.turned(R).save(staging / NOMINAL)
+        made.turned(R).save(staging / MACHINED, made.at_vertices(deviation), range_m)
+        points = _Points(made.turned(R).points[made.cut], made.along[made.cut], deviation[made.cut])
+        write(staging / POINTS, FORMAT, 1, _LAYOUT, points, {"program": summary["program"], "cell": cell.name})
+        write_summary(staging / SUMMARY, summary)
+    progress(1.0)
+    return summary
+
+
+def _top(cell: Cell, path: ToolPath, machined: Run) -> float:
+    """Height above the tip up to which a tool takes material away: all that stands above its lowest place."""
+    lowest = min(float(path.p_part_tcp[:, 2].min()), float(machined.p_part_tcp[:, 2].min()))
+    return float(cell.stock().z.max()) - lowest + 10.0 * MM
+
+
+def _log_of_path(path: ToolPath, cell: Cell, top_m: float) -> CutLog:
+    """What the program sweeps, each stretch with its tool."""
+    return _log(path.p_part_tcp, mounted_tools(path), np.zeros(len(path), bool), cell, top_m)
+
+
+def _log_of_run(machined: Run, path: ToolPath, cell: Cell, top_m: float) -> CutLog:
+    """What a run swept; stretches of air are left out of it."""
+    step = np.diff(machined.time_s, prepend=machined.time_s[0])
+    broken = step > 1.5 * float(np.median(np.diff(machined.time_s)))
+    last = np.maximum(np.searchsorted(path.motion, machined.motion, side="right") - 1, 0)
+    return _log(machined.p_part_tcp, mounted_tools(path)[last], broken, cell, top_m)
+
+
+def _log(p_part_tcp: Float, tool: Int, broken: Any, cell: Cell, top_m: float) -> CutLog:
+    """Motions of a path that may be broken off and may change its tool; a row is run to with its own."""
+    ends = np.flatnonzero(broken[1:] | (tool[1:] != tool[:-1])) + 1
+    upright = np.array([0.0, 0.0, 1.0])
+    logs = []
+    for first, last in itertools.pairwise([0, *ends.tolist(), len(p_part_tcp)]):
+        begin = first if first == 0 or broken[first] else first - 1
+        if last - begin > 1:
+            p = p_part_tcp[begin:last]
+            logs.append(CutLog.of(p, np.tile(upright, (len(p), 1)), cell.cutter(int(tool[last - 1])), top_m=top_m))
+    return CutLog.joined(logs)
+
+
+def _figures(made: Surface, deviation: Float) -> dict[str, Any]:
+    """Deviation of what was cut, by the direction of the lines: floors along z, walls along x and y."""
+    out: dict[str, Any] = {"job": "mesh", "points": len(made.points), "triangles": len(made.triangles)}
+    for name, which in (("walls", made.along < 2), ("floors", made.along == 2)):
+        values = np.abs(deviation[which & ~np.isnan(deviation)]) / UM
+        out[name] = {
+            "points": len(values),
+            "p50_um": round(float(np.percentile(values, 50.0)), 3) if len(values) else None,
+            "p997_um": round(float(np.percentile(values, 99.7)), 3) if len(values) else None,
+            "max_um": round(float(values.max()), 3) if len(values) else None,
+        }
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points that a cut made: (n, 3) m, the axis of their line, m material left."""
+
+    points: Float
+    along: Int
+    deviation: Float
+
+
+_LAYOUT = (
+    *columns("x_mm y_mm z_mm", "points", MM),
+    Column("line", "along", whole=True),
+    Column("deviation_um", "deviation", unit=UM),
+)

@@ -1,0 +1,242 @@
+"""The surface of a part from lines along x, y and z: exact points, and a mesh through them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.atomic import atomic_path
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.cutting.tridexel.columns import ColumnStock
+from counterflex.cutting.tridexel.cut_log import CutLog
+from counterflex.cutting.tridexel.lattice_kernels import edges_across, edges_up
+
+LIMIT_POINTS: Final = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Where the lines of the lattice leave the material, and a closed mesh between them.
+
+    Attributes:
+        points: (c, 3) m, part frame: exact ends of material on the lines.
+        along: (c,) 0, 1 or 2: along which axis the line of each runs.
+        cut: (c,) whether a motion made it; the others are faces of the blank.
+        vertices: (v, 3) m of the mesh: in each cube of the lattice the mean of the points on its edges.
+        triangles: (t, 3) vertices, counterclockwise seen from outside.
+        around: (c, 4) vertices about the line of each point.
+    """
+
+    points: Float
+    along: Int
+    cut: Bool
+    vertices: Float
+    triangles: Int
+    around: Int
+
+    def at_vertices(self, values: Float) -> Float:
+        """Values (c,) of points as those (v,) of the vertices about them: their mean; nan where there is none."""
+        known = ~np.isnan(values)
+        places = self.around[known].ravel()
+        total = np.bincount(places, np.repeat(values[known], 4), len(self.vertices))
+        count = np.bincount(places, minlength=len(self.vertices))
+        mean: Float = np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
+        return mean
+
+    def turned(self, R_part_plane: Float) -> Surface:
+        """The same surface, given in a plane's frame, in that of the part."""
+        return replace(self, points=self.points @ R_part_plane.T, vertices=self.vertices @ R_part_plane.T)
+
+    def save(self, path: Path, deviation_m: Float | None = None, range_m: float = 0.1 * MM) -> None:
+        """Write the mesh in mm as STL, or as PLY with colours of a deviation.
+
+        Args:
+            path: ``.stl`` or ``.ply``.
+            deviation_m: (v,) of each vertex, m; nan is grey. For PLY only.
+            range_m: Deviation of full red (material left) and full blue (gouged).
+
+        Raises:
+            InputError: Another ending, or a range that is not above zero.
+        """
+        import trimesh  # heavy
+
+        if path.suffix not in (".stl", ".ply"):
+            raise InputError("a mesh is written as .stl or .ply", value=path.name)
+        if not range_m > 0.0:
+            raise InputError("range of the colours is not above zero", value=f"{range_m / MM:g} mm")
+        mesh = trimesh.Trimesh(self.vertices / MM, self.triangles, process=False)
+        if deviation_m is not None:
+            share = np.clip(np.nan_to_num(deviation_m / range_m), -1.0, 1.0)
+            white = 1.0 - np.abs(share)
+            red, blue = white + np.maximum(share, 0.0), white + np.maximum(-share, 0.0)
+            colours = np.stack([red, white, blue], axis=1)
+            colours[np.isnan(deviation_m)] = 0.7
+            mesh.visual.vertex_colors = np.round(255.0 * colours).astype(np.uint8)
+        with atomic_path(path) as target:
+            mesh.export(target, file_type=path.suffix[1:])
+
+
+def surface(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -> Surface:
+    """The surface that motions have left of a stock.
+
+    Columns say which nodes of the lattice hold material and where lines along z leave it; between two nodes of which
+    one holds material and the other none, lines along x and y end where the first sweep of ``log`` begins, exactly.
+    What is thinner than a cell and lies between two nodes is not seen.
+
+    Args:
+        stock: After all cuts.
+        log: All motions that made it.
+        pitch_m: Distance of the lattice's levels in z, m; None: that of the columns.
+
+    Raises:
+        InputError: Nothing is left, or the surface would have more than 20 million points.
+    """
+    lattice = _Lattice.of(stock, pitch_m)
+    ends = [_across(lattice, 0, stock, log), _across(lattice, 1, stock, log), _up(lattice, stock)]
+    return _net(lattice, ends)
+
+
+def wall_points(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -> Float:
+    """Points (n, 3) m at which lines along x and y meet what was cut: walls and slopes, without the mesh.
+
+    Args:
+        stock: See :func:`surface`.
+        log: See there.
+        pitch_m: See there.
+
+    Raises:
+        InputError: See there.
+    """
+    lattice = _Lattice.of(stock, pitch_m)
+    ends = [_across(lattice, along, stock, log, 0) for along in (0, 1)]
+    return np.concatenate([one.points[one.cut] for one in ends])
+
+
+@dataclass(frozen=True, eq=False)
+class _Lattice:
+    """Nodes at (x, y, z): one more than the columns on every side, one level below and above the material."""
+
+    x: Float
+    y: Float
+    z: Float
+
+    @classmethod
+    def of(cls, stock: ColumnStock, pitch_m: float | None) -> _Lattice:
+        pitch = stock.cell_m if pitch_m is None else pitch_m
+        held = stock.count > 0
+        if not held.any():
+            raise InputError("nothing is left of the stock, so that it has no surface")
+        bottom = float(stock.low[0].min(where=held, initial=np.inf))
+        layers = range(int(stock.count.max()))
+        top = max(float(stock.high[k].max(where=stock.count > k, initial=-np.inf)) for k in layers)
+        ny, nx = stock.count.shape
+        # half a pitch off the ends, so that faces at whole pitches fall between two levels
+        levels = np.arange(int(np.ceil((top - bottom) / pitch)) + 2, dtype=np.float64)
+        return cls(
+            stock.x0_m - stock.cell_m + stock.cell_m * np.arange(nx + 2, dtype=np.float64),
+            stock.y0_m - stock.cell_m + stock.cell_m * np.arange(ny + 2, dtype=np.float64),
+            bottom + pitch * (levels - 0.5),
+        )
+
+    @property
+    def pitch(self) -> float:
+        return float(self.z[1] - self.z[0])
+
+    @property
+    def cubes(self) -> tuple[int, int, int]:
+        return len(self.z) - 1, len(self.y) - 1, len(self.x) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """Ends of material on edges: lower nodes (k, j, i), which side is filled, points, made by a cut."""
+
+    along: int
+    edge: Int
+    filled: Bool
+    points: Float
+    cut: Bool
+
+
+def _room(count: int) -> tuple[Int, Bool]:
+    """Arrays for so many edges."""
+    if count > LIMIT_POINTS:
+        raise InputError(
+            "the surface has too many points",
+            value=str(count),
+            limit=str(LIMIT_POINTS),
+            hint="Take larger cells of the stock (cell_mm)",
+        )
+    return np.empty((count, 3), np.int64), np.empty(count, np.bool_)
+
+
+def _across(lattice: _Lattice, along: int, stock: ColumnStock, log: CutLog, outer: int = 1) -> _Ends:
+    """Ends on lines along x (0) or y (1); outer 0 leaves out the sides of the blank."""
+    z0, pitch = float(lattice.z[0]), lattice.pitch
+    edge, filled = _room(stock.count.size // 4)
+    count = edges_across(stock.columns, along, outer, z0, pitch, edge, filled)
+    if count > len(edge):
+        edge, filled = _room(count)
+        edges_across(stock.columns, along, outer, z0, pitch, edge, filled)
+    edge, filled = edge[:count], filled[:count]
+    k, j, i = edge.T
+    start = np.stack([lattice.x[i], lattice.y[j], lattice.z[k]], axis=1)
+    ends = log.ends(along, start, stock.cell_m, filled)
+    cut = ~np.isnan(ends)
+    ends = np.where(cut, np.clip(ends, 0.0, stock.cell_m), 0.5 * stock.cell_m)  # faces of the blank end half a cell out
+    outer = (i == 0) | (i == len(lattice.x) - 2) if along == 0 else (j == 0) | (j == len(lattice.y) - 2)
+    blank = np.where(filled, ends > 0.5 * stock.cell_m, ends < 0.5 * stock.cell_m) & outer
+    ends = np.where(blank, 0.5 * stock.cell_m, ends)
+    points = start.copy()
+    points[:, along] += ends
+    return _Ends(along, edge, filled, points, cut & ~blank)
+
+
+def _up(lattice: _Lattice, stock: ColumnStock) -> _Ends:
+    """Ends on lines along z, from the columns."""
+    z0, pitch = float(lattice.z[0]), lattice.pitch
+    edge, filled = _room(edges_up(stock.columns, z0, pitch, *_room(0), np.empty(0)))
+    z = np.empty(len(edge))
+    edges_up(stock.columns, z0, pitch, edge, filled, z)
+    k, j, i = edge.T
+    points = np.stack([lattice.x[i], lattice.y[j], np.clip(z, lattice.z[k], lattice.z[k + 1])], axis=1)
+    faces = (k == 0) | (k == len(lattice.z) - 2)
+    return _Ends(2, edge, filled, points, ~faces)
+
+
+def _net(lattice: _Lattice, ends: list[_Ends]) -> Surface:
+    """Naive surface nets: a vertex in each cube that the surface passes, a quadrilateral about each cut edge."""
+    corners: list[Int] = []
+    for one in ends:
+        axis = 2 - one.along
+        others = [a for a in (0, 1, 2) if a != axis]
+        quad = []
+        for first, second in ((-1, -1), (-1, 0), (0, 0), (0, -1)):
+            cube = one.edge.copy()
+            cube[:, others[0]] += first
+            cube[:, others[1]] += second
+            quad.append(np.ravel_multi_index(tuple(cube.T), lattice.cubes))
+        faces = np.stack(quad, axis=1)
+        # (others, axis) in the order (z, y, x) of the nodes; along y the sense is the other one
+        turned = one.filled if one.along == 1 else ~one.filled
+        faces[turned] = faces[turned][:, ::-1]
+        corners.append(faces)
+    points = np.concatenate([one.points for one in ends])
+    used, quads = np.unique(np.concatenate(corners), return_inverse=True)
+    quads = quads.reshape(-1, 4)
+    weight = np.bincount(quads.ravel(), minlength=len(used))
+    each = np.repeat(points, 4, axis=0)
+    total = np.stack([np.bincount(quads.ravel(), each[:, c], len(used)) for c in range(3)], axis=1)
+    return Surface(
+        points,
+        np.concatenate([np.full(len(one.edge), one.along) for one in ends]),
+        np.concatenate([one.cut for one in ends]),
+        total / weight[:, None],
+        np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]),
+        quads,
+    )
