@@ -89,7 +89,9 @@ def files(folder: Path, cut: dict[str, Any], table: dict[str, Any]) -> tuple[Pat
     """Program, and the cell file whose blank stands a_e proud of the wall."""
     data = tomllib.loads(SHIPPED.read_text(encoding="utf-8"))
     data["material"] = dict(table)
-    data["tools"] = [{"number": 1, "diameter_mm": DIAMETER_MM, "flutes": 4, "flute_length_mm": 16.0}]
+    data["tools"] = [
+        {"number": 1, "diameter_mm": DIAMETER_MM, "flutes": 4, "flute_length_mm": 16.0, "overhang_mm": 30.0}
+    ]
     data["part"]["stock"] |= {"box_max_mm": [LENGTH_MM, WALL_MM + cut["ae_mm"], TOP_MM], "cell_mm": 0.1}
     folder.mkdir(parents=True, exist_ok=True)
     write_toml(folder / "cell.toml", data)

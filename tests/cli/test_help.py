@@ -64,6 +64,10 @@ JOBS = ("soak", "faults", "reproduce")
 ALONE = [example for example in EXAMPLES if not example.startswith(LIVE + JOBS)]
 
 
+PLUNGED = "G21 G17 G90 G94\nM6 T1\nM3 S13000\nG0 X10 Y15\nG0 Z42\nG1 Z36 F600\nX50 F1500\nG0 Z60\nM30\n"
+"""A slot that begins with a plunge: something to soften."""
+
+
 def test_all_commands_are_known() -> None:
     assert len(COMMANDS) >= 11
     assert {("compensate",), ("cell", "check"), ("pose",), ("demo",)} <= set(COMMANDS)
@@ -127,6 +131,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         words += ["--workers", "1"]
     if words[:2] == ["plan", "placement"]:
         words += ["--candidates", "64"]
+    if words[:2] == ["plan", "entry"]:
+        (folder / "part.ngc").write_text(PLUNGED, encoding="utf-8")
     ended = counterflex(*words)
     assert ended.status == 0, ended.err
     assert ended.err == ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from counterflex.cli.commands.plan import placement, posture, stability, strategy, trochoid
+from counterflex.cli.commands.plan import entry, placement, posture, stability, strategy, trochoid
 
 _plan = typer.Typer(
     no_args_is_help=True,
@@ -18,6 +18,7 @@ def register(app: typer.Typer) -> None:
     posture.register(_plan)
     strategy.register(_plan)
     trochoid.register(_plan)
+    entry.register(_plan)
     stability.register(_plan)
     _plan.callback()(_group)
     app.add_typer(_plan, name="plan")

@@ -1,0 +1,85 @@
+"""Command plan entry: soft entries and exits of cuts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.core.units import DEG, MM
+from counterflex.programs.limits import DIALECTS
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(entry)
+
+
+def entry(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    radius_mm: Annotated[
+        float | None,
+        typer.Option("--radius-mm", help="Radius of the arcs; the cutter's otherwise.", min=0.1, max=500.0),
+    ] = None,
+    angle_deg: Annotated[
+        float, typer.Option("--angle-deg", help="Angle that the arcs turn.", min=5.0, max=180.0)
+    ] = 90.0,
+    ramp_deg: Annotated[
+        float, typer.Option("--ramp-deg", help="Slope of a ramp into a slot.", min=0.2, max=45.0)
+    ] = 10.0,
+    edges: Annotated[
+        bool, typer.Option("--edges", help="Slots that begin over an edge of the blank get a ramp, too.")
+    ] = False,
+    dialect: Dialect = DIALECTS[0],
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Rewrite plunges and retracts at the beginning and end of cuts as arcs beside a wall and ramps into a slot.
+
+    Entries and exits are found in the stock simulation. Where a move would cut what the program leaves, or leave what
+    it cuts, the program is kept as it is there. Force and error of both are printed. Writes into DIR the program under
+    its own name, and summary.json.
+
+    Example: `counterflex plan entry part.ngc --cell cell.toml --edges --out soft`
+    """
+    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    from counterflex.app.inputs import Reading
+    from counterflex.app.strategy import entry as job
+    from counterflex.app.strategy.entry_text import Moves
+
+    moves = Moves(None if radius_mm is None else radius_mm * MM, angle_deg * DEG, ramp_deg * DEG, edges)
+    with progress_bar(f"entries of {program.name}") as progress:
+        reading = Reading(dialect, parameters, complete=not without_end)
+        summary = job.run(program, cell, out, moves, reading=reading, progress=progress)
+    if as_json:
+        print_json(summary)
+    else:
+        _show(summary, out)
+
+
+def _show(summary: dict[str, Any], out: Path) -> None:
+    rows = [
+        [
+            str(row["line"]),
+            row["kind"],
+            row["move"] or f"kept: {row['kept']}",
+            _pair(row["peak_force_n"], ".0f"),
+            _pair(row["force_step_n_per_ms"], ".2f"),
+            _pair(row["error_um"], ".0f"),
+        ]
+        for row in summary["entries"]
+    ]
+    head = ["line", "entry", "move", "peak force N", "force step N/ms", "error um"]
+    before, after = summary["time_s"]
+    print_table(f"{summary['program']}: entries and exits, {before:g} -> {after:g} s", head, rows)
+    typer.echo(f"wrote {out}: {summary['program']}, summary.json")
+
+
+def _pair(values: list[float | None], form: str) -> str:
+    return " -> ".join(format(value, form) for value in values if value is not None)
