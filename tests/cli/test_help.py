@@ -64,7 +64,7 @@ JOBS = ("soak", "faults", "reproduce")
 ALONE = [example for example in EXAMPLES if not example.startswith(LIVE + JOBS)]
 
 
-PLUNGED = "G21 G17 G90 G94\nM6 T1\nM3 S13000\nG0 X10 Y15\nG0 Z42\nG1 Z36 F600\nX50 F1500\nG0 Z60\nM30\n"
+PLUNGED = "G21 G17 G90 G94\nM6 T1\nM3 S13000\nG0 X10 Y15\nG0 Z22\nG1 Z17 F600\nX50 F1500\nG0 Z40\nM30\n"
 """A slot that begins with a plunge: something to soften."""
 
 
