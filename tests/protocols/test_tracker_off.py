@@ -11,7 +11,7 @@ import pytest
 
 from counterflex.app.run.end import End, ended_how
 from counterflex.app.run.operator_requests import Clock, ask
-from counterflex.cli.commands import operator_now
+from counterflex.cli.commands.operate import requests
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry.rotation import exp
@@ -75,7 +75,7 @@ def test_the_distance_the_limit_and_what_to_do(
         assert off["turn_deg"] == pytest.approx(turn_rad / DEG, abs=0.02)
         assert (off["limit_mm"], off["limit_deg"]) == (1e3 * limit_m, 0.2)
     monkeypatch.setattr("counterflex.app.run.operator_requests.request", lambda *_: found)
-    assert operator_now.send_request(Path("log"), "status", as_json=False) == 0
+    assert requests.send_request(Path("log"), "status", as_json=False) == 0
     told = ended_how(END | {"tracker_off": off}, arm=True)
     assert told["status"] == End.NEVER_ARMED
     for said in (capsys.readouterr().out, told["said"]):

@@ -28,7 +28,6 @@ from counterflex.cli.commands import (
     identify,
     log,
     modes,
-    operator,
     preflight,
     program,
     prove,
@@ -40,6 +39,7 @@ from counterflex.cli.commands import (
     twin,
 )
 from counterflex.cli.commands import run as online
+from counterflex.cli.commands.operate import operator
 from counterflex.cli.commands.plan import group as plan
 from counterflex.cli.interrupt import end
 from counterflex.cli.output import line_period_s

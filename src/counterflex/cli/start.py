@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from counterflex.cli import interrupt
-from counterflex.cli.commands import operator_now
+from counterflex.cli.commands.operate import requests
 from counterflex.cli.interrupt import end, interruptible
 from counterflex.core.errors import CounterflexError, Interrupted
 
@@ -28,7 +28,7 @@ def run() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with interruptible():
         try:
-            status: object = operator_now.quick(sys.argv[1:])
+            status: object = requests.quick(sys.argv[1:])
             if status is None:
                 status = _parsed(sys.argv[1:])
             sys.stdout.flush()  # a full disk behind it is told here

@@ -112,11 +112,15 @@ def chatter_warnings(regions: list[dict[str, Any]]) -> list[str]:
     if not regions:
         return []
     hardest = max(regions, key=lambda item: float(item["deviation_mm"]))
-    lines = ", ".join(str(item["line"]) for item in regions[:_LISTED]) + (", ..." if len(regions) > _LISTED else "")
     return [
-        f"the model chatters in line {lines}, up to {hardest['deviation_mm']:.3g} mm in line {hardest['line']}: "
-        "predicted errors there are no forecast. Less depth (pecks: G83), another feed or spindle speed, a stiffer tool"
+        f"the model chatters in line {_lines(regions)}, up to {hardest['deviation_mm']:.3g} mm "
+        f"in line {hardest['line']}: predicted errors there are no forecast. Less depth (pecks: G83), another feed or spindle speed, a stiffer tool"
     ]
+
+
+def _lines(rows: list[dict[str, Any]]) -> str:
+    """Numbers of the first lines."""
+    return ", ".join(str(row["line"]) for row in rows[:_LISTED]) + (", ..." if len(rows) > _LISTED else "")
 
 
 def lasting(plan: Plan) -> list[dict[str, Any]]:
@@ -133,10 +137,9 @@ def swing_warnings(swings: list[dict[str, Any]]) -> list[str]:
     if not swings:
         return []
     hardest = max(swings, key=lambda item: float(item["amplitude_mm"]))
-    lines = ", ".join(str(item["line"]) for item in swings[:_LISTED]) + (", ..." if len(swings) > _LISTED else "")
     return [
-        f"the arm of the model swings in line {lines} and does not come to rest, by {hardest['amplitude_mm']:.3g} mm "
-        f"in line {hardest['line']} (the feed's direction included): the cut feeds it, and no correction takes it "
+        f"the arm of the model swings in line {_lines(swings)} and does not come to rest, by "
+        f"{hardest['amplitude_mm']:.3g} mm in line {hardest['line']} (the feed's direction included): the cut feeds it, and no correction takes it "
         "away. Less depth, another posture or spindle speed; plan stability says which damping of the arm it needs"
     ]
 

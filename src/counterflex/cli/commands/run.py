@@ -98,7 +98,7 @@ def run(
     one_protocol(rsi, egm)
     from counterflex.app.run import run as job
     from counterflex.app.run.session import RunSettings
-    from counterflex.cli.commands.status_line import show_status
+    from counterflex.cli.commands.operate.status_line import show_status
 
     tracker = host_port(trial.tracker.address)
     if arm and not lockstep and not trust_machine:

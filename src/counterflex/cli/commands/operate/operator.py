@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli.commands.operator_now import send_request
+from counterflex.cli.commands.operate.requests import send_request
 from counterflex.cli.commands.question import AsJson
 
 _operator = typer.Typer(no_args_is_help=True, help="Operate a current run: status, stop, reset, arm.")

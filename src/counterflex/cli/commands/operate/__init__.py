@@ -1,0 +1,1 @@
+"""What an operator says to a running loop, and what it shows: requests, status line."""
