@@ -33,12 +33,21 @@ def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     overhang = {n: length for n in used if (length := known[n].overhang_m) is not None}
     chain = cell.controller_chain
     given, removed = cell.tables.cell.bodies()
+    given = [_on_floor(body, cell.T_base_floor) for body in given]
     assumed = [*links(chain), *carried(chain, {n: cell.cutter(n) for n in used}, overhang), *part_bodies(stock)]
     bodies = with_given(assumed, given, removed)
     if R_part_plane is None:
         return bodies
     T_plane_part = pose.make(R_part_plane.T)
     return [_in_plane(body, T_plane_part) if body.frame == "part" else body for body in bodies]
+
+
+def _on_floor(body: Body, T_base_floor: Float) -> Body:
+    """The body where it stands, seen from a robot that external axes have carried away."""
+    if body.frame != "base" or not body.surrounds:
+        return body
+    T_floor_body = body.T_frame_body
+    return replace(body, T_frame_body=T_base_floor @ T_floor_body)
 
 
 def _in_plane(body: Body, T_plane_part: Float) -> Body:

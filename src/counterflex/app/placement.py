@@ -129,6 +129,13 @@ def task_of(
     Raises:
         CounterflexError: The program cannot be cut so, or cuts nothing.
     """
+    if cell.tables.external_axes:
+        raise InputError(
+            "the place of a part in a cell with external axes is not searched",
+            where=cell.label,
+            value=", ".join(axis.name for axis in cell.tables.external_axes),
+            hint="Compare values of the axes with plan posture, or leave the axes out of the cell file",
+        )
     cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
     setting, path = setting_of(cell), job.machined

@@ -150,9 +150,15 @@ def _krl(order: WritingOrder) -> Written:
         cycle_s=controller.cycle_s,
         cell=cell.label,
         job=job_hash(plan),
+        external_axes=held_axes(cell),
         tool_data={tool: int(value) for tool, value in data.items()},
     )
     return _robot_text(order, KrlWriter, settings, "krl")
+
+
+def held_axes(cell: Cell) -> dict[int, float]:
+    """Value of each external axis by its number, mm or deg."""
+    return {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes}
 
 
 def _rapid(order: WritingOrder) -> Written:
@@ -170,6 +176,7 @@ def _rapid(order: WritingOrder) -> Written:
         cycle_s=controller.cycle_s,
         cell=cell.label,
         job=job_hash(plan),
+        external_axes=held_axes(cell),
         tool_data=tool_data(job, cell, "rapid"),
     )
     return _robot_text(order, RapidWriter, settings, "rapid")

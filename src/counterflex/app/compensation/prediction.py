@@ -114,7 +114,8 @@ def chatter_warnings(regions: list[dict[str, Any]]) -> list[str]:
     hardest = max(regions, key=lambda item: float(item["deviation_mm"]))
     return [
         f"the model chatters in line {_lines(regions)}, up to {hardest['deviation_mm']:.3g} mm "
-        f"in line {hardest['line']}: predicted errors there are no forecast. Less depth (pecks: G83), another feed or spindle speed, a stiffer tool"
+        f"in line {hardest['line']}: predicted errors there are no forecast. Less depth (pecks: G83), another feed or "
+        "spindle speed, a stiffer tool"
     ]
 
 
@@ -139,8 +140,9 @@ def swing_warnings(swings: list[dict[str, Any]]) -> list[str]:
     hardest = max(swings, key=lambda item: float(item["amplitude_mm"]))
     return [
         f"the arm of the model swings in line {_lines(swings)} and does not come to rest, by "
-        f"{hardest['amplitude_mm']:.3g} mm in line {hardest['line']} (the feed's direction included): the cut feeds it, and no correction takes it "
-        "away. Less depth, another posture or spindle speed; plan stability says which damping of the arm it needs"
+        f"{hardest['amplitude_mm']:.3g} mm in line {hardest['line']} (the feed's direction included): the cut "
+        "feeds it, and no correction takes it away. Less depth, another posture or spindle "
+        "speed; plan stability says which damping of the arm it needs"
     ]
 
 

@@ -18,6 +18,7 @@ from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tilted_stock import box_along_tool
 from counterflex.files.cell.class_stiffness import ClassStiffness, prior_of, unknown_axes, with_class_stiffness
+from counterflex.files.cell.external_axes import moved
 from counterflex.files.cell.located import located
 from counterflex.files.cell.plausibility import require_units
 from counterflex.files.cell.robot_description import calibration_of, robot_of
@@ -167,9 +168,18 @@ class Cell:
 
     @cached_property
     def T_base_part(self) -> Float:
-        """(4, 4) part frame (its working plane) in the robot base, as the controller knows it."""
-        T_base_part = self.part.matrix()
+        """(4, 4) part frame (its working plane) in the robot base, as the controller knows it.
+
+        Of external axes, those that carry the robot take the base away from the part, and those that carry the part
+        move it: ``T_base_floor T_floor_carried T_zero_part``.
+        """
+        T_base_part = self.T_base_floor @ moved(self.tables.external_axes, "part") @ self.part.matrix()
         return T_base_part if self.R_part_plane is None else T_base_part @ pose.make(self.R_part_plane)
+
+    @cached_property
+    def T_base_floor(self) -> Float:
+        """(4, 4) the robot base at zero of its external axes, in the robot base where it stands."""
+        return pose.inverse(moved(self.tables.external_axes, "robot"))
 
     @cached_property
     def datum_points_part(self) -> Float:

@@ -15,6 +15,7 @@ from counterflex.files.cell.ads import AdsTable
 from counterflex.files.cell.bodies import SurroundingsTable
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.external_axes import ExternalAxisTable
 from counterflex.files.cell.machine import MachineTable
 from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.cell.monitor import MonitorTable, OverrideTable
@@ -261,6 +262,7 @@ class CellTables(Versioned):
     end_effector: tuple[BodyTable, ...] = ()
     tcp: PoseTable
     part: PartTable | None = None
+    external_axes: Annotated[tuple[ExternalAxisTable, ...], Field(max_length=6)] = ()
     tools: tuple[ToolTable, ...] = ()
     material: MaterialTable | None = None
     machine: MachineTable | None = None
@@ -289,6 +291,14 @@ class CellTables(Versioned):
         if len(set(numbers)) != len(numbers):
             twice = next(number for number in numbers if numbers.count(number) > 1)
             raise ValueError(f"two tools have the number {twice}; tool numbers must differ")
+        axes = [axis.name for axis in self.external_axes]
+        if len(set(axes)) != len(axes):
+            raise ValueError(f"two external axes are named {next(n for n in axes if axes.count(n) > 1)}")
+        if self.tracker is not None and any(axis.carries == "robot" and axis.shown for axis in self.external_axes):
+            raise ValueError(
+                "the robot stands elsewhere than where [tracker] was measured; measure the tracker with the robot "
+                "there, make that the zero of the axis (at_mm = 0), and give part and bodies as seen from there"
+            )
         names = [body.name for body in self.end_effector]
         if len(set(names)) != len(names):
             twice_named = next(name for name in names if names.count(name) > 1)

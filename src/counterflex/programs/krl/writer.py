@@ -119,6 +119,8 @@ class KrlWriter(RobotWriter[KrlSettings]):
         """The main ``.dat``: the start posture."""
         angles = enumerate(self.settings.start_axes_rad, start=1)
         axes = ",".join(f"A{i} {number(a / DEG, KRL.angle_decimals)}" for i, a in angles)
+        for i, value in sorted(self.settings.external_axes.items()):
+            axes += f",E{i} {number(value, KRL.position_decimals)}"
         name = self.settings.name
         return {f"{name}.dat": _data(name, [f"DECL E6AXIS XSTART={{{axes}}}"])}
 

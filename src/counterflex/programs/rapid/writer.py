@@ -17,7 +17,7 @@ from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import RAPID, check_name
 from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
 
-_NO_EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+_NO_EXTERNAL = "9E9"
 _UNSUPERVISED = ("    ConfJ \\Off;", "    ConfL \\Off;")
 
 
@@ -123,7 +123,7 @@ class RapidWriter(RobotWriter[RapidSettings]):
         settings = self.settings
         axes = ",".join(number(a / DEG, 5) for a in settings.start_axes_rad)
         tool, speed = self._tool_name(self.first_tool), self._speed_data(settings.start_m_s)
-        move = f"    MoveAbsJ [[{axes}],{_NO_EXTERNAL}],{speed},fine,{tool}\\WObj:={self._wobj};"
+        move = f"    MoveAbsJ [[{axes}],{self._external}],{speed},fine,{tool}\\WObj:={self._wobj};"
         return [*lead, *_UNSUPERVISED, move]
 
     def call(self, part: str) -> str:
@@ -158,9 +158,15 @@ class RapidWriter(RobotWriter[RapidSettings]):
     def _speed_data(self, speed_m_s: float) -> str:
         return f"[{number(speed_m_s / MM_PER_S, 4)},{number(self.settings.orientation_deg_s, 3)},5000,1000]"
 
+    @cached_property
+    def _external(self) -> str:
+        """Where external axes stand; 9E9: there is none."""
+        held = self.settings.external_axes
+        return "[" + ",".join(number(held[i], 5) if i in held else _NO_EXTERNAL for i in range(1, 7)) + "]"
+
     def _move(self, index: int, zone: str) -> str:
         conf = "[" + ",".join(str(int(c)) for c in self.settings.configuration) + "]"
-        target = f"[{rapid_pose(self.points.Ts_part_tcp[index])},{conf},{_NO_EXTERNAL}]"
+        target = f"[{rapid_pose(self.points.Ts_part_tcp[index])},{conf},{self._external}]"
         speed = self._speeds[self.speed or self.settings.rapid_m_s]
         return f"    MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
 

@@ -40,6 +40,7 @@ class RobotSettings:
         cell: Name of the cell, for the header.
         job: Hash of the plan, for the header.
         tool_data: What the controller calls the tool frame, by number of the tool in the program.
+        external_axes: Value of external axis 1 to 6 by its number, mm or deg: where it stands all along.
     """
 
     name: str
@@ -51,6 +52,7 @@ class RobotSettings:
     cell: str = ""
     job: str = ""
     tool_data: Mapping[int, Any] = field(default_factory=dict)
+    external_axes: Mapping[int, float] = field(default_factory=dict)
 
     def check(self) -> None:
         """Check ranges.
