@@ -16,7 +16,7 @@ from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working
 from counterflex.app.posture import held_row, loaded_path, robot_of, surroundings_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import CounterflexError, InputError, ModelError, ReachError
+from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
@@ -24,7 +24,6 @@ from counterflex.files.cell.set_up import POSE_KEYS, text_with_place
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
 from counterflex.plan.placement.candidate import pareto, site_of
-from counterflex.plan.placement.foreseen import foreseen_error
 from counterflex.plan.placement.search import Judged, Region, placed, search, usual_region
 from counterflex.plan.posture.choose import Chosen, Freedom, choose
 from counterflex.plan.posture.cut_path import Surface
@@ -33,10 +32,10 @@ from counterflex.plan.posture.held import Held, Task, held
 READING, CUTTING, SEARCHING, CHOOSING = "reading the program", "cutting", "searching the place", "choosing the posture"
 TABLE: Final = "candidates.csv"
 CANDIDATES: Final = 1024
-FINALISTS: Final = 12
-"""Places whose posture is chosen along the whole path and whose error is predicted in motion; the least is taken."""
-_APART_M: Final = 0.15
-_APART_RAD: Final = 20.0 * DEG
+FINALISTS: Final = 3
+"""Places whose posture is chosen along the whole path; the best of them is taken."""
+_APART_M: Final = 0.05
+_APART_RAD: Final = 15.0 * DEG
 
 
 @dataclass(frozen=True)
@@ -183,7 +182,7 @@ def placement_of(
         CounterflexError: The program or the cell does not allow it.
         ReachError: No candidate can be run; says which constraint refused how many.
     """
-    parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, CHOOSING: 8.0})
+    parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, CHOOSING: 4.0})
     region = region_of(Wish() if wish is None else wish, cell)
     parts[CUTTING](0.0)
     job, cell, task = task_of(program, cell, reading, surface, parts[CUTTING])
@@ -191,11 +190,10 @@ def placement_of(
     site = site_of(task)
     judged = search(site, region, frame.middle, cell.T_base_part[:3, :3], count, progress=parts[SEARCHING])
     seconds = time.perf_counter() - begin
+    parts[CHOOSING](0.0)
     with faults_in(job):
-        keys, chosen, error_m = _best(task, frame, judged, parts[CHOOSING])
+        keys, chosen = _best(task, frame, judged)
     alone, present = _here(task)
-    before = None if present is None else foreseen_error(task, cell.stock(), present, cell.T_base_part)
-    errors = {"present": before, "chosen": error_m}
     progress(1.0)
     now = {key: float(getattr(cell.part, key)) for key in POSE_KEYS}
     rows = {"present": (now, present), "posture_alone": (now, alone), "chosen": (keys, chosen.best)}
@@ -208,7 +206,6 @@ def placement_of(
         "reduction_percent": None
         if present is None or present.share_m == 0.0
         else round(100.0 * (1.0 - chosen.best.share_m / present.share_m), 1),
-        "predicted_um": {name: None if m is None else round(m / UM, 1) for name, m in errors.items()},
         "region": {"low": _shop(region.low), "high": _shop(region.high)},
         "candidates": len(judged.candidates),
         "refused": judged.refusals(),
@@ -232,16 +229,15 @@ def _here(task: Task) -> tuple[Held | None, Held | None]:
     return chosen.best, chosen.present
 
 
-def _best(task: Task, frame: _Frame, judged: Judged, progress: Progress) -> tuple[dict[str, float], Chosen, float]:
-    """Choose the posture of the best places along the whole path, and the one whose predicted error is least.
+def _best(task: Task, frame: _Frame, judged: Judged) -> tuple[dict[str, float], Chosen]:
+    """Choose the posture of the best places along the whole path, and the best of them.
 
     Raises:
         ReachError: None can be run.
     """
-    done: list[tuple[dict[str, float], Chosen, float]] = []
+    done: list[tuple[dict[str, float], Chosen]] = []
     tried: list[Float] = []
-    failed: CounterflexError | None = None
-    stock = frame.cell.stock()
+    failed: ReachError | None = None
     for k in judged.by_deflection():
         place = judged.places[k]
         if any(_near(place, other) for other in tried):
@@ -251,15 +247,13 @@ def _best(task: Task, frame: _Frame, judged: Judged, progress: Progress) -> tupl
         T = frame.seen(keys)
         there = replace(task, setting=replace(task.setting, T_base_part=T), robot=replace(task.robot, T_base_part=T))
         try:
-            chosen = choose(there, Freedom())
-            done.append((keys, chosen, foreseen_error(there, stock, chosen.best, T)))
-        except (ReachError, ModelError) as fault:
+            done.append((keys, choose(there, Freedom())))
+        except ReachError as fault:
             failed = fault
-        progress(len(done) / FINALISTS)
         if len(done) == FINALISTS or len(tried) == 4 * FINALISTS:
             break
     if done:
-        return min(done, key=lambda entry: entry[2])
+        return min(done, key=lambda pair: pair[1].best.share_m)
     if failed is not None:
         raise failed
     refused = ", ".join(f"{count} {reason}" for reason, count in judged.refusals().items())

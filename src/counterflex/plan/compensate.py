@@ -127,24 +127,6 @@ def plan(
     )
 
 
-def predict_uncompensated(path: ToolPath, line: Int, stock: HeightMap, setting: Setting) -> Float:
-    """Run a program as it is on the moving robot.
-
-    Args:
-        path: n points.
-        line: (n,) source line of each.
-        stock: The blank; left as it is.
-        setting: Robot, part, posture, tools, law.
-
-    Returns:
-        (n, 3) m, deviation of the tool from the path, part axes. Raises as :func:`plan`.
-    """
-    inputs = Inputs(path, line, stock, setting, solve_joints(path, line, setting).q)
-    loaded = in_fine_stock(loaded_robot(inputs, undisturbed_cut(inputs, silent)))
-    deviation = run(loaded.robot, loaded.inputs.stock, loaded.inputs.q, np.zeros((len(path), 3)), silent)[1]
-    return deviation[:, :3]
-
-
 def at_calm_feed(loaded: LoadedRobot, feeds: FeedGroups) -> LoadedRobot:
     """The same robot with the feed lowered where the arm would swing; its force is that of the thinner chips."""
     inputs, cut = loaded.inputs, loaded.cut

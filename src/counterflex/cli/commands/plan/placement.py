@@ -101,8 +101,6 @@ def _show(summary: dict[str, Any]) -> None:
     )
     if summary["reduction_percent"] is not None:
         typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present place and posture")
-    errors = ", ".join(f"{name} {um:g} um" for name, um in summary["predicted_um"].items() if um is not None)
-    typer.echo(f"predicted error of the uncompensated program in motion: {errors}")
     refused = ", ".join(f"{count} {reason}" for reason, count in summary["refused"].items())
     typer.echo(f"{summary['candidates']} places judged in {summary['search_s']:g} s; refused: {refused or 'none'}")
 
