@@ -75,6 +75,7 @@ def test_a_table_on_a_rail_is_carried_by_it(tmp_path: Path) -> None:
         (RAIL.replace("at_mm", "at_deg"), "E1 is linear: at_deg has no meaning; give at_mm"),
         (TABLE.replace("max_deg = 180\n", ""), "E2 is turning: max_deg is missing"),
         (RAIL.replace("[0, 1, 0]", "[0, 2, 0]"), "direction of E1 is no unit vector"),
+        (TABLE.replace('"part"', '"robot"').replace("[0, 0, 1]", "[1, 0, 0]"), "E2 would tilt the robot"),
         (RAIL + RAIL, "two external axes are named E1"),
         (RAIL.replace('"E1"', '"E7"'), "name"),
         (RAIL.replace('"linear"', '"circular"'), "kind"),

@@ -50,6 +50,8 @@ class ExternalAxisTable(Table):
             raise ValueError(f"{self.name} cannot stand there: at_{unit} = {at:g}; limits {low:g} to {high:g} {unit}")
         if not math.isclose(float(np.linalg.norm(self.direction)), 1.0, abs_tol=1e-6):
             raise ValueError(f"the direction of {self.name} is no unit vector; got {list(self.direction)}")
+        if self.kind == "turning" and self.carries == "robot" and abs(self.direction[2]) < 1.0 - 1e-6:
+            raise ValueError(f"{self.name} would tilt the robot: gravity is along -z of its base, in every model here")
         return self
 
     @property
