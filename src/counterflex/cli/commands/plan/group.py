@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from counterflex.cli.commands.plan import entry, placement, posture, stability, strategy, trochoid
+from counterflex.cli.commands.plan import entry, placement, posture, stability, strategy, trochoid, working_space
 
 _plan = typer.Typer(
     no_args_is_help=True,
@@ -15,6 +15,7 @@ _plan = typer.Typer(
 def register(app: typer.Typer) -> None:
     """Add these commands."""
     placement.register(_plan)
+    working_space.register(_plan)
     posture.register(_plan)
     strategy.register(_plan)
     trochoid.register(_plan)

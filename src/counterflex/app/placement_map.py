@@ -1,0 +1,131 @@
+"""Maps over the working space: predicted deflection of a program, stiffness, first natural frequency."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from counterflex import __version__
+from counterflex.app.inputs import AS_IT_IS, Reading
+from counterflex.app.placement import Wish, middle_of, region_of, task_of
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import DEG, MM, UM
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.summary_file import write_summary
+from counterflex.plan.lowest_mode import mode_of
+from counterflex.plan.placement.candidate import Candidate, judge, site_of
+from counterflex.plan.placement.search import Region, placed
+from counterflex.plan.posture.cut_path import Surface
+from counterflex.robot.elasticity.compliance import cartesian_compliance
+
+TABLE: Final = "map.csv"
+POINTS: Final = 21
+VIEWS: Final = {"level": ("x_mm", "y_mm"), "upright": ("x_mm", "z_mm")}
+"""Level: at the present height of the part. Upright: at the present y of the middle of the program."""
+FIGURES: Final = ("deflection_um", "stiffness_n_per_um", "first_mode_hz")
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    out: str | Path,
+    *,
+    reading: Reading = AS_IT_IS,
+    surface: Surface = "both",
+    wish: Wish | None = None,
+    points: int = POINTS,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Write ``map.csv``, ``report.html`` and ``summary.json`` into ``out``: all or none.
+
+    Args:
+        program: G-code file.
+        cell_file: Cell file.
+        out: Folder; made when missing.
+        reading: How the program is read.
+        surface: Which surface matters.
+        wish: Where the part may stand; its rotation stays the present one.
+        points: Places along each axis of a map.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        The summary.
+
+    Raises:
+        CounterflexError: The program or the cell does not allow it.
+    """
+    begin = time.perf_counter()
+    cell = read_cell(cell_file)
+    region = region_of(Wish() if wish is None else wish, cell)
+    job, cell, task = task_of(program, cell, reading, surface)
+    site, middle, T = site_of(task), middle_of(task), cell.T_base_part
+    here = np.array([*(T[:3, :3] @ middle + T[:3, 3])[:2], T[2, 3], 0.0])
+    rows = []
+    places = _places(region, here, points)
+    for k, (view, place) in enumerate(places):
+        judged = judge(site, placed(place, middle, T[:3, :3]))
+        rows.append(_row(view, place, judged, cell))
+        progress((k + 1) / len(places))
+    own = _row("present", here, judge(site, T), cell)
+    summary = {
+        "program": job.program.name,
+        "cell": cell.label,
+        "robot": cell.robot.name,
+        "surface": surface,
+        "present": {key: value for key, value in own.items() if key != "view"},
+        "best": {view: _best(rows, view) for view in VIEWS},
+        "places": len(rows),
+        "refused": sum(bool(row["refused"]) for row in rows),
+        "seconds": round(time.perf_counter() - begin, 3),
+        "counterflex": __version__,
+    }
+    with atomic.atomic_folder(out) as staging:
+        from counterflex.report.page import write_page
+        from counterflex.report.placement_map_page import MapData, placement_map_page
+
+        atomic.write_text(staging / TABLE, pl.DataFrame(rows, infer_schema_length=None).write_csv())
+        write_summary(staging / "summary.json", summary)
+        write_page(placement_map_page(MapData(summary, rows)), staging / "report.html")
+    return summary
+
+
+def _places(region: Region, here: Float, points: int) -> list[tuple[str, Float]]:
+    """(4,) places of both maps, rotation 0; a map has its second axis slowest."""
+    low, high = np.array(region.low), np.array(region.high)
+    out = []
+    for view, second in (("level", 1), ("upright", 2)):
+        for v in np.linspace(low[second], high[second], points):
+            for u in np.linspace(low[0], high[0], points):
+                place = here.copy()
+                place[0], place[second] = u, v
+                out.append((view, place))
+    return out
+
+
+def _row(view: str, place: Float, judged: Candidate, cell: Cell) -> dict[str, Any]:
+    """One place in shop units; figures are missing where it is refused."""
+    row: dict[str, Any] = {"view": view}
+    row |= {key: round(float(v) / MM, 1) for key, v in zip(("x_mm", "y_mm", "z_mm"), place, strict=False)}
+    row |= {"refused": judged.refused, **dict.fromkeys((*FIGURES, "margin_deg")), "branch": judged.branch}
+    if judged.q is None:
+        return row
+    q = judged.q[len(judged.q) // 2]
+    soft = float(np.linalg.eigvalsh(cartesian_compliance(cell.chain, q)[:3, :3])[-1])
+    return row | {
+        "deflection_um": round(judged.deflection_m / UM, 2),
+        "stiffness_n_per_um": round(UM / soft, 4) if soft > 0.0 else None,
+        "first_mode_hz": round(mode_of(cell.chain, q, cell.tables.dynamics.mode).hz, 3),
+        "margin_deg": round(judged.margin_rad / DEG, 2),
+    }
+
+
+def _best(rows: list[dict[str, Any]], view: str) -> dict[str, Any] | None:
+    """The place of a map where the program bends the robot least."""
+    own = [row for row in rows if row["view"] == view and not row["refused"]]
+    return min(own, key=lambda row: float(row["deflection_um"]), default=None)

@@ -1,0 +1,84 @@
+"""Command plan map: stiffness, first natural frequency and deflection of a program over the working space."""
+
+from __future__ import annotations
+
+from typing import Annotated, cast
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
+from counterflex.programs.limits import DIALECTS
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command("map")(working_space)
+
+
+def working_space(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    region: Annotated[
+        str | None,
+        typer.Option(
+            "--region",
+            help="What is mapped, mm in the robot base: x and y of the middle of the program, z of the part frame. "
+            "Without it: in front of the robot, from its foot to half its reach.",
+            metavar="X0,X1,Y0,Y1,Z0,Z1",
+            callback=arguments.numbers_of(6),
+        ),
+    ] = None,
+    points: Annotated[int, typer.Option("--points", help="Places along each axis of a map.", min=2, max=200)] = 21,
+    surface: Annotated[
+        str,
+        typer.Option(
+            "--surface",
+            help="Surface that must be true: wall (beside the feed), floor (below the tool), both.",
+            callback=arguments.one_of(("both", "wall", "floor"), "surface"),
+        ),
+    ] = "both",
+    dialect: Dialect = DIALECTS[0],
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+) -> None:
+    """Map the working space: where a program bends the robot least, where it is stiff, where it swings slowly.
+
+    Two maps: level, at the present height of the part, and upright, at the present y. At each place the posture is
+    chosen along the program, as plan placement does it; the part stays turned as it is. Writes into DIR: report.html
+    (the maps as pictures), map.csv (all places, what refuses them), summary.json.
+
+    Example: `counterflex plan map part.ngc --cell cell.toml --points 9 --out map`
+    """
+    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    from counterflex.app import placement_map as job
+    from counterflex.app.inputs import Reading
+    from counterflex.app.placement import Wish
+    from counterflex.plan.posture.cut_path import Surface
+
+    box = arguments.numbers(region, "--region", 6)
+    with progress_bar(f"mapping the working space for {program.name}") as progress:
+        summary = job.run(
+            program,
+            cell,
+            out,
+            reading=Reading(dialect, parameters, complete=not without_end),
+            surface=cast("Surface", surface),
+            wish=Wish(None if box is None else tuple(box)),
+            points=points,
+            progress=progress,
+        )
+    rows = {"present": summary["present"], **{f"best, {view}": row for view, row in summary["best"].items()}}
+    keys = ("x_mm", "y_mm", "z_mm", "deflection_um", "stiffness_n_per_um", "first_mode_hz", "margin_deg")
+    print_table(
+        f"{summary['program']} on {summary['cell']}",
+        ["place", "x mm", "y mm", "z mm", "deflection um", "softest N/um", "first mode Hz", "margin deg"],
+        [
+            [name, *("" if row is None or row[key] is None else f"{row[key]:g}" for key in keys)]
+            for name, row in rows.items()
+        ],
+    )
+    typer.echo(f"{summary['places']} places, {summary['refused']} of them refused")
+    say_written(out, f"wrote {out}: report.html, map.csv, summary.json")

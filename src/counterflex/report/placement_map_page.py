@@ -1,0 +1,95 @@
+"""The page of maps over the working space: deflection of a program, stiffness and first natural frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.report.page import render
+
+_VIEWS: Final = {"level": ("x_mm", "y_mm", "x of the base, mm", "y of the base, mm"),
+                 "upright": ("x_mm", "z_mm", "x of the base, mm", "height of the part frame, mm")}  # fmt: skip
+_FIGURES: Final = {
+    "deflection_um": ("Deflection by the program", "um", True),
+    "stiffness_n_per_um": ("Stiffness in the softest direction", "N/um", False),
+    "first_mode_hz": ("First natural frequency", "Hz", False),
+}
+"""Title, unit, and whether small is good."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapData:
+    """Everything on the page.
+
+    Attributes:
+        summary: See :func:`counterflex.app.placement_map.run`.
+        rows: Of ``map.csv``.
+    """
+
+    summary: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class _Head:
+    title: str
+    subtitle: str
+    created: str = ""
+
+
+def placement_map_page(data: MapData) -> str:
+    """The page, as HTML text."""
+    summary = data.summary
+    figures, listed = {}, []
+    for key, (title, unit, small) in _FIGURES.items():
+        for view in _VIEWS:
+            name = f"{key}_{view}"
+            figures[name] = map_figure(data.rows, summary["present"], view, key)
+            place = "at the present height" if view == "level" else "at the present y"
+            listed.append({"name": name, "title": f"{title}, {unit}, {place}", "good": "dark" if small else "bright"})
+    best = summary["best"]["level"]
+    present = summary["present"]["deflection_um"]
+    verdict = "The program can be run in no place of the map."
+    if best is not None:
+        verdict = f"Least deflection at this height: {best['deflection_um']:g} um"
+        verdict += f" at x {best['x_mm']:g}, y {best['y_mm']:g} mm"
+        verdict += "." if present is None else f"; {present:g} um in the present place."
+    head = _Head(f"Working space: {summary['program']}", f"{summary['cell']}, {summary['robot']}")
+    return render("placement_map.html.j2", figures, [], data=head, summary=summary, verdict=verdict, listed=listed)
+
+
+def map_figure(rows: Sequence[Mapping[str, Any]], present: Mapping[str, Any], view: str, key: str) -> dict[str, Any]:
+    """One map: places that are refused stay white; a cross marks the present place."""
+    u, v, x_title, y_title = _VIEWS[view]
+    own = [row for row in rows if row["view"] == view]
+    x, y = sorted({row[u] for row in own}), sorted({row[v] for row in own})
+    values = {(row[u], row[v]): row[key] for row in own}
+    z = [[values.get((a, b)) for a in x] for b in y]
+    known = np.array([value for row in z for value in row if value is not None], dtype=np.float64)
+    high = float(np.percentile(known, 95.0)) if len(known) else 1.0
+    unit = _FIGURES[key][1]
+    reasons = {(row[u], row[v]): row["refused"] for row in own}
+    refused = [[reasons.get((a, b), "") for a in x] for b in y]
+    data = [
+        {
+            "type": "heatmap", "x": x, "y": y, "z": z, "text": refused, "colorscale": "Viridis",
+            "zmin": float(known.min()) if len(known) else 0.0, "zmax": high, "colorbar": {"title": {"text": unit}},
+            "hovertemplate": f"%{{x:.0f}}, %{{y:.0f}} mm: %{{z:.3g}} {unit} %{{text}}<extra></extra>",
+            "hoverongaps": True,
+        },
+        {
+            "type": "scatter", "mode": "markers", "x": [present[u]], "y": [present[v]], "name": "present place",
+            "marker": {"symbol": "x", "size": 13, "color": "#b91c1c"}, "hoverinfo": "name",
+        },
+    ]  # fmt: skip
+    layout = {
+        "height": 460,
+        "margin": {"l": 64, "r": 12, "t": 16, "b": 48},
+        "showlegend": False,
+        "xaxis": {"title": {"text": x_title}, "zeroline": False, "constrain": "domain"},
+        "yaxis": {"title": {"text": y_title}, "zeroline": False, "scaleanchor": "x", "constrain": "domain"},
+    }
+    return {"data": data, "layout": layout}
