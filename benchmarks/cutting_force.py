@@ -79,8 +79,9 @@ def predicted_force(path: ToolPath, cell: Cell, law: ForceLaw) -> Float:
     setting = setting_of(cell, law=law)
     q = solve_joints(path, np.zeros(int(path.motion.max()) + 1, dtype=np.int64), setting).q
     in_contact = q[len(q) // 2]  # one mode for the whole path: that of its middle
+    C = part_compliance(setting, setting.relative_motion(path), q)
     bent = cut(
-        path, path.p_part_tcp, cell.stock(), cell.cutter, law, compliance_part=part_compliance(setting, q),
+        path, path.p_part_tcp, cell.stock(), cell.cutter, law, compliance_part=C,
         mode=mode_of(setting.chain, in_contact, setting.mode),
     )  # fmt: skip
     return bent.w_tcp_part[:, :3]

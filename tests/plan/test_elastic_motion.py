@@ -20,12 +20,14 @@ from counterflex.plan import elastic_motion
 from counterflex.plan.elastic_motion import commanded, inertia, jacobians, matrices, motion_along, postures
 from counterflex.plan.elastic_motion_kernel import advance, rest
 from counterflex.plan.modes import lowest_mode
+from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.tool_deviation import answered_late, shaken_rows
 from counterflex.robot.elasticity import compliance, play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames, jacobian
 from counterflex.robot.model.description import Play, Servo
 
 CellOf = Callable[..., Cell]
+BASE = tool_carried(np.eye(4))
 Q = np.array([-3.0, -92.0, 123.0, -174.0, 31.0, 175.0]) * DEG
 LOAD = np.array([-200.0, 500.0, -100.0, 0.0, 0.0, 0.0])
 PER_S = 2000
@@ -43,7 +45,7 @@ def answer(chain: ElasticChain, seconds: float, load: Float) -> Float:
     """Deviation (n, 6) of the tool at every step under a load that sets in at 0.1 s and stays; base axes."""
     time = np.array([0.0, seconds])
     q = np.tile(Q, (2, 1))
-    motion = motion_along(chain, np.eye(4), q, q, time)
+    motion = motion_along(chain, BASE, q, q, time)
     rest(motion, 0)
     steps = round(seconds * PER_S)
     out, one, none = np.zeros((steps, 6)), np.zeros(6), np.zeros(6)
@@ -65,7 +67,7 @@ def test_drives_turn_about_their_axes_where_gears_give_way_beside_them(cell_of: 
     assert np.max(np.abs(matrices(chain, Q)[3][:3])) > 1e-3
     asked = np.array([0.3, -0.2, 0.4, -0.5, 0.6, 0.2]) * 1e-3
     time = np.array([0.0, 4.0])
-    motion = motion_along(chain, np.eye(4), np.tile(Q, (2, 1)), Q + np.outer([1.0, 1.0], asked), time)
+    motion = motion_along(chain, BASE, np.tile(Q, (2, 1)), Q + np.outer([1.0, 1.0], asked), time)
     rest(motion, 0)
     out = np.zeros(6)
     for k in range(8000):
@@ -110,7 +112,7 @@ def test_stays_at_rest_under_its_own_weight(plain: ElasticChain) -> None:
 def test_drives_hold_an_unbalanced_arm_where_it_is(plain: ElasticChain) -> None:
     """Their integrators carry the weight from the start: a drive that yields does not know it from no load."""
     assert np.abs(play.axis_torque(plain, Q[None])).max() > 500.0
-    motion = motion_along(replace(plain, servo=(SERVO,) * 6), np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
+    motion = motion_along(replace(plain, servo=(SERVO,) * 6), BASE, np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
     rest(motion, 0)
     out = np.zeros(6)
     for k in range(PER_S):
@@ -122,7 +124,7 @@ def test_drives_hold_an_unbalanced_arm_where_it_is(plain: ElasticChain) -> None:
 def test_the_process_load_reaches_the_motors(plain: ElasticChain) -> None:
     """Without an integrator a drive yields by ``J^T w / (speed gain x position gain)`` of its axis, in its sense."""
     servo = replace(SERVO, integral_time_s=1e9)
-    motion = motion_along(replace(plain, servo=(servo,) * 6), np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
+    motion = motion_along(replace(plain, servo=(servo,) * 6), BASE, np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), ENDS)
     rest(motion, 0)
     out = np.zeros(6)
     for k in range(4 * PER_S):
@@ -136,7 +138,7 @@ def test_the_process_load_reaches_the_motors(plain: ElasticChain) -> None:
 def test_weight_that_changes_along_a_row_is_no_deviation_within_it(share: float, plain: ElasticChain) -> None:
     """Sag of the programmed path is counted elsewhere, between two rows as at them."""
     time = np.array([0.0, 8.0])
-    motion = motion_along(plain, np.eye(4), np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), time)
+    motion = motion_along(plain, BASE, np.tile(Q, (2, 1)), np.tile(Q, (2, 1)), time)
     other = motion.weight.copy()
     other[1] += np.array([0.0, 900.0, -600.0, 50.0, -40.0, 10.0])
     motion = motion._replace(weight=other)
@@ -236,7 +238,7 @@ def test_postures_are_worked_out_together(plain: ElasticChain, monkeypatch: pyte
     monkeypatch.setattr(elastic_motion, "frames", counted)
     count = 5000
     q = Q + np.linspace(0.0, 0.2 * count * DEG, count)[:, None] * np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    motion = motion_along(plain, np.eye(4), q, q, np.linspace(0.0, 5.0, count))
+    motion = motion_along(plain, BASE, q, q, np.linspace(0.0, 5.0, count))
     assert len(motion.J_tcp_part) == count
     assert len(asked) < count / 500
     assert max(asked) <= 1024
@@ -246,12 +248,12 @@ def test_another_command_on_the_same_path_is_a_motion_of_its_own(plain: ElasticC
     """What the trials of a path share must not carry anything from one trial to the next."""
     time = np.linspace(0.0, 0.2, 5)
     q, added = np.tile(Q, (5, 1)), np.outer(np.linspace(0.0, 1e-3, 5), np.ones(6))
-    shared = motion_along(plain, np.eye(4), q, q, time)
+    shared = motion_along(plain, BASE, q, q, time)
     found = []
     for motion in (
         commanded(shared, q + 2.0 * added),
         commanded(shared, q + added),
-        motion_along(plain, np.eye(4), q, q + added, time),
+        motion_along(plain, BASE, q, q + added, time),
     ):
         rest(motion, 0)
         out = np.zeros((4, 6))
@@ -268,7 +270,7 @@ def turned(chain: ElasticChain, rate: Float, acceleration_m_s2: float) -> Float:
     time = np.array([0.0, 0.1, 0.2, 0.5])
     q = Q + np.outer(np.maximum(time - 0.2, 0.0), rate)
     fed = np.array([False, True, True, True])
-    motion = motion_along(chain, np.eye(4), q, q, time, shaken=fed, acceleration_m_s2=acceleration_m_s2)
+    motion = motion_along(chain, BASE, q, q, time, shaken=fed, acceleration_m_s2=acceleration_m_s2)
     rest(motion, 0)
     out, one = np.zeros((round(0.4 * PER_S), 6)), np.zeros(6)
     for k in range(len(out)):

@@ -15,6 +15,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan
 from counterflex.plan.inputs import Setting, solve_joints
+from counterflex.plan.relative_motion import RelativeMotion, tool_carried
 from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.model.description import Play
@@ -27,6 +28,10 @@ SLIP = (10 * URAD, 25 * URAD, 60 * URAD)
 BIG, SMALL = Play(20 * URAD, (75.0, 105.0, 120.0), SLIP), Play(50 * URAD, (12.5, 17.5, 20.0), SLIP)
 TAPPED = Mode(2.0 * np.pi * 8.0, 0.1)
 LOSSY = (BIG, BIG, BIG, SMALL, SMALL, SMALL)
+
+
+def standing(setting: Setting) -> RelativeMotion:
+    return tool_carried(setting.T_base_part)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +50,14 @@ def test_there_and_back_differ_by_the_reversal(path_of: PathOf, setting: Setting
     q = solve_joints(path, lines(path), setting).q
     w = np.zeros((len(path), 6))
     deviation = play_deviation(
-        setting.chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), TAPPED
+        setting.chain,
+        standing(setting),
+        path.p_part_tcp,
+        q,
+        w,
+        path.time_s,
+        touched_points(setting),
+        TAPPED,
     )
     x = path.p_part_tcp[:, 0]
     runs = [np.flatnonzero((path.motion == m) & (np.abs(x - 25 * MM) < 3 * MM)) for m in np.unique(path.motion)[-4:-1]]
@@ -60,12 +72,10 @@ def test_no_play_is_exactly_nothing(path_of: PathOf, setting: Setting) -> None:
     q = solve_joints(path, lines(path), setting).q
     w, touched = np.zeros((len(path), 6)), touched_points(setting)
     chain = replace(setting.chain, play=None)
-    assert np.all(
-        play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched, TAPPED) == 0.0
-    )
+    assert np.all(play_deviation(chain, standing(setting), path.p_part_tcp, q, w, path.time_s, touched, TAPPED) == 0.0)
     none = replace(setting.chain, play=(Play(),) * 6)
     assert play_deviation(
-        none, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched, TAPPED
+        none, standing(setting), path.p_part_tcp, q, w, path.time_s, touched, TAPPED
     ) == pytest.approx(0.0, abs=1e-9)
 
 
@@ -74,9 +84,9 @@ def test_play_of_the_touched_points_is_in_the_frame(path_of: PathOf, setting: Se
     path = path_of(BACK_AND_FORTH)
     chain = replace(setting.chain, play=(None, Play(50 * URAD), Play(50 * URAD), None, None, None))
     q, w = solve_joints(path, lines(path), setting).q, np.zeros((len(path), 6))
-    outside = play_deviation(chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, None, TAPPED)
+    outside = play_deviation(chain, standing(setting), path.p_part_tcp, q, w, path.time_s, None, TAPPED)
     touched = play_deviation(
-        chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), TAPPED
+        chain, standing(setting), path.p_part_tcp, q, w, path.time_s, touched_points(setting), TAPPED
     )
     assert np.linalg.norm(outside, axis=1).min() > 50 * UM
     assert np.linalg.norm(touched, axis=1).max() < 0.03 * np.linalg.norm(outside, axis=1).min()
@@ -87,7 +97,7 @@ def test_corrected_joints_reach_the_corrected_point(path_of: PathOf, setting: Se
     q = solve_joints(path, lines(path), setting).q
     u = np.tile([0.8 * MM, -1.2 * MM, 0.4 * MM], (len(path), 1))
     u[:5] = 0.0
-    got = corrected_joints(setting.controller_chain, setting.T_base_part, q, u, np.zeros_like(u))
+    got = corrected_joints(setting.controller_chain, standing(setting), q, u, np.zeros_like(u))
     assert np.array_equal(got[:5], q[:5])
     T = forward(setting.controller_chain, q), forward(setting.controller_chain, got)
     moved = (T[1][:, :3, 3] - T[0][:, :3, 3]) @ setting.T_base_part[:3, :3]
@@ -112,11 +122,15 @@ def test_the_plan_takes_lost_motion_back(path_of: PathOf, cell_of: CellOf, setti
     assert extra == pytest.approx(-lost, abs=2 * UM)
     # asked again of the path that was decided on: a fixed point
     q = corrected_joints(
-        setting.controller_chain, setting.T_base_part, with_play.q, with_play.correction_part, with_play.rotvec_part
+        setting.controller_chain,
+        standing(setting),
+        with_play.q,
+        with_play.correction_part,
+        with_play.rotvec_part,
     )
     again = play_deviation(
         setting.chain,
-        setting.T_base_part,
+        standing(setting),
         path.p_part_tcp,
         q,
         with_play.w_tcp_part,

@@ -14,6 +14,7 @@ from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.elastic_motion import matrices, motion_along
 from counterflex.plan.elastic_motion_kernel import advance, rest
+from counterflex.plan.relative_motion import tool_carried
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.model.description import ElasticRegion
@@ -38,7 +39,7 @@ def along(chain: ElasticChain, load: Float, seconds: float = 4.0, rows: int = 81
     time = np.linspace(0.0, seconds, rows)
     q = np.tile(Q, (rows, 1))
     q[:, 1] += SWING * (time / seconds - 0.5)
-    motion = motion_along(chain, np.eye(4), q, q, time)
+    motion = motion_along(chain, tool_carried(np.eye(4)), q, q, time)
     rest(motion, 0)
     at = np.arange(1, round(seconds * PER_S) + 1) / PER_S
     out, one = np.zeros((len(at), 6)), np.zeros(6)

@@ -15,6 +15,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Setting, solve_joints
 from counterflex.plan.play_compensation import play_compensation
+from counterflex.plan.relative_motion import RelativeMotion, tool_carried
 from counterflex.plan.sag_and_play import corrected_joints, play_deviation, swing, touched_points
 from counterflex.robot.model.description import Play
 from counterflex.signals.preview import Mode
@@ -26,6 +27,10 @@ BIG, SMALL = Play(20 * URAD, (75.0, 105.0, 120.0), SLIP), Play(50 * URAD, (12.5,
 TURN = "G0 X10 Y10 Z42\nG2 X10 Y10 I12 J0 F300"
 TAPPED = Mode(2.0 * np.pi * 8.0, 0.1)
 LAG, DEAD_S = Mode(2.0 * np.pi * 8.2, 2.4), 10.0 * MS
+
+
+def standing(setting: Setting) -> RelativeMotion:
+    return tool_carried(setting.T_base_part)
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +49,9 @@ def left(setting: Setting, path: ToolPath, q: Float, sent: Float) -> Float:
     """Deviation (n, 3) m of the tool: what the robot makes of what is sent, and the play of the axes so moved."""
     late = np.stack([np.interp(path.time_s - DEAD_S, path.time_s, column) for column in sent.T], axis=1)
     moved = swing(swing(late, path.time_s, LAG), path.time_s, TAPPED)
-    axes = corrected_joints(setting.controller_chain, setting.T_base_part, q, moved, np.zeros_like(moved))
+    axes = corrected_joints(setting.controller_chain, standing(setting), q, moved, np.zeros_like(moved))
     lost = play_deviation(
-        setting.chain, setting.T_base_part, path.p_part_tcp, axes, np.zeros((len(path), 6)), path.time_s,
+        setting.chain, standing(setting), path.p_part_tcp, axes, np.zeros((len(path), 6)), path.time_s,
         touched_points(setting), TAPPED,
     )  # fmt: skip
     on = path.time_s > path.time_s[-1] - 0.9 * (2.0 * np.pi * 12.0 * MM / (300.0 * MM / 60.0))
@@ -63,7 +68,14 @@ def test_less_is_left_than_by_nothing_and_by_its_late_opposite(path_of: PathOf, 
     path, q = circle(path_of, setting)
     w = np.zeros((len(path), 6))
     plain = -play_deviation(
-        setting.chain, setting.T_base_part, path.p_part_tcp, q, w, path.time_s, touched_points(setting), TAPPED
+        setting.chain,
+        standing(setting),
+        path.p_part_tcp,
+        q,
+        w,
+        path.time_s,
+        touched_points(setting),
+        TAPPED,
     )
     whole_s = DEAD_S + 2.0 * LAG.damping_ratio / LAG.omega_rad_s
     ahead = np.stack([np.interp(path.time_s + whole_s, path.time_s, column) for column in plain.T], axis=1)

@@ -15,6 +15,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int, as_float, batches
 from counterflex.core.units import DEG, MS
 from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, number_postures
+from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
 
@@ -147,7 +148,7 @@ def _screws(T: Float, segment: Int, direction: Int, sign: Float) -> tuple[Float,
 
 def motion_along(
     chain: ElasticChain,
-    T_base_part: Float,
+    relative: RelativeMotion,
     q_ref: Float,
     q_command: Float,
     time_s: Float,
@@ -160,7 +161,7 @@ def motion_along(
 
     Args:
         chain: The elastic robot with play and drives.
-        T_base_part: (4, 4), gives the axes of wrench and deviation.
+        relative: How the tool moves relative to the part, in the rows of the path.
         q_ref: (rows, 6) rad along the programmed path.
         q_command: (rows, 6) rad that are commanded.
         time_s: (rows,) s.
@@ -180,13 +181,13 @@ def motion_along(
     servo = chain.servo or (None,) * AXES
     stiffness = stiffness_of(chain, nominal)
     n = stiffness.shape[1]
-    R = np.kron(np.eye(2), T_base_part[:3, :3])
     held = (0.5 * step_s * damping_s + 0.25 * step_s**2) * stiffness_of(chain, nominal[chosen])[:, :, None] * np.eye(n)
     M = inertia(chain, nominal[chosen])
     inverse = as_float("inverse", np.linalg.inv(M + held), M.shape)
     answer: Float = step_s * inverse
     keep: Float = inverse @ (M - held)
-    J, J_drive = (R.T @ result for result in jacobians(chain, nominal[places]))
+    X = relative.rows(places).to_part
+    J, J_drive = (np.ascontiguousarray(X @ result) for result in jacobians(chain, nominal[places]))
     weight = play.axis_torque(chain, nominal)
     band, limit, slip = play.arrays(chain)
     gains = np.array(

@@ -20,7 +20,6 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import silent
-from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.feed_schedule import LEAST, LEAST_CHIP_M, STEP, FeedGroups, at_feed
 from counterflex.plan.inputs import Inputs
@@ -108,13 +107,13 @@ def uses(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], Process
         rows = path.tool == number
         bending[rows] = limits_of(number).bending(setting.cutter_of(number).diameter_m, side[rows])
     add("tool bending", bending, limits.bending_m if bending.any() else None)
-    R = setting.T_base_part[:3, :3]
+    relative = setting.relative_motion(path)
     if limits.axis_torque_nm is not None:
-        torques = np.abs(axis_torques(setting.chain, inputs.q, wrench.rotate(R, w)))
+        torques = np.abs(axis_torques(setting.chain, inputs.q, relative.load(w)))
         for axis, limit in enumerate(limits.axis_torque_nm.tolist()):
             add(f"torque of axis {axis + 1}", torques[:, axis], limit)
     if limits.deflection_m is not None:
-        bent = wrench.rotate(R.T, compliance.deflection(setting.chain, inputs.q, wrench.rotate(R, w)))
+        bent = relative.displacement(compliance.deflection(setting.chain, inputs.q, relative.load(w)))
         add("deflection", np.linalg.norm(across(bent[:, :3], path.p_part_tcp), axis=1), limits.deflection_m)
     if limits.acceleration_m_s2 is not None:
         out[ACCELERATION] = path.feed_m_s**2 * curvature(path) / limits.acceleration_m_s2

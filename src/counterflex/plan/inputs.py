@@ -15,8 +15,10 @@ from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import pose
 from counterflex.path.tool_rotation import ToolRotation
-from counterflex.path.toolpath import FEED, RAPID, ToolPath, tool_orientation, tool_poses
+from counterflex.path.toolpath import FEED, RAPID, ToolPath, tool_orientation
+from counterflex.plan.relative_motion import RelativeMotion, hand_poses, part_carried, tool_carried
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveErrors
@@ -67,6 +69,8 @@ class Setting:
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
         orientation: Correct the orientation too.
         allow_extrapolation: Accept force from chips outside the law's range.
+        T_base_tool: (4, 4) tool frame of a spindle that stands, against which the robot holds the part; the last frame
+            of both chains is the part frame then, and ``T_base_part`` says nothing. None: the robot holds the tool.
         turning: How the free rotation changes along the program; ``rotation_about_tool_rad`` is that of its beginning.
         drive_errors: Periodic errors and sag of the drives: what the links of ``chain`` truly do at commanded angles.
     """
@@ -89,10 +93,22 @@ class Setting:
     allow_extrapolation: bool = False
     drive_errors: DriveErrors = _NO_ERRORS
     turning: ToolRotation | None = None
+    T_base_tool: Float | None = None
 
     def rotations_rad(self, p_part_tcp: Float) -> float | Float:
         """Free rotation at all points (n, 3) m of a program, in their order: one angle, or (n,) where it turns."""
         return self.rotation_about_tool_rad if self.turning is None else self.turning.along(p_part_tcp)
+
+    def poses_in_part(self, path: ToolPath) -> Float:
+        """(n, 4, 4) poses of the tool frame in the part along a path of n rows."""
+        Rs_part_tcp = tool_orientation(path.axis_part, self.rotations_rad(path.p_part_tcp))
+        return pose.make(Rs_part_tcp, path.p_part_tcp)
+
+    def relative_motion(self, path: ToolPath) -> RelativeMotion:
+        """How the tool moves relative to the part in the rows of a path when the robot's hand moves."""
+        if self.T_base_tool is None:
+            return tool_carried(self.T_base_part)
+        return part_carried(self.T_base_tool, self.poses_in_part(path))
 
 
 SETTLING_S: Final = 0.05
@@ -186,9 +202,8 @@ class Inputs:
 
 
 def programmed_poses(path: ToolPath, setting: Setting) -> Float:
-    """(n, 4, 4) m, poses of the tool frame in the base that a path of n rows asks for."""
-    Rs_part_tcp = tool_orientation(path.axis_part, setting.rotations_rad(path.p_part_tcp))
-    return tool_poses(setting.T_base_part, path.p_part_tcp, Rs_part_tcp)
+    """(n, 4, 4) m, poses of the hand (tool frame, or the part frame it holds) that a path of n rows asks for."""
+    return hand_poses(setting.T_base_part, setting.T_base_tool, setting.poses_in_part(path))
 
 
 def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
@@ -232,12 +247,9 @@ def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
     return joints
 
 
-def part_compliance(setting: Setting, q: Float) -> Float:
-    """(n, 6, 6) compliance at the tool tip in part axes."""
-    R_part_base = setting.T_base_part[:3, :3].T
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = R_part_base
-    return np.ascontiguousarray(turn @ compliance.cartesian_compliance(setting.chain, q) @ turn.T)
+def part_compliance(setting: Setting, relative: RelativeMotion, q: Float) -> Float:
+    """(n, 6, 6) compliance between tool and part at the tip in part axes, at angles (n, 6) rad of the path's rows."""
+    return relative.compliance(compliance.cartesian_compliance(setting.chain, q))
 
 
 def feed_runs(path: ToolPath) -> Int:

@@ -51,13 +51,11 @@ def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Fl
         return requested
     touched, smooth = touched_points(setting), Shaping(SMOOTHING_S, 0.0)
     mode = mode_of(setting.chain, q[int(np.argmax(np.linalg.norm(w_tcp_part[:, :3], axis=1)))], setting.mode)
-    still = np.zeros_like(requested)
+    still, relative = np.zeros_like(requested), setting.relative_motion(path)
 
     def lost(x: Float) -> Float:
-        moved = corrected_joints(setting.controller_chain, setting.T_base_part, q, x, still)
-        return play_deviation(
-            setting.chain, setting.T_base_part, path.p_part_tcp, moved, w_tcp_part, path.time_s, touched, mode
-        )
+        moved = corrected_joints(setting.controller_chain, relative, q, x, still)
+        return play_deviation(setting.chain, relative, path.p_part_tcp, moved, w_tcp_part, path.time_s, touched, mode)
 
     requested = -_FIRST * lost(requested)
     for n in range(_ROUNDS):

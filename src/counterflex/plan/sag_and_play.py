@@ -15,10 +15,11 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.jit import kernel
-from counterflex.geometry import pose, wrench
+from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.plan.cut_kernel import oscillator
 from counterflex.plan.inputs import Setting
+from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.robot.elasticity import gravity, play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, jacobian
 from counterflex.robot.elasticity.servo import servo_error
@@ -65,7 +66,7 @@ def sag_deviation(T_base_part: Float, T_base_true: Float, p_part: Float, sag_bas
     return out
 
 
-def residual_sag(p_part: Float, q: Float, setting: Setting) -> Float:
+def residual_sag(p_part: Float, q: Float, setting: Setting, relative: RelativeMotion) -> Float:
     """(n, 3) m, deviation of the unloaded tool along the path, see :mod:`counterflex.plan.sag_and_play`.
 
     What the robot does at its commanded joint angles with nothing but its own weight on it: sag, periodic errors of its
@@ -74,10 +75,11 @@ def residual_sag(p_part: Float, q: Float, setting: Setting) -> Float:
     off = _unloaded_offset(setting, q)
     touched = touched_points(setting)
     if touched is None:
-        return sag_deviation(setting.T_base_part, setting.T_base_part, p_part, off)
+        out: Float = relative.displacement(off)[:, :3]
+        return np.where(np.abs(out) < _ROUNDING_M, 0.0, out)
     datum, q_datum = touched
-    T_base_true = true_part_frame(setting.T_base_part, datum, _unloaded_offset(setting, q_datum))
-    return sag_deviation(setting.T_base_part, T_base_true, p_part, off)
+    T_base_true = true_part_frame(setting.T_base_part, datum, _unloaded_offset(setting, q_datum)[:, :3])
+    return sag_deviation(setting.T_base_part, T_base_true, p_part, off[:, :3])
 
 
 def touched_points(setting: Setting) -> tuple[Float, Float] | None:
@@ -92,17 +94,17 @@ def touched_points(setting: Setting) -> tuple[Float, Float] | None:
 
 
 def _unloaded_offset(setting: Setting, q: Float) -> Float:
-    """(n, 3) m, true minus believed position of the unloaded tool tip, base axes."""
-    off: Float = gravity.sag(setting.chain, q)[..., :3]
+    """(n, 6) m, rad, true minus believed pose of the unloaded hand, base axes."""
+    off: Float = gravity.sag(setting.chain, q)
     if setting.controller_chain is not setting.chain or setting.drive_errors:
         links = setting.drive_errors.link_angles(q)
-        off += forward(setting.chain, links)[..., :3, 3] - forward(setting.controller_chain, q)[..., :3, 3]
+        off = off + pose.difference(forward(setting.controller_chain, q), forward(setting.chain, links))
     return off
 
 
 def play_deviation(
     chain: ElasticChain,
-    T_base_part: Float,
+    relative: RelativeMotion,
     p_part: Float,
     q: Float,
     w_tcp_part: Float,
@@ -114,7 +116,7 @@ def play_deviation(
 
     Args:
         chain: Robot and end effector with play and servo gains; without both, the deviation is exactly zero.
-        T_base_part: (4, 4) part frame as the controller knows it.
+        relative: How the tool moves relative to the part.
         p_part: (n, 3) m, programmed points in the order of the path.
         q: (n, 6) rad, commanded angles there, corrections included.
         w_tcp_part: (n, 6) N, N m, process wrench about the tip in part axes.
@@ -128,45 +130,49 @@ def play_deviation(
     """
     if chain.play is None and chain.servo is None:
         return np.zeros((len(p_part), 3))
-    w_base = wrench.rotate(T_base_part[:3, :3], w_tcp_part)
-    lost, load = play.torsion(chain, q, w_base)
+    lost, load = play.torsion(chain, q, relative.load(w_tcp_part))
     if chain.servo is not None:
         lost = lost + servo_error(chain.servo, q, swing(load, time_s, mode), time_s)
-    off = play.at_tcp(chain, q, lost)[:, :3]
-    return in_touched_frame(chain, T_base_part, p_part, touched, off)
+    off = relative.displacement(play.at_tcp(chain, q, lost))[:, :3]
+    return in_touched_frame(chain, relative, p_part, touched, off)
 
 
 def in_touched_frame(
-    chain: ElasticChain, T_base_part: Float, p_part: Float, touched: tuple[Float, Float] | None, deviation_base: Float
+    chain: ElasticChain,
+    relative: RelativeMotion,
+    p_part: Float,
+    touched: tuple[Float, Float] | None,
+    deviation_part: Float,
 ) -> Float:
     """Deviation from a path in a part frame that was touched with play in the axes.
 
     Args:
         chain: Robot and end effector.
-        T_base_part: (4, 4) part frame as the controller knows it.
+        relative: How the tool moves relative to the part.
         p_part: (n, 3) m, programmed points.
         touched: See :func:`play_deviation`.
-        deviation_base: (n, 3) m, actual minus commanded tip, base axes.
+        deviation_part: (n, 3) m, actual minus commanded tip, axes of the part frame that the controller has.
 
     Returns:
         (n, 3) m, part axes.
     """
-    T_base_true = T_base_part
-    if touched is not None and chain.play is not None:
-        datum, q_datum = touched
-        there = play.at_tcp(chain, q_datum, play.relaxed(chain, q_datum))[:, :3]
-        T_base_true = true_part_frame(T_base_part, datum, there)
-    return sag_deviation(T_base_part, T_base_true, p_part, deviation_base)
+    T_base_part = relative.T_base_part
+    if touched is None or chain.play is None or T_base_part is None:
+        return np.where(np.abs(deviation_part) < _ROUNDING_M, 0.0, deviation_part)
+    datum, q_datum = touched
+    there = play.at_tcp(chain, q_datum, play.relaxed(chain, q_datum))[:, :3]
+    T_base_true = true_part_frame(T_base_part, datum, there)
+    return sag_deviation(T_base_part, T_base_true, p_part, deviation_part @ T_base_part[:3, :3].T)
 
 
-def corrected_joints(chain: ElasticChain, T_base_part: Float, q: Float, correction: Float, turn: Float) -> Float:
-    """Angles of a corrected point from those of the programmed one, ``q + J(q)^-1 u``.
+def corrected_joints(chain: ElasticChain, relative: RelativeMotion, q: Float, correction: Float, turn: Float) -> Float:
+    """Angles of a corrected point from those of the programmed one, ``q + J(q)^-1 X^-1 u``.
 
     Corrections are millimetres over metres: the second order is below 1e-6 rad.
 
     Args:
         chain: As the controller has it.
-        T_base_part: (4, 4).
+        relative: How the tool moves relative to the part, X.
         q: (n, 6) rad, away from singularities.
         correction: (n, 3) m, part axes.
         turn: (n, 3) rad, part axes.
@@ -177,16 +183,10 @@ def corrected_joints(chain: ElasticChain, T_base_part: Float, q: Float, correcti
     out = q.copy()
     rows = np.flatnonzero(np.any(correction != 0.0, axis=1) | np.any(turn != 0.0, axis=1))
     if len(rows):
-        u = np.concatenate([correction[rows], turn[rows]], axis=1) @ _both(T_base_part[:3, :3]).T
-        out[rows] += np.linalg.solve(jacobian(chain, q[rows]), u[..., None])[..., 0]
+        u = np.concatenate([correction[rows], turn[rows]], axis=1)
+        J_part = relative.rows(rows).to_part @ jacobian(chain, q[rows])
+        out[rows] += np.linalg.solve(J_part, u[..., None])[..., 0]
     return out
-
-
-def _both(R_base_part: Float) -> Float:
-    """(6, 6) that turns linear and angular part alike."""
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = R_base_part
-    return turn
 
 
 @kernel("void(float64[:,::1], float64[::1], float64, float64, float64[:,::1])")

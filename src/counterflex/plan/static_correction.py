@@ -19,9 +19,8 @@ from counterflex.core.arrays import Bool, Float, Int, batches
 from counterflex.core.errors import ModelError
 from counterflex.core.progress import Progress
 from counterflex.core.units import DEG, MM
-from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.inputs import Inputs, Limits, Setting, feed_runs, part_compliance, settling_rows
+from counterflex.plan.inputs import Inputs, Limits, feed_runs, part_compliance, settling_rows
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import across
 from counterflex.plan.sag_and_play import corrected_joints, residual_sag, touched_points
@@ -148,22 +147,23 @@ class Command:
 def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
     """Deflection under the force of the undisturbed cut, own weight, and where corrections are wanted."""
     path, setting, q, w = inputs.path, inputs.setting, inputs.q, cut.w_tcp_part
-    R = setting.T_base_part[:3, :3]
-    deflection = wrench.rotate(R.T, compliance.deflection(setting.chain, q, wrench.rotate(R, w)))
+    relative = setting.relative_motion(path)
+    deflection = relative.displacement(compliance.deflection(setting.chain, q, relative.load(w)))
     hardest = q[int(np.argmax(np.linalg.norm(w[:, :3], axis=1)))]
     robot = PlannedRobot(
         setting,
         path,
         q,
-        part_compliance(setting, q),
-        residual_sag(path.p_part_tcp, q, setting),
+        relative,
+        part_compliance(setting, relative, q),
+        residual_sag(path.p_part_tcp, q, setting, relative),
         touched_points(setting),
         mode_of(setting.chain, hardest, setting.mode),
     )
     feed_run = feed_runs(path)
     near = within(cut.contact, path.time_s, feed_run, APPROACH_S) | between_walls(inputs, cut.contact, feed_run)
     reach = within(near, path.time_s, feed_run, _FADE_S)
-    swinging = _through_arm(setting, q, w, deflection)
+    swinging = _through_arm(robot, w, deflection)
     return LoadedRobot(inputs, cut, robot, deflection, swinging, feed_run, near, reach, _held(inputs, deflection, near))
 
 
@@ -202,7 +202,7 @@ def command_against(loaded: LoadedRobot, displacement: Float) -> Command:
         correction = across(correction, inputs.path.p_part_tcp)
     turn = 0.0 - displacement[:, 3:] if setting.orientation else np.zeros_like(correction)
     correction, turn = held_in_holes(inputs.path, loaded.cut.contact, correction, turn)
-    q = corrected_joints(setting.controller_chain, setting.T_base_part, inputs.q, correction, turn)
+    q = corrected_joints(setting.controller_chain, loaded.robot.relative, inputs.q, correction, turn)
     return Command(correction, turn, q)
 
 
@@ -269,17 +269,18 @@ def check_corrections(command: Command, line: Int, limits: Limits) -> None:
             )
 
 
-def _through_arm(setting: Setting, q: Float, w_part: Float, deflection_part: Float) -> Float:
+def _through_arm(robot: PlannedRobot, w_part: Float, deflection_part: Float) -> Float:
     """The part of the deflection that the arm makes, swinging; sensor, spindle and tool follow a force at once."""
-    R = setting.T_base_part[:3, :3]
+    chain, q = robot.setting.chain, robot.q
     rows = np.flatnonzero(np.any(w_part != 0.0, axis=1))
     out = np.zeros_like(deflection_part)
     if len(rows):
-        w_base, at_once = wrench.rotate(R, w_part[rows]), np.empty((len(rows), 6))
+        relative = robot.relative.rows(rows)
+        w_base, at_once = relative.load(w_part[rows]), np.empty((len(rows), 6))
         for some in batches(len(rows)):
-            own = compliance.shares(setting.chain, q[rows[some]], w_base[some])
-            at_once[some] = np.sum(own[:, setting.chain.flange_segment + 1 :], axis=1)
-        out[rows] = deflection_part[rows] - wrench.rotate(R.T, at_once)
+            own = compliance.shares(chain, q[rows[some]], w_base[some])
+            at_once[some] = np.sum(own[:, chain.flange_segment + 1 :], axis=1)
+        out[rows] = deflection_part[rows] - relative.displacement(at_once)
     return out
 
 

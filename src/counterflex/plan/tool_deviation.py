@@ -16,6 +16,7 @@ from counterflex.plan.elastic_motion import commanded, motion_along
 from counterflex.plan.elastic_motion_kernel import AXES, Motion
 from counterflex.plan.inputs import Setting
 from counterflex.plan.lowest_mode import can_move, damping_of
+from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.plan.sag_and_play import in_touched_frame, play_deviation
 from counterflex.signals.preview import Mode
 
@@ -28,6 +29,7 @@ class PlannedRobot:
         setting: What is known of it.
         path: The programmed path.
         q: (n, 6) rad along it.
+        relative: How the tool moves relative to the part.
         compliance_part: (n, 6, 6) compliance at the tip, part axes.
         sag_part: (n, 3) m, deviation of the unloaded tool.
         touched: Datum points and the angles at them, or None.
@@ -37,6 +39,7 @@ class PlannedRobot:
     setting: Setting
     path: ToolPath
     q: Float
+    relative: RelativeMotion
     compliance_part: Float
     sag_part: Float
     touched: tuple[Float, Float] | None
@@ -48,7 +51,7 @@ class PlannedRobot:
         s, path = self.setting, self.path
         return motion_along(
             s.chain,
-            s.T_base_part,
+            self.relative,
             self.q,
             self.q,
             path.time_s,
@@ -85,7 +88,6 @@ def run(
     """
     setting, path = robot.setting, robot.path
     moving = can_move(setting.chain)
-    R = setting.T_base_part[:3, :3]
     motion = None
     if moving:
         answered = answered_late(path.time_s, robot.q, q_command, setting.shaping.lead_s)
@@ -104,9 +106,7 @@ def run(
     )
     off = result.displacement_part.copy()
     if moving:
-        off[:, :3] = in_touched_frame(
-            setting.chain, setting.T_base_part, path.p_part_tcp, robot.touched, off[:, :3] @ R.T
-        )
+        off[:, :3] = in_touched_frame(setting.chain, robot.relative, path.p_part_tcp, robot.touched, off[:, :3])
     else:
         off[:, :3] += lost_motion(robot, q_command, at_points(result.w_tcp_part, result.volume_m3 > 0.0))
     off[:, :3] += robot.sag_part
@@ -135,7 +135,7 @@ def lost_motion(robot: PlannedRobot, q_command: Float, w_part: Float) -> Float:
     s = robot.setting
     return play_deviation(
         s.chain,
-        s.T_base_part,
+        robot.relative,
         robot.path.p_part_tcp,
         q_command,
         w_part,

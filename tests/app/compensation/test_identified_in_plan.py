@@ -19,6 +19,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.tables import CellTables
 from counterflex.plan.inputs import solve_joints
 from counterflex.plan.plan import Plan
+from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.sag_and_play import corrected_joints, residual_sag
 from counterflex.robot.elasticity.chain import forward
 
@@ -125,7 +126,9 @@ def test_a_rigid_arm_with_periodic_drives_meets_the_path_after_compensation(
         contact = np.any(plan.w_tcp_part != 0.0, axis=1)
         # Where the links of the erring robot put the tool, by the angles that the controller commands.
         turn = np.zeros_like(plan.correction_part)
-        q = corrected_joints(setting.controller_chain, setting.T_base_part, joints.q, plan.correction_part, turn)
+        q = corrected_joints(
+            setting.controller_chain, tool_carried(setting.T_base_part), joints.q, plan.correction_part, turn
+        )
         links = np.column_stack([_erring(q[:, k], rows.get(f"axis{k + 1}", [])) for k in range(6)])
         off = forward(setting.chain, links)[:, :3, 3] - forward(setting.chain, joints.q)[:, :3, 3]
         left[name] = float(np.sqrt(np.mean(np.sum((off[contact] @ R) ** 2, axis=1))))
@@ -136,7 +139,9 @@ def test_a_rigid_arm_with_periodic_drives_meets_the_path_after_compensation(
 def test_a_robot_without_periodic_errors_has_none_in_its_plan(tmp_path: Path, program: ProgramFile) -> None:
     cell = read_cell(_cell(tmp_path, None, "rigid.toml"))
     plan = compensate(program(), cell, predict=False).plan
-    assert not np.any(residual_sag(plan.path.p_part_tcp, plan.q, setting_of(cell)))
+    assert not np.any(
+        residual_sag(plan.path.p_part_tcp, plan.q, setting_of(cell), tool_carried(setting_of(cell).T_base_part))
+    )
 
 
 def test_sag_of_a_robot_without_masses_changes_the_plan(tmp_path: Path, program: ProgramFile) -> None:
@@ -144,7 +149,7 @@ def test_sag_of_a_robot_without_masses_changes_the_plan(tmp_path: Path, program:
     sag: dict[str, object] = {"axis2_by_link3_mrad": [1.0, 0.2], "axis3_by_link3_mrad": [0.5, 0.8]}
     cell = read_cell(_cell(tmp_path, _set("axis_sag", value=sag), "rigid.toml"))
     plan = compensate(program(), cell, predict=False).plan
-    off = residual_sag(plan.path.p_part_tcp, plan.q, setting_of(cell))
+    off = residual_sag(plan.path.p_part_tcp, plan.q, setting_of(cell), tool_carried(setting_of(cell).T_base_part))
     assert np.all(np.linalg.norm(off, axis=1) > 100 * UM)
     # Where they are undone the links are at the angles that the controller has.
     setting = setting_of(cell)

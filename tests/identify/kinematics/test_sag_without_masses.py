@@ -30,6 +30,7 @@ from counterflex.identify.geometry.placed_frame import PlacedFrame
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
+from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.sag_and_play import residual_sag
 from counterflex.robot.elasticity.axis_sag import AxisSag, unit_turns
 from counterflex.robot.elasticity.chain import ElasticChain, forward
@@ -170,7 +171,9 @@ def test_the_identified_cell_file_knows_where_the_unloaded_tool_is(folder: Path,
     p_part = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.2, 0.1]])
     q = held[:3]
     unknown = replace(setting, drive_errors=DriveErrors())
-    assert np.max(np.abs(residual_sag(p_part, q, setting) - residual_sag(p_part, q, unknown))) > 0.1 * MM
+    relative = tool_carried(setting.T_base_part)
+    change = residual_sag(p_part, q, setting, relative) - residual_sag(p_part, q, unknown, relative)
+    assert np.max(np.abs(change)) > 0.1 * MM
     # Identified once more on the new file, nothing is left to find and the table stays.
     again = RECIPE.identify(
         model_of(cell), [_data(STAUBLI, folder, weight=True)[0]], [], {"periodic": "off", "folds": 2}, silent

@@ -19,6 +19,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.inputs import part_compliance
 from counterflex.plan.process_limits import ProcessLimits, axis_torques, tool_stiffness
+from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, magnification, outcomes
 from counterflex.plan.strategy.chatter import depth_used, directional_matrices
 from counterflex.plan.strategy.side_cut import SideCuts
@@ -35,7 +36,7 @@ SOME = Doubt(0.3, 0.3, 0.3, 0.3)
 @pytest.fixture(scope="module")
 def place(cell_of: Callable[..., Cell]) -> Place:
     setting = setting_of(cell_of())
-    C = part_compliance(setting, Q[None])[0]
+    C = part_compliance(setting, tool_carried(setting.T_base_part), Q[None])[0]
     return Place(setting.chain, Q, C, setting.T_base_part[:3, :3], np.array([0.0, 1.0, 0.0]), 6 * MM, (MODE,))
 
 

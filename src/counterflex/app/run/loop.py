@@ -89,7 +89,7 @@ def _lost(plan: Plan, cell: Cell) -> Float:
     near = np.flatnonzero(within(plan.cutting, path.time_s, feed_runs(path), APPROACH_S))
     out = np.zeros_like(plan.w_tcp_part)
     if np.any(plan.play_part[near] != 0.0):
-        C = part_compliance(setting, plan.q[near])[:, :3, :3]
+        C = part_compliance(setting, setting.relative_motion(path).rows(near), plan.q[near])[:, :3, :3]
         out[near, :3] = (np.linalg.pinv(C, rcond=_STIFF, hermitian=True) @ plan.play_part[near, :, None])[:, :, 0]
     return out
 

@@ -26,6 +26,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.plan.inputs import Setting, part_compliance
 from counterflex.plan.lowest_mode import mode_of
+from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.strategy.zero import normal_errors, normal_force, zero_width
@@ -195,7 +196,7 @@ def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | Non
     if height is None:
         height = float(own.cuts.ap_m[0]) if own is not None else max(_required(operation.ap_m, "--ap-mm"))
     mode = mode_of(setting.chain, q, setting.mode)
-    compliance = part_compliance(setting, q[None])[0]
+    compliance = part_compliance(setting, tool_carried(setting.T_base_part), q[None])[0]
     return Place(setting.chain, q, compliance, setting.T_base_part[:3, :3], normal, height, (mode,))
 
 

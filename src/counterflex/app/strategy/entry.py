@@ -181,7 +181,7 @@ def bent(job: Job, cell: Cell) -> Bent:
     with faults_in(job):
         q = solve_joints(path, job.line_of_motion[path.motion], setting).q
         mode = mode_of(setting.chain, q[len(q) // 2], setting.mode)
-        C = part_compliance(setting, q)
+        C = part_compliance(setting, setting.relative_motion(path), q)
         result = cut(path, path.p_part_tcp, cell.stock(), cell.cutter, cell.force_law, compliance_part=C, mode=mode)
     return Bent(job, result)
 

@@ -13,7 +13,6 @@ from counterflex.core.errors import CounterflexError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
-from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.inputs import Setting, programmed_poses
@@ -207,7 +206,7 @@ def _loads(result: Cut | None, path: ToolPath, q: Float, setting: Setting) -> li
         return [Row(name, "unknown", what="the cut cannot be computed") for name in (REVERSALS, UNLOADINGS)]
     n, chain = len(q), setting.chain
     contact = (path.kind == FEED) & (result.volume_m3 > _CONTACT_M3)
-    w = wrench.rotate(setting.T_base_part[:3, :3], at_points(result.w_tcp_part, contact)[:n])
+    w = setting.relative_motion(path).rows(slice(n)).load(at_points(result.w_tcp_part, contact)[:n])
     contact = contact[:n]
     turns = event_row(REVERSALS, reversals(chain, q, w, contact))
     if not np.any(chain.mass[: chain.flange_segment + 1] > 0.0):
