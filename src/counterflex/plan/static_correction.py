@@ -162,6 +162,8 @@ def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
     )
     feed_run = feed_runs(path)
     near = within(cut.contact, path.time_s, feed_run, APPROACH_S) | between_walls(inputs, cut.contact, feed_run)
+    if setting.datum_points_part is None:  # the whole sag is in the correction: too much to begin and end beside a cut
+        near |= np.isin(feed_run, feed_run[cut.contact])
     reach = within(near, path.time_s, feed_run, _FADE_S)
     swinging = _through_arm(robot, w, deflection)
     return LoadedRobot(inputs, cut, robot, deflection, swinging, feed_run, near, reach, _held(inputs, deflection, near))

@@ -94,7 +94,7 @@ def run(
         motion = commanded(robot.programmed, answered)
     result = cut(
         path,
-        path.p_part_tcp,
+        path.p_part_tcp + robot.sag_part,
         stock.copy(),
         setting.cutter_of,
         setting.law,
