@@ -98,6 +98,8 @@ def corner_points(cell: Cell) -> CutPoints:
 
 
 def _points(cell: Cell, p_part: Float, q: Float, w_tcp_part: Float, cutting: Bool, name: str) -> CutPoints | None:
+    if cell.holds_part:
+        return None
     rows = np.flatnonzero(cutting)
     rows = rows[:: max(1, len(rows) // _POINTS)]
     if not len(rows):

@@ -290,11 +290,13 @@ def setting_of(
     orientation: bool = False,
     chain: ElasticChain | None = None,
     law: ForceLaw | None = None,
+    part_may_be_held: bool = False,
 ) -> Setting:
     """The plan's setting for a cell; ``chain`` and ``law`` replace what the cell file says about robot and force.
 
     Raises:
-        InputError: Without ``chain``, a cell with axes of unknown stiffness.
+        InputError: Without ``chain``, a cell with axes of unknown stiffness; without ``part_may_be_held``, a robot that
+            holds the part.
     """
     if chain is None:
         require_stiffness(cell)
@@ -302,7 +304,8 @@ def setting_of(
     return Setting(
         chain=cell.chain if chain is None else chain,
         controller_chain=cell.controller_chain,
-        T_base_part=cell.T_base_part,
+        T_base_part=np.eye(4) if part_may_be_held and cell.holds_part else cell.T_base_part,
+        T_base_tcp=cell.T_base_tcp,
         datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         branch=tables.posture.branch,
         rotation_about_tool_rad=tables.posture.rotation_about_tool_rad,

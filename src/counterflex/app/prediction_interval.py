@@ -48,8 +48,10 @@ def intervals(plan: Plan, cell: Cell) -> dict[str, Expected]:
 
     Returns:
         By name, ``nominal`` and ``compensated``: 99.7 % of the path error across the feed, m; empty where nothing is
-        cut or nothing was predicted.
+        cut, nothing was predicted, or the robot holds the part (which this does not count).
     """
+    if cell.holds_part:
+        return {}
     points = points_of_plan(plan, cell, "the program")
     if points is None or np.all(np.isnan(plan.deviation_compensated_part)):
         return {}

@@ -19,7 +19,7 @@ from counterflex.files.cell.class_stiffness import axis_names
 from counterflex.files.cell.plausibility import unusual
 from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose, rotation
-from counterflex.path.toolpath import tool_orientation, tool_poses
+from counterflex.path.toolpath import tool_orientation
 from counterflex.robot.elasticity import compliance, gravity
 from counterflex.robot.elasticity.axis_springs import rigid_axes
 from counterflex.robot.elasticity.chain import ElasticChain, forward
@@ -223,9 +223,9 @@ def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
     corners = np.array([[a, b, top] for a in (x[0], x[-1]) for b in (y[0], y[-1])])
     axes = np.tile([0.0, 0.0, 1.0], (len(corners), 1))
     Rs_part_tcp = tool_orientation(axes, cell.tables.posture.rotation_about_tool_rad)
-    Ts_base_tcp = tool_poses(cell.T_base_part, corners, Rs_part_tcp)
+    Ts_base_hand = cell.hand_poses(pose.make(Rs_part_tcp, corners))
     try:
-        q = inverse.inverse_path(chain, Ts_base_tcp, cell.tables.posture.branch).q
+        q = inverse.inverse_path(chain, Ts_base_hand, cell.tables.posture.branch).q
     except ReachError as fault:
         corner = ", ".join(f"{value / MM:g}" for value in corners[int(fault.data.get("point", 0))])
         raise ReachError(

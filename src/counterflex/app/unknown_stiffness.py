@@ -17,7 +17,8 @@ from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import axis_names, prior_of
-from counterflex.path.toolpath import tool_orientation, tool_poses
+from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
 from counterflex.robot.elasticity.axis_springs import axis_deflections
 from counterflex.robot.kinematics import inverse
 from counterflex.robot.model.class_prior import ClassPrior
@@ -88,8 +89,8 @@ def corner_of_blank(cell: Cell) -> Float:
     corner = np.array([[stock.x_m()[0], stock.y_m()[0], _top(stock)]])
     posture = cell.tables.posture
     Rs_part_tcp = tool_orientation(np.array([[0.0, 0.0, 1.0]]), posture.rotation_about_tool_rad)
-    Ts_base_tcp = tool_poses(cell.T_base_part, corner, Rs_part_tcp)
-    q: Float = inverse.inverse_path(cell.controller_chain, Ts_base_tcp, posture.branch).q[0]
+    Ts_base_hand = cell.hand_poses(pose.make(Rs_part_tcp, corner))
+    q: Float = inverse.inverse_path(cell.controller_chain, Ts_base_hand, posture.branch).q[0]
     return q
 
 

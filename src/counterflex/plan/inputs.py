@@ -69,7 +69,7 @@ class Setting:
         normal_only: Correct square to the feed only (Haehn2020 eq. 10).
         orientation: Correct the orientation too.
         allow_extrapolation: Accept force from chips outside the law's range.
-        T_base_tool: (4, 4) tool frame of a spindle that stands, against which the robot holds the part; the last frame
+        T_base_tcp: (4, 4) tool frame of a spindle that stands, against which the robot holds the part; the last frame
             of both chains is the part frame then, and ``T_base_part`` says nothing. None: the robot holds the tool.
         turning: How the free rotation changes along the program; ``rotation_about_tool_rad`` is that of its beginning.
         drive_errors: Periodic errors and sag of the drives: what the links of ``chain`` truly do at commanded angles.
@@ -93,7 +93,7 @@ class Setting:
     allow_extrapolation: bool = False
     drive_errors: DriveErrors = _NO_ERRORS
     turning: ToolRotation | None = None
-    T_base_tool: Float | None = None
+    T_base_tcp: Float | None = None
 
     def rotations_rad(self, p_part_tcp: Float) -> float | Float:
         """Free rotation at all points (n, 3) m of a program, in their order: one angle, or (n,) where it turns."""
@@ -106,9 +106,9 @@ class Setting:
 
     def relative_motion(self, path: ToolPath) -> RelativeMotion:
         """How the tool moves relative to the part in the rows of a path when the robot's hand moves."""
-        if self.T_base_tool is None:
+        if self.T_base_tcp is None:
             return tool_carried(self.T_base_part)
-        return part_carried(self.T_base_tool, self.poses_in_part(path))
+        return part_carried(self.T_base_tcp, self.poses_in_part(path))
 
 
 SETTLING_S: Final = 0.05
@@ -203,7 +203,7 @@ class Inputs:
 
 def programmed_poses(path: ToolPath, setting: Setting) -> Float:
     """(n, 4, 4) m, poses of the hand (tool frame, or the part frame it holds) that a path of n rows asks for."""
-    return hand_poses(setting.T_base_part, setting.T_base_tool, setting.poses_in_part(path))
+    return hand_poses(setting.T_base_part, setting.T_base_tcp, setting.poses_in_part(path))
 
 
 def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:

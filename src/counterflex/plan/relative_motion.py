@@ -34,9 +34,9 @@ class RelativeMotion:
     to_part: Float
     T_base_part: Float | None
 
-    def displacement(self, d_base: Float) -> Float:
+    def displacement(self, displacement_base: Float) -> Float:
         """(n, 6) m, rad of the tool relative to the part, part axes, from those of the hand, base axes."""
-        out: Float = (self.to_part @ d_base[..., None])[..., 0]
+        out: Float = (self.to_part @ displacement_base[..., None])[..., 0]
         return out
 
     def load(self, w_part: Float) -> Float:
@@ -44,9 +44,9 @@ class RelativeMotion:
         out: Float = (np.swapaxes(self.to_part, -1, -2) @ w_part[..., None])[..., 0]
         return out
 
-    def compliance(self, C_base: Float) -> Float:
+    def compliance(self, C: Float) -> Float:
         """(n, 6, 6) compliance between tool and part, part axes, from that of the hand, base axes."""
-        return np.ascontiguousarray(self.to_part @ C_base @ np.swapaxes(self.to_part, -1, -2))
+        return np.ascontiguousarray(self.to_part @ C @ np.swapaxes(self.to_part, -1, -2))
 
     def rows(self, rows: Int | slice) -> RelativeMotion:
         """The same for some rows of the path."""
@@ -64,14 +64,14 @@ def tool_carried(T_base_part: Float) -> RelativeMotion:
     return RelativeMotion(X, T_base_part)
 
 
-def part_carried(T_base_tool: Float, Ts_part_tcp: Float) -> RelativeMotion:
+def part_carried(T_base_tcp: Float, Ts_part_tcp: Float) -> RelativeMotion:
     """The robot carries the part, the tool stands.
 
     Args:
-        T_base_tool: (4, 4) tool frame of the spindle that stands.
+        T_base_tcp: (4, 4) tool frame of the spindle that stands.
         Ts_part_tcp: (n, 4, 4) poses of the tool frame in the part along the path.
     """
-    Rs_part_base = Ts_part_tcp[:, :3, :3] @ T_base_tool[:3, :3].T
+    Rs_part_base = Ts_part_tcp[:, :3, :3] @ T_base_tcp[:3, :3].T
     x, y, z = (np.swapaxes(Rs_part_base, -1, -2) @ Ts_part_tcp[:, :3, 3:])[..., 0].T
     zero = np.zeros_like(x)
     lever = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
@@ -81,16 +81,16 @@ def part_carried(T_base_tool: Float, Ts_part_tcp: Float) -> RelativeMotion:
     return RelativeMotion(X, None)
 
 
-def hand_poses(T_base_part: Float, T_base_tool: Float | None, Ts_part_tcp: Float) -> Float:
+def hand_poses(T_base_part: Float, T_base_tcp: Float | None, Ts_part_tcp: Float) -> Float:
     """Poses of the hand that a path asks for.
 
     Args:
         T_base_part: (4, 4); not looked at where the robot carries the part.
-        T_base_tool: (4, 4) tool frame of a spindle that stands, or None where the robot carries the tool.
+        T_base_tcp: (4, 4) tool frame of a spindle that stands, or None where the robot carries the tool.
         Ts_part_tcp: (n, 4, 4) poses of the tool frame in the part.
 
     Returns:
         (n, 4, 4) in the base: of the tool frame, or of the part frame.
     """
-    out: Float = T_base_part @ Ts_part_tcp if T_base_tool is None else T_base_tool @ pose.inverse(Ts_part_tcp)
+    out: Float = T_base_part @ Ts_part_tcp if T_base_tcp is None else T_base_tcp @ pose.inverse(Ts_part_tcp)
     return out

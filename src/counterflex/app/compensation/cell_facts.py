@@ -138,14 +138,15 @@ def drawing(plan: Plan, cell: Cell) -> CellDrawing:
     links, flange = links_of(cell.chain, plan.q[worst])
     feed = plan.path.p_part_tcp[plan.path.kind == FEED]
     step = max(1, -(-len(feed) // _POINTS))
+    T_base_part = forward(cell.controller_chain, plan.q[worst]) if cell.holds_part else cell.T_base_part
     return CellDrawing(
         robot=robot_name(cell),
         caption=caption,
         links_m=links,
         flange=flange,
         reach_m=reach(cell.chain),
-        blank_m=pose.transform(cell.T_base_part, corners(cell.stock())),
-        path_m=pose.transform(cell.T_base_part, feed[::step]),
+        blank_m=pose.transform(T_base_part, corners(cell.stock())),
+        path_m=pose.transform(T_base_part, feed[::step]),
     )
 
 

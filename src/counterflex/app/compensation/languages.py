@@ -152,6 +152,7 @@ def _krl(order: WritingOrder) -> Written:
         job=job_hash(plan),
         external_axes=held_axes(cell),
         tool_data={tool: int(value) for tool, value in data.items()},
+        fixed_tool=cell.holds_part,
     )
     return _robot_text(order, KrlWriter, settings, "krl")
 
@@ -169,7 +170,8 @@ def _rapid(order: WritingOrder) -> Written:
         name=routine_name(Path(job.program.name).stem),
         start_axes_rad=[float(angle) for angle in plan.q[0]],
         T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_base_part=cell.T_base_part,
+        T_base_part=np.eye(4) if cell.holds_part else cell.T_base_part,
+        T_base_tcp=cell.T_base_tcp,
         tool_mass_kg=mass,
         p_flange_cog=com,
         rapid_m_s=controller.rapid_m_s,

@@ -35,6 +35,8 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
     """
     controller, language = cell.tables.controller, summary["language"]
     files = ", ".join(summary["files"])
+    if cell.T_base_tcp is not None:
+        return _against_fixed_tool(files, language, cell, krl_pose(cell.T_base_tcp))
     frame, tool = krl_pose(cell.T_base_part), krl_pose(cell.controller_chain.T_flange_tcp)
     if language == "krl":
         return (
@@ -54,6 +56,19 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
         Fact("Load", files, "", "in place of the original, under the same name"),
         Fact("Part frame", frame, "mm, deg about z, y', x''", "program zero in the robot's base, as planned"),
         Fact("Tool", tool, "mm, deg about z, y', x''", "tip in the flange, as planned"),
+    )
+
+
+def _against_fixed_tool(files: str, language: str, cell: Cell, tool: str) -> tuple[Fact, ...]:
+    """The same where the robot holds the part against a spindle that stands."""
+    controller, part = cell.tables.controller, krl_pose(cell.controller_chain.T_flange_tcp)
+    names = ("Tool that stands", "Part in the flange")
+    if language == "krl":
+        names = f"BASE_DATA[{controller.base_number}]", f"TOOL_DATA[{controller.tool_number}]"
+    return (
+        Fact("Load", files, "", "all of them; rapid modules bring their frames" if language == "rapid" else ""),
+        Fact(names[0], tool, "mm, deg", "the spindle's tool frame in the robot's base (external tool)"),
+        Fact(names[1], part, "mm, deg", "the part frame in the flange, as planned"),
     )
 
 

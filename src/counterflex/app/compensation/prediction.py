@@ -75,7 +75,7 @@ def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
     """Where the plan would be another in finer stock; empty where it has converged."""
     if not plan.cutting.any():
         return []
-    setting, size = setting_of(cell), np.linalg.norm(plan.deflection_part[:, :3], axis=1)
+    setting, size = setting_of(cell, part_may_be_held=True), np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     omega = mode_of(setting.chain, plan.q[int(np.argmax(size))], setting.mode).omega_rad_s
     per_cell = grain_per_cell(job.path, plan.deflection_part, plan.cutting, setting.cutter_of, omega)
     grain_m = per_cell * fine_enough(cell.stock(), per_cell).cell_m

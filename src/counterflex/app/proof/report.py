@@ -24,7 +24,6 @@ from counterflex.core.units import MM
 from counterflex.evaluate.error_budget import BudgetLine, error_budget
 from counterflex.evaluate.path_deviation import PathDeviation
 from counterflex.files.cell.cell import Cell
-from counterflex.geometry import wrench
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
 from counterflex.report.data import Curve, Difference, Fact, ReportData, VariantData
@@ -45,7 +44,9 @@ def proof_page(proof: Proof) -> str:
 def comparison_page(comparison: Comparison) -> str:
     """The page of two machined programs, as HTML; what the model says about the first is planned anew."""
     job, cell = comparison.reference.job, comparison.reference.cell
-    setting = setting_of(cell, chain=cell.chain)  # what was machined is judged, also where the stiffness is unknown
+    setting = setting_of(
+        cell, chain=cell.chain, part_may_be_held=True
+    )  # what was machined is judged, also where the stiffness is unknown
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, predict=False)
     return _page(comparison, plan, figures(plan), {})
 
@@ -134,8 +135,8 @@ def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine
     place = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(plan.path.p_part_tcp, axis=0), axis=1))])
     at = deviation.length_m[cutting]
     direction = deviation.feed_direction[cutting]
-    R_base_part = cell.T_base_part[:3, :3]
-    parts = compliance.shares(cell.chain, plan.q, wrench.rotate(R_base_part, plan.w_tcp_part))
+    relative = setting_of(cell, chain=cell.chain, part_may_be_held=True).relative_motion(plan.path)
+    parts = compliance.shares(cell.chain, plan.q, relative.load(plan.w_tcp_part))
 
     def met(values: Float) -> Float:
         there = np.stack([np.interp(at, place, values[:, k]) for k in range(3)], axis=1)
@@ -143,7 +144,7 @@ def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine
         return out
 
     contributions = {
-        name: met(parts[:, i, :3] @ R_base_part)
+        name: met(relative.displacement(parts[:, i]))
         for i, name in enumerate(cell.chain.names)
         if np.any(parts[:, i] != 0.0)
     }

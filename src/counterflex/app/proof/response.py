@@ -31,12 +31,12 @@ def responses(cell: Cell, truth: Truth, q: Float, axis: int) -> tuple[Float, Flo
         cell: Gives the size of force and command.
         truth: What answers.
         q: (6,) rad.
-        axis: 0..2 of the part.
+        axis: 0..2 of the part, of the base where the robot holds the part.
 
     Returns:
         Two of (n,) m at steps of the simulation.
     """
-    direction = cell.T_base_part[:3, axis]
+    direction = np.eye(3)[axis] if cell.holds_part else cell.T_base_part[:3, axis]
     force = np.zeros(6)
     force[:3] = np.linalg.solve(cartesian_compliance(cell.chain, q)[:3, :3], direction * MOVE_M)
     dq = np.linalg.solve(jacobian(cell.chain, q), np.concatenate([direction * MOVE_M, np.zeros(3)]))

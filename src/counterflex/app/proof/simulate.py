@@ -46,7 +46,8 @@ def controller(cell: Cell) -> Controller:
     return controller_of(
         cell.nominal_robot,
         cell.nominal_end_effector,
-        cell.T_base_part,
+        np.eye(4) if cell.holds_part else cell.T_base_part,
+        T_base_tcp=cell.T_base_tcp,
         branch=tables.posture.branch,
         rotation_about_tool_rad=tables.posture.rotation_about_tool_rad,
         turning=tables.posture.turning,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import FileFormatError
+from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw
@@ -25,6 +25,7 @@ from counterflex.files.cell.robot_description import calibration_of, robot_of
 from counterflex.files.cell.tables import CellTables, MaterialTable, PartTable, StockTable
 from counterflex.geometry import pose
 from counterflex.plan.process_limits import ProcessLimits
+from counterflex.plan.relative_motion import hand_poses
 from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveErrors
@@ -68,7 +69,18 @@ class Cell:
 
         Args:
             R_part_plane: (3, 3); the origin stays that of the part.
+
+        Raises:
+            InputError: The robot holds the part.
         """
+        if self.holds_part:
+            raise InputError(
+                "a part that the robot holds is cut along its own z only",
+                where=str(self.path),
+                value="a tilted tool",
+                limit="rotary words at 0",
+                hint="Turn the part frame ([part] a_deg, b_deg, c_deg) so that its z is along the tool",
+            )
         return replace(self, R_part_plane=R_part_plane)
 
     @property
@@ -94,6 +106,11 @@ class Cell:
         if self.tables.part is None:
             raise self._lacking("[part]")
         return self.tables.part
+
+    @property
+    def holds_part(self) -> bool:
+        """Whether the robot holds the part against a spindle that stands; the chains end in the part frame then."""
+        return self.tables.part_on == "flange"
 
     @property
     def material(self) -> MaterialTable:
@@ -172,9 +189,34 @@ class Cell:
 
         Of external axes, those that carry the robot take the base away from the part, and those that carry the part
         move it: ``T_base_floor T_floor_carried T_zero_part``.
+
+        Raises:
+            InputError: The robot holds the part, so that it has no place in the base.
         """
+        if self.holds_part:
+            raise InputError(
+                "this needs a part that stands, and the robot holds it",
+                where=str(self.path),
+                value='part_on = "flange"',
+                limit='part_on = "table"',
+                hint="compensate, simulate, evaluate and report serve a part on the flange; docs/cell-file.md",
+            )
         T_base_part = self.T_base_floor @ moved(self.tables.external_axes, "part") @ self.part.matrix()
         return T_base_part if self.R_part_plane is None else T_base_part @ pose.make(self.R_part_plane)
+
+    @cached_property
+    def T_base_tcp(self) -> Float | None:
+        """(4, 4) tool frame of the spindle that stands, in the robot base; None where the robot holds the tool."""
+        return self.T_base_floor @ self.tables.tcp.matrix() if self.holds_part else None
+
+    def hand_poses(self, Ts_part_tcp: Float) -> Float:
+        """(n, 4, 4) poses of the robot's hand (tool frame, or the part frame it holds) in the base.
+
+        Args:
+            Ts_part_tcp: (n, 4, 4) poses of the tool frame in the part.
+        """
+        T_base_part = np.eye(4) if self.holds_part else self.T_base_part
+        return hand_poses(T_base_part, self.T_base_tcp, Ts_part_tcp)
 
     @cached_property
     def T_base_floor(self) -> Float:
@@ -291,7 +333,8 @@ def resolve(tables: CellTables, path: Path, *, assume_class: bool = False) -> Ce
         )
         for body in tables.end_effector
     )
-    end_effector = EndEffector(bodies, tables.tcp.matrix())
+    hand = tables.part if tables.part_on == "flange" and tables.part is not None else tables.tcp
+    end_effector = EndEffector(bodies, hand.matrix())
     true_robot, true_end_effector = robot, end_effector
     if tables.robot.calibration:
         with located(f"{where}: robot.calibration"):

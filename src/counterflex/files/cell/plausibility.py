@@ -78,6 +78,8 @@ _SLIP = _window(1.0, 500.0)
 _MASS = _window(0.1, 500.0, 0.02, 2000.0)
 _SHARE = _window(0.01, 1.5, 0.005, 3.0)
 
+_SWAPPED: Final = tuple(f"{table}.{key}_mm" for table in ("tcp", "part") for key in "xyz")
+
 WINDOWS: Final[dict[str, Window]] = {
     "play.dead_band_half_urad": _window(0.5, 1000.0, 0.1, 1100.0),
     "play.friction_nm": _FRICTION,
@@ -258,7 +260,7 @@ def unusual(tables: CellTables) -> list[Unusual]:
         if name in _PLACES:
             largest[_place(key)] = max(abs(value), largest.get(_place(key), 0.0))
     for key, name, value in numbers:
-        window = WINDOWS.get(name)
+        window = WINDOWS.get(_held_the_other_way(name) if tables.part_on == "flange" else name)
         size = abs(value)
         if size == 0.0 or was_identified(value):
             continue
@@ -279,6 +281,12 @@ def unusual(tables: CellTables) -> list[Unusual]:
     reported = {one.key for one in results if one.hint != _AMONG}
     results = [one for one in results if one.hint != _AMONG or one.key not in reported]
     return sorted(results, key=lambda one: not one.refused)
+
+
+def _held_the_other_way(name: str) -> str:
+    """The key that says what this one says where the robot holds the part: tool and part change their places."""
+    table, _, key = name.partition(".")
+    return f"{'part' if table == 'tcp' else 'tcp'}.{key}" if name in _SWAPPED else name
 
 
 def require_units(tables: CellTables, where: str) -> None:

@@ -233,7 +233,10 @@ class StockTable(Table):
 
 
 class PartTable(PoseTable):
-    """The part frame (program zero) in the robot base, and how that frame was measured."""
+    """The part frame (program zero) in the robot base, and how that frame was measured.
+
+    With ``part_on = "flange"`` the pose is that in the last body of the end effector.
+    """
 
     measured_with: Literal["robot", "external"] = "robot"
     datum_points_mm: Annotated[tuple[Vector, ...], Field(max_length=100)] = ()
@@ -258,6 +261,7 @@ class CellTables(Versioned):
     """A whole cell file; ``part``, ``tools`` and ``material`` may be left out where nothing is milled (calibration)."""
 
     name: Annotated[str, Field(min_length=1)]
+    part_on: Literal["table", "flange"] = "table"
     robot: RobotTable
     end_effector: tuple[BodyTable, ...] = ()
     tcp: PoseTable
@@ -299,8 +303,22 @@ class CellTables(Versioned):
                 "the robot stands elsewhere than where [tracker] was measured; measure the tracker with the robot "
                 "there, make that the zero of the axis (at_mm = 0), and give part and bodies as seen from there"
             )
+        self._check_held_part()
         names = [body.name for body in self.end_effector]
         if len(set(names)) != len(names):
             twice_named = next(name for name in names if names.count(name) > 1)
             raise ValueError(f"two bodies of the end effector are named '{twice_named}'; names must differ")
         return self
+
+    def _check_held_part(self) -> None:
+        if self.part_on == "table":
+            return
+        if self.part is None:
+            raise ValueError('part_on = "flange" needs [part]: where the part is in the last body of the end effector')
+        if self.part.measured_with == "robot":
+            raise ValueError(
+                'a part that the robot holds is measured from outside; part_on = "flange" needs '
+                'part.measured_with = "external" and no datum_points_mm'
+            )
+        if any(axis.carries == "part" for axis in self.external_axes):
+            raise ValueError('the robot carries the part (part_on = "flange"); no external axis can carry it')

@@ -31,6 +31,8 @@ class KrlSettings(RobotSettings):
         cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
         points_per_file: See there.
         tool_data: Number of TOOL_DATA by number of the tool in the program.
+        fixed_tool: The robot holds the part against a spindle that stands: BASE_DATA is the tool in the world and
+            TOOL_DATA the workpiece in the flange, as KUKA has it; ``tool_data`` then has numbers of BASE_DATA.
     """
 
     tool: int | Float = 1
@@ -43,6 +45,7 @@ class KrlSettings(RobotSettings):
     cycle_s: float = 0.012
     points_per_file: int = KRL.points_per_file
     tool_data: Mapping[int, int] = field(default_factory=dict)
+    fixed_tool: bool = False
 
     def check(self) -> None:
         """Check ranges.
@@ -127,10 +130,20 @@ class KrlWriter(RobotWriter[KrlSettings]):
     def _frames_and_speeds(self, tool: int) -> list[str]:
         settings = self.settings
         percent = settings.axis_percent
+        if settings.fixed_tool:
+            frames = [
+                f"$TOOL=BASE_DATA[{settings.tool_data.get(tool, settings.base)}]",
+                f"$BASE=TOOL_DATA[{settings.tool}]",
+                "$IPO_MODE=#TCP",
+            ]
+        else:
+            frames = [
+                _frame("TOOL", settings.tool_data.get(tool, settings.tool)),
+                _frame("BASE", settings.base),
+                "$IPO_MODE=#BASE",
+            ]
         return [
-            _frame("TOOL", settings.tool_data.get(tool, settings.tool)),
-            _frame("BASE", settings.base),
-            "$IPO_MODE=#BASE",
+            *frames,
             "$ORI_TYPE=#VAR",
             "$ADVANCE=3",
             *(f"$VEL_AXIS[{i}]={percent}" for i in range(1, 7)),

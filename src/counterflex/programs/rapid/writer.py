@@ -28,6 +28,8 @@ class RapidSettings(RobotSettings):
     Attributes:
         T_flange_tcp: (4, 4) m, tool frame of tools that ``tool_data`` does not name.
         T_base_part: (4, 4) m, work object frame in the robot's base (world) frame.
+        T_base_tcp: (4, 4) m, frame of a tool that stands, in the robot's base (world) frame; then the robot holds the
+            work object, ``T_flange_tcp`` is its frame in the flange, and ``T_base_part`` is not looked at.
         tool_mass_kg: Mass of the tool in tooldata, > 0.
         p_flange_cog: (3,) m, its centre of gravity.
         configuration: (4,) cf1, cf4, cf6, cfx of every target; supervision of linear moves is off.
@@ -48,6 +50,7 @@ class RapidSettings(RobotSettings):
     cycle_s: float = 0.024
     points_per_file: int = RAPID.points_per_file
     tool_data: Mapping[int, str] = field(default_factory=dict)
+    T_base_tcp: Float | None = None
 
     def check(self) -> None:
         """Check ranges.
@@ -71,6 +74,8 @@ class RapidSettings(RobotSettings):
         super().check()
         as_float("T_flange_tcp", self.T_flange_tcp, (4, 4))
         as_float("T_base_part", self.T_base_part, (4, 4))
+        if self.T_base_tcp is not None:
+            as_float("T_base_tcp", self.T_base_tcp, (4, 4))
         as_float("p_flange_cog", self.p_flange_cog, (3,))
         for key in ("start_m_s", "tool_mass_kg"):
             as_positive(key, getattr(self, key))
@@ -135,14 +140,17 @@ class RapidWriter(RobotWriter[RapidSettings]):
         settings = self.settings
         cog = ",".join(number(float(v) / MM, 4) for v in settings.p_flange_cog)
         load = f"[{settings.tool_mass_kg:.4f},[{cog}],[1,0,0,0],0,0,0]"
-        tool = rapid_pose(np.asarray(settings.T_flange_tcp))
+        T_tool, T_part, holds_tool, holds_part = settings.T_flange_tcp, settings.T_base_part, "TRUE", "FALSE"
+        if settings.T_base_tcp is not None:
+            T_tool, T_part, holds_tool, holds_part = settings.T_base_tcp, settings.T_flange_tcp, "FALSE", "TRUE"
+        tool = rapid_pose(np.asarray(T_tool))
         used = {motion.tool for motion in self.program.motions if motion.tool}
         own = not used or not used <= settings.tool_data.keys()
-        part = rapid_pose(np.asarray(settings.T_base_part))
+        part = rapid_pose(np.asarray(T_part))
         declarations = [
             *(f"  {line}" for line in self.origin()),
-            *([f"  PERS tooldata {self._tool_name(0)}:=[TRUE,[{tool}],{load}];"] if own else []),
-            f'  PERS wobjdata {self._wobj}:=[FALSE,TRUE,"",[{part}],[[0,0,0],[1,0,0,0]]];',
+            *([f"  PERS tooldata {self._tool_name(0)}:=[{holds_tool},[{tool}],{load}];"] if own else []),
+            f'  PERS wobjdata {self._wobj}:=[{holds_part},TRUE,"",[{part}],[[0,0,0],[1,0,0,0]]];',
             *(f"  CONST speeddata {name}:={self._speed_data(speed)};" for speed, name in self._speeds.items()),
         ]
         return _module(settings.name, declarations, body)

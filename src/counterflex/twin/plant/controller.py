@@ -39,6 +39,8 @@ class Controller:
         rotation_about_tool_rad: Turns the tool frame from "x along part x", right-handed about the direction from
             tip to spindle.
         turning: How the tool turns about its axis along the program, in place of a constant rotation; or None.
+        T_base_tcp: (4, 4) tool frame of a spindle that stands, when the robot holds the part: ``T_flange_tcp`` is the
+            part frame in the flange then, and ``T_base_part`` says nothing. None: the robot holds the tool.
         blending_m: Distance of approximate positioning; 0 is exact stop at every corner.
         acceleration_m_s2: Limit along and across the path.
         rapid_m_s: Speed of rapid moves.
@@ -60,6 +62,7 @@ class Controller:
     cycle_s: float = CYCLE_S
     smoothing_s: float = 0.0
     turning: ToolRotation | None = None
+    T_base_tcp: Float | None = None
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -106,8 +109,11 @@ class Controller:
         Raises:
             ReachError: A point is out of reach or of the joint limits in this posture, or the wrist turns over.
         """
-        Ts_base_tcp: Float = self.T_base_part @ self.tool_poses(p_part_tcp, axis_part, turned_rad)
-        Ts_base_flange: Float = Ts_base_tcp @ pose.inverse(self.T_flange_tcp)
+        Ts_part_tcp = self.tool_poses(p_part_tcp, axis_part, turned_rad)
+        held = self.T_base_part @ Ts_part_tcp
+        if self.T_base_tcp is not None:
+            held = self.T_base_tcp @ pose.inverse(Ts_part_tcp)
+        Ts_base_flange: Float = held @ pose.inverse(self.T_flange_tcp)
         q: Float = branches(self.opw, Ts_base_flange)[:, BRANCHES.index(self.branch)]
         bad = ~np.all(np.isfinite(q), axis=1)
         if bad.any():

@@ -71,6 +71,7 @@ def record_of(
     stock: HeightMap,
     T_base_part: Float,
     datum_residual_m: Float,
+    T_base_tcp: Float | None = None,
 ) -> Record:
     """The record of a program from its simulated cycles.
 
@@ -82,11 +83,17 @@ def record_of(
         stock: As machined.
         T_base_part: (4, 4) where the part truly lies.
         datum_residual_m: See :class:`Record`.
+        T_base_tcp: (4, 4) tool frame of a spindle that stands, where the poses of ``cycles`` are those of the part.
     """
     k, sums = cycles.k, cycles.sums
-    Rs_part_tcp = T_base_part[:3, :3].T @ cycles.R_base_tcp
+    if T_base_tcp is None:
+        Rs_part_tcp = T_base_part[:3, :3].T @ cycles.R_base_tcp
+        p_part: Float = (cycles.p_base_tcp - T_base_part[:3, 3]) @ T_base_part[:3, :3]
+    else:
+        Rs_part_base = np.swapaxes(cycles.R_base_tcp, -1, -2)
+        Rs_part_tcp = Rs_part_base @ T_base_tcp[:3, :3]
+        p_part = (Rs_part_base @ (T_base_tcp[:3, 3] - cycles.p_base_tcp)[..., None])[..., 0]
     tilt = rotation.log(Rs_part_tcp @ np.swapaxes(Rs_part_command, -1, -2))
-    p_part: Float = (cycles.p_base_tcp - T_base_part[:3, 3]) @ T_base_part[:3, :3]
     calls = np.maximum(sums[:, 8:9], 1.0)
     source = reference.source[k]
     run_length = np.cumsum(

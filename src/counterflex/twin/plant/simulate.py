@@ -12,6 +12,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.controller import Controller, Reference, as_it_is, interpolate
 from counterflex.twin.plant.drives import first_order_lag, following_gains
@@ -88,8 +89,9 @@ def simulate(
     tool = mounted[reference.source]
     process = Process(blank, cutters[int(tool[0])], truth.cutting, step_s, T_base_part)
     near = near_stock(reference.p_part_command, blank, max(c.radius_m for c in cutters.values()))
+    fixed = controller.T_base_tcp
     run = _Run(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
-    run.tool, run.cutters = tool, cutters
+    run.tool, run.cutters, run.T_base_tcp = tool, cutters, fixed
     stretches = _stretches(near, controller.cycle_s, skip_air)
     parts = in_parts(progress, {str(first): float(last - first) for first, last in stretches} or {"": 1.0})
     for first, last in stretches:
@@ -98,7 +100,10 @@ def simulate(
         :, :3, :3
     ]
     progress(1.0, "machined")
-    return record_of(run.cycles(), path, reference, Rs_part_command[run.rows], process.finish(), T_base_part, residual)
+    commanded = Rs_part_command[run.rows]
+    return record_of(
+        run.cycles(), path, reference, commanded, process.finish(), T_base_part, residual, T_base_tcp=fixed
+    )
 
 
 def mounted_tools(path: ToolPath) -> Int:
@@ -181,6 +186,7 @@ class _Run:
         self.spindle, self.near, self.substeps = spindle, near, substeps
         self.tool: Int = np.zeros(n, dtype=np.int64)
         self.cutters: Mapping[int, Cutter] = {}
+        self.T_base_tcp: Float | None = None
         self._mounted: int | None = None
         self.place, self.speed = hermite(substeps, float(reference.time_s[1]))
         self.p_base_tcp: Float = np.zeros((n, 3))
@@ -220,22 +226,33 @@ class _Run:
             near = bool(self.near[k])
             if near:
                 if not was_near:
-                    process.restart(self._in_part(plant.p_base_tcp))
+                    process.restart(self._tip_in_part())
                 if self.spindle[k] != turning:
                     turning = self.spindle[k]
                     process.spindle(float(turning))
-                process.advance(self._in_part(plant.p_base_tcp))
+                process.advance(self._tip_in_part())
             was_near = near
             process.clear()
             knots[0], knots[1] = reference.q_ref[k], reference.qd_ref[k]
             knots[2], knots[3] = reference.q_ref[k + 1], reference.qd_ref[k + 1]
             q, qd = self.place @ knots, self.speed @ knots
             for i in range(self.substeps):
-                plant.step(q[i], qd[i], process.wrench(plant.p_base_tcp) if near else free)
+                plant.step(q[i], qd[i], self._load() if near else free)
             self.sums[k] = process.sums
             plant.check()
 
-    def _in_part(self, p_base: Float) -> Float:
-        T = self.process.T_base_part
-        out: Float = (p_base - T[:3, 3]) @ T[:3, :3]
-        return out
+    def _tip_in_part(self) -> Float:
+        if self.T_base_tcp is None:
+            T, tip = self.process.T_base_part, self.plant.p_base_tcp
+            out: Float = (tip - T[:3, 3]) @ T[:3, :3]
+            return out
+        return (self.T_base_tcp[:3, 3] - self.plant.p_base_tcp) @ self.plant.R_base_tcp
+
+    def _load(self) -> Float:
+        """(6,) N, N m, what the process does to the robot, about what its hand holds, base axes."""
+        plant, process = self.plant, self.process
+        if self.T_base_tcp is None:
+            return process.wrench(plant.p_base_tcp)
+        process.T_base_part[:3, :3], process.T_base_part[:3, 3] = plant.R_base_tcp, plant.p_base_tcp
+        on_tool = process.wrench(self.T_base_tcp[:3, 3].copy())
+        return -wrench.shift(on_tool, self.T_base_tcp[:3, 3] - plant.p_base_tcp)
