@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +15,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
 from counterflex.app.posture import held_row, loaded_path, robot_of, surroundings_of
+from counterflex.app.spindle_mounting import Mounting
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ReachError
@@ -272,7 +274,13 @@ def _near(place: Float, other: Float) -> bool:
 
 
 def run(
-    program: str | Path, cell_file: str | Path, out: str | Path, *, progress: Progress = silent, **options: Any
+    program: str | Path,
+    cell_file: str | Path,
+    out: str | Path,
+    *,
+    mounting: Mounting | None = None,
+    progress: Progress = silent,
+    **options: Any,
 ) -> dict[str, Any]:
     """Write ``cell.toml`` with the chosen place, ``candidates.csv`` and ``summary.json`` into ``out``: all or none.
 
@@ -280,6 +288,7 @@ def run(
         program: G-code file.
         cell_file: Cell file.
         out: Folder; made when missing.
+        mounting: Angles of the spindle to choose from; every one costs a search. None: it stays as it is.
         progress: Progress callback, fraction 0 to 1.
         options: As for :func:`placement_of`.
 
@@ -288,13 +297,60 @@ def run(
     """
     cell = read_cell(cell_file)
     with atomic.atomic_folder(out) as staging:
-        done = placement_of(program, cell, progress=progress, **options)
+        mounted = None
+        if mounting is None:
+            done = placement_of(program, cell, progress=progress, **options)
+        else:
+            done, angle = _best_mounting(program, cell, mounting, progress, options)
+            mounted = None if angle == mounting.present_deg(cell) else (mounting.body, mounting.key, angle)
         best = done.chosen.best
-        text = text_with_place(cell.path, done.pose, best.branch, best.rotation_rad / DEG, Path(out))
+        text = text_with_place(cell.path, done.pose, best.branch, best.rotation_rad / DEG, Path(out), mounted)
         atomic.write_text(staging / "cell.toml", text)
         atomic.write_text(staging / TABLE, _table(done.judged))
         write_summary(staging / "summary.json", done.summary)
     return done.summary
+
+
+def _best_mounting(
+    program: str | Path, cell: Cell, mounting: Mounting, progress: Progress, options: Mapping[str, Any]
+) -> tuple[Placed, float]:
+    """The best place of the best angle, and that angle in deg; the summary has all angles.
+
+    Raises:
+        ReachError: No angle lets the program be run.
+    """
+    present = mounting.present_deg(cell)
+    angles = list(dict.fromkeys([present, *mounting.values_deg]))
+    parts = in_parts(progress, {str(angle): 1.0 for angle in angles})
+    done: dict[float, Placed] = {}
+    rows: list[dict[str, Any]] = []
+    last: ReachError | None = None
+    for angle in angles:
+        row: dict[str, Any] = {"angle_deg": angle, "deflection_um": None, "refused": ""}
+        try:
+            placed = placement_of(program, mounting.cell(cell, angle), progress=parts[str(angle)], **options)
+        except ReachError as fault:
+            last, row["refused"] = fault, fault.value or fault.what
+        else:
+            done[angle] = placed
+            row["deflection_um"] = placed.summary["chosen"]["deflection_um"]
+        rows.append(row)
+    if not done:
+        assert last is not None
+        raise last
+    angle, best = min(done.items(), key=lambda pair: pair[1].chosen.best.share_m)
+    own = done[present].summary if present in done else {}
+    summary = best.summary | {
+        "mounting": {"body": mounting.body, "key": mounting.key, "present_deg": present, "chosen_deg": angle},
+        "mountings": rows,
+        **{key: own.get(key) for key in ("present", "posture_alone")},
+    }
+    before = summary["present"]
+    summary["reduction_percent"] = None
+    if before is not None and before["deflection_um"] > 0.0:
+        less = 1.0 - summary["chosen"]["deflection_um"] / before["deflection_um"]
+        summary["reduction_percent"] = round(100.0 * less, 1)
+    return replace(best, summary=summary), angle
 
 
 def _shop(bounds: tuple[float, float, float, float]) -> list[float]:

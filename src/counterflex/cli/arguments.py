@@ -188,6 +188,42 @@ def address(text: str, option: str) -> tuple[str, int]:
     return host, int(port)
 
 
+def angles_of_body(param: Param, value: Any) -> Any:
+    """Angles of a body, ``spindle.b_deg=0,-35``.
+
+    Raises:
+        InputError: The text says something else.
+    """
+    if value is not None:
+        body_angles(value, param.opts[0])
+    return value
+
+
+_ANGLES: Final = re.compile(r"(?P<body>.+)\.(?P<key>[abc]_deg)=(?P<values>[^=]+)")
+
+
+def body_angles(text: str, name: str) -> tuple[str, str, tuple[float, ...]]:
+    """Read ``spindle.b_deg=0,-35``: body, key and angles in deg.
+
+    Raises:
+        InputError: It says something else, or an angle is beyond 360 deg.
+    """
+    match = _ANGLES.fullmatch(text.strip())
+    try:
+        values = () if match is None else tuple(float(word) for word in match["values"].split(","))
+    except ValueError:
+        values = ()
+    if match is None or not values or not all(-360.0 <= value <= 360.0 for value in values):
+        raise InputError(
+            "no angles of a body",
+            where=name,
+            value=repr(text),
+            limit="BODY.KEY=A,B with KEY a_deg, b_deg or c_deg, -360 to 360 deg",
+            hint="BODY is one of [[end_effector]], or tcp: spindle.b_deg=0,-35",
+        )
+    return match["body"], match["key"], values
+
+
 def numbers_of(count: int) -> Callable[[Param, Any], Any]:
     """Check of a list of that many numbers."""
 

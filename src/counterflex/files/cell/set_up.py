@@ -11,7 +11,7 @@ import tomlkit
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM
-from counterflex.files.cell.document import FILES, Doc, move_paths, parsed, table_of
+from counterflex.files.cell.document import FILES, Doc, move_paths, parsed, row_of, table_of
 from counterflex.path.tool_rotation import ToolRotation
 
 POSE_KEYS: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
@@ -69,7 +69,14 @@ def _with_posture(doc: Doc, branch: str, rotation_deg: float) -> Doc:
     return table
 
 
-def text_with_place(path: Path, pose: Mapping[str, float], branch: str, rotation_deg: float, folder: Path) -> str:
+def text_with_place(
+    path: Path,
+    pose: Mapping[str, float],
+    branch: str,
+    rotation_deg: float,
+    folder: Path,
+    mounted: tuple[str, str, float] | None = None,
+) -> str:
     """Text of a cell file with the part elsewhere and a posture for it; everything else is kept.
 
     Args:
@@ -78,6 +85,7 @@ def text_with_place(path: Path, pose: Mapping[str, float], branch: str, rotation
         branch: Such as ``front up noflip``.
         rotation_deg: Rotation about the tool axis.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
+        mounted: Body of the end effector or ``tcp``, its key, and the angle in deg that it gets.
 
     Raises:
         FileFormatError: The file cannot be read.
@@ -87,6 +95,10 @@ def text_with_place(path: Path, pose: Mapping[str, float], branch: str, rotation
     for key, value in pose.items():
         if key in table or value != 0.0:
             table[key] = value
+    if mounted is not None:
+        body, key, angle = mounted
+        turned = table_of(doc, "tcp") if body == "tcp" else row_of(doc, "end_effector", "name", body)
+        turned[key] = angle
     _with_posture(doc, branch, rotation_deg)
     move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)

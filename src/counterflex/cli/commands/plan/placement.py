@@ -43,6 +43,16 @@ def placement(
     candidates: Annotated[
         int, typer.Option("--candidates", help="Poses of the part that are judged.", min=64, max=100_000)
     ] = 1024,
+    mounting: Annotated[
+        str | None,
+        typer.Option(
+            "--mounting",
+            help="Angles at which the spindle can be mounted, besides the present one: an angle of a body of the end "
+            "effector, or of tcp. Every angle costs a search.",
+            metavar="BODY.KEY=A,B",
+            callback=arguments.angles_of_body,
+        ),
+    ] = None,
     surface: Annotated[
         str,
         typer.Option(
@@ -65,11 +75,14 @@ def placement(
     Writes into DIR: cell.toml (the cell file with the pose of the part and the posture), candidates.csv (all poses
     judged, those that no other beats in deflection, time and margin marked), summary.json.
 
+    With --mounting spindle.b_deg=0,-35 the angle of the spindle is chosen too, one of those that the shop has.
+
     Example: `counterflex plan placement part.ngc --cell cell.toml --region 900,1800,-400,400,300,1000 --out placement`
     """
     keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
     from counterflex.app import placement as job
     from counterflex.app.inputs import Reading
+    from counterflex.app.spindle_mounting import Mounting
     from counterflex.plan.posture.cut_path import Surface
 
     box = arguments.numbers(region, "--region", 6)
@@ -83,6 +96,7 @@ def placement(
             surface=cast("Surface", surface),
             wish=job.Wish(None if box is None else tuple(box), (-180.0, 180.0) if angles is None else tuple(angles)),
             count=candidates,
+            mounting=None if mounting is None else Mounting(*arguments.body_angles(mounting, "--mounting")),
             progress=progress,
         )
     _show(summary)
@@ -99,10 +113,20 @@ def _show(summary: dict[str, Any]) -> None:
         [[name, *_row(summary[name])] for name in ("present", "posture_alone", "chosen")],
         note=note,
     )
+    for row in summary.get("mountings", []):
+        typer.echo(_angle(row, summary["mounting"]))
     if summary["reduction_percent"] is not None:
         typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present place and posture")
     refused = ", ".join(f"{count} {reason}" for reason, count in summary["refused"].items())
     typer.echo(f"{summary['candidates']} places judged in {summary['search_s']:g} s; refused: {refused or 'none'}")
+
+
+def _angle(row: dict[str, Any], made: dict[str, Any]) -> str:
+    """One angle of the spindle: its best place, or why there is none."""
+    worth = row["refused"] if row["deflection_um"] is None else f"{row['deflection_um']:g} um in its best place"
+    marks = [word for word in ("present", "chosen") if row["angle_deg"] == made[f"{word}_deg"]]
+    remark = f" ({', '.join(marks)})" if marks else ""
+    return f"{made['body']}.{made['key']} = {row['angle_deg']:g}: {worth}{remark}"
 
 
 def _row(held: dict[str, Any] | None) -> list[str]:
