@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,11 +138,28 @@ def test_the_krl_program_has_the_tool_as_base_and_the_part_as_tool(program: Path
 
 def test_what_does_not_serve_a_held_part_says_so(tmp_path: Path) -> None:
     groove = EXAMPLES / "programs" / "groove.ngc"
-    for run in (placement.run, preflight.run):
-        with pytest.raises(InputError, match="the robot holds it") as caught:
-            run(groove, HELD, tmp_path / "out")
-        assert "part_on" in str(caught.value)
+    with pytest.raises(InputError, match="the robot holds it") as caught:
+        placement.run(groove, HELD, tmp_path / "out")
+    assert "part_on" in str(caught.value)
     assert not (tmp_path / "out").exists()
+
+
+def _preflight(program: Path, cell: Cell) -> dict[str, dict[str, Any]]:
+    return {row["check"]: row for row in preflight.check(program, cell).summary["checks"]}
+
+
+def test_preflight_sees_what_the_hand_meets(program: Path, tmp_path: Path) -> None:
+    """Gripper and blank move against the spindle that stands, and against whatever else stands there."""
+    rows = _preflight(program, read_cell(HELD))
+    assert rows["robot and spindle to surroundings"]["verdict"] == "ok"
+    assert rows["tool to surroundings"]["verdict"] == "ok"
+    assert rows["reach"]["verdict"] == "ok"
+    post = '[[cell.body]]\nname = "post"\nshape = "box"\nx_mm = 1540\nz_mm = 500\nsize_mm = [20, 20, 1000]\n'
+    file = tmp_path / "cell.toml"
+    file.write_text(HELD.read_text() + post, encoding="utf-8")
+    met = _preflight(program, read_cell(file))["robot and spindle to surroundings"]
+    assert met["verdict"] == "fail"
+    assert "post" in met["what"]
 
 
 @pytest.mark.parametrize(

@@ -11,14 +11,23 @@ from counterflex.core.arrays import Float
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
-from counterflex.plan.preflight.bodies import Body, carried, links, part_bodies, with_given
+from counterflex.plan.preflight.bodies import (
+    Body,
+    carried,
+    held_part,
+    links,
+    part_bodies,
+    standing,
+    turned_round,
+    with_given,
+)
 
 
 def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     """Links, spindle, every tool that the program has in it, blank and table; with those of the cell file.
 
-    Where the cell is seen along a tilted tool, bodies of the part stand as they do in the part frame, not in the
-    working plane.
+    Where the robot holds the part, spindle and tools stand, and a gripper holds the blank: there is no table. Where the
+    cell is seen along a tilted tool, bodies of the part stand as they do in the part frame, not in the working plane.
 
     Args:
         job: The program.
@@ -34,7 +43,13 @@ def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     chain = cell.controller_chain
     given, removed = cell.tables.cell.bodies()
     given = [_on_floor(body, cell.T_base_floor) for body in given]
-    assumed = [*links(chain), *carried(chain, {n: cell.cutter(n) for n in used}, overhang), *part_bodies(stock)]
+    cutters = {n: cell.cutter(n) for n in used}
+    if cell.T_base_tcp is not None:
+        T_base_tcp = cell.T_base_tcp
+        given = [turned_round(body, T_base_tcp) for body in given]
+        assumed = [*links(chain), *held_part(chain, stock), *standing(chain, cutters, overhang, T_base_tcp)]
+        return with_given(assumed, given, removed)
+    assumed = [*links(chain), *carried(chain, cutters, overhang), *part_bodies(stock)]
     bodies = with_given(assumed, given, removed)
     if R_part_plane is None:
         return bodies

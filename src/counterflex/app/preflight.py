@@ -69,7 +69,7 @@ def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progr
     result = preflight(
         job.machined,
         stock,
-        setting_of(cell, chain=cell.chain),
+        setting_of(cell, chain=cell.chain, part_may_be_held=True),
         tables.limits.preflight(tables.controller, cell.robot),
         coarse_bodies(job, cell, stock),
         parts[CHECKING],

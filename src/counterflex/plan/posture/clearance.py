@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.plan.posture.survey import RobotHere
-from counterflex.plan.preflight.bodies import Body, pairs
+from counterflex.plan.preflight.bodies import Body, pairs, tool_of
 from counterflex.plan.preflight.collision import Closest, Scene, closest, poses
 
 PLACES: Final = 12
@@ -34,7 +34,10 @@ class Surroundings:
     def compared(self) -> list[tuple[int, int, float]]:
         """Pairs of bodies, and the distance that each must keep."""
         outer, inner = pairs(self.bodies)
-        return [(a, b, self.clearance_m if self.bodies[a].tool is None else 0.0) for a, b in (*inner, *outer)]
+        return [
+            (a, b, self.clearance_m if tool_of(self.bodies[a], self.bodies[b]) is None else 0.0)
+            for a, b in (*inner, *outer)
+        ]
 
 
 def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bool:
@@ -64,7 +67,7 @@ def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bo
             if any(
                 scene.distance(a, b, least + 1e-3) < least
                 for a, b, least in compared
-                if around.bodies[a].tool in (None, tool)
+                if tool_of(around.bodies[a], around.bodies[b]) in (None, tool)
             ):
                 out[turn, slot] = True
                 break

@@ -13,6 +13,7 @@ from counterflex.plan.inputs import place
 from counterflex.plan.posture.clearance import Surroundings
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey_kernel import ARM_SINGULAR, JOINT_LIMIT, OK, OUT_OF_REACH, WRIST_SINGULAR, Survey
+from counterflex.plan.preflight.bodies import tool_of
 from counterflex.plan.preflight.collision import Closest
 from counterflex.robot.model.opw import BRANCHES
 
@@ -92,7 +93,9 @@ def in_the_way(close: Closest, around: Surroundings, task: Task) -> ReachError:
         f"{second.name}",
         where=place(task.path, task.line, close.point),
         value=f"{close.distance_m / MM:.1f} mm",
-        limit="no contact" if first.tool is not None else f">= {around.clearance_m / MM:g} mm (limits.clearance_mm)",
+        limit="no contact"
+        if tool_of(first, second) is not None
+        else f">= {around.clearance_m / MM:g} mm (limits.clearance_mm)",
         hint=hint,
         point=close.point,
     )

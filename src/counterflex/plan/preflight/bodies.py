@@ -177,17 +177,11 @@ def carried(chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapp
     """
     T_tcp_flange = pose.inverse(chain.T_flange_tcp)
     flange = T_tcp_flange[:3, 3]
-    stick_out = {n: overhang_m.get(n, cutter.flute_length_m + cutter.diameter_m) for n, cutter in cutters.items()}
     reach = arm_reach(chain)
     radius = SPINDLE_SHARE * reach
-    nose = min(stick_out.values(), default=0.0)
+    tools, nose = _tools(cutters, overhang_m)
     first = np.array([0.0, 0.0, -nose - radius])
     foot = np.array([0.0, 0.0, min(flange[2], -nose - SPINDLE_LENGTH_M)])
-    tools = [
-        along(f"tool T{n}", "tcp", np.zeros(3), np.array([0.0, 0.0, -length]), 0.5 * cutters[n].diameter_m, "cylinder",
-              tool=n)
-        for n, length in stick_out.items()
-    ]  # fmt: skip
     bracket_end = np.array([0.0, 0.0, min(flange[2], first[2])])
     return [
         along("spindle", "tcp", first, foot, radius),
@@ -196,15 +190,88 @@ def carried(chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapp
     ]
 
 
+def _tools(cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float]) -> tuple[list[Body], float]:
+    """Tools in the TCP's frame, and the stick-out of the shortest, m."""
+    stick_out = {n: overhang_m.get(n, cutter.flute_length_m + cutter.diameter_m) for n, cutter in cutters.items()}
+    tools = [
+        along(f"tool T{n}", "tcp", np.zeros(3), np.array([0.0, 0.0, -length]), 0.5 * cutters[n].diameter_m, "cylinder",
+              tool=n)
+        for n, length in stick_out.items()
+    ]  # fmt: skip
+    return tools, min(stick_out.values(), default=0.0)
+
+
+def standing(
+    chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float], T_base_tcp: Float
+) -> list[Body]:
+    """Spindle and tools that stand, of a robot that holds the part: as :func:`carried`, without a bracket.
+
+    Args:
+        chain: Robot and what it holds.
+        cutters: By tool number.
+        overhang_m: By tool number, where known.
+        T_base_tcp: (4, 4) m, the tip of the tool, z out of the spindle.
+    """
+    radius = SPINDLE_SHARE * arm_reach(chain)
+    tools, nose = _tools(cutters, overhang_m)
+    behind = np.array([0.0, 0.0, -1.0])
+    spindle = along("spindle", "tcp", (nose + radius) * behind, (nose + SPINDLE_LENGTH_M) * behind, radius)
+    return [turned_round(body, T_base_tcp) for body in (spindle, *tools)]
+
+
+def held_part(chain: ElasticChain, stock: HeightMap) -> list[Body]:
+    """The blank in the robot's hand as its bounding box, and a gripper from the flange to the middle of its underside.
+
+    The gripper is a capsule that ends at the underside: it is no thicker than it is long.
+
+    Args:
+        chain: Robot and what it holds; its last frame is the part frame.
+        stock: The blank.
+    """
+    low, high = _bounds(stock)
+    T_flange_part = chain.T_flange_tcp
+    underside = pose.transform(T_flange_part, np.array([*(0.5 * (low + high))[:2], low[2]]))
+    up = T_flange_part[:3, 2]
+    height = float(underside @ up)
+    thick = BRACKET_SHARE * arm_reach(chain)
+    radius = min(thick, height) if height > 0.0 else thick
+    blank = replace(box("stock", "tcp", low, high), surrounds=False)
+    return [along("gripper", "flange", np.zeros(3), underside - radius * up, radius), blank]
+
+
+def turned_round(body: Body, T_base_tcp: Float) -> Body:
+    """A body of a cell in which the robot holds the part, fixed to a frame of the chain, which ends in the part frame.
+
+    Args:
+        body: Fixed to one of :data:`FRAMES`, where ``tcp`` stands and ``part`` moves.
+        T_base_tcp: (4, 4) m, the tip of the tool that stands.
+
+    Returns:
+        What was fixed to ``part`` is fixed to the chain's end, ``tcp``; what was fixed to ``tcp`` to the base.
+    """
+    if body.frame == "part":
+        return replace(body, frame="tcp", surrounds=False)
+    if body.frame == "tcp":
+        T_tcp_body = body.T_frame_body
+        return replace(body, frame="base", T_frame_body=T_base_tcp @ T_tcp_body, surrounds=True)
+    return body
+
+
 def part_bodies(stock: HeightMap) -> list[Body]:
     """The blank as its bounding box, and a table below it."""
+    low, high = _bounds(stock)
+    beyond = np.array([TABLE_BEYOND_M, TABLE_BEYOND_M, 0.0])
+    under, over = low - beyond - [0.0, 0.0, TABLE_M], np.array([*high[:2], low[2]]) + beyond
+    return [box("stock", "part", low, high), box("table", "part", under, over)]
+
+
+def _bounds(stock: HeightMap) -> tuple[Float, Float]:
+    """Lower and upper corner (3,) of the blank's bounding box, part frame, m."""
     ny, nx = stock.z.shape
     half = 0.5 * stock.cell_m
     low = np.array([stock.x0_m - half, stock.y0_m - half, stock.bottom_m])
     size = np.array([nx * stock.cell_m, ny * stock.cell_m, float(stock.z.max()) - stock.bottom_m])
-    beyond = np.array([TABLE_BEYOND_M, TABLE_BEYOND_M, 0.0])
-    under, over = low - beyond - [0.0, 0.0, TABLE_M], low + size * [1.0, 1.0, 0.0] + beyond
-    return [box("stock", "part", low, low + np.maximum(size, _SPHERE_M)), box("table", "part", under, over)]
+    return low, low + np.maximum(size, _SPHERE_M)
 
 
 def with_given(assumed: Iterable[Body], given: Sequence[Body], removed: Iterable[str] = ()) -> list[Body]:
@@ -230,7 +297,18 @@ def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int
     """
     fixed = [k for k, body in enumerate(bodies) if body.link == 0 and body.surrounds]
     moved = [k for k, body in enumerate(bodies) if body.link > 0]
-    outer = [(a, b) for a in moved for b in fixed if bodies[a].tool is None or bodies[b].name != "stock"]
+    outer = [
+        (a, b) for a in moved for b in fixed if not _cuts(bodies[a], bodies[b]) and not _cuts(bodies[b], bodies[a])
+    ]
     hand = [k for k in moved if bodies[k].link == 6 and bodies[k].name != "hand" and bodies[k].tool is None]
     arm = [k for k, body in enumerate(bodies) if body.link <= 4 and not body.surrounds]
     return outer, [(a, b) for a in hand for b in arm]
+
+
+def _cuts(first: Body, second: Body) -> bool:
+    return first.tool is not None and second.name == "stock"
+
+
+def tool_of(first: Body, second: Body) -> int | None:
+    """Number of the tool in a pair of bodies, or None."""
+    return first.tool if first.tool is not None else second.tool

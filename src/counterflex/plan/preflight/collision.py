@@ -18,7 +18,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
-from counterflex.plan.preflight.bodies import Body, joint_offsets, pairs
+from counterflex.plan.preflight.bodies import Body, joint_offsets, pairs, tool_of
 from counterflex.plan.preflight.row import Row
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 
@@ -204,7 +204,7 @@ def closest(
         scene.place(placed[row - begin])
         here = FARTHEST_M
         for first, second in compared:
-            if bodies[first].tool is not None and bodies[first].tool != tool[row]:
+            if tool_of(bodies[first], bodies[second]) not in (None, tool[row]):
                 continue
             distance = scene.distance(first, second, here)
             if distance < here:
@@ -246,8 +246,8 @@ def collision_rows(
         progress: Progress callback, fraction 0 to 1.
     """
     outer, inner = pairs(bodies)
-    blunt = [(a, b) for a, b in outer if bodies[a].tool is None]
-    sharp = [(a, b) for a, b in outer if bodies[a].tool is not None]
+    blunt = [(a, b) for a, b in outer if tool_of(bodies[a], bodies[b]) is None]
+    sharp = [(a, b) for a, b in outer if tool_of(bodies[a], bodies[b]) is not None]
     rows = []
     for k, (name, compared, least) in enumerate(
         (
