@@ -230,7 +230,16 @@ def headline_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     for item in summary["campaigns"]:
         for row in item["recipes"]:
             shown = _recipe(row)
-            first = shown.figures[0] if shown.figures else FigureRow(row["why"][:60], "", "")
+            first = shown.figures[0] if shown.figures else FigureRow("refused", "", "")
             seed = "none" if item["seed"] is None else str(item["seed"])
             rows.append([seed, shown.recipe, first.text, first.before, first.value, "yes" if shown.accepted else "no"])
     return rows
+
+
+def refusals(summary: Mapping[str, Any]) -> list[str]:
+    """Why recipes were not taken over, a line each."""
+    lines = []
+    for item in summary["campaigns"]:
+        of = "" if item["seed"] is None else f"seed {item['seed']}: "
+        lines += [f"{of}{row['recipe']} not taken over: {row['why']}" for row in item["recipes"] if not row["accepted"]]
+    return lines

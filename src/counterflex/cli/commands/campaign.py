@@ -163,7 +163,15 @@ def campaign(
 
 def show(summary: dict[str, Any], out: Path) -> None:
     """Print the tables of a campaign."""
-    from counterflex.app.campaign.report import COLUMNS, SETUP_COLUMNS, headline_rows, rows_of, setup_rows, verdict
+    from counterflex.app.campaign.report import (
+        COLUMNS,
+        SETUP_COLUMNS,
+        headline_rows,
+        refusals,
+        rows_of,
+        setup_rows,
+        verdict,
+    )
 
     lines = headline_rows(summary)
     if lines:
@@ -172,6 +180,8 @@ def show(summary: dict[str, Any], out: Path) -> None:
             ["seed", "recipe", "figure", "before", "identified", "taken over"],
             lines,
         )
+    for line in refusals(summary):
+        typer.echo(line)
     rows = rows_of(summary)
     if rows:
         with_exact = any(row[-1] != "-" for row in rows)
