@@ -22,6 +22,9 @@ def register(app: typer.Typer) -> None:
     _reproduce.command("haehn2020")(haehn2020)
     _reproduce.command("mandiola2023")(mandiola2023)
     _reproduce.command("online")(online)
+    _reproduce.command("denkena2015")(denkena2015)
+    _reproduce.command("berger2013")(berger2013)
+    _reproduce.command("all")(every_paper)
     _reproduce.callback()(_group)
     app.add_typer(_reproduce, name="reproduce")
 
@@ -220,3 +223,93 @@ def _show_online(summary: dict[str, Any]) -> None:
     if any(item["refused"] for row in summary["rows"].values() for item in row.values()):
         typer.echo(report.REFUSED)
     typer.echo(report.verdict(summary))
+
+
+PrintedOut = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder for table and page.", metavar="DIR", callback=arguments.output_folder),
+]
+
+
+def denkena2015(
+    out: PrintedOut = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Compliance and modes of a KR 500, spindle angle, sensing holder: printed beside ours (Denkena and Lepper 2015).
+
+    Each figure has a verdict: reproduced, differs and why, cannot be checked and why. What the paper leaves out and was
+    assumed is listed.
+
+    Example: `counterflex reproduce denkena2015`
+    """
+    _print_table(("denkena2015",), out, as_json=as_json)
+
+
+def berger2013(
+    out: PrintedOut = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Cutting data, force formulas, strategy and stiffness, printed beside ours (Berger and others 2013).
+
+    Each figure has a verdict: reproduced, differs and why, cannot be checked and why. What the paper leaves out and was
+    assumed is listed.
+
+    Example: `counterflex reproduce berger2013`
+    """
+    _print_table(("berger2013",), out, as_json=as_json)
+
+
+def every_paper(
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Folder for table, page and runs.", metavar="DIR", callback=arguments.output_folder),
+    ],
+    runs: Annotated[
+        bool,
+        typer.Option(
+            "--runs/--no-runs", help="Repeat the experiments of haehn2020 and mandiola2023 first: takes hours."
+        ),
+    ] = True,
+    quick: Annotated[bool, typer.Option("--quick", help="Repeat them briefly, on one truth.")] = False,
+    workers: Workers = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Figures of the four papers beside ours, a verdict each.
+
+    Model figures are computed; those of milled grooves and tracked paths come from the experiments of `reproduce
+    haehn2020` and `reproduce mandiola2023` in DIR. Interrupted, the same command goes on where it was.
+
+    Example: `counterflex reproduce all --no-runs --out papers`
+    """
+    from counterflex.validation.reproduce.printed.row import PAPERS
+
+    _print_table(PAPERS, out, repeat=runs, quick=quick, workers=workers, as_json=as_json)
+
+
+def _print_table(
+    papers: tuple[str, ...],
+    out: Path | None,
+    *,
+    repeat: bool = False,
+    quick: bool = False,
+    workers: int | None = None,
+    as_json: bool,
+) -> None:
+    from counterflex.validation.reproduce.printed import table
+
+    with progress_bar("figures of papers") as progress:
+        try:
+            summary = table.run(papers, out, repeat=repeat, quick=quick, workers=workers, progress=progress)
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
+            ) from stop
+    if as_json:
+        print_json(summary)
+        return
+    for paper in papers:
+        rows = [table.cells(row) for row in summary["figures"] if row["paper"] == paper]
+        print_table(table.TITLES[paper], list(table.COLUMNS), rows)
+    typer.echo(", ".join(f"{count} {name}" for name, count in summary["counts"].items()))
+    if out is not None:
+        typer.echo(f"report: {out / 'report.html'}")

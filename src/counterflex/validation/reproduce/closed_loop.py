@@ -20,6 +20,8 @@ from counterflex.core.progress import Progress, silent
 _HOST = "127.0.0.1"
 _WAIT_S = 120.0
 _END_S = 60.0
+_COMPILES_S = 900.0
+"""How long the cell waits for the loop: the first one on a computer compiles, several at a time even longer."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def run(
         netft_port=force,
         netft_http_port=http,
         tracker_peer=None if tracker is None else (_HOST, tracker),
+        timing=replace(cell.timing, wait_s=_COMPILES_S),
     )
     loop = replace(
         loop,

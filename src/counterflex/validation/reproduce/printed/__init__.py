@@ -1,0 +1,1 @@
+"""Figures printed in the papers beside ours: rows of a table, a verdict each."""
