@@ -87,6 +87,9 @@ def test_of_several_limits_the_hardest_binds(groove: Inputs) -> None:
     most = {name: float(values.max()) for name, values in full.items()}
     result = limited(groove, ProcessLimits(force_n=0.9 * most["force"], power_w=0.7 * most["spindle power"]))
     assert {line.limit for line in result.lines} == {"spindle power"}
+    assert [bool(name) for name in result.binds] == (result.share < 1.0).tolist()
+    assert set(result.binds) == {"", "spindle power"}
+    assert np.all(result.path.feed_m_s <= result.programmed_m_s + 1e-12)
 
 
 def test_an_arc_is_run_at_the_speed_that_the_acceleration_lets_it(

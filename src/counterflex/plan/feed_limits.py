@@ -62,12 +62,16 @@ class LimitedFeed:
     Attributes:
         path: At these feeds.
         share: (n,) of the programmed feed.
+        programmed_m_s: (n,) m/s, the programmed feed.
+        binds: (n,) name of the limit that binds, empty where the feed is the programmed one.
         lines: That were slowed down or stay beyond a limit, in order.
         extra_s: Time that it costs.
     """
 
     path: ToolPath
     share: Float
+    programmed_m_s: Float
+    binds: tuple[str, ...]
     lines: tuple[LimitedLine, ...]
     extra_s: float
 
@@ -162,8 +166,25 @@ def limit_feed(inputs: Inputs, feeds: FeedGroups, limits_of: Callable[[int], Pro
         now = uses(slowed, undisturbed_cut(slowed, silent), limits_of)
     result = at_feed(path, share)
     return LimitedFeed(
-        result, share, _lines(inputs.line, share, first, now), float(result.time_s[-1] - path.time_s[-1])
+        result,
+        share,
+        path.feed_m_s,
+        _binds(first, share, feeds.group),
+        _lines(inputs.line, share, first, now),
+        float(result.time_s[-1] - path.time_s[-1]),
     )
+
+
+def _binds(first: dict[str, Float], share: Float, group: Int) -> tuple[str, ...]:
+    """The limit that is exceeded most at the programmed feed, in the group of each row that was slowed down."""
+    if not first:
+        return ("",) * len(share)
+    names = list(first)
+    factors = np.stack([_factor(name, first[name]) for name in names])
+    order = np.argsort(-factors.min(axis=0), kind="stable")  # the row that is beyond most comes last, and stays
+    worst = np.zeros(int(group.max(initial=0)) + 1, dtype=np.int64)
+    worst[group[order]] = factors.argmin(axis=0)[order]
+    return tuple(names[k] if slowed else "" for k, slowed in zip(worst[group], share < 1.0 - 1e-9, strict=True))
 
 
 def _factor(name: str, used: Float) -> Float:

@@ -146,6 +146,23 @@ class ReportData:
     next_steps: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class FeedData:
+    """The feed of a program within limits.
+
+    Attributes:
+        way_m: (n,) m, along the program.
+        programmed_m_s: (n,) m/s.
+        feed_m_s: (n,) m/s, within the limits; nan in rapids.
+        binds: (n,) name of the limit that binds, or empty.
+    """
+
+    way_m: Float
+    programmed_m_s: Float
+    feed_m_s: Float
+    binds: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class PredictionData:
     """The page of a planned program: what is predicted and corrected, with no machining simulated.
@@ -167,6 +184,7 @@ class PredictionData:
         headline_mm: 99.7 % of the path error before and after, then the largest before and after, mm, as in
             ``summary.json``; None where it was not predicted.
         drawing: Robot in the posture of the largest deflection, reach and blank, or None.
+        feed: What limits made of the feed, or None.
         load: What to load on the controller, and what must be set there.
         next_steps: What to do next, in order.
         facts: See :class:`ReportData`.
@@ -190,6 +208,7 @@ class PredictionData:
     error_after_m: Float | None = None
     headline_mm: tuple[float, float, float, float] | None = None
     drawing: CellDrawing | None = None
+    feed: FeedData | None = None
     load: tuple[Fact, ...] = ()
     next_steps: tuple[str, ...] = ()
     facts: tuple[Fact, ...] = ()

@@ -19,6 +19,7 @@ from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
 from counterflex.report.cell_figure import cell_figure
 from counterflex.report.data import PredictionData, ReportData
 from counterflex.report.distribution_figure import budget_figure, histogram_figure
+from counterflex.report.feed_figure import feed_figure
 from counterflex.report.figure_data import (
     COLOUR_BLIND,
     METROLOGY,
@@ -128,6 +129,8 @@ def prediction_page(data: PredictionData) -> str:
     figures = {"prediction": prediction_figure(data), "plan": prediction_map(data), "space": space_figure(data)}
     if data.error_after_m is not None:
         figures["remaining"] = remaining_figure(data)
+    if data.feed is not None:
+        figures["feed"] = feed_figure(data.feed)
     if data.drawing is not None:
         figures["cell"] = cell_figure(data.drawing)
     return render("prediction.html.j2", figures, [], data=data, cards=cards, headline=_headline(data))

@@ -17,11 +17,13 @@ from counterflex.core.units import GPA, MM, RPM, UM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.files.cell.cell import Cell
+from counterflex.plan.elastic_motion import matrices
 from counterflex.plan.inputs import part_compliance
 from counterflex.plan.process_limits import ProcessLimits, axis_torques, tool_stiffness
 from counterflex.plan.relative_motion import tool_carried
-from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, magnification, outcomes
+from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
 from counterflex.plan.strategy.chatter import depth_used, directional_matrices
+from counterflex.plan.strategy.resonance import Swing, single, swing_of, worst
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.robot.elasticity.chain import forward
 from counterflex.signals.preview import Mode
@@ -37,7 +39,9 @@ SOME = Doubt(0.3, 0.3, 0.3, 0.3)
 def place(cell_of: Callable[..., Cell]) -> Place:
     setting = setting_of(cell_of())
     C = part_compliance(setting, tool_carried(setting.T_base_part), Q[None])[0]
-    return Place(setting.chain, Q, C, setting.T_base_part[:3, :3], np.array([0.0, 1.0, 0.0]), 6 * MM, (MODE,))
+    return Place(
+        setting.chain, Q, C, setting.T_base_part[:3, :3], np.array([0.0, 1.0, 0.0]), 6 * MM, MODE, (single(MODE),)
+    )
 
 
 def cuts(ups: tuple[bool, ...], ae_mm: Float, ap_mm: tuple[float, ...] = (6.0,), fz_mm: float = 0.05) -> SideCuts:
@@ -137,7 +141,33 @@ def test_torques_on_the_axes_do_the_work_of_the_force(place: Place) -> None:
 
 def test_a_mode_magnifies_as_an_oscillator() -> None:
     w = MODE.omega_rad_s
-    assert magnification(np.array([0.0, w, 100.0 * w]), MODE) == pytest.approx([1.0, 5.0, 1e-4], rel=1e-3)
+    assert single(MODE).magnification(np.array([0.0, w, 100.0 * w])) == pytest.approx([1.0, 5.0, 1e-4], rel=1e-3)
+
+
+def test_modes_together_move_the_tip_as_the_elastic_equations_do(place: Place, cell_of: Callable[..., Cell]) -> None:
+    """Off resonance, hardly damped: ``n' J (K - w^2 M)^-1 J' n`` of the chain over ``n' C n``, all modes taken."""
+    chain, R = place.chain, place.R_base_part
+    light = Mode(MODE.omega_rad_s, 1e-6)
+    swing = swing_of(chain, Q, R.T, place.compliance_part, place.normal_part, light, None)
+    M, stiffness, J, _ = matrices(chain, Q)
+    springs = np.isfinite(stiffness)
+    force = J[:3].T @ (R @ place.normal_part)
+    at_rest = force[springs] @ (force[springs] / stiffness[springs])
+    for hz in (3.0, 12.5, 45.0):
+        w = 2.0 * math.pi * hz
+        A = np.diag(stiffness[springs]) - w**2 * M[np.ix_(springs, springs)]
+        exact = abs(force[springs] @ np.linalg.solve(A, force[springs])) / at_rest
+        assert swing.magnification(np.array([w]))[0] == pytest.approx(exact, rel=0.03)
+
+
+def test_a_mode_that_hardly_moves_the_tool_hardly_counts() -> None:
+    w = np.array([10.0, 60.0])
+    swing = Swing(w, np.array([0.05, 0.05]), np.array([0.98, 0.001]))
+    assert swing.magnification(w[:1])[0] > 9.0
+    assert swing.magnification(w[1:])[0] < 0.1
+    assert worst((single(MODE), swing), w[:1])[0] == pytest.approx(
+        max(swing.magnification(w[:1])[0], single(MODE).magnification(w[:1])[0])
+    )
 
 
 def test_directional_matrices_are_those_of_a_fine_sum(law: KienzleLaw) -> None:

@@ -30,6 +30,7 @@ from counterflex.files.plan_file import CLASS_ASSUMED, WORKING_PLANE, write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance
+from counterflex.plan.feed_limits import LimitedFeed
 from counterflex.plan.plan import Plan
 from counterflex.programs.compensated import refuse_compensated
 
@@ -49,6 +50,7 @@ class Compensated:
         written: What the writer says about them, plain values.
         summary: What ``summary.json`` holds.
         encoding: Of the program files, that of the source.
+        limited: What ``[process_limits]`` made of the feed; None where they state none.
     """
 
     plan: Plan
@@ -56,6 +58,7 @@ class Compensated:
     written: dict[str, Any]
     summary: dict[str, Any]
     encoding: str
+    limited: LimitedFeed | None = None
 
 
 def compensate(
@@ -128,7 +131,7 @@ def compensate(
     about |= {} if feed is None else {"feed": shown_feed(lowered, feed)}
     about |= in_plane_of(cell)
     about |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
-    return Compensated(plan, files, about["written"], about, job.program.encoding)
+    return Compensated(plan, files, about["written"], about, job.program.encoding, limited)
 
 
 def run(
@@ -168,6 +171,8 @@ def run(
         if report:
             from counterflex.report.page import prediction_page, write_page
 
-            write_page(prediction_page(prediction(result.plan, cell, result.summary)), staging / "report.html")
+            write_page(
+                prediction_page(prediction(result.plan, cell, result.summary, result.limited)), staging / "report.html"
+            )
         parts[PAGE](1.0)
     return result.summary

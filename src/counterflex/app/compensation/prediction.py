@@ -21,14 +21,15 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.files.cell.cell import Cell
-from counterflex.path.toolpath import RAPID
+from counterflex.path.toolpath import FEED, RAPID
+from counterflex.plan.feed_limits import LimitedFeed
 from counterflex.plan.feed_schedule import share_between
 from counterflex.plan.lasting_swing import lasting_swings
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
 from counterflex.programs.gcode.read.reader import doubtful_readings
-from counterflex.report.data import Fact, PredictionData
+from counterflex.report.data import Fact, FeedData, PredictionData
 from counterflex.robot.model.elastic_region import beyond_regions
 
 _OVERSHOOT: Final = 2.0
@@ -169,8 +170,15 @@ def _peak(values: Float, plan: Plan, unit: float, digits: int) -> dict[str, Any]
     }
 
 
-def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionData:
-    """The page of a plan."""
+def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: LimitedFeed | None = None) -> PredictionData:
+    """The page of a plan.
+
+    Args:
+        plan: The plan.
+        cell: Its cell.
+        summary: Of the job.
+        limited: What limits made of the feed.
+    """
     predicted = summary["prediction"]
     worst = predicted["peak_deflection_um"]
     facts = [
@@ -219,9 +227,16 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any]) -> PredictionDat
         line=plan.line,
         **_errors(plan, predicted),
         drawing=drawing(plan, cell),
+        feed=None if limited is None else _feed(limited),
         load=to_load(summary, cell, np.unique(plan.path.tool[plan.cutting]).tolist()),
         next_steps=after_compensation(summary, cell),
     )
+
+
+def _feed(limited: LimitedFeed) -> FeedData:
+    path = limited.path
+    way = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1))
+    return FeedData(way, limited.programmed_m_s, np.where(path.kind == FEED, path.feed_m_s, np.nan), limited.binds)
 
 
 def _errors(plan: Plan, prediction: dict[str, Any]) -> dict[str, Any]:

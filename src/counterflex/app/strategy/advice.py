@@ -28,9 +28,11 @@ from counterflex.plan.inputs import Setting, part_compliance
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
+from counterflex.plan.strategy.resonance import Swing, swing_of
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.strategy.zero import normal_errors, normal_force, zero_width
 from counterflex.robot.kinematics.inverse import inverse_path
+from counterflex.signals.preview import Mode
 
 Range = tuple[float, float]
 WIDTHS: Final = 40
@@ -197,7 +199,23 @@ def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | Non
         height = float(own.cuts.ap_m[0]) if own is not None else max(_required(operation.ap_m, "--ap-mm"))
     mode = mode_of(setting.chain, q, setting.mode)
     compliance = part_compliance(setting, tool_carried(setting.T_base_part), q[None])[0]
-    return Place(setting.chain, q, compliance, setting.T_base_part[:3, :3], normal, height, (mode,))
+    R_base_part = setting.T_base_part[:3, :3]
+    swings = _swings(setting, operation, own) or (_swing(setting, q, normal, mode, 0 if own is None else own.line),)
+    return Place(setting.chain, q, compliance, R_base_part, normal, height, mode, swings)
+
+
+def _swings(setting: Setting, operation: Operation, own: OwnCut | None) -> tuple[Swing, ...]:
+    """Modes along all of the program's wall; none where the wall is stated."""
+    if own is None or operation.at_m is not None or operation.normal_rad is not None:
+        return ()
+    along = zip(own.q_along, own.normals_along, own.lines_along.tolist(), strict=True)
+    return tuple(_swing(setting, q, normal, mode_of(setting.chain, q, setting.mode), line) for q, normal, line in along)
+
+
+def _swing(setting: Setting, q: Float, normal_part: Float, mode: Mode, line: int) -> Swing:
+    compliance = part_compliance(setting, tool_carried(setting.T_base_part), q[None])[0]
+    R_part_base = setting.T_base_part[:3, :3].T
+    return swing_of(setting.chain, q, R_part_base, compliance, normal_part, mode, setting.mode, line)
 
 
 def _required(given: Range | None, option: str) -> Range:
@@ -290,6 +308,7 @@ def run(
         "binding": {name: round(error / UM, 2) for name, error in choices.binding().items()},
         "not_known": _not_known(cell, advice),
         "zero": _zeros(advice),
+        "modes": _modes(advice),
         "counterflex": __version__,
     }
 
@@ -326,6 +345,33 @@ def shown(choices: Choices, row: int, law: ForceLaw) -> dict[str, Any]:
         "nearest_limit_percent": round(100.0 * used[nearest], 1) if used else None,
         "beyond": list(choices.violated(row)),
     }
+
+
+def _modes(advice: Advice) -> dict[str, Any]:
+    """Modes along the cut, and where the best choice (without one the program) comes nearest to one."""
+    swings, flutes = advice.place.swings, advice.choices.cuts.cutter.flutes
+    count = min(len(swing.omega_rad_s) for swing in swings)
+    hz = np.array([swing.omega_rad_s[:count] for swing in swings]) / (2.0 * math.pi)
+    bands = [[round(float(low), 2), round(float(high), 2)] for low, high in zip(hz.min(0), hz.max(0), strict=True)]
+    chosen = advice.choices.spindle_rad_s[advice.best[:1]]
+    speed = chosen if len(chosen) or advice.before is None else advice.before.spindle_rad_s
+    nearest = None
+    if len(speed):
+        met = [
+            (float(swing.magnification(times * speed)[0]), name, times * float(speed[0]), swing)
+            for swing in swings
+            for name, times in (("tooth passing", flutes), ("runout", 1))
+        ]
+        magnified, name, omega, swing = max(met, key=lambda item: item[0])
+        mode = float(swing.omega_rad_s[np.argmin(np.abs(np.log(swing.omega_rad_s / omega)))])
+        nearest = {
+            "what": name,
+            "hz": round(omega / (2.0 * math.pi), 2),
+            "mode_hz": round(mode / (2.0 * math.pi), 2),
+            "line": swing.line or None,
+            "magnified": round(magnified, 3),
+        }
+    return {"postures": len(swings), "bands_hz": bands, "nearest": nearest}
 
 
 def _zeros(advice: Advice) -> dict[str, Any]:

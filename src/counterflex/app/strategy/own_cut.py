@@ -10,14 +10,18 @@ from typing import Final
 import numpy as np
 
 from counterflex.app.inputs import Job, faults_in, setting_of
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import ProgramError
 from counterflex.core.progress import Progress
+from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell
+from counterflex.plan.elastic_motion import postures
 from counterflex.plan.inputs import Inputs, solve_joints
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
+POSTURE_RAD: Final = 2.0 * DEG
+"""Change of an axis after which modes are computed anew."""
 _TANGENT_RAD: Final = 0.25
 """An arc that begins nearer than this to 0 begins at the wall: the stock's grid blurs the end of thin chips."""
 
@@ -34,6 +38,9 @@ class OwnCut:
         q: (6,) rad there.
         normal_part: (3,) unit normal of the wall there, out of the material.
         line: Of the program.
+        q_along: (k, 6) rad, postures along all of the side, :data:`POSTURE_RAD` apart.
+        normals_along: (k, 3) unit normals there.
+        lines_along: (k,) lines there.
     """
 
     cuts: SideCuts
@@ -43,6 +50,9 @@ class OwnCut:
     q: Float
     normal_part: Float
     line: int
+    q_along: Float
+    normals_along: Float
+    lines_along: Int
 
 
 def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCut:
@@ -91,14 +101,20 @@ def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCu
         one * float(np.median(cut.feed_per_tooth_m[rows])),
     )
     row = int(rows[len(rows) // 2])
-    x = step[row] / length[row]
-    left = np.array([-x[1], x[0], 0.0])
+    x = step / np.maximum(length, 1e-12)[:, None]
+    left = np.stack([-x[:, 1], x[:, 0], np.zeros(len(x))], axis=1)
+    normals = -left if side is up else left
+    _, stands = postures(q[rows], POSTURE_RAD)
+    along = rows[stands]
     return OwnCut(
         cuts,
         number,
         float(np.median(path.spindle_rad_s[rows])),
         path.p_part_tcp[row],
         q[row],
-        -left if side is up else left,
+        normals[row],
         int(line[row]),
+        q[along],
+        normals[along],
+        np.asarray(line[along]),
     )

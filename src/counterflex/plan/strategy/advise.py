@@ -7,9 +7,9 @@ ranked by the size that nine of ten draws stay below: a force that is zero by ha
 A limit binds where a better choice would be allowed without it. The displacement is that at rest in full engagement;
 entry, exit, own weight and lost motion of the drives come on top.
 
-Tooth passing and runout (frequencies N n / 60 and n / 60) are kept off given modes: the magnification of a harmonic
-force, ``1 / sqrt((1 - r^2)^2 + (2 D r)^2)`` with r the ratio of the frequencies, stays below :data:`MAGNIFIED`. Chatter
-of the robot's own modes: :mod:`counterflex.plan.strategy.chatter`.
+Tooth passing and runout (frequencies N n / 60 and n / 60) are kept off the modes of every posture along the cut: the
+magnification of a harmonic force (:mod:`counterflex.plan.strategy.resonance`) stays below :data:`MAGNIFIED`. Chatter of
+the robot's own modes: :mod:`counterflex.plan.strategy.chatter`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from counterflex.core.errors import InputError
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.plan.process_limits import ProcessLimits, axis_torques
 from counterflex.plan.strategy.chatter import depth_used
+from counterflex.plan.strategy.resonance import Swing, worst
 from counterflex.plan.strategy.side_cut import SideCuts, in_part, peak_side_force, wrenches
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
@@ -75,7 +76,8 @@ class Place:
         R_base_part: (3, 3).
         normal_part: (3,) unit normal of the wall, horizontal, out of the material.
         height_m: Of the wall, cut in levels of a_p.
-        modes: That spindle and teeth are kept off.
+        mode: The lowest there, against chatter; None is not looked at.
+        swings: Modes of the postures along the cut, that spindle and teeth are kept off.
     """
 
     chain: ElasticChain
@@ -84,7 +86,8 @@ class Place:
     R_base_part: Float
     normal_part: Float
     height_m: float
-    modes: tuple[Mode, ...] = ()
+    mode: Mode | None = None
+    swings: tuple[Swing, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,12 +262,12 @@ def outcomes(
     if limits.axis_torque_nm is not None:
         for axis in range(axes.shape[1]):
             use[f"torque of axis {axis + 1}"] = axes[back, axis] / limits.axis_torque_nm[axis]
-    for mode in place.modes[:1]:
+    if place.mode is not None:
         period = 2.0 * math.pi / (cuts.cutter.flutes * spindle_rad_s)
-        parts = depth_used(cuts, law, period, place.compliance_part, place.normal_part, mode)
+        parts = depth_used(cuts, law, period, place.compliance_part, place.normal_part, place.mode)
         largest = np.max(np.einsum("rc,nkc->rnk", doubt.factors()[:, :2], parts), axis=2)
         use[CHATTER] = np.maximum(np.quantile(largest, _HIGH, axis=0), 0.0)
-    use |= _mode_use(cuts.cutter.flutes, spindle_rad_s, place.modes)
+    use |= _mode_use(cuts.cutter.flutes, spindle_rad_s, place.swings)
     for name in _SOFT if demands.present is not None else ():
         if demands.present is not None and name in use:
             use[name] = use[name] / max(1.0, float(demands.present.use[name][0]))
@@ -290,23 +293,11 @@ def _alike(cuts: SideCuts) -> tuple[SideCuts, Int]:
     return cuts.some(first.tolist()), np.asarray(back, dtype=np.int64).reshape(-1)
 
 
-def _mode_use(flutes: int, spindle_rad_s: Float, modes: tuple[Mode, ...]) -> dict[str, Float]:
-    """Magnification by the nearest mode over what is allowed, of tooth passing and runout."""
-    if not modes:
+def _mode_use(flutes: int, spindle_rad_s: Float, swings: tuple[Swing, ...]) -> dict[str, Float]:
+    """Largest magnification along the cut over what is allowed, of tooth passing and runout."""
+    if not swings:
         return {}
     return {
-        name: np.max([magnification(times * spindle_rad_s, mode) for mode in modes], axis=0) / MAGNIFIED
+        name: worst(swings, times * spindle_rad_s) / MAGNIFIED
         for name, times in (("tooth passing on a mode", float(flutes)), ("runout on a mode", 1.0))
     }
-
-
-def magnification(omega_rad_s: Float, mode: Mode) -> Float:
-    """Displacement of a mode under a harmonic force over that under the same force at rest.
-
-    Args:
-        omega_rad_s: (n,) angular frequency of the force.
-        mode: The mode.
-    """
-    r = omega_rad_s / mode.omega_rad_s
-    out: Float = 1.0 / np.sqrt((1.0 - r**2) ** 2 + (2.0 * mode.damping_ratio * r) ** 2)
-    return out

@@ -25,6 +25,10 @@ def register(app: typer.Typer) -> None:
     app.command()(strategy)
 
 
+FIRST_MODES = 6
+"""Printed; ``--json`` has all."""
+
+
 def strategy(
     cell: CellFile,
     program: Annotated[
@@ -150,6 +154,7 @@ def _show(answer: dict[str, Any]) -> None:
         f"up-milling at f_z = {zero['fz_mm']:g} mm: the force normal to the wall is zero {force}, the displacement "
         f"{error} (half the diameter is {zero['half_diameter_mm']:g} mm)"
     )
+    typer.echo(_modes(answer["modes"]))
     for name, error_um in answer["binding"].items():
         typer.echo(f"binds: {name}; without it {error_um:g} um instead of {_best(answer)}")
     if not answer["choices"]:
@@ -157,6 +162,20 @@ def _show(answer: dict[str, Any]) -> None:
         typer.echo(f"none of {answer['tried']} choices is within the limits: {worst}")
     if answer["not_known"]:
         typer.echo(f"not looked at, because the cell file does not state it: {', '.join(answer['not_known'])}")
+
+
+def _modes(modes: dict[str, Any]) -> str:
+    first = modes["bands_hz"][:FIRST_MODES]
+    bands = ", ".join(f"{low:g}" if low == high else f"{low:g} to {high:g}" for low, high in first)
+    text = f"first modes along the cut: {bands} Hz"
+    nearest = modes["nearest"]
+    if nearest is None:
+        return text
+    where = "" if nearest["line"] is None else f" in line {nearest['line']}"
+    return (
+        f"{text}; of tooth passing and runout, {nearest['what']} ({nearest['hz']:g} Hz) swings the tool most{where}: "
+        f"{nearest['magnified']:g} of the displacement at rest, the nearest mode is at {nearest['mode_hz']:g} Hz"
+    )
 
 
 def _best(answer: dict[str, Any]) -> str:
