@@ -10,13 +10,16 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, ProtocolError
 from counterflex.files.logs.tracker_log import measurements
 from counterflex.protocols.ads import telegram as ads
+from counterflex.protocols.force.stream import SampleStream
 from counterflex.protocols.kuka_rsi.context import parse_context
 from counterflex.protocols.kuka_rsi.make.files import RsiFiles
 from counterflex.protocols.kuka_rsi.setup import OnlineLimits
 from counterflex.protocols.netft import telegram as netft
+from counterflex.protocols.wrench import telegram as wrenches
 from counterflex.twin.devices.ads import AdsServer, PlcVariable
 from fuzz_target import Finding, Target
 
@@ -96,6 +99,91 @@ def requests(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of i
     return Target(seeds, False, check, _refused(netft.read_request))
 
 
+def wrench(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it is compiled
+    """Generic wrench datagrams, several one behind the other. An input is cut into rows of 72 bytes."""
+    seeds = [
+        b"".join(
+            wrenches.write_wrench(
+                wrenches.Wrench((first + k) % 2**32, 10**6 * k, status, k, (1.0, -2.0, 3.0, 4.0, 5.0, k))
+            )
+            for k in range(4)
+        )
+        for first, status in ((7, 0), (2**32 - 2, 4), (5, 1), (9, 2))
+    ]
+    rows, lengths = np.zeros((64, 2048), dtype=np.uint8), np.zeros(64, dtype=np.int64)
+
+    def pieces(data: bytes) -> list[bytes]:
+        return [data[k : k + 72] for k in range(0, min(len(data), 64 * 72), 72)]
+
+    def stream(data: bytes) -> SampleStream:
+        cut = pieces(data)
+        for k, piece in enumerate(cut):
+            rows[k, : len(piece)] = np.frombuffer(piece, dtype=np.uint8)
+            lengths[k] = len(piece)
+        read, good = wrenches.rows_of(rows, lengths, len(cut))
+        out, taken = SampleStream(range_n=1000.0), read[good]
+        out.begin()
+        out.malformed = int(np.sum(~good))
+        if len(taken):
+            out.take(
+                taken["wrench"],
+                sequence=taken["sequence"],
+                time_ns=taken["time_ns"],
+                invalid=taken["status"] & 2 != 0,
+                saturated=taken["status"] & 1 != 0,
+            )
+        out.end()
+        return out
+
+    def check(data: bytes) -> bool:
+        found = stream(data)
+        good, lost, bad, malformed, total = _wrench_judge(pieces(data))
+        counted = found.good, found.lost, found.bad, found.malformed
+        if counted != (good, lost, bad, malformed):
+            raise Finding(f"counted {counted}, the judge {good, lost, bad, malformed}")
+        if good and not np.allclose(found.w_sensor * good, total, rtol=1e-12, atol=1e-6):
+            raise Finding(f"mean {found.w_sensor}, sum of the judge {total}")
+        return good > 0
+
+    return Target(seeds, False, check, stream)
+
+
+def _wrench_fields(piece: bytes) -> tuple[int, int, tuple[float, ...]] | None:
+    """Sequence, status and numbers of a datagram by struct; None where it is none."""
+    if len(piece) != 72:
+        return None
+    name, sequence, _, status, _, *w = struct.unpack("<4sIQII6d", piece)
+    known = status & 2 != 0 or all(math.isfinite(v) and abs(v) <= 1e6 for v in w)
+    return (sequence, status, tuple(w)) if name == b"CFW1" and status <= 7 and known else None
+
+
+def _wrench_judge(pieces: list[bytes]) -> tuple[int, int, int, int, Float]:
+    """Good, lost, invalid and malformed datagrams, and the sum of the good ones."""
+    last, behind, before = -1, 0, -1
+    good, lost, bad, malformed, total = 0, 0, 0, 0, np.zeros(6)
+    for piece in pieces:
+        fields = _wrench_fields(piece)
+        if (fields is not None) != _refused(wrenches.read_wrench)(piece):
+            raise Finding(f"by struct {fields}")
+        if fields is None:
+            malformed += 1
+            continue
+        sequence, status, w = fields
+        step = 1 if last < 0 else (sequence - last) % 2**32
+        if step == 0 or step >= 2**31:
+            behind = 0 if step == 0 else (behind + 1 if (sequence - before) % 2**32 == 1 else 1)
+            before = sequence
+            if behind < 16:
+                continue
+            step = 1
+        behind, last, lost = 0, sequence, lost + step - 1
+        if status & 2 or not all(map(math.isfinite, w)):
+            bad += 1
+        elif not status & 1:
+            good, total = good + 1, total + w
+    return good, lost, bad, malformed, total
+
+
 def tracker_log(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it is compiled
     """Lines of a tracker's own program, as the bridge reads them."""
     seeds = [
@@ -154,6 +242,7 @@ def rsi_context(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing o
 OTHERS: dict[str, Callable[..., Target]] = {
     "ads": ads_frames,
     "netft-request": requests,
+    "wrench": wrench,
     "tracker-log": tracker_log,
     "rsi-context": rsi_context,
 }

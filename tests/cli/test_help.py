@@ -49,6 +49,7 @@ LIVE = (
     "twin cell",
     "twin rsi",
     "twin netft",
+    "twin wrench",
     "twin tracker",
     "twin ads",
     "twin egm",

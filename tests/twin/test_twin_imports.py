@@ -24,6 +24,7 @@ SHARED = (
     "counterflex.protocols.kuka_rsi.telegram",
     "counterflex.protocols.netft.telegram",
     "counterflex.protocols.tracker.telegram",
+    "counterflex.protocols.wrench.telegram",
     "counterflex.twin",
 )
 """All of the package that the twin may see: foundations, data, closed-form geometry, shape of tool and stock, bytes."""

@@ -15,6 +15,7 @@ from counterflex.app.run.job_check import program_job
 from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_positive
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.run_file import write_run
@@ -24,6 +25,7 @@ from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import Timing
+from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.live.cell_server import CellServer, Instruments
 from counterflex.twin.live.live_cell import LiveCell
@@ -46,8 +48,10 @@ class LiveSettings:
         peer: Where telegrams go instead, or None.
         egm: Where the messages of an ABB controller go, set as the cell file says; None: a KUKA one.
         own_force: The ABB controller sends the force sensor's readings itself.
-        netft_port: UDP port of the force sensor; 0 takes a free one, None leaves it out.
+        netft_port: UDP port of the force sensor; 0 takes a free one, None leaves it out. Where the cell file's sensor
+            sends by itself (``protocol = "wrench"``): the port that it sends to.
         netft_http_port: Of its scaling document.
+        force_host: Where a sensor that sends by itself sends to.
         tracker_peer: Where tracker datagrams go, or None.
         tracker_hz: Poses in a second; few are photogrammetry.
         tracker_faults: Of the tracker and its datagrams, late ones among them.
@@ -74,6 +78,7 @@ class LiveSettings:
     own_force: bool = False
     netft_port: int | None = 0
     netft_http_port: int = 0
+    force_host: str = "127.0.0.1"
     tracker_peer: tuple[str, int] | None = None
     tracker_hz: float = 1000.0
     tracker_faults: tuple[Fault, ...] = ()
@@ -139,10 +144,7 @@ def run(
     if not robot_controller.guides:
         live.skip_to_contact()
     laboratory_ = laboratory(settings.seed)
-    netft = None
-    if settings.netft_port is not None:
-        faults = FaultSchedule(settings.force_faults, settings.seed)
-        netft = NetftServer(port=settings.netft_port, http_port=settings.netft_http_port, faults=faults)
+    device = _device(settings, cell)
     table = cell.tables.sensor
     sensor = force_sensor(
         truth,
@@ -153,7 +155,7 @@ def run(
     instruments = Instruments(
         laboratory_,
         sensor,
-        netft,
+        device,
         settings.tracker_peer,
         tracker_faults=FaultSchedule(settings.tracker_faults, settings.seed),
         tracker_every_s=1.0 / as_positive("tracker_hz", settings.tracker_hz),
@@ -169,6 +171,7 @@ def run(
     begin = time.perf_counter()
     try:
         with atomic.atomic_folder(out) as staging:
+            netft = device if isinstance(device, NetftServer) else None
             started(Addresses(netft.address if netft else None, netft.http_address if netft else None))
             server.meet()
             why = server.run(progress=progress)
@@ -194,6 +197,25 @@ def run(
     finally:
         server.close()
     return summary
+
+
+def _device(settings: LiveSettings, cell: Cell) -> NetftServer | WrenchSender | None:
+    """What sends the readings of the force sensor: by the protocol that the cell file names, else a Net F/T."""
+    if settings.netft_port is None:
+        return None
+    faults = FaultSchedule(settings.force_faults, settings.seed)
+    table = cell.tables.sensor
+    if table is None or table.protocol != "wrench":
+        return NetftServer(port=settings.netft_port, http_port=settings.netft_http_port, faults=faults)
+    if settings.netft_port == 0:
+        raise InputError(
+            "where the force sensor sends to is not said",
+            where=str(settings.cell),
+            value='protocol = "wrench"',
+            hint="Give force_sensor.address (--scenario), the same as for counterflex run",
+        )
+    source = table.link.get("source", -1)
+    return WrenchSender((settings.force_host, settings.netft_port), faults, source=max(0, int(source)))
 
 
 def _controller(

@@ -1,4 +1,4 @@
-"""Simulated instruments alone on real sockets: a Net F/T, and a tracker that measures or replays."""
+"""Simulated instruments alone on real sockets: force sensors, and a tracker that measures or replays."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.pace import keep_pace
 from counterflex.twin.devices.pose_source import PoseSource, TrackerLog
 from counterflex.twin.devices.tracker import TrackerSender
+from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.devices.wrench_source import WrenchSource
 from counterflex.twin.network.faults import FaultSchedule
 
@@ -111,6 +112,67 @@ def run_netft(
         "ended": ended,
         "samples": taken,
         "records": server.records,
+        "given_up": skipped,
+        "counterflex": __version__,
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class LoneWrench:
+    """A force sensor alone that sends wrench datagrams.
+
+    Attributes:
+        peer: Where its datagrams go.
+        source: What it shows.
+        rate_hz: Samples per second.
+        seconds: How long, or None for ever.
+        source_id: Of the datagrams.
+        status: Status bits of every datagram.
+        faults: Scripted.
+    """
+
+    peer: tuple[str, int]
+    source: WrenchSource
+    rate_hz: int = 1000
+    seconds: float | None = None
+    source_id: int = 0
+    status: int = 0
+    faults: FaultSchedule = field(default_factory=FaultSchedule)
+
+
+def run_wrench(settings: LoneWrench, *, clock: Clock | None = None) -> dict[str, Any]:
+    """Run a force sensor until its time is over, it dies, or somebody presses Ctrl-C.
+
+    Args:
+        settings: See :class:`LoneWrench`.
+        clock: Or None for the computer's.
+
+    Returns:
+        Summary: samples sent, samples given up because the computer was too slow.
+
+    Raises:
+        InputError: The rate is out of range.
+    """
+    _check_rate(settings.rate_hz)
+    clock = clock if clock is not None else Clock()
+    sender = WrenchSender(settings.peer, settings.faults, source=settings.source_id)
+    sender.status = settings.status
+    ended, skipped = "stopped", 0
+
+    def tick(_: int, time_s: float) -> bool:
+        sender.send(settings.source(time_s), time_s)
+        return not sender.dead
+
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            skipped = keep_pace(_times(settings.rate_hz, settings.seconds), tick, now=clock.now, wait=clock.wait)
+            ended = "died" if sender.dead else "finished"
+    finally:
+        sender.close()
+    return {
+        "job": "twin wrench",
+        "ended": ended,
+        "samples": sender.sent,
         "given_up": skipped,
         "counterflex": __version__,
     }

@@ -196,7 +196,7 @@ def cell(
     without_end: WithoutEnd = False,
     scenario: Layers = None,
 ) -> None:
-    """Run a program on the simulated cell behind its real protocols: KUKA RSI or ABB EGM, Net F/T, tracker.
+    """Run a program on the simulated cell behind its real protocols: KUKA RSI or ABB EGM, force sensor, tracker.
 
     It sends at once: start `counterflex run` first. Writes the files of `simulate` into DIR, and nothing without an
     answer; it ends when `counterflex run` has ended.
@@ -215,7 +215,7 @@ def cell(
     from counterflex.app.simulated_cell import scenario as shown
 
     sensor, own_force = trial.force_sensor, trial.egm.own_force
-    _, force_port = host_port(sensor.address) or ("", 0)
+    force_host, force_port = host_port(sensor.address) or ("127.0.0.1", 0)
     settings = job.LiveSettings(
         program=program,
         cell=cell,
@@ -228,6 +228,7 @@ def cell(
         own_force=own_force,
         netft_port=None if own_force else force_port,
         netft_http_port=sensor.http_port or 0,
+        force_host=force_host,
         tracker_peer=host_port(trial.tracker.address),
         tracker_hz=trial.tracker.rate_hz,
         tracker_faults=shown.late(trial.tracker),

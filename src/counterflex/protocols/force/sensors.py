@@ -108,5 +108,8 @@ FORCE_SENSORS: Final[Registry[ForceSensorKind]] = Registry(
     "counterflex.force_sensors",
     "protocol of a force sensor",
     "counterflex.protocols.force.sensors:ForceSensorKind",
-    {"netft": "counterflex.protocols.netft.sensor:NETFT"},
+    {
+        "netft": "counterflex.protocols.netft.sensor:NETFT",
+        "wrench": "counterflex.protocols.wrench.sensor:WRENCH",
+    },
 )

@@ -15,6 +15,7 @@ from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import RobotServer
 from counterflex.twin.devices.tracker import TrackerSender
+from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.laboratory.laboratory import Laboratory
 from counterflex.twin.live.live_cell import LiveCell
 from counterflex.twin.network.faults import FaultSchedule
@@ -30,7 +31,7 @@ class Instruments:
     Attributes:
         laboratory: Noise, and where the tracker and its target truly are.
         force_sensor: As it truly is; or None.
-        netft: Where its readings go; or None.
+        device: What sends its readings; or None.
         tracker_peer: Where poses go; or None.
         beam_broken: The tracker does not see its target.
         temperature_c: Of the force sensor.
@@ -40,7 +41,7 @@ class Instruments:
 
     laboratory: Laboratory
     force_sensor: ForceSensor | None = None
-    netft: NetftServer | None = None
+    device: NetftServer | WrenchSender | None = None
     tracker_peer: tuple[str, int] | None = None
     beam_broken: bool = False
     temperature_c: float = 20.0
@@ -67,8 +68,8 @@ class Instruments:
             scale = np.r_[np.full(3, self.laboratory.force_n), np.full(3, self.laboratory.moment_nm)]
             self._force_sum += w + scale * noise
             self._force_count += 1
-            if self.netft is not None:
-                self.netft.send(w + scale * noise, time_s)
+            if self.device is not None:
+                self.device.send(w + scale * noise, time_s)
         if self._tracker is not None and time_s > self._tracker_due - 1e-9:
             self._tracker_due = max(self._tracker_due + self.tracker_every_s, time_s)
             self._send_pose(self._tracker, cell, time_s)
@@ -94,8 +95,8 @@ class Instruments:
         """Free the sockets."""
         if self._tracker is not None:
             self._tracker.close()
-        if self.netft is not None:
-            self.netft.close()
+        if self.device is not None:
+            self.device.close()
 
 
 class CellServer(RobotServer):
@@ -134,8 +135,8 @@ class CellServer(RobotServer):
             mean = self.instruments.mean_force()
             if mean is not None:
                 self._own_force(mean)
-        if self.instruments is not None and self.instruments.netft is not None:
-            self.instruments.netft.poll()
+        if self.instruments is not None and self.instruments.device is not None:
+            self.instruments.device.poll()
 
     def close(self) -> None:
         """Free the sockets."""

@@ -20,6 +20,7 @@ from counterflex.core.errors import InputError
 def register(twin: typer.Typer) -> None:
     """Add these commands."""
     twin.command("netft")(netft)
+    twin.command("wrench")(wrench)
     twin.command("tracker")(tracker)
     twin.command("ads")(ads)
 
@@ -82,6 +83,65 @@ def netft(
         print_json(summary)
         return
     typer.echo(f"{summary['ended']} after {summary['samples']} samples; {summary['records']} records left")
+    _show_skipped(summary["given_up"])
+
+
+def wrench(
+    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=arguments.host_port)],
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--file",
+            help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.",
+            metavar="CSV",
+            callback=arguments.file,
+        ),
+    ] = None,
+    source_id: Annotated[
+        int, typer.Option("--source", help="Source id of the datagrams.", min=0, max=2**32 - 1, metavar="ID")
+    ] = 0,
+    seconds: Seconds = None,
+    scenario: Layers = None,
+    fault: Fault = None,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate any force sensor behind a bridge: it sends the generic wrench datagram of 72 bytes.
+
+    It shows a constant load, a sine or a record, with noise. Faults further: saturated, frozen, nan, status=4 (a
+    warning), offset (of the force), counter=STEP, silent, dying.
+
+    Tables of the scenario: force_sensor, faults.
+
+    Example: `counterflex twin wrench 127.0.0.1:49300 -s force_sensor.wrench_n_nm=0,0,-50,0,0,0 --seconds 0.1`
+    """
+    from counterflex.files.scenario_file import read_scenario
+
+    trial = read_scenario(scenario or (), ("force_sensor",))
+    import numpy as np
+
+    from counterflex.app.simulated_cell import instruments as job
+    from counterflex.app.simulated_cell.scenario import schedule
+    from counterflex.files.logs.wrench_log import read_wrench_log
+    from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench, WrenchSource
+
+    table, faults = trial.force_sensor, schedule(trial, fault)
+    source: WrenchSource = SteadyWrench(np.array(table.wrench_n_nm), np.array(table.amplitude_n_nm), table.sine_hz)
+    if file is not None:
+        source = RecordedWrench(*read_wrench_log(file), repeat=table.repeat)
+    settings = job.LoneWrench(
+        peer=address(to, "HOST:PORT"),
+        source=NoisyWrench(source, table.noise_n, table.noise_nm, faults.seed),
+        rate_hz=table.rate_hz,
+        seconds=seconds,
+        source_id=source_id,
+        status=table.status,
+        faults=faults,
+    )
+    summary = job.run_wrench(settings)
+    if as_json:
+        print_json(summary)
+        return
+    typer.echo(f"{summary['ended']} after {summary['samples']} samples")
     _show_skipped(summary["given_up"])
 
 

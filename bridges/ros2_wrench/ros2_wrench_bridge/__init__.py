@@ -1,0 +1,1 @@
+"""WrenchStamped of ROS 2 as generic wrench datagrams."""

@@ -1,0 +1,154 @@
+"""Samples of a force sensor that come by themselves, numbered or not: gaps, restarts, range, frozen readings, mean."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import InputError
+
+MOST_SAMPLES: Final = 512
+"""Samples of one drain that are kept one by one; later ones still enter the mean."""
+SATURATED: Final = 0.95
+"""Share of the range at which a reading is not believed any more."""
+FROZEN: Final = 25
+"""Samples with the same six numbers in a row that no living sensor sends."""
+RESTART: Final = 16
+"""Samples in a row whose numbers go on from each other but lie behind the last one: the source was started again."""
+_HALF: Final = 0x80000000
+_MASK: Final = 0xFFFFFFFF
+
+
+class SampleStream:
+    """What a stream of samples says, as :class:`counterflex.protocols.force.source.ForceSource` shows it.
+
+    Call :meth:`begin`, then :meth:`take` for each batch, then :meth:`end`, once per cycle of the loop.
+
+    Args:
+        range_n: Largest force that the sensor measures; 95 % of it counts as saturated. None: not watched.
+        range_nm: Largest moment, likewise.
+
+    Attributes:
+        w_sensor: (6,) N, N m, mean of the good samples of the last cycle that had any.
+        samples: (MOST_SAMPLES, 6) N, N m, the good ones of the last cycle one by one.
+        first: Sequence number of the first of them where they come at 1 kHz by their own time stamps, else -1.
+        good: Good samples in the last cycle.
+        saturated: One of them was beyond the range, or the sensor said so.
+        frozen: The readings have not changed for 25 samples.
+        lost: Samples missing between the numbers, in all.
+        bad: Samples that the sensor itself calls invalid, in all.
+        malformed: What was no sample, in all.
+        restarts: How often the source began to count again.
+
+    Raises:
+        InputError: A range is not above 0.
+    """
+
+    def __init__(self, *, range_n: float | None = None, range_nm: float | None = None) -> None:
+        limits = [np.inf if value is None else value for value in (range_n, range_nm)]
+        if not min(limits) > 0.0:
+            raise InputError("the range of the force sensor is not above 0", value=min(limits))
+        self._limit: Float = SATURATED * np.repeat(limits, 3)
+        self._last: Float = np.full(6, np.nan)
+        self._same = self._behind = 0
+        self._sequence = self._before = -1
+        self._origin: tuple[int, int] | None = None
+        self._kilohertz = False
+        self._sum: Float = np.zeros(6)
+        self.w_sensor: Float = np.zeros(6)
+        self.samples: Float = np.zeros((MOST_SAMPLES, 6))
+        self.first, self.good = -1, 0
+        self.saturated = self.frozen = False
+        self.lost = self.bad = self.malformed = self.restarts = 0
+
+    def begin(self) -> None:
+        """Begin a cycle."""
+        self.first, self.good = -1, 0
+        self.saturated = False
+        self._sum[:] = 0.0
+
+    def take(
+        self,
+        w: Float,
+        *,
+        sequence: NDArray[np.integer] | None = None,
+        time_ns: NDArray[np.integer] | None = None,
+        invalid: Bool | None = None,
+        saturated: Bool | None = None,
+    ) -> None:
+        """Take samples in their order.
+
+        Args:
+            w: (k, 6) N, N m; a row that is not finite counts as invalid.
+            sequence: (k,) numbers of 32 bits, or None: every sample counts as a new one.
+            time_ns: (k,) clock of the source, or None.
+            invalid: (k,) the sensor says that it has no value.
+            saturated: (k,) the sensor says that it is beyond its range.
+        """
+        kept = self._in_order(sequence, time_ns, len(w))
+        if len(kept) == 0:
+            return
+        usable: Bool = np.isfinite(w[kept]).all(axis=1)
+        if invalid is not None:
+            usable &= ~invalid[kept]
+        self.bad += int(np.sum(~usable))
+        if saturated is not None and np.any(saturated[kept]):
+            self.saturated = True
+            usable &= ~saturated[kept]
+        good = w[kept][usable]
+        if len(good) == 0:
+            return
+        self.saturated |= bool(np.any(np.abs(good) > self._limit))
+        changed: Bool = np.any(np.diff(np.concatenate([self._last[None], good]), axis=0) != 0.0, axis=1)
+        places = np.flatnonzero(changed)
+        self._same = self._same + len(good) if len(places) == 0 else len(good) - 1 - int(places[-1])
+        self._last = good[-1].copy()
+        if self.good == 0 and sequence is not None and self._kilohertz:
+            self.first = int(sequence[kept[np.flatnonzero(usable)[0]]])
+        fits = min(len(good), MOST_SAMPLES - min(self.good, MOST_SAMPLES))
+        self.samples[self.good : self.good + fits] = good[:fits]
+        self.good += len(good)
+        self._sum += good.sum(axis=0)
+
+    def end(self) -> int:
+        """End a cycle; returns the number of good samples. With none the mean is left as it was."""
+        if self.good > 0:
+            np.divide(self._sum, self.good, out=self.w_sensor)
+        self.frozen = self._same >= FROZEN - 1
+        return self.good
+
+    def _in_order(self, sequence: NDArray[np.integer] | None, time_ns: NDArray[np.integer] | None, count: int) -> Int:
+        """Which samples are new: numbers go on by their order, late and repeated ones are passed over."""
+        if sequence is None:
+            return np.arange(count)
+        kept = []
+        for k, number in enumerate(sequence.tolist()):
+            step = 1 if self._sequence < 0 else (number - self._sequence) & _MASK
+            if step == 0 or step >= _HALF:
+                follows = (number - self._before) & _MASK == 1
+                self._before = number
+                self._behind = (self._behind + 1 if follows else 1) if step else 0
+                if self._behind < RESTART:
+                    continue
+                self.restarts += 1
+                self._origin, step = None, 1
+            self._behind = 0
+            self.lost += step - 1
+            self._sequence = number
+            if time_ns is not None:
+                self._pace(number, int(time_ns[k]))
+            kept.append(k)
+        return np.array(kept, dtype=np.int64)
+
+    def _pace(self, sequence: int, time_ns: int) -> None:
+        """Whether the stream comes at 1 kHz, by the source's own numbers and times."""
+        if self._origin is None:
+            self._origin, self._kilohertz = (sequence, time_ns), False
+            return
+        steps = (sequence - self._origin[0]) & _MASK
+        if steps >= 100:
+            self._kilohertz = abs((time_ns - self._origin[1]) / steps - 1e6) < 2e4
+            self._origin = (sequence, time_ns)
