@@ -91,7 +91,7 @@ class SampleStream:
         kept = self._in_order(sequence, time_ns, len(w))
         if len(kept) == 0:
             return
-        usable: Bool = np.isfinite(w[kept]).all(axis=1)
+        usable: Bool = np.asarray(np.all(np.isfinite(w[kept]), axis=1))
         if invalid is not None:
             usable &= ~invalid[kept]
         self.bad += int(np.sum(~usable))
