@@ -32,8 +32,8 @@ def test_the_share_of_the_arm_is_what_a_rigid_end_effector_would_leave() -> None
     C_arm = cartesian_compliance(stiff, q)
     d, d_arm = ((m @ w_base[..., None])[..., 0][:2, :3] for m in (C, C_arm))
     expected = np.median(np.sum(d * d_arm, axis=1) / np.sum(d * d, axis=1))
-    assert np.isclose(arm_share(chain, cell.T_base_part, q, w), expected, rtol=1e-9)
-    assert arm_share(chain, cell.T_base_part, q, np.zeros_like(w)) == 1.0
+    assert np.isclose(arm_share(chain, q, w_base), expected, rtol=1e-9)
+    assert arm_share(chain, q, np.zeros_like(w)) == 1.0
 
 
 def test_what_is_sent_undoes_the_deflection_pair() -> None:

@@ -5,29 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.geometry import wrench
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain
 
 
-def arm_share(chain: ElasticChain, T_base_part: Float, q: Float, w_part: Float) -> float:
+def arm_share(chain: ElasticChain, q: Float, w_base: Float) -> float:
     """Share of the deflection that the robot's arm makes, the rest being made by what it carries.
 
     Median over the rows under load of ``d_arm . d / d . d``, translations only, linear.
 
     Args:
         chain: Robot and end effector.
-        T_base_part: (4, 4).
         q: (n, 6) rad.
-        w_part: (n, 6) N, N m, on the tool about its tip, part axes.
+        w_base: (n, 6) N, N m, on the robot's hand about its origin, base axes.
 
     Returns:
         0..1; 1 where nothing is loaded or nothing yields.
     """
-    rows = np.flatnonzero(np.any(w_part != 0.0, axis=1))
+    rows = np.flatnonzero(np.any(w_base != 0.0, axis=1))
     if len(rows) == 0:
         return 1.0
-    own = compliance.shares(chain, q[rows], wrench.rotate(T_base_part[:3, :3], w_part[rows]))[..., :3]
+    own = compliance.shares(chain, q[rows], w_base[rows])[..., :3]
     total = np.sum(own, axis=1)
     arm = np.sum(own[:, : chain.flange_segment + 1], axis=1)
     square = np.sum(total * total, axis=1)

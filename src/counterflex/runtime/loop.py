@@ -22,7 +22,8 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.settings import MonitorSettings, unwatched
-from counterflex.runtime.settings import ForceMode, OnlineSettings
+from counterflex.runtime.primitives.hand import BACK, turned_load
+from counterflex.runtime.settings import ForceMode, OnlineSettings, require_for_held_part
 from counterflex.runtime.state.loop_record import LOOP
 from counterflex.runtime.state.memory_layout import Layout, layout_before, layout_of, put_words
 from counterflex.runtime.state.planned import PLAN
@@ -50,6 +51,8 @@ class Loop:
         plan: Or None: then only a measured force can be corrected, along the feed too.
         monitor: What of the process is watched; None watches all and reacts to nothing.
         override: How the program's speed may be changed; None leaves it alone.
+        T_base_tcp: (4, 4) tool frame of a spindle that stands, where the robot holds the part; ``T_base_part`` is not
+            looked at then. Forces come from the plan or the sensor, corrections go to the axes.
 
     Attributes:
         given: Inputs, :data:`counterflex.runtime.state.given.GIVEN`.
@@ -81,6 +84,7 @@ class Loop:
         *,
         monitor: MonitorSettings | None = None,
         override: OverrideSettings | None = None,
+        T_base_tcp: Float | None = None,
     ) -> None:
         if plan is None and (settings.force in (ForceMode.PILOT, ForceMode.SCALE) or settings.compensated):
             raise InputError(
@@ -102,7 +106,11 @@ class Loop:
         self.given, self.result, self.step_state, self.tests = (
             loop[name][0] for name in ("given", "result", "state", "tests")
         )
-        pack_settings(loop["settings"][0], settings, as_float("T_base_part", T_base_part, (4, 4)), plan)
+        self._held = T_base_tcp is not None
+        if T_base_tcp is not None:
+            require_for_held_part(settings)
+            T_base_tcp = as_float("T_base_tcp", T_base_tcp, (4, 4))
+        pack_settings(loop["settings"][0], settings, as_float("T_base_part", T_base_part, (4, 4)), plan, T_base_tcp)
         loop["settings"][0].torsion[:] = chain.compliance[chain.torsion, 5]
         pack_limits(loop["limits"][0], settings)
         self.quick_given, self.quick_result, self.quick_tests = (
@@ -129,6 +137,22 @@ class Loop:
         self.memory = self._memory()
         compile_stated("counterflex.runtime.cycle")
         self.reset()
+
+    @property
+    def holds_part(self) -> bool:
+        """Whether the robot holds the part against a spindle that stands."""
+        return self._held
+
+    def on_tool(self, w: Float) -> None:
+        """Turn a wrench on the hand about its origin into that on the tool about its tip, part axes, in place.
+
+        Nothing where the robot holds the tool, which is the hand then.
+
+        Args:
+            w: (6,) N, N m; changed.
+        """
+        if self._held:
+            turned_load(self._loop["settings"][0], self.given.nominal, w, 0, BACK)
 
     def reset(self) -> None:
         """Begin anew: IDLE, correction zero, nothing learnt, place on the path unknown; as a loop just made."""

@@ -32,7 +32,9 @@ TORQUE_MEMORY_S: Final = 0.5
 """Over which the friction in a motor current stays the same, so that its samples are no new information."""
 
 
-def pack_settings(out: Record, settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None) -> None:
+def pack_settings(
+    out: Record, settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None, T_base_tcp: Float | None = None
+) -> None:
     """Write constants, modes and delays in whole cycles of the step.
 
     Args:
@@ -40,6 +42,7 @@ def pack_settings(out: Record, settings: OnlineSettings, T_base_part: Float, pla
         settings: Of the loop.
         T_base_part: (4, 4) part frame.
         plan: Of the program, or None.
+        T_base_tcp: (4, 4) tool frame of a spindle that stands, where the robot holds the part; else None.
 
     Raises:
         InputError: A delay is longer than the loop remembers.
@@ -49,6 +52,8 @@ def pack_settings(out: Record, settings: OnlineSettings, T_base_part: Float, pla
     _pack_modes(out, settings, plan)
     _pack_delays(out, settings, plan)
     out.R_base_part[:] = T_base_part[:3, :3].reshape(-1)
+    out.holds_part = T_base_tcp is not None
+    out.R_base_tcp[:] = (np.eye(4) if T_base_tcp is None else T_base_tcp)[:3, :3].reshape(-1)
     supervision = settings.supervisor.packed()
     for name, value in zip(SUPERVISION.names or (), supervision, strict=True):
         out.supervisor[name] = value

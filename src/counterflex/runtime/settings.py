@@ -306,6 +306,34 @@ class OnlineSettings:
             raise InputError("nothing to correct from", value="neither force nor tracker", hint="Choose one of them")
 
 
+def require_for_held_part(settings: OnlineSettings) -> None:
+    """Check what is chosen for a robot that holds the part against a spindle that stands.
+
+    Axis corrections mean the same whatever the robot holds. What a controller's Cartesian correction is about, and in
+    which axes, while its tool stands, no document says.
+
+    Args:
+        settings: Of the loop.
+
+    Raises:
+        InputError: A Cartesian correction, a tracker, the estimator, or inertia taken out of the force.
+    """
+    chosen = (
+        ("output", settings.output.name, Output.AXES.name, settings.output != Output.AXES),
+        ("force", settings.force.name, "MEASURED, PILOT or SCALE", settings.force in (ForceMode.FUSED, ForceMode.NONE)),
+        ("tracker", settings.tracker.name, TrackerMode.NONE.name, settings.tracker != TrackerMode.NONE),
+        ("inertia_hz", f"{settings.inertia_hz:g}", "0", settings.inertia_hz > 0.0),
+    )
+    for key, value, limit, wrong in chosen:
+        if wrong:
+            raise InputError(
+                'the loop cannot do this where the robot holds the part (part_on = "flange")',
+                where=f"[online] {key}",
+                value=value.lower(),
+                limit=limit.lower(),
+            )
+
+
 def inertia_smoothing(settings: OnlineSettings) -> Smoothing:
     """The low-pass that the force passes while the inertia is taken out of it; with a corner of 0 it does nothing."""
     return Smoothing(settings.inertia_hz, 1, settings.period_s)

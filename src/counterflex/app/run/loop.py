@@ -53,7 +53,8 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     hardest = plan.q[int(np.argmax(np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)))]
     modes = (mode_of(cell.chain, hardest, dynamics.mode), Mode(delays.natural_per_s, delays.damping))
     shaping = replace(dynamics.shaping, lead_s=delays.dead_s + dynamics.shaping.lead_s)
-    ahead = Ahead(arm_share(cell.chain, cell.T_base_part, plan.q, plan.w_tcp_part), modes, shaping)
+    on_hand = setting_of(cell, part_may_be_held=True).relative_motion(plan.path).load(plan.w_tcp_part)
+    ahead = Ahead(arm_share(cell.chain, plan.q, on_hand), modes, shaping)
     w, w_lost, cutting = plan.w_tcp_part, np.zeros_like(plan.w_tcp_part), plan.cutting.astype(np.float64)
     if not compensated and settings.pilot.lead_s is None:
         if settings.force in (ForceMode.PILOT, ForceMode.SCALE) and not (designed or settings.axis_play):
@@ -85,7 +86,7 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
 
 def _lost(plan: Plan, cell: Cell) -> Float:
     """(n, 6) N, force that would bend the robot as far as its drives yield and lose motion, near contact."""
-    setting, path = setting_of(cell), plan.path
+    setting, path = setting_of(cell, part_may_be_held=True), plan.path
     near = np.flatnonzero(within(plan.cutting, path.time_s, feed_runs(path), APPROACH_S))
     out = np.zeros_like(plan.w_tcp_part)
     if np.any(plan.play_part[near] != 0.0):
@@ -96,7 +97,9 @@ def _lost(plan: Plan, cell: Cell) -> Float:
 
 def _play_compensation(plan: Plan, cell: Cell, delays: Delays) -> Float:
     lag = Mode(delays.natural_per_s, delays.damping)
-    return play_compensation(setting_of(cell), plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s)
+    return play_compensation(
+        setting_of(cell, part_may_be_held=True), plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s
+    )
 
 
 def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:
@@ -130,10 +133,11 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
     return Loop(
         cell.chain,
         settings,
-        cell.T_base_part,
+        np.eye(4) if cell.holds_part else cell.T_base_part,
         plan,
         monitor=seen_by(settings, exponent, inertia_kg, mode.ring_s),
         override=None if override is None else override.settings(),
+        T_base_tcp=cell.T_base_tcp,
     )
 
 

@@ -164,7 +164,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     ranges = (None, None) if measured is None else (measured.range_n, measured.range_nm)
     if settings.force is not None and sensor is not None and measured is not None:
         force = opened(measured.protocol, _opening(settings, settings.force, measured))
-        wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
+        wrench = SensorWrench(cell.chain, sensor, None if cell.holds_part else cell.T_base_part)
     elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":
         force = EgmForce(link, range_n=ranges[0], range_nm=ranges[1])
         wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
@@ -205,7 +205,8 @@ def _axis_check(cell: Cell, table: OnlineTable, loop: Loop) -> AxisCheck | None:
     tolerance = table.axis_tolerance
     if tolerance is None:
         return None
-    return AxisCheck(cell.controller_chain, cell.T_base_part, loop.settings.period_s, tolerance)
+    T_base_part = np.eye(4) if cell.holds_part else cell.T_base_part
+    return AxisCheck(cell.controller_chain, T_base_part, loop.settings.period_s, tolerance, cell.T_base_tcp)
 
 
 def _require_programmed_feed(about: Mapping[str, Any], plan: Path | None) -> None:

@@ -158,6 +158,7 @@ class Senses:
         w -= tare.zero
         if self._inertia is None:
             self._w[:] = w
+            self._loop.on_tool(self._w)
         elif self.since > 0:
             self._w[:] = self._without_inertia(self._inertia, w)
         return soft

@@ -37,10 +37,17 @@ class AxisCheck:
         T_base_part: (4, 4) part frame, the frame of the poses.
         period_s: Cycle.
         tolerance: See :class:`AxisTolerance`.
+        T_base_tcp: (4, 4) tool frame of a spindle that stands, where the robot holds the part: the chain ends in the
+            part frame then, and ``T_base_part`` is not looked at. None: the robot holds the tool.
     """
 
     def __init__(
-        self, chain: ElasticChain, T_base_part: Float, period_s: float, tolerance: AxisTolerance | None = None
+        self,
+        chain: ElasticChain,
+        T_base_part: Float,
+        period_s: float,
+        tolerance: AxisTolerance | None = None,
+        T_base_tcp: Float | None = None,
     ) -> None:
         chosen = AxisTolerance() if tolerance is None else tolerance
         self._chain = chain.compact
@@ -50,6 +57,9 @@ class AxisCheck:
         self._trail, self._checks = records(ak.TRAIL, rows), records(ak.CHECK)
         c = self._checks[0]
         c.T_part_base = np.concatenate([T_part_base[:3, :3].reshape(-1), T_part_base[:3, 3]])
+        if T_base_tcp is not None:
+            c.T_base_tcp = np.concatenate([T_base_tcp[:3, :3].reshape(-1), T_base_tcp[:3, 3]])
+            c.holds_part = 1
         c.limit_m, c.limit_rad = chosen.position_m, chosen.rotation_rad
         c.offset_limit_m, c.offset_limit_rad = chosen.offset_m, chosen.offset_rad
         self._check: Record = c

@@ -19,6 +19,8 @@ from counterflex.runtime.primitives.frames import all_finite, pose_deviation
 
 CHECK: Final = record(
     T_part_base=(float, 12),  # robot base in the part frame, rotation by rows and position
+    T_base_tcp=(float, 12),  # tool frame of a spindle that stands, likewise
+    holds_part=int,  # 1: the robot holds the part: the angles place it, not the tool
     limit_m=float,  # by which a pose may differ from that of the angles
     limit_rad=float,
     offset_limit_m=float,  # largest frame offset
@@ -104,7 +106,15 @@ def _travelled(c: Record, trail: Records) -> None:
 
 @kernel("void(Check, float64[::1])", Check=CHECK)
 def _place_in_part(c: Record, tip: Float) -> None:
-    """Pose of the tip (12,), base frame, in the part frame: into ``own``."""
+    """Pose of the tool in the part frame from that of the hand (12,), base frame: into ``own``."""
+    if c.holds_part == 1:
+        tool = c.T_base_tcp
+        for i in range(3):
+            for j in range(3):
+                c.own[3 * i + j] = tip[i] * tool[j] + tip[3 + i] * tool[3 + j] + tip[6 + i] * tool[6 + j]
+            x, y, z = tool[9] - tip[9], tool[10] - tip[10], tool[11] - tip[11]
+            c.own[9 + i] = tip[i] * x + tip[3 + i] * y + tip[6 + i] * z
+        return
     for i in range(3):
         a, b, d = c.T_part_base[3 * i], c.T_part_base[3 * i + 1], c.T_part_base[3 * i + 2]
         for j in range(3):

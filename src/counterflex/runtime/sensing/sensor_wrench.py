@@ -29,6 +29,7 @@ CARRIED: Final = record(
     p_sensor_tcp=(float, 3),
     unturned=(float, 9),
     R_base_part=(float, 9),
+    hand=int,
     trig=(float, 12),
     turn=(float, 9),
     R_base_sensor=(float, 9),
@@ -40,7 +41,8 @@ CARRIED: Final = record(
 ``station`` of the body that carries it, or the one before it; ``hose``: station of the body that the hose pack comes
 from, or -1. ``R_station_sensor``: sensor in the station, behind its elastic element; rotations by rows. ``R_rest``:
 rotation that the offset goes by, in the hose's body on the unbent arm, else ``R_base_sensor``. ``idle`` (N, N m): what
-the sensor shows without a process.
+the sensor shows without a process. ``hand``: station of the hand where it holds the part, whose axes are the part's
+then; -1 where the part stands in ``R_base_part``.
 """
 ARRAYS: Final = addresses(
     "stations", "surroundings", "regions", "frame", "delta", "carried", "constants", "w_base", "w_part"
@@ -120,7 +122,11 @@ def sensor_wrench(tables: Records, q: Float, w_sensor: Float, time_s: float, tem
     sensors, w_base = carray(to_pointer(table.constants.place), (1,), IDLE), reals(table.w_base)
     carried = carray(to_pointer(table.carried.place), (1,), CARRIED)[0]
     R, still, p = carried.R_base_sensor[:], carried.idle[:], carried.p_sensor_tcp[:]
-    bent_rotation(chain, carried, q, w_base, matrix(table.frame), matrix(table.delta))
+    frame = matrix(table.frame)
+    bent_rotation(chain, carried, q, w_base, frame, matrix(table.delta))
+    if carried.hand >= 0:
+        for k in range(9):
+            carried.R_base_part[k] = frame[carried.hand, k]
     idle(sensors, R, carried.R_rest[:], carried.gravity[:], time_s, temperature_c, still)
     to_tcp(w_sensor, still, R, p, carried.unturned[:], w_base)
     to_tcp(w_sensor, still, R, p, carried.R_base_part[:], reals(table.w_part))
@@ -132,17 +138,17 @@ class SensorWrench:
     Args:
         chain: Elastic chain of the cell.
         sensor: Identified constants.
-        T_base_part: (4, 4) part frame.
+        T_base_part: (4, 4) part frame; None where the robot holds the part: it is the end of the chain then.
 
     Attributes:
-        w_part: (6,) N, N m: result, on the tool about the TCP in part axes.
+        w_part: (6,) N, N m: result, on what the hand holds about the end of the chain (TCP), in part axes.
         w_base: (6,) the same in base axes; the load that the next sample's bending is taken from.
 
     Raises:
         InputError: The sensor's body is not there, or lies before the last axis.
     """
 
-    def __init__(self, chain: ElasticChain, sensor: FlangeSensor, T_base_part: Float) -> None:
+    def __init__(self, chain: ElasticChain, sensor: FlangeSensor, T_base_part: Float | None) -> None:
         compact = chain.compact
         place = segment_index(chain, sensor.segment)
         if np.any(chain.joint[place + 1 :] >= 0):
@@ -161,7 +167,9 @@ class SensorWrench:
         self._carried.R_station_sensor = (T @ sensor.T_seg_sensor)[:3, :3].reshape(-1)
         p = (pose.inverse(sensor.T_seg_sensor) @ carrier_to_tcp(chain, sensor.segment))[:3, 3]
         self._carried.p_sensor_tcp = p
-        self._carried.R_base_part = as_float("T_base_part", T_base_part, (4, 4))[:3, :3].reshape(-1)
+        self._carried.hand = len(stations) if T_base_part is None else -1
+        if T_base_part is not None:
+            self._carried.R_base_part = as_float("T_base_part", T_base_part, (4, 4))[:3, :3].reshape(-1)
         self._carried.gravity, self._carried.unturned = chain.gravity, np.eye(3).reshape(-1)
         m = len(stations)
         self.w_part: Float = np.zeros(6)

@@ -16,6 +16,7 @@ CYCLE: Final = record(
     direction=(float, 9),  # rows: feed, across, along the tool
     deviation=(float, 6),  # of the tracker, m and rad
     innovation=(float, 6),  # of it that the observer did not expect
+    R_base_part=(float, 9),  # part axes in the base, by rows
     load=(float, 12),  # axis angles, and wrench in base axes
     vector=(float, 6),  # work space, as the next two
     rows=(float, 12),

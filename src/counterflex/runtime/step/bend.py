@@ -7,6 +7,7 @@ from counterflex.core.records import Record, Records
 from counterflex.robot.elasticity.kernels.records import ELASTIC, Elastic
 from counterflex.robot.elasticity.kernels.step import REFUSED, deflect
 from counterflex.runtime.primitives.frames import across, turn, turn_back
+from counterflex.runtime.primitives.hand import TO_HAND, TO_TOOL, turned_load, turned_motion
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.given import GIVEN
@@ -40,12 +41,13 @@ def find_deflection(
         elastic: Chain and arrays of the elastic step; changed.
     """
     bending = elastic.results[0]
-    load, bent, R = cycle.load[:], result.deflection[:], settings.R_base_part[:]
+    load, bent, R = cycle.load[:], result.deflection[:], cycle.R_base_part[:]
     for k in range(6):
         load[k] = given.q[k]
         load[6 + k] = cycle.used[k]
         bent[k] = 0.0
     if cycle.hard != _NOT_FINITE:
+        turned_load(settings, given.nominal[:], load, 6, TO_HAND)
         turn(R, 0, load, 6)
         turn(R, 0, load, 9)
         cycle.elastic = deflect(elastic, load, 0)
@@ -53,6 +55,7 @@ def find_deflection(
             bent[k] = bending.deflection[k]
         turn_back(R, 0, bent, 0)
         turn_back(R, 0, bent, 3)
+        turned_motion(settings, given.nominal[:], bent, TO_TOOL)
     if cycle.elastic & REFUSED and cycle.soft == 0:
         cycle.soft = _SINGULAR
     if settings.normal_only == 1 and cycle.planned == 1:

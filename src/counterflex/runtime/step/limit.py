@@ -10,6 +10,7 @@ from counterflex.robot.elasticity.kernels.records import WORK
 from counterflex.robot.elasticity.kernels.step import DAMPED, REFUSED, cholesky_inverse, newton_step
 from counterflex.runtime.estimator.deflection import answered
 from counterflex.runtime.primitives.frames import shorten, turn
+from counterflex.runtime.primitives.hand import BACK, turned_motion
 from counterflex.runtime.primitives.history import row_back
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
@@ -118,32 +119,35 @@ def remember(given: Record, settings: Record, state: Record, ring: Records, cycl
 
 
 @kernel(
-    "void(Settings, State, Work, Cycle, Result)",
+    "void(Given, Settings, State, Work, Cycle, Result)",
+    Given=GIVEN,
     Settings=SETTINGS,
     State=STATE,
     Work=WORK,
     Cycle=CYCLE,
     Result=RESULT,
 )
-def as_axes(settings: Record, state: Record, work: Record, cycle: Record, result: Record) -> None:
+def as_axes(given: Record, settings: Record, state: Record, work: Record, cycle: Record, result: Record) -> None:
     """The correction as change of the axis angles: one Newton step with the rigid Jacobian, never damped.
 
     Where axis angles cannot be computed they stay as they were: a fault holds, also in the axes.
 
     Args:
+        given: Inputs of the cycle.
         settings: Of the loop.
         state: Of the step; changed.
         work: Of the elastic step, which left Jacobian and inverse factor there.
         cycle: With the status of the elastic step, to which CLAMPED is added.
         result: The axis correction is written.
     """
-    axes, error, R = result.axes[:], cycle.load[:], settings.R_base_part[:]
+    axes, error, R = result.axes[:], cycle.load[:], cycle.R_base_part[:]
     for k in range(6):
         axes[k] = state.axes[k]
     if cycle.hard == _NOT_FINITE or cycle.elastic & REFUSED:
         return
     for k in range(6):
         error[k] = -state.correction[k]
+    turned_motion(settings, given.nominal[:], error, BACK)
     turn(R, 0, error, 0)
     turn(R, 0, error, 3)
     if cycle.elastic & DAMPED:

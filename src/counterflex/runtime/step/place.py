@@ -7,6 +7,7 @@ from typing import Final
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.finite import is_finite
+from counterflex.runtime.primitives.hand import part_axes
 from counterflex.runtime.primitives.localize import contained_at, follow, seek, wrench_at
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
@@ -51,6 +52,7 @@ def begin(given: Record, settings: Record, state: Record, cycle: Record) -> None
     cycle.planned = 1 if settings.has_plan == 1 and cycle.hard != _NOT_FINITE else 0
     cycle.sources = cycle.degraded = cycle.elastic = cycle.row = 0
     cycle.path_distance, cycle.cut, cycle.forward_share = 0.0, 0.0, 1.0
+    part_axes(settings, given.nominal[:], cycle.R_base_part[:])
     for k in range(6):
         cycle.predicted[k] = cycle.ahead[k] = cycle.behind[k] = cycle.late[k] = 0.0
         cycle.used[k] = cycle.contained[k] = cycle.deviation[k] = 0.0

@@ -74,5 +74,5 @@ def step(
     share = supervise_cycle(given, settings, state, ring, cycle, result)
     result.limits = limit(share, settings, state, cycle, result)
     remember(given, settings, state, ring, cycle, result)
-    as_axes(settings, state, work, cycle, result)
+    as_axes(given, settings, state, work, cycle, result)
     report(settings, state, cycle, result)

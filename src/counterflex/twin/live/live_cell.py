@@ -21,6 +21,7 @@ from counterflex.twin.devices.commanded_motion import Report as Report
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.plant.controller import Controller, as_it_is
 from counterflex.twin.plant.drives import FollowingLag, following_gains
+from counterflex.twin.plant.meeting import load_on_hand, tip_in_part
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
@@ -65,7 +66,7 @@ class LiveCell:
 
     Attributes:
         plant: The robot in motion; instruments read it.
-        T_base_part: (4, 4) where the part truly lies.
+        T_base_part: (4, 4) where the part truly lies; where the robot holds it, it says nothing.
         period_s: Cycle.
         motion: What its controller commands.
     """
@@ -201,10 +202,11 @@ class LiveCell:
             self._process.finish(),
             self.T_base_part,
             self._residual,
+            T_base_tcp=self.controller.T_base_tcp,
         )
 
     def _integrate(self, k: int, q_next: Float, qd_next: Float) -> None:
-        plant, process = self.plant, self._process
+        plant, process, fixed = self.plant, self._process, self.controller.T_base_tcp
         log = self._log
         log.k.append(k)
         log.time.append(self.time_s)
@@ -215,11 +217,11 @@ class LiveCell:
         near = bool(self._near[k]) and self.motion.running
         if near:
             if not self._was_near:
-                process.restart(self._in_part())
+                process.restart(tip_in_part(plant, process, fixed))
             if self._spindle[k] != self._turning:
                 self._turning = self._spindle[k]
                 process.spindle(float(self._turning))
-            process.advance(self._in_part())
+            process.advance(tip_in_part(plant, process, fixed))
         self._was_near = near
         process.clear()
         knots = np.stack([self._q, self._qd, q_next, qd_next])
@@ -227,7 +229,7 @@ class LiveCell:
         free = np.zeros(6)
         self._torque = np.zeros(6)
         for i in range(self._substeps):
-            plant.step(q[i], qd[i], process.wrench(plant.p_base_tcp) if near else free)
+            plant.step(q[i], qd[i], load_on_hand(plant, process, fixed) if near else free)
             self._torque += plant.drive_torque
             self.on_step(i)
         log.sums.append(process.sums.copy())
@@ -235,8 +237,3 @@ class LiveCell:
 
     def on_step(self, i: int) -> None:
         """Called after integration step ``i`` of a cycle, for instruments that are faster than the controller."""
-
-    def _in_part(self) -> Float:
-        T = self.T_base_part
-        out: Float = (self.plant.p_base_tcp - T[:3, 3]) @ T[:3, :3]
-        return out

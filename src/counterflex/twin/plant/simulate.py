@@ -12,10 +12,10 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.geometry import wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.controller import Controller, Reference, as_it_is, interpolate
 from counterflex.twin.plant.drives import first_order_lag, following_gains
+from counterflex.twin.plant.meeting import load_on_hand, tip_in_part
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
@@ -226,33 +226,17 @@ class _Run:
             near = bool(self.near[k])
             if near:
                 if not was_near:
-                    process.restart(self._tip_in_part())
+                    process.restart(tip_in_part(plant, process, self.T_base_tcp))
                 if self.spindle[k] != turning:
                     turning = self.spindle[k]
                     process.spindle(float(turning))
-                process.advance(self._tip_in_part())
+                process.advance(tip_in_part(plant, process, self.T_base_tcp))
             was_near = near
             process.clear()
             knots[0], knots[1] = reference.q_ref[k], reference.qd_ref[k]
             knots[2], knots[3] = reference.q_ref[k + 1], reference.qd_ref[k + 1]
             q, qd = self.place @ knots, self.speed @ knots
             for i in range(self.substeps):
-                plant.step(q[i], qd[i], self._load() if near else free)
+                plant.step(q[i], qd[i], load_on_hand(plant, process, self.T_base_tcp) if near else free)
             self.sums[k] = process.sums
             plant.check()
-
-    def _tip_in_part(self) -> Float:
-        if self.T_base_tcp is None:
-            T, tip = self.process.T_base_part, self.plant.p_base_tcp
-            out: Float = (tip - T[:3, 3]) @ T[:3, :3]
-            return out
-        return (self.T_base_tcp[:3, 3] - self.plant.p_base_tcp) @ self.plant.R_base_tcp
-
-    def _load(self) -> Float:
-        """(6,) N, N m, what the process does to the robot, about what its hand holds, base axes."""
-        plant, process = self.plant, self.process
-        if self.T_base_tcp is None:
-            return process.wrench(plant.p_base_tcp)
-        process.T_base_part[:3, :3], process.T_base_part[:3, 3] = plant.R_base_tcp, plant.p_base_tcp
-        on_tool = process.wrench(self.T_base_tcp[:3, 3].copy())
-        return -wrench.shift(on_tool, self.T_base_tcp[:3, 3] - plant.p_base_tcp)
