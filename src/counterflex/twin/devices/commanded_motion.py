@@ -180,9 +180,9 @@ class CommandedMotion:
             angle = segment.sign * float(q[joint]) + segment.offset_rad
             T_base_flange = T_base_flange @ segment.T_prev_seg @ pose.make(rotation.about_z(angle))
         T_base_flange = T_base_flange @ self._arm.T_last_flange
-        T_base_hand = T_base_flange @ self.controller.T_flange_tcp
+        hand = T_base_flange @ self.controller.T_flange_tcp
         T_base_tcp = self.controller.T_base_tcp
-        held: Float = self._T_part_base @ T_base_hand if T_base_tcp is None else pose.inverse(T_base_hand) @ T_base_tcp
+        held: Float = self._T_part_base @ hand if T_base_tcp is None else pose.inverse(hand) @ T_base_tcp
         return held
 
     def _guided(self, T_part_tcp: Float) -> tuple[Float, Float, Float]:
@@ -203,10 +203,10 @@ class CommandedMotion:
 
     def _inverse(self, T_part_tcp: Float, q_nominal: Float, named: Float) -> Float:
         T_base_tcp = self.controller.T_base_tcp
-        T_base_hand = self.controller.T_base_part @ T_part_tcp
+        hand = self.controller.T_base_part @ T_part_tcp
         if T_base_tcp is not None:
-            T_base_hand = T_base_tcp @ pose.inverse(T_part_tcp)
-        T_base_flange: Float = T_base_hand @ self._T_tcp_flange
+            hand = T_base_tcp @ pose.inverse(T_part_tcp)
+        T_base_flange: Float = hand @ self._T_tcp_flange
         q = branches(self.controller.opw, T_base_flange[None])[0, self._branch]
         if not np.all(np.isfinite(q)):
             raise ReachError("the corrected pose is out of reach", value=np.round(named * 1e3, 3).tolist())
