@@ -101,6 +101,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] == "rsi":
         (folder / "rsi.xml").write_text(rsi, encoding="utf-8")
         (folder / "cell.toml").write_text(small["cell.toml"] + "\n[online]\n", encoding="utf-8")
+    if words[0] == "holder":
+        shutil.copy(Path(__file__).parents[2] / "examples" / "holders" / "bridged.toml", folder / "holder.toml")
     if words[0] == "egm":
         rapid(folder, counterflex)
     if words[:2] == ["cell", "example"]:

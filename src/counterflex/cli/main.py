@@ -25,6 +25,7 @@ from counterflex.cli.commands import (
     egm,
     extensions,
     faults,
+    holder,
     identify,
     log,
     modes,
@@ -91,7 +92,7 @@ def _with_own_classes(app: typer.Typer) -> None:
 PANELS: Final = {
     "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate"),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report"),
-    "Identify": ("identify", "dataset", "campaign"),
+    "Identify": ("identify", "dataset", "holder", "campaign"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
     "Tools": ("doctor", "extensions", "soak", "faults", "reproduce"),
@@ -153,7 +154,7 @@ def _in_panels(app: typer.Typer) -> None:
 
 for room in (question, modes, program, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
-for room in (plan, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
+for room in (plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)

@@ -87,7 +87,7 @@ class HolderBeam:
         """
         return np.stack([self._gauge(g) for g in gauges]) if gauges else np.zeros((0, 6))
 
-    def _tip(self) -> Float:
+    def tip_stiffness(self) -> Float:
         """(6, 6) stiffness of one cheek at its tip."""
         L, e, t, b = self.length_m, self.e_pa, self.thickness_m, self.width_m
         area, ix, iy = t * b, t * b**3 / 12.0, b * t**3 / 12.0
@@ -109,7 +109,7 @@ class HolderBeam:
 
     def tip_loads(self) -> tuple[Float, Float]:
         """Loads on the tips of the cheeks at -x and +x per unit load about the holder's origin: two (6, 6)."""
-        k = self._tip()
+        k = self.tip_stiffness()
         maps = []
         for side in (-0.5, 0.5):
             A = np.eye(6)

@@ -1,0 +1,188 @@
+"""Design of a sensing spindle holder: what its pockets cost in stiffness and give in signal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.holder_in_robot import Spindle, spindle_maps
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import KN, MICRO, MM, UM
+from counterflex.files.holder_file import holder_data, read_holder
+from counterflex.files.schema import write_toml
+from counterflex.files.summary_file import write_summary
+from counterflex.sensing.holder_design.bricks import solve
+from counterflex.sensing.holder_design.design import (
+    Behaviour,
+    beam_tip,
+    behaviour,
+    gain_by_pocket,
+    lost_stiffness,
+    without_ribs,
+)
+from counterflex.sensing.holder_design.drawing import Drawing
+from counterflex.sensing.holder_design.places import choose
+from counterflex.sensing.strain_holder import printed_condition
+
+PAPER_UM_PER_KN: Final = ((125.0, 137.0, 34.0), (137.0, 168.0, 48.0))
+"""Compliance of the holder of Denkena2015 at the tool tip by direction, without and with gauges (table 1)."""
+CHOSEN: Final = "holder.toml"
+
+
+def run(
+    holder: str | Path,
+    out: str | Path,
+    *,
+    mesh_mm: float = 12.0,
+    further_mm: Sequence[float] = (),
+    choose_count: int | None = None,
+    lost_percent: float = 10.0,
+    spindle: Spindle | None = None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Write ``report.html``, ``summary.json`` and, with a choice of places, ``holder.toml`` into ``out``: all or none.
+
+    Args:
+        holder: Drawing.
+        out: Folder; made when missing.
+        mesh_mm: Largest edge of a brick.
+        further_mm: Further edges, to show how the figures settle.
+        choose_count: Bridges to choose places for, pockets like the first of the drawing; None takes the drawing's.
+        lost_percent: Largest loss of stiffness at the tool tip that a choice may cost, any direction.
+        spindle: The cell and the angles at which its spindle may be mounted; None leaves the maps out.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        The summary.
+
+    Raises:
+        CounterflexError: The drawing or the cell does not allow it.
+    """
+    begin = time.perf_counter()
+    file = read_holder(holder)
+    drawing = file.drawing(str(holder))
+    if not drawing.pockets:
+        raise InputError("the drawing has no pockets", where=str(holder), hint="Add a table [[pockets]]")
+    mesh_m, trials = mesh_mm * MM, 0
+    if choose_count is not None:
+        chosen = choose(drawing, choose_count, lost_percent / 100.0, mesh_m, file.noise)
+        drawing, plain, cut, trials = chosen.drawing, chosen.plain, chosen.cut, chosen.trials
+    else:
+        plain = behaviour(drawing, mesh_m, file.noise, cut=False)
+        cut = behaviour(drawing, mesh_m, file.noise)
+    progress(0.4)
+    bridged = any(p.bridged for p in drawing.pockets)
+    floor = behaviour(without_ribs(drawing), mesh_m, file.noise) if bridged else None
+    settled = [_row(drawing, behaviour(drawing, edge * MM, file.noise), edge) for edge in further_mm]
+    progress(0.7)
+    bernoulli, timoshenko = beam_tip(drawing.beam, np.array(drawing.p_holder_tcp))
+    summary: dict[str, Any] = {
+        "job": "holder design",
+        "holder": file.name or Path(holder).name,
+        "mesh_mm": mesh_mm,
+        "unknowns": cut.unknowns,
+        "compliance_um_per_kn": {
+            "without_pockets": _um_per_kn(plain.tip_m_per_n),
+            "with_pockets": _um_per_kn(cut.tip_m_per_n),
+            "beams_euler_bernoulli": _um_per_kn(bernoulli),
+            "beams_timoshenko": _um_per_kn(timoshenko),
+            "denkena2015_without": list(PAPER_UM_PER_KN[0]),
+            "denkena2015_with": list(PAPER_UM_PER_KN[1]),
+        },
+        "lost_stiffness_percent": _rounded(100.0 * lost_stiffness(plain, cut), 2),
+        "denkena2015_lost_percent": _rounded(100.0 * (1.0 - np.divide(*map(np.array, PAPER_UM_PER_KN))), 2),
+        "bridges": _bridges(drawing, cut, floor),
+        "condition_of_m": None if cut.sight is None else round(cut.sight.condition, 3),
+        "denkena2015_condition": round(printed_condition()[0], 3),
+        "force_sigma_n": None if cut.sight is None else _rounded(cut.sight.sigma_n, 3),
+        "noise_um_m": file.noise_um_m,
+        "convergence": settled,
+        "chosen": None if choose_count is None else {"bridges": choose_count, "limit_percent": lost_percent,
+                                                     "trials": trials},
+        "spindle": None if spindle is None else spindle_maps(spindle),
+        "seconds": round(time.perf_counter() - begin, 3),
+        "counterflex": __version__,
+    }  # fmt: skip
+    progress(0.9)
+    with atomic.atomic_folder(out) as staging:
+        from counterflex.report.holder_design_page import holder_design_page
+        from counterflex.report.page import write_page
+
+        write_summary(staging / "summary.json", summary)
+        if choose_count is not None:
+            write_toml(staging / CHOSEN, holder_data(file, drawing), comment="Places chosen by holder design --choose")
+        write_page(holder_design_page(summary, _surface(drawing, mesh_m)), staging / "report.html")
+    return summary
+
+
+def _row(drawing: Drawing, one: Behaviour, mesh_mm: float) -> dict[str, Any]:
+    best = np.argmax(np.abs(one.strain), axis=1)
+    return {
+        "mesh_mm": mesh_mm,
+        "unknowns": one.unknowns,
+        "compliance_um_per_kn": _um_per_kn(one.tip_m_per_n),
+        "strain_nm_m_per_n": _rounded(np.abs(one.strain[np.arange(len(best)), best]) / 1e-9, 3),
+        "gain": _rounded(np.abs(gain_by_pocket(drawing, one)), 3),
+    }
+
+
+def _bridges(drawing: Drawing, cut: Behaviour, floor: Behaviour | None) -> list[dict[str, Any]]:
+    """One row per bridge: its place, what it shows per newton at the tool tip, what pocket and rib gain."""
+    gain = gain_by_pocket(drawing, cut)
+    out = []
+    for k, p in enumerate(drawing.pockets):
+        best = int(np.argmax(np.abs(cut.strain[k])))
+        row: dict[str, Any] = {
+            "cheek": "-x" if p.side < 0 else "+x",
+            "face": "outer" if p.outer else "inner",
+            "y_mm": round(p.y_m / MM, 2),
+            "z_mm": round(p.z_m / MM, 2),
+            "strain_um_m_per_kn": _rounded(cut.strain[k] * KN / MICRO, 3),
+            "sees_best": "xyz"[best],
+            "gain": round(float(gain[k]), 3),
+            "rib_gain": None if floor is None else round(float(cut.strain[k, best] / floor.strain[k, best]), 3),
+        }
+        out.append(row)
+    return out
+
+
+def _surface(drawing: Drawing, mesh_m: float) -> dict[str, Any]:
+    """Strain along z on the outer face of the cheek at +x by 1 kN on the tool tip along x, um/m, on a grid."""
+    beam = drawing.beam
+    body = drawing.cheek(1, mesh_m)
+    solved = solve(body, beam.e_pa, beam.poisson_ratio)
+    y, z = 0.5 * (body.y[1:] + body.y[:-1]), 0.5 * (body.z[1:] + body.z[:-1])
+    top = [np.flatnonzero(body.filled[:, i, k]) for i in range(len(y)) for k in range(len(z))]
+    points = np.array(
+        [(body.x[rows[-1] + 1], y[n // len(z)], z[n % len(z)]) for n, rows in enumerate(top) if len(rows)]
+    )
+    tip = _tip_motion(drawing)
+    eps = solved.strain(points)[:, 2, 2] @ tip
+    at = iter(eps.tolist())
+    values = [round(next(at) * KN / MICRO, 3) if len(rows) else None for rows in top]
+    grid = [[values[i * len(z) + k] for i in range(len(y))] for k in range(len(z))]
+    return {"y_mm": _rounded(y / MM, 2), "z_mm": _rounded(z / MM, 2), "strain": grid}
+
+
+def _tip_motion(drawing: Drawing) -> Float:
+    """(6,) motion of the end of the cheek at +x by 1 N on the tool tip along x, beam theory."""
+    beam = drawing.beam
+    load = beam.tip_loads()[1] @ np.array([1.0, 0.0, 0.0, 0.0, drawing.p_holder_tcp[2], -drawing.p_holder_tcp[1]])
+    out: Float = np.linalg.solve(beam.tip_stiffness(), load)
+    return out
+
+
+def _um_per_kn(compliance: Float) -> list[float]:
+    return _rounded(compliance * KN / UM, 4)
+
+
+def _rounded(values: Float, digits: int) -> list[float]:
+    return [round(float(v), digits) for v in values]

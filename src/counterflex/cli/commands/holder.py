@@ -1,0 +1,150 @@
+"""Commands of the force-sensing spindle holder: its design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import Out
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.core.errors import InputError
+
+_holder = typer.Typer(no_args_is_help=True, help="Design a spindle holder that senses the cutting force by strain.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _holder.command("design")(design)
+    _holder.callback()(_group)
+    app.add_typer(_holder, name="holder")
+
+
+def _group() -> None:
+    """Design a spindle holder that senses the cutting force by strain."""
+
+
+def design(
+    holder: Annotated[
+        Path, typer.Argument(help="Drawing of the holder (.toml).", metavar="HOLDER", callback=arguments.file)
+    ],
+    out: Out,
+    mesh_mm: Annotated[
+        float, typer.Option("--mesh", help="Largest edge of a finite element, mm.", min=1.0, max=200.0, metavar="MM")
+    ] = 12.0,
+    converge: Annotated[
+        bool, typer.Option("--converge", help="Also with edges of 2, 1.5 and 1 times --mesh: how the figures settle.")
+    ] = False,
+    choose: Annotated[
+        int | None,
+        typer.Option(
+            "--choose",
+            help="Choose places for so many bridges, with pockets like the first of the drawing.",
+            min=3,
+            max=12,
+            metavar="N",
+        ),
+    ] = None,
+    lost_percent: Annotated[
+        float,
+        typer.Option("--most-lost", help="Stiffness that a choice may cost in any direction, %.", min=0.1, max=90.0),
+    ] = 10.0,
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            "--cell", help="Cell file: maps of the arm with this spindle.", metavar="CELL", callback=arguments.file
+        ),
+    ] = None,
+    mounting: Annotated[
+        str | None,
+        typer.Option(
+            "--mounting",
+            help="Angles at which the spindle may be mounted, beside the present one: spindle.b_deg=-35.",
+            metavar="BODY.KEY=A,B",
+            callback=arguments.angles_of_body,
+        ),
+    ] = None,
+    force_n: Annotated[float, typer.Option("--force", help="Radial force for the maps, N.", min=1.0, max=1e5)] = 500.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Compute what the pockets of a sensing holder cost in stiffness and give in signal.
+
+    Finite elements of both cheeks against beam theory and Denkena2015: compliance at the tool tip, strain of each
+    bridge per newton, gain of pocket and rib, condition of M and what noise remains in the force. With --cell also maps
+    of what the arm yields for each angle of the spindle. Writes into DIR: report.html, summary.json, and holder.toml
+    with --choose.
+
+    Example: `counterflex holder design holder.toml --mesh 30 --out design`
+    """
+    if mounting is not None and cell is None:
+        raise InputError("--mounting needs the cell that the spindle is mounted in", hint="Give --cell CELL")
+    keep_inputs(out, holder, *([] if cell is None else [cell]))
+    from counterflex.app import holder_design as job
+    from counterflex.app.holder_in_robot import Spindle
+    from counterflex.app.spindle_mounting import Mounting
+
+    spindle = None
+    if cell is not None:
+        angles = None if mounting is None else Mounting(*arguments.body_angles(mounting, "--mounting"))
+        spindle = Spindle(cell, angles, force_n)
+    with progress_bar(f"solving {holder.name}") as progress:
+        summary = job.run(
+            holder,
+            out,
+            mesh_mm=mesh_mm,
+            further_mm=(2.0 * mesh_mm, 1.5 * mesh_mm, mesh_mm) if converge else (),
+            choose_count=choose,
+            lost_percent=lost_percent,
+            spindle=spindle,
+            progress=progress,
+        )
+    if as_json:
+        print_json(summary)
+        return
+    _show(summary)
+    files = "report.html, summary.json" + (", holder.toml" if choose is not None else "")
+    say_written(out, f"wrote {out}: {files}")
+
+
+def _show(summary: dict[str, Any]) -> None:
+    rows = summary["compliance_um_per_kn"]
+    print_table(
+        f"Compliance at the tool tip of {summary['holder']}, um/kN",
+        ["", "x", "y", "z"],
+        [
+            *([name.replace("_", " "), *(f"{v:.2f}" for v in row)] for name, row in rows.items()),
+            ["stiffness lost, %", *(f"{v:.1f}" for v in summary["lost_stiffness_percent"])],
+            ["Denkena2015, lost, %", *(f"{v:.1f}" for v in summary["denkena2015_lost_percent"])],
+        ],
+    )
+    print_table(
+        "Bridges: strain by a force at the tool tip, um/m per kN",
+        ["cheek", "face", "y mm", "z mm", "x", "y", "z", "gain", "rib"],
+        [
+            [row["cheek"], row["face"], f"{row['y_mm']:g}", f"{row['z_mm']:g}"]
+            + [f"{v:.2f}" for v in row["strain_um_m_per_kn"]]
+            + [f"{row['gain']:.2f}", "" if row["rib_gain"] is None else f"{row['rib_gain']:.2f}"]
+            for row in summary["bridges"]
+        ],
+    )
+    if summary["condition_of_m"] is not None:
+        sigma = ", ".join(f"{v:.1f} N along {a}" for a, v in zip("xyz", summary["force_sigma_n"], strict=True))
+        typer.echo(
+            f"condition of M {summary['condition_of_m']:g} (Denkena2015, printed: "
+            f"{summary['denkena2015_condition']:g}); {summary['noise_um_m']:g} um/m of noise are {sigma}"
+        )
+    for row in summary["convergence"]:
+        compliance = ", ".join(f"{v:.3f}" for v in row["compliance_um_per_kn"])
+        typer.echo(
+            f"bricks of {row['mesh_mm']:g} mm: {row['unknowns']} unknowns, {compliance} um/kN, "
+            f"gain of the first bridge {row['gain'][0]:.3f}"
+        )
+    spindle = summary["spindle"]
+    for row in [] if spindle is None else spindle["angles"]:
+        angle = "as it is" if row["angle_deg"] is None else f"{spindle['mounting']} = {row['angle_deg']:g} deg"
+        typer.echo(
+            f"spindle {angle}: {spindle['force_n']:g} N radial bend the arm by a median of {row['median_um']} um "
+            f"({row['least_um']} to {row['most_um']}, {row['reached']} places)"
+        )

@@ -1,0 +1,117 @@
+"""Design of a sensing holder: beams as the limit, what pockets and ribs do, choice of places under a limit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from counterflex.core.errors import InputError
+from counterflex.sensing.holder_beam import HolderBeam
+from counterflex.sensing.holder_design.design import (
+    Behaviour,
+    beam_tip,
+    behaviour,
+    gain_by_pocket,
+    lost_stiffness,
+    without_ribs,
+)
+from counterflex.sensing.holder_design.drawing import Drawing, Pocket
+from counterflex.sensing.holder_design.places import choose
+
+BEAM = HolderBeam(0.18, 0.16, 0.015, 0.118)
+TCP = (0.07, 0.0, 0.42)
+NOISE = 0.2e-6
+MESH_M = 0.03
+
+
+def pockets(depth_m: float = 0.008, rib_m: float = 0.004, z_m: float = 0.04) -> tuple[Pocket, ...]:
+    return tuple(
+        Pocket(side, True, y, z, 0.03, 0.006, depth_m, rib_m)
+        for side in (-1, 1)
+        for y, z in ((0.04, z_m), (-0.04, z_m), (0.0, 0.14))
+    )
+
+
+DRAWING = Drawing(BEAM, pockets(), TCP)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Behaviour:
+    return behaviour(DRAWING, MESH_M, NOISE, cut=False)
+
+
+@pytest.fixture(scope="module")
+def cut() -> Behaviour:
+    return behaviour(DRAWING, MESH_M, NOISE)
+
+
+def test_without_pockets_it_is_two_timoshenko_cheeks(plain: Behaviour) -> None:
+    """Cheeks as wide as two thirds of their length: bent about y they are plates, stiffer than beams by 1 - nu2."""
+    bernoulli, timoshenko = beam_tip(BEAM, np.array(TCP))
+    tip = plain.tip_m_per_n
+    assert np.all(tip < 1.01 * timoshenko)
+    assert np.all(tip > (1.0 - 0.3**2) * timoshenko)
+    assert tip[1] > bernoulli[1], "shear is a twentieth of the deflection across"
+    np.testing.assert_allclose(plain.compliance, plain.compliance.T, atol=1e-9 * np.abs(plain.compliance).max())
+
+
+def test_pockets_cost_stiffness_and_deeper_ones_cost_more(plain: Behaviour, cut: Behaviour) -> None:
+    lost = lost_stiffness(plain, cut)
+    assert np.all(lost > 0.0)
+    shallow = behaviour(replace(DRAWING, pockets=pockets(depth_m=0.004)), MESH_M, NOISE)
+    assert np.all(lost_stiffness(plain, shallow) < 0.75 * lost)
+
+
+def test_a_rib_over_a_pocket_across_the_cheek_shows_more_than_its_floor_and_gives_stiffness_back() -> None:
+    """The pocket shifts the neutral line by d / 2: at most the rib is (t + d) / (t - d) as far from it as the floor."""
+    t, d = BEAM.thickness_m, 0.008
+    ribbed = Drawing(BEAM, tuple(Pocket(side, True, 0.0, 0.04, 0.116, 0.012, d, 0.004) for side in (-1, 1)), TCP)
+    rib, floor = behaviour(ribbed, MESH_M, NOISE), behaviour(without_ribs(ribbed), MESH_M, NOISE)
+    assert 1.2 < rib.strain[0, 0] / floor.strain[0, 0] < (t + d) / (t - d)
+    assert rib.tip_m_per_n[0] < floor.tip_m_per_n[0]
+    assert gain_by_pocket(ribbed, floor)[0] > 3.0
+
+
+def test_mirrored_cheeks_show_mirrored_strains(cut: Behaviour) -> None:
+    """A force along x stretches one cheek's outside and shortens the other's; the tool tip lies off the middle."""
+    np.testing.assert_allclose(cut.strain[:3, 0], -cut.strain[3:, 0], rtol=1e-6, atol=1e-14)
+    np.testing.assert_allclose(cut.strain[0, 1], -cut.strain[1, 1], rtol=1e-6)
+
+
+def test_places_are_chosen_within_the_limit_and_see_more(plain: Behaviour, cut: Behaviour) -> None:
+    assert np.max(lost_stiffness(plain, cut)) > 0.05
+    chosen = choose(DRAWING, 6, 0.05, MESH_M, NOISE)
+    assert np.all(lost_stiffness(chosen.plain, chosen.cut) <= 0.05)
+    assert chosen.cut.sight is not None
+    assert cut.sight is not None
+    assert chosen.cut.sight.sigma_n[2] < cut.sight.sigma_n[2], "less noise along the tool, which is seen worst"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"depth_m": 0.0145}, "wall behind the pocket"),
+        ({"y_m": 0.05}, "beyond the cheek across"),
+        ({"z_m": 0.002}, "end of the cheek"),
+        ({"rib_m": 0.0295}, "width of the rib"),
+        ({"height_m": 0.002}, "shorter along the cheek than the gauge"),
+        ({"side": 0}, "side"),
+        ({"width_m": 0.0}, "not above 0"),
+    ],
+)
+def test_pockets_that_cannot_be_cut_are_refused(change: dict[str, float], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Drawing(BEAM, (replace(pockets()[0], **change),), TCP)  # type: ignore[arg-type]
+
+
+def test_pockets_that_meet_and_limits_that_cannot_be_kept_are_refused() -> None:
+    one = pockets()[0]
+    with pytest.raises(InputError, match="pocket 2 meets pocket 1"):
+        Drawing(BEAM, (one, replace(one, z_m=one.z_m + 0.0065)), TCP)
+    Drawing(BEAM, (one, replace(one, outer=False, depth_m=0.005)), TCP)
+    with pytest.raises(InputError, match="no pocket"):
+        choose(Drawing(BEAM, (), TCP), 6, 0.1, MESH_M, NOISE)
+    with pytest.raises(InputError, match="keeps the limit"):
+        choose(DRAWING, 12, 1e-4, MESH_M, NOISE)
