@@ -26,7 +26,8 @@ Block = Callable[..., HeightMap]
 def groove_per_cell(deflection_m: float) -> float:
     """Grain over the side of a cell: 16 mm mill at 25 mm/s, 8.7 Hz, and a row that does not cut beside it."""
     still, tool = np.zeros((2, 3)), np.ones(2, np.int64)
-    path = ToolPath(still, still, tool * FEED, np.full(2, 25 * MM), np.ones(2), np.arange(2.0), tool, tool)
+    up = np.tile([0.0, 0.0, 1.0], (2, 1))
+    path = ToolPath(still, up, tool * FEED, np.full(2, 25 * MM), np.ones(2), np.arange(2.0), tool, tool)
     bent = np.zeros((2, 6))
     bent[:, 1] = deflection_m, 1.0
     contact = np.array([True, False])

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.tilted_stock import may_touch, working_plane
 from counterflex.files.cell.cell import Cell
-from counterflex.files.plan_file import WORKING_PLANE
+from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE
 from counterflex.path.tool_rotation import APART_M
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.path.turning import TurnedPath
@@ -167,6 +167,8 @@ def turned_by(path: ToolPath, R: Float) -> ToolPath:
 
 def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
     """Refuse feeds with the tool elsewhere than along z of the working plane."""
+    if cell.tool_turns:
+        return
     tolerance_rad = cell.tables.limits.limits.rotation_rad
     tilted = np.flatnonzero((path.kind == FEED) & (path.axis_part[:, 2] < np.cos(tolerance_rad)))
     if cell.R_part_plane is None and len(tilted):
@@ -183,11 +185,11 @@ def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
     row = int(np.argmax(tilt > tolerance_rad))
     if tilt[row] > tolerance_rad:
         raise ProgramError(
-            "the tool turns while it cuts, or cuts in several directions, and the height map knows one direction only",
+            "the tool cuts in another direction than in the original program",
             where=f"{program.name}:{program.blocks[program.motions[path.motion[row]].block].line}",
-            value=f"{tilt.max() / DEG:.3g} deg from the first cut",
-            limit=f"<= {tolerance_rad / DEG:g} deg",
-            hint="Split the program into operations with one direction of the tool each",
+            value=f"{tilt.max() / DEG:.3g} deg from it",
+            limit=f"<= {tolerance_rad / DEG:g} deg (limits.correction_deg)",
+            hint="Give the original that the program was compensated from",
         )
 
 
@@ -195,7 +197,8 @@ def in_working_plane(program: str | Path, cell: Cell, reading: Reading = AS_IT_I
     """The cell with its part seen along the tool, for a program that cuts with a tilted one (3+2 axes).
 
     The direction is that of the first feed that may touch the blank, of the first feed if none does. Programs that do
-    not turn the tool leave the cell as it is.
+    not turn the tool leave the cell as it is. One that cuts in several directions, or turns the tool while it may touch
+    the blank, leaves the part in its own axes, with :attr:`~counterflex.files.cell.cell.Cell.tool_turns`.
 
     Args:
         program: G-code file; of a compensated program its original, whose direction is exact.
@@ -219,11 +222,17 @@ def in_working_plane(program: str | Path, cell: Cell, reading: Reading = AS_IT_I
         rows = path.tool[fed] == tool.number
         at = fed[rows]
         cuts[rows] = may_touch(stock, path.p_part_tcp[at], path.axis_part[at], cell.cutter(tool.number))
-    return cell.in_plane(working_plane(path.axis_part[fed[int(np.argmax(cuts))]]))
+    axes = path.axis_part[fed]
+    first = axes[int(np.argmax(cuts))]
+    if np.any(axes[cuts] @ first < np.cos(cell.tables.limits.limits.rotation_rad)):
+        return cell.with_turning_tool()
+    return cell.in_plane(working_plane(first))
 
 
-def in_plane_of(cell: Cell) -> dict[str, list[list[float]]]:
-    """What summaries and plans say of the working plane: its axes as columns in part axes; nothing without one."""
+def in_plane_of(cell: Cell) -> dict[str, Any]:
+    """What summaries and plans say of a tilted tool: the working plane, its axes as columns, or that the tool turns."""
+    if cell.tool_turns:
+        return {TOOL_TURNS: True}
     return {} if cell.R_part_plane is None else {WORKING_PLANE: np.round(cell.R_part_plane, 9).tolist()}
 
 

@@ -8,6 +8,7 @@ filled. That matters only where the tool breaks through the underside.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from counterflex.core.arrays import Bool, Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap, require_vertical
+
+UPRIGHT: Final = 1.0 - 1e-12
+"""Cosine of the tilt from which on a tool counts as one along z."""
 
 
 def working_plane(axis_part: Float) -> Float:
@@ -105,6 +109,19 @@ def may_touch(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cut
     return out
 
 
+def cuts_tilted(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cutter) -> bool:
+    """Whether a tool may touch the stock while it is tilted; in the air it may lie and turn as it likes.
+
+    Args:
+        stock: The stock.
+        p_part_tcp: (n, 3) m, tips of feed motions, in the frame of the stock.
+        axis_part: (n, 3) unit vectors from the tip to the spindle.
+        cutter: The tool.
+    """
+    rows = np.flatnonzero(axis_part[:, 2] < UPRIGHT)
+    return bool(may_touch(stock, p_part_tcp[rows], axis_part[rows], cutter).any()) if len(rows) else False
+
+
 def require_upright_cuts(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cutter) -> None:
     """Refuse a tool that is tilted where it may cut; in the air it may lie and turn as it likes.
 
@@ -117,7 +134,6 @@ def require_upright_cuts(stock: HeightMap, p_part_tcp: Float, axis_part: Float, 
     Raises:
         ModelError: See :func:`~counterflex.cutting.stock.require_vertical`.
     """
-    upright = axis_part[:, 2] >= 1.0 - 1e-12
-    if not upright.all():
-        rows = np.flatnonzero(~upright)
+    rows = np.flatnonzero(axis_part[:, 2] < UPRIGHT)
+    if len(rows):
         require_vertical(axis_part[rows][may_touch(stock, p_part_tcp[rows], axis_part[rows], cutter)])

@@ -17,6 +17,8 @@ CLASS_ASSUMED = "stiffness_assumed_from_class"
 """Key of the metadata: the plan stands on the median of the robot's class, and so must what runs it."""
 WORKING_PLANE = "working_plane"
 """Key of the metadata: axes of the frame that a plan for a tilted tool is given in, as columns in part axes."""
+TOOL_TURNS = "tool_turns"
+"""Key of the metadata: the tool cuts in several directions, or turns while it cuts; the plan is in part axes."""
 
 LAYOUT = (
     Column("time_s", "path.time_s"),

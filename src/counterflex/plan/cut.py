@@ -18,12 +18,13 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.mean_force import mean_force_weights
 from counterflex.cutting.removal import bin_edges_rad, grid_of, stamp_workspace
 from counterflex.cutting.stock import HeightMap
-from counterflex.cutting.tilted_stock import require_upright_cuts
+from counterflex.cutting.tilted_stock import cuts_tilted
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut_kernel import cut_rows
 from counterflex.plan.cut_kernel_arrays import STATE, CutPath, CutRows, CutTool
 from counterflex.plan.elastic_motion import STILL
 from counterflex.plan.elastic_motion_kernel import Motion
+from counterflex.plan.turning_cut.cut import TurningCut
 from counterflex.signals.preview import Mode
 
 ROWS_PER_CALL = 2000
@@ -77,7 +78,8 @@ def cut(
     Args:
         path: Times, kinds, speeds and tools of the rows.
         p_part_command: (n, 3) m commanded tool tips, part frame (``path.p_part_tcp`` for the program as it is).
-        stock: The blank; it is cut in place.
+        stock: The blank; it is cut in place, but for a tool that is tilted in the cut: columns of material are
+            made from it then.
         cutter_of: Gives the cutter of a tool number.
         law: Force law.
         compliance_part: (n, 6, 6) compliance at the tool tip in part axes, to let the tool bend; None keeps it where
@@ -93,14 +95,11 @@ def cut(
 
     Raises:
         ProgramError: Material is cut in feed motion with the spindle stopped.
-        ModelError: The tool is tilted, or the spindle turns backwards (M4).
+        ModelError: The spindle turns backwards (M4), or a column of the stock would need more than eight stretches.
         InputError: Shapes differ, or compliance without mode.
     """
     n = len(path)
     command = as_float("p_part_command", p_part_command, (n, 3))
-    for number in np.unique(path.tool[path.kind == FEED]):
-        fed = (path.kind == FEED) & (path.tool == number)
-        require_upright_cuts(stock, path.p_part_tcp[fed], path.axis_part[fed], cutter_of(int(number)))
     if (compliance_part is None) != (mode is None):
         raise InputError("bending needs both a compliance and a mode")
     C = np.zeros((n, 6, 6)) if compliance_part is None else as_float("compliance_part", compliance_part, (n, 6, 6))
@@ -120,14 +119,26 @@ def cut(
     rows_of_path = CutPath(command, kind, path.time_s, path.spindle_rad_s, C, offset)
     rows = CutRows(w, x, volume, axial, entry, exit_, feed_tooth, chip)
     moving = STILL if motion is None else motion
+    turned = None
+    if any_tilted(path, stock, cutter_of):
+        turned = TurningCut(stock, path.axis_part, law, rows_of_path, omega, zeta, moving, rows)
     changes = [1, *(np.flatnonzero(np.diff(numbers[1:])) + 2).tolist(), n]
     for begin, end in itertools.pairwise(changes):
         active = np.any(kind[begin:end] == FEED)
-        if motion is None and not active and _far_above(command[begin - 1 : end], stock):
+        if (
+            motion is None
+            and not active
+            and _far_above(command[begin - 1 : end], path.axis_part[begin - 1 : end], stock)
+        ):
             state.tip[:] = command[end - 1]
             state.stamped = 0
+            if turned is not None:
+                turned.jump_to(command[end - 1])
             continue
         cutter = cutter_of(int(numbers[begin]))
+        if turned is not None:
+            turned.cut(begin, end, cutter, progress)
+            continue
         weights = mean_force_weights(cutter, law)
         workspace, shape = stamp_workspace(cutter), cutter.kernel_parameters()
         tool = CutTool(
@@ -148,6 +159,12 @@ def cut(
             stop = min(at + ROWS_PER_CALL, end)
             cut_rows(at, stop, rows_of_path, tool, grid, omega, zeta, moving, states, rows)
             progress(stop / n)
+    _check_spindle(path, kind, volume)
+    return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
+
+
+def _check_spindle(path: ToolPath, kind: Int, volume: Float) -> None:
+    """Refuse feeds that take material with the spindle stopped or turning backwards."""
     stopped = (kind == FEED) & (volume > 1e-12) & (path.spindle_rad_s == 0.0)
     if np.any(stopped):
         row = int(np.argmax(stopped))
@@ -168,7 +185,6 @@ def cut(
             hint="Cut with M3",
             motion=int(path.motion[row]),
         )
-    return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
 
 
 def at_points(w: Float, contact: Bool) -> Float:
@@ -182,6 +198,15 @@ def at_points(w: Float, contact: Bool) -> Float:
     return out
 
 
-def _far_above(points: Float, stock: HeightMap) -> bool:
-    """True when a tool moving through these points stays above the stock."""
-    return bool(np.min(points[:, 2]) > float(stock.z.max()))
+def any_tilted(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter]) -> bool:
+    """Whether a feed of a path may touch the stock with the tool elsewhere than along z."""
+    for number in np.unique(path.tool[path.kind == FEED]):
+        fed = (path.kind == FEED) & (path.tool == number)
+        if cuts_tilted(stock, path.p_part_tcp[fed], path.axis_part[fed], cutter_of(int(number))):
+            return True
+    return False
+
+
+def _far_above(points: Float, axis: Float, stock: HeightMap) -> bool:
+    """True when a tool moving through these points with these axes stays above the stock."""
+    return bool(np.min(points[:, 2]) > float(stock.z.max()) and np.min(axis[:, 2]) >= 0.0)

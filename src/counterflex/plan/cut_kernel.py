@@ -141,7 +141,7 @@ def cut_rows(
             dt = left
             share = 1.0
             if coupled and cutting and row_time > 0.0:
-                dt = _step(left, row_time, omega, s.bend, p_command, i, finer)
+                dt = step_length(left, row_time, omega, s.bend, p_command, i, finer)
                 left -= dt
                 if dt < left + dt:
                     share = 1.0 - left / row_time
@@ -175,10 +175,10 @@ def cut_rows(
                         force[0] -= push * lean_y
                         force[1] += push * lean_x
                     if za > zb and force[2] > 0.0:
-                        exponent = _thrust_exponent((za - zb) / teeth, terms)
+                        exponent = thrust_exponent((za - zb) / teeth, terms)
                         damping = exponent * force[2] * dt / (za - zb)
                     feed_tooth[i] = math.hypot(plane, zb - za) / teeth
-                    deepest, low, high, mean_sine = _engaged(depth, edges, shape[0], grid.cell)
+                    deepest, low, high, mean_sine = engaged(depth, edges, shape[0], grid.cell)
                     axial[i] = max(axial[i], min(deepest, room))
                     if deepest > 0.0:
                         entry[i], exit_[i] = low, high
@@ -195,7 +195,7 @@ def cut_rows(
                 for k in range(6):
                     s.force[k] += fresh * (force[k] - s.force[k])
                 advance(motion, i, time[i] - left if share < 1.0 else time[i], s.force[:], s.displacement[:])
-                bend = _bend(compliance, i, force)
+                bend = bend_at_rest(compliance, i, force)
                 s.bend = max(bend, s.bend * math.exp(-omega * dt))
             elif coupled and dt > 0.0:
                 bend = 0.0
@@ -218,7 +218,7 @@ def cut_rows(
 
 
 @kernel("float64(float64[:, :, ::1], int64, float64[::1])")
-def _bend(compliance: Float, i: int, force: Float) -> float:
+def bend_at_rest(compliance: Float, i: int, force: Float) -> float:
     """How far a force would bend the tool at rest: the largest component, m."""
     bend = 0.0
     for k in range(3):
@@ -246,7 +246,7 @@ def _room(grid: Grid, xa: float, ya: float, xb: float, yb: float, radius: float)
 
 
 @kernel("float64(float64, float64[:, ::1])")
-def _thrust_exponent(drop: float, terms: Float) -> float:
+def thrust_exponent(drop: float, terms: Float) -> float:
     """``d ln F / d ln h`` of the thrust on an end face that descends by ``drop`` per tooth."""
     total, slope = 0.0, 0.0
     for t in range(terms.shape[0]):
@@ -280,7 +280,9 @@ def _end_face_lean(grid: Grid, x: float, y: float, z: float, drop: float, radius
 
 
 @kernel("float64(float64, float64, float64, float64, float64[:, ::1], int64, float64)")
-def _step(left: float, row_time: float, omega: float, bend: float, p_command: Float, i: int, finer: float) -> float:
+def step_length(
+    left: float, row_time: float, omega: float, bend: float, p_command: Float, i: int, finer: float
+) -> float:
     """Length of the next step within a row of a bending tool, s, see :data:`GAIN`."""
     limit = AIR_STEP / omega
     if bend > 0.0:
@@ -294,7 +296,7 @@ def _step(left: float, row_time: float, omega: float, bend: float, p_command: Fl
 
 
 @kernel("UniTuple(float64, 4)(float64[:, ::1], float64[::1], float64, float64)")
-def _engaged(depth: Float, edges: Float, radius: float, cell: float) -> tuple[float, float, float, float]:
+def engaged(depth: Float, edges: Float, radius: float, cell: float) -> tuple[float, float, float, float]:
     """Largest axial depth, first and last engaged angle, and the mean of sin(phi) over the engaged edge.
 
     A bin near 0 or 180 deg is narrower than a cell of the stock, so its depth is noise: the largest depth is that of

@@ -24,24 +24,35 @@ WINDOW_M = 2.0 * MM
 """Stretch of path over which the removed volume is added up; it smooths over the grid of the stock."""
 
 
-def least_depth(path: ToolPath, volume_m3: Float, diameter_m: Float) -> Float:
+def least_depth(path: ToolPath, volume_m3: Float, diameter_m: Float, reach_m: Float | None = None) -> Float:
     """Axial depth that a cut has at least, as its removed volume says.
 
-    Over a horizontal length L a mill of diameter D removes at most ``D L a`` at the depth a, and ``pi D^2/4 dz`` more
-    where it descends by dz. So ``a >= (V - pi D^2/4 dz) / (D L)``; in a full slot the two are equal.
+    Over a length L square to its axis a mill of diameter D removes at most ``D L a`` at the depth a, and
+    ``pi D^2/4 dz`` more where it descends by dz along the axis. So ``a >= (V - pi D^2/4 dz) / (D L)``; in a full slot
+    the two are equal. Where the axis turns, L is the longer of the ways at the tip and at the upper end of the flutes.
 
     Args:
         path: n points.
         volume_m3: (n,) removed on the way to each point.
         diameter_m: (n,) of the cutter there.
+        reach_m: (n,) length of its flutes; None stands for zero.
 
     Returns:
         (n,) m, 0 where the tool moves less than the window or not in feed.
     """
     feed = path.kind == FEED
     step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
-    station = np.cumsum(np.linalg.norm(step[:, :2], axis=1))
-    down = np.cumsum(np.maximum(0.0, -step[:, 2]) * 0.25 * np.pi * diameter_m**2)
+    axis = path.axis_part
+    along = np.sum(step * axis, axis=1)
+    way = np.linalg.norm(step - along[:, None] * axis, axis=1)
+    turn = np.diff(axis, axis=0, prepend=axis[:1])
+    turns = np.any(turn != 0.0, axis=1) & (reach_m is not None)
+    reach_m = np.zeros(len(path)) if reach_m is None else reach_m
+    upper = step[turns] + reach_m[turns, None] * turn[turns]
+    upper -= np.sum(upper * axis[turns], axis=1)[:, None] * axis[turns]
+    way[turns] = np.maximum(way[turns], np.linalg.norm(upper, axis=1))
+    station = np.cumsum(way)
+    down = np.cumsum(np.maximum(0.0, -along) * 0.25 * np.pi * diameter_m**2)
     volume = np.cumsum(np.where(feed, volume_m3, 0.0))
     first = np.searchsorted(station, station - WINDOW_M, side="right") - 1
     known = first >= 0
@@ -73,7 +84,7 @@ def check_flutes(
     some = next(iter(cutters.values()))
     diameter = np.array([cutters.get(int(number), some).diameter_m for number in path.tool])
     flutes = np.array([cutters.get(int(number), some).flute_length_m for number in path.tool])
-    depth = least_depth(path, volume_m3, diameter)
+    depth = least_depth(path, volume_m3, diameter, np.where(np.isfinite(flutes), flutes, 0.0))
     row = int(np.argmax(depth / flutes))
     if depth[row] > 1.05 * flutes[row]:
         raise ModelError(

@@ -24,8 +24,11 @@ def test_walls_and_floors_are_off_by_what_evaluate_finds(small: Path, tmp_path: 
     simulate.run(tmp_path / "part.ngc", small, tmp_path / "truth.toml", tmp_path / "run")
     summary = mesh.run(tmp_path / "run", tmp_path / "mesh", range_m=1e-4)
     comparison = compare([tmp_path / "run"])
-    walls = np.abs(comparison.judged["nominal"].surface.wall_m) * 1e6
-    at_x = comparison.reference.surface.wall_point[:, 0] * 1e3
+    judged, surface = comparison.judged["nominal"].surface, comparison.reference.surface
+    assert judged is not None
+    assert surface is not None
+    walls = np.abs(judged.wall_m) * 1e6
+    at_x = surface.wall_point[:, 0] * 1e3
     points = pl.read_parquet(tmp_path / "mesh" / "points.parquet")
     middle = points.filter(pl.col("x_mm").is_between(8.0, 32.0))
     wall = middle.filter(pl.col("line") == 1)["deviation_um"].abs()

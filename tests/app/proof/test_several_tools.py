@@ -64,6 +64,7 @@ def test_the_simulated_cell_carries_the_stock_over(cell: Cell, job: Job) -> None
     reference = reference_of(job, cell)
     judged = judge(reference, record, record.stock)
     assert 0.05e-3 < judged.variant.path.path.p997_m < 1.2e-3
+    assert judged.surface is not None
     wall = judged.surface.wall_m[np.isfinite(judged.surface.wall_m)]
     assert len(wall) > 0.95 * len(judged.surface.wall_m)
     assert np.abs(wall).max() < 1.2e-3  # judged with the other's radius, every wall would be 3 mm off
@@ -72,6 +73,7 @@ def test_the_simulated_cell_carries_the_stock_over(cell: Cell, job: Job) -> None
 
 def test_walls_of_the_undisturbed_path_are_where_each_tool_left_them(cell: Cell, job: Job) -> None:
     surface = reference_of(job, cell).surface
+    assert surface is not None
     side = surface.wall_point[:, 0] < 5e-3
     off = np.abs(surface.wall_point[side, 1] - 30e-3)
     high = surface.wall_point[side, 2] > 36e-3

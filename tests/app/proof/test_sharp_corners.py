@@ -66,6 +66,7 @@ class Bench:
         file.write_text(text, encoding="ascii", newline="")
         record = simulate.machine(read_job(file, cell), cell, self.truth)
         judged = judge(reference_of(job, cell), record, record.stock)
+        assert judged.surface is not None
         d = judged.deviation
         planned = np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
         return Machined(

@@ -13,7 +13,7 @@ from counterflex.app.campaign.axes import CHOSEN, PRESENT, branch_and_rotation
 from counterflex.app.campaign.parameter_errors import parameter_errors
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.languages import write
-from counterflex.app.inputs import read_job
+from counterflex.app.inputs import in_working_plane, read_job
 from counterflex.app.posture import posture_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
@@ -22,7 +22,6 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import DEG
-from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.summary import variant_summary
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_placed_as, text_with_part, text_with_posture
@@ -95,7 +94,7 @@ def compensated(
 
 def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str, Any]:
     """Compensate a program with the truth's exact constants."""
-    cell = read_cell(cell_file)
+    cell = in_working_plane(program, read_cell(cell_file))
     job = read_job(program, cell)
     setting = exact_setting(job, cell, read_truth(truth_file))
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
@@ -133,9 +132,9 @@ def machined(
     if keep:
         out = Path(folder)
         simulate.run(program, cell_file, truth_file, out, original=original, progress=machining)
-        run, surface = read_run(out / simulate.RUN)[0], HeightMap.load(out / simulate.SURFACE)
+        run, surface = read_run(out / simulate.RUN)[0], simulate.read_part(out)[0]
     else:
-        cell, truth = read_cell(cell_file), read_truth(truth_file)
+        cell, truth = in_working_plane(original, read_cell(cell_file)), read_truth(truth_file)
         simulate.check_same_cell(cell, truth, truth_file)
         record = simulate.machine(read_job(program, cell), cell, truth, progress=machining)
         run, surface = record, record.stock
@@ -150,7 +149,7 @@ def _reference(original: str, cell_file: str) -> Reference:
     content = hashlib.sha256(Path(original).read_bytes() + b"\n" + Path(cell_file).read_bytes()).hexdigest()
     reference = _references.get(content)
     if reference is None:
-        cell = read_cell(cell_file)
+        cell = in_working_plane(original, read_cell(cell_file))
         reference = reference_of(read_job(original, cell), cell)
         _references.clear()
         _references[content] = reference
@@ -170,6 +169,7 @@ def compared(before: str, identified: str, truth_file: str, program: str | None,
 
 def _joints(cell: Cell, program: str | None) -> Float:
     """(n, 6) rad: at points spread over a program, or with the blank's corners and centre as the tool's places."""
+    cell = cell if program is None else in_working_plane(program, cell)
     controller = simulate.controller(cell)
     if program is not None:
         path = read_job(program, cell).path

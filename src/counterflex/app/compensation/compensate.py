@@ -26,7 +26,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.plan_file import CLASS_ASSUMED, WORKING_PLANE, write_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance
@@ -162,7 +162,7 @@ def run(
         parts[PAGE](0.0)
         about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}
-        about |= {key: result.summary[key] for key in (WORKING_PLANE,) if key in result.summary}
+        about |= {key: result.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in result.summary}
         lowered = result.summary["calm_feed"]
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))

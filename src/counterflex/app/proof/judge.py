@@ -14,7 +14,9 @@ from counterflex.app.inputs import Job
 from counterflex.app.proof import simulate
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.evaluate.feature_finding import find_features
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
 from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
@@ -38,17 +40,19 @@ class Reference:
     Attributes:
         job: The original program.
         cell: Where it is machined.
-        surface: Floors and walls of the undisturbed part.
+        widest: The tool; of several the widest.
+        surface: Floors and walls of the undisturbed part; None where the tool turns.
     """
 
     job: Job
     cell: Cell
-    surface: NominalSurface
+    widest: Cutter
+    surface: NominalSurface | None
 
     @property
     def radius_m(self) -> float:
         """Radius of the cutter; of several the largest."""
-        return self.surface.cutter.radius_m
+        return self.widest.radius_m
 
     def outline_at(self, motion: Int) -> Float | None:
         """(k, 2) m, radius and corner radius of the tool in each of (k,) motions; None where one tool cuts all."""
@@ -67,13 +71,15 @@ class Judged:
         run: As recorded.
         actual: As-machined height map.
         deviation: Of the path.
-        surface: Of the part.
+        surface: Of the part; None where the tool turned.
+        columns: Columns of material where the tool turned.
     """
 
     run: Run
     actual: HeightMap
     deviation: PathDeviation
-    surface: SurfaceDeviation
+    surface: SurfaceDeviation | None
+    columns: ColumnStock | None = None
 
     @property
     def variant(self) -> Variant:
@@ -92,9 +98,12 @@ def reference_of(job: Job, cell: Cell) -> Reference:
     """Removal simulation of the undisturbed path, and what it machines."""
     tools = simulate.tools_of(job.path)
     widest = max((cell.cutter(number) for number in tools), key=lambda cutter: cutter.radius_m)
+    if cell.tool_turns:
+        return Reference(job, cell, widest, None)
     outline = None if len(tools) < 2 else _outlines(mounted_tools(job.path), cell)
     nominal = simulate.undisturbed(job, cell)
-    return Reference(job, cell, nominal_surface(cell.stock(), nominal, job.path.p_part_tcp, widest, outline=outline))
+    surface = nominal_surface(cell.stock(), nominal, job.path.p_part_tcp, widest, outline=outline)
+    return Reference(job, cell, widest, surface)
 
 
 def _outlines(tool: Int, cell: Cell) -> Float:
@@ -105,13 +114,14 @@ def _outlines(tool: Int, cell: Cell) -> Float:
     return out
 
 
-def judge(reference: Reference, run: Run, actual: HeightMap) -> Judged:
+def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStock | None = None) -> Judged:
     """Judge one run.
 
     Args:
         reference: What it is judged against.
         run: Its record.
         actual: Its part.
+        columns: Of material, where the tool turned.
     """
     feed_engagement = np.where(run.kind == FEED, run.depth_m, 0.0)
     deviation = path_deviation(
@@ -123,25 +133,29 @@ def judge(reference: Reference, run: Run, actual: HeightMap) -> Judged:
         command_part_tcp=run.p_part_command,
         progress=run.progress,
     )
-    surface = surface_deviation(
-        reference.surface,
-        actual,
-        deviation.p_part_actual,
-        ~deviation.broken,
-        reference.outline_at(deviation.motion),
-    )
-    return Judged(run, actual, deviation, surface)
+    surface = None
+    if reference.surface is not None:
+        surface = surface_deviation(
+            reference.surface,
+            actual,
+            deviation.p_part_actual,
+            ~deviation.broken,
+            reference.outline_at(deviation.motion),
+        )
+    return Judged(run, actual, deviation, surface, columns)
 
 
 def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[FeatureRow, ...]:
-    """Grooves, ramps and pockets of the part, measured on every run; none of a part that several tools cut."""
-    if len(simulate.tools_of(reference.job.path)) > 1:
+    """Grooves, ramps and pockets of the part, measured on every run; none where several tools cut or the tool turns."""
+    surface = reference.surface
+    if surface is None or len(simulate.tools_of(reference.job.path)) > 1:
         return ()
+    machined = {name: Machined(item.actual, item.deviation.p_part_actual, item.joined) for name, item in judged.items()}
     return measure_features(
-        reference.surface,
+        surface,
         reference.job.path.p_part_tcp,
         find_features(reference.job.path, reference.radius_m),
-        {name: Machined(item.actual, item.deviation.p_part_actual, item.joined) for name, item in judged.items()},
+        machined,
     )
 
 
@@ -187,7 +201,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
     judged: dict[str, Judged] = {}
     for name, path in zip(("nominal", "compensated"), paths, strict=False):
         run_read, _ = read_run(path / simulate.RUN)
-        judged[name] = judge(reference, run_read, HeightMap.load(path / simulate.SURFACE))
+        judged[name] = judge(reference, run_read, *simulate.read_part(path))
     about = {
         "job": "evaluate",
         "program": str(read_summary(paths[0] / simulate.SUMMARY).get("original", "")),

@@ -42,7 +42,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, summary
 from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.plan_file import CLASS_ASSUMED, WORKING_PLANE, write_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.path.toolpath import ToolPath
@@ -143,7 +143,7 @@ def prove(
     reference = reference_of(job, cell)
     judged: dict[tuple[int, str], Judged] = {}
     for key, record in records.items():
-        judged[key] = judge(reference, record, record.stock)
+        judged[key] = judge(reference, record, record.stock, simulate.columns_of(record))
         parts[JUDGING](len(judged) / len(records))
     timing["judging"] = time.perf_counter() - begin
     results = [
@@ -218,7 +218,7 @@ def run(
         atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}
-        about |= {key: proof.summary[key] for key in (WORKING_PLANE,) if key in proof.summary}
+        about |= {key: proof.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in proof.summary}
         lowered = proof.summary["calm_feed"]
         write_plan(staging / "plan.parquet", proof.plan, {**about, "feed_lowered_s": lowered["extra_s"]})
         for seed, truth in proof.truths.items():
@@ -226,7 +226,7 @@ def run(
         for variant in ("nominal", "compensated"):
             item = proof.judged[proof.first_seed, variant]
             write_run(staging / f"{variant}.parquet", item.run, {**about, "seed": proof.first_seed, "variant": variant})
-            item.actual.save(staging / f"{variant}-surface.npz")
+            simulate.save_part(item.actual, item.columns, staging, f"{variant}-")
         write_summary(staging / "summary.json", proof.summary)
         write_page(proof_page(proof), staging / "report.html")
     return proof.summary

@@ -20,6 +20,8 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.cutting.removal import remove_tool_path
 from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.tridexel.column_file import load_columns, save_columns
+from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.run_file import write_run
 from counterflex.files.schema import write_toml
@@ -32,7 +34,7 @@ from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
 
 PROGRAM, ORIGINAL, CELL, TRUTH = "program.ngc", "original.ngc", "cell.toml", "truth.toml"
-RUN, SURFACE, SUMMARY, BLANKS = "run.parquet", "surface.npz", "summary.json", "blank.*"
+RUN, SURFACE, COLUMNS, SUMMARY, BLANKS = "run.parquet", "surface.npz", "columns.npz", "summary.json", "blank.*"
 PARAMETERS = "parameters.var"
 
 
@@ -71,6 +73,7 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
         stock=cell.stock(),
         cutter={number: cell.cutter(number) for number in tools_of(job.path)},
         datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
+        turning=cell.tool_turns,
         progress=progress,
     )
     if len(record.time_s) == 0:
@@ -80,6 +83,35 @@ def machine(job: Job, cell: Cell, truth: Truth, *, progress: Progress = silent) 
             hint="Check the part frame, the blank and the program's zero",
         )
     return record
+
+
+def columns_of(record: Record) -> ColumnStock | None:
+    """Columns of material that a tool that turned has left; None of one along z of the part."""
+    left = record.columns
+    if left is None:
+        return None
+    low, high = (np.ascontiguousarray(np.moveaxis(ends, 2, 0)) for ends in (left.low, left.high))
+    return ColumnStock(left.x0_m, left.y0_m, left.cell_m, low, high, left.held)
+
+
+def save_part(part: HeightMap, columns: ColumnStock | None, folder: Path, prefix: str = "") -> None:
+    """Write the part as machined: its height map, or columns of material where there are some."""
+    if columns is None:
+        part.save(folder / f"{prefix}{SURFACE}")
+    else:
+        save_columns(columns, folder / f"{prefix}{COLUMNS}")
+
+
+def read_part(folder: Path) -> tuple[HeightMap, ColumnStock | None]:
+    """The part that :func:`save_part` wrote; of columns the height map is the highest material.
+
+    Raises:
+        FileFormatError: The file is missing or damaged.
+    """
+    if not (folder / COLUMNS).is_file():
+        return HeightMap.load(folder / SURFACE), None
+    columns = load_columns(folder / COLUMNS)
+    return columns.tops(), columns
 
 
 def undisturbed(job: Job, cell: Cell, *, threads: int = 1) -> HeightMap:
@@ -110,7 +142,8 @@ def run(
 ) -> dict[str, Any]:
     """Do the job on files.
 
-    Writes ``run.parquet`` (path, forces), ``surface.npz`` (as-machined height map), the program, the original program
+    Writes ``run.parquet`` (path, forces), ``surface.npz`` (as-machined height map; ``columns.npz`` with columns of
+    material where the tool turns in the cut), the program, the original program
     it stands for, cell (with the blank that it names by a file) and truth as they were, and ``summary.json``; all of
     them or none.
 
@@ -152,7 +185,7 @@ def run(
         keep_inputs(cell, program, reference, staging, reading)
         write_truth(staging / TRUTH, truth)
         write_run(staging / RUN, record, {key: summary[key] for key in ("program", "cell", "seed", "counterflex")})
-        record.stock.save(staging / SURFACE)
+        save_part(record.stock, columns_of(record), staging)
         write_summary(staging / SUMMARY, summary)
     return summary
 

@@ -18,7 +18,7 @@ from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.sensing import SensorTable, flange_sensor
-from counterflex.files.plan_file import WORKING_PLANE, read_plan
+from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE, read_plan
 from counterflex.plan.plan import Plan
 from counterflex.protocols.abb_egm.force import EgmForce
 from counterflex.protocols.abb_egm.link import EgmLink
@@ -105,6 +105,19 @@ def one_protocol(settings: RunSettings) -> None:
         read_config(settings.rsi)
 
 
+def _require_upright(about: Mapping[str, Any], plan: Path | None) -> None:
+    """Refuse plans whose corrections are not those of a tool along z of the part."""
+    for key, what in (
+        (
+            WORKING_PLANE,
+            "a plan for a tilted tool cannot be run with online correction: it is given in its working plane",
+        ),
+        (TOOL_TURNS, "a plan whose tool turns while it cuts cannot be run with online correction"),
+    ):
+        if key in about:
+            raise InputError(what, where=str(plan), hint="Run the compensated program without the loop")
+
+
 def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:
     """Read the files, build the loop and open the links.
 
@@ -116,12 +129,8 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     read = None if settings.plan is None else read_plan(settings.plan)
     cell = cell_of_run(settings.cell, read)
     require_plausible(cell)
-    if read is not None and WORKING_PLANE in read[1]:
-        raise InputError(
-            "a plan for a tilted tool cannot be run with online correction: it is given in its working plane",
-            where=str(settings.plan),
-            hint="Run the compensated program without the loop",
-        )
+    if read is not None:
+        _require_upright(read[1], settings.plan)
     one_protocol(settings)
     if settings.program is not None:
         check_job(settings.program, read, compensated=settings.compensated)

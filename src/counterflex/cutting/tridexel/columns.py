@@ -59,6 +59,14 @@ class ColumnStock:
         """As the kernels take it; it shares the arrays."""
         return Columns(self.low, self.high, self.count, self.x0_m, self.y0_m, self.cell_m)
 
+    def tops(self) -> HeightMap:
+        """The highest material of each column as a height map; empty columns end at the lowest material of all."""
+        layer = np.arange(len(self.high))[:, None, None]
+        bottom = float(self.low.min(initial=np.inf, where=layer < self.count))
+        bottom = bottom if np.isfinite(bottom) else 0.0
+        z = self.high.max(axis=0, initial=bottom, where=layer < self.count)
+        return HeightMap(self.x0_m, self.y0_m, self.cell_m, np.asarray(z, np.float32), bottom)
+
     @property
     def volume_m3(self) -> float:
         """Volume of the material, m^3."""

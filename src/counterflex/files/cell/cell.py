@@ -52,6 +52,8 @@ class Cell:
             asked of it, or where every axis has one.
         R_part_plane: (3, 3) axes of the working plane in the part frame, whose z is the direction of a tilted tool;
             None where the tool is along z of the part. Part frame, datum points and blank are given in the plane then.
+        tool_turns: The tool cuts in several directions, or turns while it cuts: a program of five axes, planned in
+            part axes with columns of material.
     """
 
     tables: CellTables
@@ -63,6 +65,16 @@ class Cell:
     nominal_end_effector: EndEffector
     class_stiffness: ClassStiffness | None = None
     R_part_plane: Float | None = None
+    tool_turns: bool = False
+
+    def with_turning_tool(self) -> Cell:
+        """The same cell for a program that cuts in several directions of the tool, or turns it in the cut.
+
+        Raises:
+            InputError: The robot holds the part.
+        """
+        self._require_part_standing()
+        return replace(self, tool_turns=True)
 
     def in_plane(self, R_part_plane: Float) -> Cell:
         """The same cell with the part seen in a working plane.
@@ -73,6 +85,10 @@ class Cell:
         Raises:
             InputError: The robot holds the part.
         """
+        self._require_part_standing()
+        return replace(self, R_part_plane=R_part_plane)
+
+    def _require_part_standing(self) -> None:
         if self.holds_part:
             raise InputError(
                 "a part that the robot holds is cut along its own z only",
@@ -81,7 +97,6 @@ class Cell:
                 limit="rotary words at 0",
                 hint="Turn the part frame ([part] a_deg, b_deg, c_deg) so that its z is along the tool",
             )
-        return replace(self, R_part_plane=R_part_plane)
 
     @property
     def label(self) -> str:

@@ -30,7 +30,7 @@ from counterflex.twin.truth.other import ToolOff
 from counterflex.twin.truth.truth import CuttingTruth
 
 LAG_CELLS = 4.0
-_PENDING = 1 << 12
+PENDING = 1 << 12
 
 
 def end_rings(cutter: Cutter) -> Float:
@@ -110,7 +110,7 @@ class Process:
         self.wrench_part: Float = np.zeros(7)
         self._count = 0
         self._lag = LAG_CELLS * stock.cell_m
-        self._trail: Float = np.zeros((_PENDING, 4))  # x, y, z, travel
+        self._trail: Float = np.zeros((PENDING, 4))  # x, y, z, travel
         self._head = 0
         self._tail = 0
         self._top = float(stock.z.max())
@@ -200,16 +200,20 @@ class Process:
         Args:
             p_part: (3,) m, tool tip in the part frame.
         """
+        self._follow(p_part, 0.0)
+
+    def _follow(self, p_part: Float, least_m: float) -> None:
+        """Add a point that is at least a way behind the last."""
         head, trail = self._head, self._trail
         travel = 0.0
         if head > 0:
-            last = trail[(head - 1) % _PENDING]
-            travel = last[3] + math.dist(last[:3], p_part)
-        row = trail[head % _PENDING]
+            last = trail[(head - 1) % PENDING]
+            travel = last[3] + max(math.dist(last[:3], p_part), least_m)
+        row = trail[head % PENDING]
         row[:3], row[3] = p_part, travel
         self._head = head + 1
         while self._tail + 1 < self._head and (
-            travel - trail[(self._tail + 1) % _PENDING, 3] >= self._lag or self._head - self._tail >= _PENDING - 1
+            travel - trail[(self._tail + 1) % PENDING, 3] >= self._lag or self._head - self._tail >= PENDING - 1
         ):
             self._cut_next()
 
@@ -224,7 +228,7 @@ class Process:
             self._cut_next()
 
     def _cut_next(self) -> None:
-        a, b = self._trail[self._tail % _PENDING], self._trail[(self._tail + 1) % _PENDING]
+        a, b = self._trail[self._tail % PENDING], self._trail[(self._tail + 1) % PENDING]
         self._tail += 1
         if min(a[2], b[2]) >= self._top:
             return

@@ -12,6 +12,7 @@ from counterflex.geometry import rotation
 from counterflex.path.run import Run
 from counterflex.path.toolpath import ToolPath
 from counterflex.twin.plant.controller import Reference
+from counterflex.twin.plant.turning.column_material import ColumnMaterial
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +27,11 @@ class Record(Run):
         row: (n,) row of the tool path being run.
         engaged: (n,) whether the tool removes material.
         q_ref: (n, 6) rad.
-        stock: The as-machined height map in the part frame.
+        stock: The as-machined height map in the part frame; of a tool that turned the highest material of each column.
         T_base_part: (4, 4) where the part truly lies.
         datum_residual_m: (k, 3) m, what the rigid fit to the touched datum points leaves, base axes; (0, 3) when the
             part frame was not touched.
+        columns: The part as a tool that turned has left it; None of one along z of the part.
     """
 
     row: Int
@@ -38,6 +40,7 @@ class Record(Run):
     stock: HeightMap
     T_base_part: Float
     datum_residual_m: Float
+    columns: ColumnMaterial | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ def record_of(
     path: ToolPath,
     reference: Reference,
     Rs_part_command: Float,
-    stock: HeightMap,
+    stock: HeightMap | ColumnMaterial,
     T_base_part: Float,
     datum_residual_m: Float,
     T_base_tcp: Float | None = None,
@@ -115,7 +118,8 @@ def record_of(
         engaged=np.array(sums[:, 7] > 0.0),
         q_ref=cycles.q_ref,
         q_motor=cycles.q_motor,
-        stock=stock,
+        stock=stock if isinstance(stock, HeightMap) else stock.tops(),
         T_base_part=T_base_part,
         datum_residual_m=datum_residual_m,
+        columns=None if isinstance(stock, HeightMap) else stock,
     )

@@ -20,6 +20,8 @@ from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
 from counterflex.twin.plant.setup import touched_part_frame
+from counterflex.twin.plant.turning.column_material import near as near_columns
+from counterflex.twin.plant.turning.process import TurningProcess
 from counterflex.twin.truth.truth import Truth
 
 LEAD_IN_S = 0.4  # motion through air that is simulated before contact becomes possible
@@ -36,6 +38,7 @@ def simulate(
     stock: HeightMap,
     cutter: Cutter | Mapping[int, Cutter],
     datum_points_part: Float | None = None,
+    turning: bool = False,
     skip_air: bool = True,
     step_s: float = STEP_S,
     progress: Progress = silent,
@@ -56,6 +59,8 @@ def simulate(
         datum_points_part: (k, 3) m; the part frame is measured by touching them with the robot (see
             :func:`~counterflex.twin.plant.setup.touched_part_frame`). None: it was measured with an ideal instrument,
             the part lies exactly where the controller has it.
+        turning: The tool cuts in several directions or turns while it cuts: the material is held in columns, and the
+            record has what is left of them.
         skip_air: Leave out long air moves.
         step_s: Integration step, s; divides the controller's cycle.
         progress: Progress callback, fraction 0 to 1; may raise ``Interrupted``.
@@ -87,8 +92,14 @@ def simulate(
         for number in np.unique(mounted).tolist()
     }
     tool = mounted[reference.source]
-    process = Process(blank, cutters[int(tool[0])], truth.cutting, step_s, T_base_part)
-    near = near_stock(reference.p_part_command, blank, max(c.radius_m for c in cutters.values()))
+    mount, widest = cutters[int(tool[0])], max(c.radius_m for c in cutters.values())
+    if turning:
+        longest = max(min(c.flute_length_m, 1.0) for c in cutters.values())
+        process: Process = TurningProcess(blank, mount, truth.cutting, step_s, T_base_part, plant.R_base_tcp)
+        near = near_columns(reference.p_part_command, reference.axis_part, blank, widest, longest, CLEARANCE_M)
+    else:
+        process = Process(blank, mount, truth.cutting, step_s, T_base_part)
+        near = near_stock(reference.p_part_command, blank, widest)
     fixed = controller.T_base_tcp
     run = _Run(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
     run.tool, run.cutters, run.T_base_tcp = tool, cutters, fixed
@@ -100,10 +111,9 @@ def simulate(
         :, :3, :3
     ]
     progress(1.0, "machined")
+    left = process.finish_material() if isinstance(process, TurningProcess) else process.finish()
     commanded = Rs_part_command[run.rows]
-    return record_of(
-        run.cycles(), path, reference, commanded, process.finish(), T_base_part, residual, T_base_tcp=fixed
-    )
+    return record_of(run.cycles(), path, reference, commanded, left, T_base_part, residual, T_base_tcp=fixed)
 
 
 def mounted_tools(path: ToolPath) -> Int:

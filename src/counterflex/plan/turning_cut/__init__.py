@@ -1,0 +1,1 @@
+"""The model cut of a tool whose axis turns or points elsewhere than along z of the part."""
