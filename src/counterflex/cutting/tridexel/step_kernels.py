@@ -39,7 +39,7 @@ _STEEP: Final = 0.2
 
 
 class StepColumns(NamedTuple):
-    """Columns as the kernel takes them: ends (8, ny, nx), stretches held (ny, nx), first centre, side, highest end, m."""
+    """Columns as the kernel takes them: ends (8, ny, nx), stretches (ny, nx), first centre, side, highest end, m."""
 
     low: Float32
     high: Float32

@@ -20,8 +20,8 @@ from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.step_kernels import step_columns, step_space
 from counterflex.plan.cut_kernel_arrays import CutPath, CutRows
 from counterflex.plan.elastic_motion_kernel import Motion
-from counterflex.plan.turning_cut.arrays import TURNING_STATE, TurningTool
 from counterflex.plan.turning_cut.kernel import cut_turning_rows
+from counterflex.plan.turning_cut.kernel_arrays import TURNING_STATE, TurningTool
 
 ROWS_PER_CALL: Final = 500
 

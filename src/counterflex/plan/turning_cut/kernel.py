@@ -29,7 +29,7 @@ from counterflex.plan.cut_kernel import (
 )
 from counterflex.plan.cut_kernel_arrays import CUT_PATH, CUT_ROWS, CutPath, CutRows
 from counterflex.plan.elastic_motion_kernel import MOTION, Motion, advance, rest
-from counterflex.plan.turning_cut.arrays import TURNING_STATE, TURNING_TOOL, TurningTool
+from counterflex.plan.turning_cut.kernel_arrays import TURNING_STATE, TURNING_TOOL, TurningTool
 
 _ANGLES = 24
 _RINGS = 6
