@@ -61,6 +61,13 @@ def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progre
             hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
         )
     cell = simulate.read_cell_of(source)
+    if cell.tool_turns:
+        raise InputError(
+            "the tool turns while it cuts: no mesh is made of such a part",
+            where=str(source),
+            limit="a tool with one direction in all cuts",
+            hint="counterflex evaluate judges the path of the tool",
+        )
     job = simulate.read_original(source, cell)
     machined, actual = read_run(source / simulate.RUN)[0], HeightMap.load(source / simulate.SURFACE)
     top = _top(cell, job.path, machined)

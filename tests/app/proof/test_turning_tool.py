@@ -1,0 +1,129 @@
+"""A tool that turns while it cuts, the whole way: planned in columns, written in rotary words, machined, judged."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from counterflex.app.compensation import compensate
+from counterflex.app.inputs import in_working_plane, read_job
+from counterflex.app.proof import mesh, prove, simulate
+from counterflex.app.proof.truth import make_truth
+from counterflex.app.run.session import RunSettings, open_session
+from counterflex.core.errors import FileFormatError, InputError, ProgramError
+from counterflex.cutting.tridexel.column_file import load_columns
+from counterflex.files.cell.cell import read_cell
+from counterflex.path.toolpath import FEED
+
+ROOT = Path(__file__).resolve().parents[3]
+LINES = (ROOT / "examples" / "programs" / "twisted_channel.ngc").read_text(encoding="ascii").splitlines()
+SHORT = "\n".join([*LINES[:24], "G0 Z64", "M5", "M30", ""])
+"""The channel up to y = 25 mm."""
+
+
+@pytest.fixture(scope="module")
+def cell_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The example cell with a blank as long as that, in coarse columns."""
+    text = (ROOT / "examples" / "cells" / "kr300_bc_table.toml").read_text(encoding="utf-8")
+    text = text.replace("box_min_mm = [0, 0, 0]", "box_min_mm = [8, 0, 20]")
+    text = text.replace("box_max_mm = [60, 60, 40]", "box_max_mm = [40, 20, 40]")
+    file = tmp_path_factory.mktemp("turning") / "cell.toml"
+    file.write_text(text.replace("cell_mm = 0.2", "cell_mm = 0.4"), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def program(cell_file: Path) -> Path:
+    file = cell_file.parent / "channel.ngc"
+    file.write_text(SHORT, encoding="ascii")
+    return file
+
+
+@pytest.fixture(scope="module")
+def proof(cell_file: Path, program: Path) -> tuple[Path, dict[str, Any]]:
+    out = cell_file.parent / "out"
+    return out, prove.run(program, cell_file, out, seeds=[1], workers=1)
+
+
+def test_little_error_remains_where_the_constants_are_known(proof: tuple[Path, dict[str, Any]]) -> None:
+    shares = {seed["truth_level"]: seed["reduction"]["path"]["p997_mm"] for seed in proof[1]["seeds"]}
+    assert proof[1]["variants"]["nominal"]["path"]["p997_mm"] > 0.3
+    assert 1.0 - shares["exact"] < 0.3
+
+
+def test_position_and_direction_are_corrected(
+    proof: tuple[Path, dict[str, Any]], cell_file: Path, program: Path
+) -> None:
+    """Read back, the tool leans away from the programmed direction by the tilt of the deflection, and turns on."""
+    cell = in_working_plane(program, read_cell(cell_file))
+    assert cell.tool_turns
+    before, after = (read_job(file, cell).path for file in (program, proof[0] / "compensated" / program.name))
+    cuts = (after.kind == FEED) & (after.p_part_tcp[:, 1] > 2e-3) & (after.p_part_tcp[:, 1] < 18e-3)
+    fed = before.kind == FEED
+    place = before.p_part_tcp[fed, 1]
+    programmed = np.stack([np.interp(after.p_part_tcp[cuts, 1], place, c) for c in before.axis_part[fed].T], axis=1)
+    lean = np.linalg.norm(np.cross(after.axis_part[cuts], programmed), axis=1)
+    assert 1e-4 < np.median(lean) < 5e-3
+    assert np.ptp(after.axis_part[cuts, 0]) > 0.05
+    text = (proof[0] / "compensated" / program.name).read_text(encoding="ascii")
+    assert len(set(re.findall(r" B([0-9.]+)", text))) > 10
+    assert proof[1]["written"]["largest_dropped_rotation_deg"] < 0.5
+
+
+def test_the_report_and_the_files_say_so(proof: tuple[Path, dict[str, Any]]) -> None:
+    stored = json.loads((proof[0] / "summary.json").read_text(encoding="utf-8"))
+    assert stored["tool_turns"] is True
+    assert "surface" not in stored["variants"]["nominal"]
+    assert "path" in stored["over_seeds"]["exact"]
+    columns = load_columns(proof[0] / "nominal-columns.npz")
+    assert 1.5e-6 < 32e-3 * 20e-3 * 20e-3 - columns.volume_m3 < 4e-6
+    assert (proof[0] / "report.html").stat().st_size > 10_000
+
+
+def test_what_cannot_take_it_says_so(
+    proof: tuple[Path, dict[str, Any]], cell_file: Path, program: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="turns while it cuts cannot be run with online correction"):
+        open_session(RunSettings(cell=cell_file, plan=proof[0] / "plan.parquet"))
+    with pytest.raises(ProgramError, match=r"channel\.ngc:\d+.*the tool is tilted, and this command takes"):
+        read_job(program, read_cell(cell_file))
+
+
+def test_simulated_and_evaluated_from_files(cell_file: Path, program: Path, tmp_path: Path) -> None:
+    make_truth(read_cell(cell_file), None, tmp_path / "truth.toml")
+    summary = simulate.run(program, cell_file, tmp_path / "truth.toml", tmp_path / "run")
+    assert summary["machining"]["peak_force_n"] > 200.0
+    assert (tmp_path / "run" / simulate.COLUMNS).is_file()
+    assert not (tmp_path / "run" / simulate.SURFACE).exists()
+    from counterflex.app.proof.judge import compare
+
+    judged = compare([tmp_path / "run"]).judged["nominal"]
+    assert judged.surface is None
+    assert judged.columns is not None
+    assert judged.variant.path.path.p997_m > 0.2e-3
+    with pytest.raises(InputError, match="no mesh is made"):
+        mesh.run(tmp_path / "run", tmp_path / "mesh", range_m=1e-4)
+    (tmp_path / "run" / simulate.COLUMNS).write_bytes(b"PK")
+    with pytest.raises(FileFormatError, match="columns of material cannot be read"):
+        compare([tmp_path / "run"])
+
+
+def test_robot_programs_have_the_orientation_of_each_point(cell_file: Path, program: Path) -> None:
+    """KRL: the z of the tool frame turns along the cut as the program's axis does."""
+    text = "".join(compensate.compensate(program, read_cell(cell_file), language="krl", predict=False).files.values())
+    poses = np.array(
+        re.findall(r"X ([-\d.]+),Y ([-\d.]+),Z ([-\d.]+),A ([-\d.]+),B ([-\d.]+),C ([-\d.]+)", text), dtype=float
+    )
+    cut = poses[(poses[:, 1] > 2.0) & (poses[:, 1] < 18.0)]
+    a, b, c = np.deg2rad(cut[:, 3:].T)
+    z = np.stack([np.cos(a) * np.sin(b) * np.cos(c) + np.sin(a) * np.sin(c), np.cos(b) * np.cos(c)], axis=1)
+    job = read_job(program, in_working_plane(program, read_cell(cell_file)))
+    rows = job.path.kind == FEED
+    for k, axis in enumerate((0, 2)):
+        expected = np.interp(cut[:, 1] * 1e-3, job.path.p_part_tcp[rows, 1], job.path.axis_part[rows, axis])
+        np.testing.assert_allclose(-z[:, k], expected, atol=5e-3)
