@@ -305,4 +305,5 @@ def _opening(settings: RunSettings, address: tuple[str, int], table: SensorTable
         range_n=table.range_n,
         range_nm=table.range_nm,
         values=link_values(table.protocol, table.link),
+        frame=None if table.frame is None else table.frame.source(),
     )

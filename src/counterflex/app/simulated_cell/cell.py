@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading, read_job
 from counterflex.app.proof import simulate
@@ -20,6 +22,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
+from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench
 from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.path_answer import PathAnswer
@@ -205,17 +208,33 @@ def _device(settings: LiveSettings, cell: Cell) -> NetftServer | WrenchSender | 
         return None
     faults = FaultSchedule(settings.force_faults, settings.seed)
     table = cell.tables.sensor
-    if table is None or table.protocol != "wrench":
+    if table is None or table.protocol not in ("wrench", "frame"):
         return NetftServer(port=settings.netft_port, http_port=settings.netft_http_port, faults=faults)
     if settings.netft_port == 0:
         raise InputError(
             "where the force sensor sends to is not said",
             where=str(settings.cell),
-            value='protocol = "wrench"',
+            value=f'protocol = "{table.protocol}"',
             hint="Give force_sensor.address (--scenario), the same as for counterflex run",
         )
-    source = table.link.get("source", -1)
-    return WrenchSender((settings.force_host, settings.netft_port), faults, source=max(0, int(source)))
+    peer = settings.force_host, settings.netft_port
+    if table.frame is None:
+        return WrenchSender(peer, faults, source=max(0, int(table.link.get("source", -1))))
+    own = table.frame.source()
+    if own.transport != "udp" or own.start or own.request:
+        raise InputError(
+            "the simulated cell sends frames by itself over UDP only",
+            where=str(settings.cell),
+            value="[sensor.frame] with " + ("tcp" if own.transport == "tcp" else "start or request"),
+        )
+    frame = own.frame
+
+    def write(one: Wrench) -> bytes:
+        bits = frame.saturated_bits if one.status & SATURATED else 0
+        bits |= frame.invalid_bits if one.status & INVALID else 0
+        return frame.write(np.array(one.w_sensor), one.sequence, bits)
+
+    return WrenchSender(peer, faults, write=write)
 
 
 def _controller(

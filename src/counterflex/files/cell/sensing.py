@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
 from counterflex.core.units import DEG, KN, MICRO, MINUTE, MM, N_PER_MM2, UM, URAD
+from counterflex.files.cell.frame import FrameTable
 from counterflex.files.schema import Angle, Length, PoseTable, Table
 from counterflex.geometry import pose
 from counterflex.protocols.force.sensors import link_values
@@ -47,6 +48,7 @@ class SensorTable(PoseTable):
     range_nm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     protocol: Annotated[str, Field(min_length=1)] = "netft"
     link: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    frame: FrameTable | None = None
     source: str = ""
 
     @model_validator(mode="after")
@@ -55,6 +57,8 @@ class SensorTable(PoseTable):
             link_values(self.protocol, self.link)
         except CounterflexError as fault:
             raise ValueError(str(fault)) from fault
+        if (self.protocol == "frame") != (self.frame is not None):
+            raise ValueError('protocol = "frame" and a table [sensor.frame] belong together')
         if (self.mass_kg is None) != (self.com_mm is None):
             raise ValueError("mass_kg and com_mm of the load behind the sensor belong together; give both or none")
         if len(self.offset) not in (0, 9, 34):

@@ -31,6 +31,8 @@ class Opening:
         range_nm: Largest moment in N m, or None.
         values: Of ``[sensor.link]`` in the cell file, every key that the protocol has, with its default where the
             file has none.
+        frame: Of ``[sensor.frame]``, for ``protocol = "frame"``: its
+            :class:`~counterflex.protocols.frame.link.FrameSource`; else None.
     """
 
     host: str
@@ -40,6 +42,7 @@ class Opening:
     range_n: float | None = None
     range_nm: float | None = None
     values: Mapping[str, Value] = field(default_factory=dict)
+    frame: object = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,7 @@ FORCE_SENSORS: Final[Registry[ForceSensorKind]] = Registry(
     "protocol of a force sensor",
     "counterflex.protocols.force.sensors:ForceSensorKind",
     {
+        "frame": "counterflex.protocols.frame.sensor:FRAME",
         "netft": "counterflex.protocols.netft.sensor:NETFT",
         "wrench": "counterflex.protocols.wrench.sensor:WRENCH",
     },

@@ -18,8 +18,6 @@ FROZEN: Final = 25
 """Samples with the same six numbers in a row that no living sensor sends."""
 RESTART: Final = 16
 """Samples in a row whose numbers go on from each other but lie behind the last one: the source was started again."""
-_HALF: Final = 0x80000000
-_MASK: Final = 0xFFFFFFFF
 
 
 class SampleStream:
@@ -30,6 +28,7 @@ class SampleStream:
     Args:
         range_n: Largest force that the sensor measures; 95 % of it counts as saturated. None: not watched.
         range_nm: Largest moment, likewise.
+        bits: Of the numbers of the samples, after which they begin again at 0.
 
     Attributes:
         w_sensor: (6,) N, N m, mean of the good samples of the last cycle that had any.
@@ -47,10 +46,11 @@ class SampleStream:
         InputError: A range is not above 0.
     """
 
-    def __init__(self, *, range_n: float | None = None, range_nm: float | None = None) -> None:
+    def __init__(self, *, range_n: float | None = None, range_nm: float | None = None, bits: int = 32) -> None:
         limits = [np.inf if value is None else value for value in (range_n, range_nm)]
         if not min(limits) > 0.0:
             raise InputError("the range of the force sensor is not above 0", value=min(limits))
+        self._mask, self._half = (1 << bits) - 1, 1 << (bits - 1)
         self._limit: Float = SATURATED * np.repeat(limits, 3)
         self._last: Float = np.full(6, np.nan)
         self._same = self._behind = 0
@@ -83,7 +83,7 @@ class SampleStream:
 
         Args:
             w: (k, 6) N, N m; a row that is not finite counts as invalid.
-            sequence: (k,) numbers of 32 bits, or None: every sample counts as a new one.
+            sequence: (k,) numbers, or None: every sample counts as a new one.
             time_ns: (k,) clock of the source, or None.
             invalid: (k,) the sensor says that it has no value.
             saturated: (k,) the sensor says that it is beyond its range.
@@ -126,9 +126,9 @@ class SampleStream:
             return np.arange(count)
         kept = []
         for k, number in enumerate(sequence.tolist()):
-            step = 1 if self._sequence < 0 else (number - self._sequence) & _MASK
-            if step == 0 or step >= _HALF:
-                follows = (number - self._before) & _MASK == 1
+            step = 1 if self._sequence < 0 else (number - self._sequence) & self._mask
+            if step == 0 or step >= self._half:
+                follows = (number - self._before) & self._mask == 1
                 self._before = number
                 self._behind = (self._behind + 1 if follows else 1) if step else 0
                 if self._behind < RESTART:
@@ -148,7 +148,7 @@ class SampleStream:
         if self._origin is None:
             self._origin, self._kilohertz = (sequence, time_ns), False
             return
-        steps = (sequence - self._origin[0]) & _MASK
+        steps = (sequence - self._origin[0]) & self._mask
         if steps >= 100:
             self._kilohertz = abs((time_ns - self._origin[1]) / steps - 1e6) < 2e4
             self._origin = (sequence, time_ns)
