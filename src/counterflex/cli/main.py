@@ -42,6 +42,7 @@ from counterflex.cli.commands import (
 from counterflex.cli.commands import run as online
 from counterflex.cli.commands.operate import operator
 from counterflex.cli.commands.plan import group as plan
+from counterflex.cli.commands.standards import iso230, iso9283
 from counterflex.cli.interrupt import end
 from counterflex.cli.output import line_period_s
 from counterflex.core import compiling
@@ -93,6 +94,7 @@ PANELS: Final = {
     "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate"),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report"),
     "Identify": ("identify", "dataset", "holder", "campaign"),
+    "Measure": ("iso9283", "iso230"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
     "Tools": ("doctor", "extensions", "soak", "faults", "reproduce"),
@@ -154,7 +156,7 @@ def _in_panels(app: typer.Typer) -> None:
 
 for room in (question, modes, program, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
-for room in (plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
+for room in (iso9283, iso230, plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)

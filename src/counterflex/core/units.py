@@ -13,6 +13,7 @@ MM: Final = 1e-3  # m
 UM: Final = 1e-6  # m
 INCH: Final = 25.4e-3  # m
 DEG: Final = math.pi / 180.0  # rad
+GON: Final = math.pi / 200.0  # rad
 URAD: Final = 1e-6  # rad
 MRAD: Final = 1e-3  # rad
 MINUTE: Final = 60.0  # s

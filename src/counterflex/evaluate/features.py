@@ -11,8 +11,8 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.circularity import circularity
 from counterflex.evaluate.feature_finding import CircularPocket, Feature, Groove
+from counterflex.evaluate.iso230.circularity import circularity
 from counterflex.evaluate.surface import NominalSurface
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.evaluate.tolerances import flatness_k, linear_m

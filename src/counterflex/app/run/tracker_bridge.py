@@ -6,41 +6,48 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.logs.tracker_log import TrackerLines
+from counterflex.files.logs.tracker_exports.formats import OWN, lines_of
 from counterflex.protocols.tracker.forwarder import PoseForwarder
 
 
 def forward(
-    lines: Iterable[str], peer: tuple[str, int], where: str, *, complain: Callable[[str], None] = lambda _: None
+    lines: Iterable[str],
+    peer: tuple[str, int],
+    where: str,
+    *,
+    form: str = OWN,
+    complain: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Send every line as a datagram at once; the first line names the columns.
+    """Send every measurement as a datagram at once.
 
     A line that cannot be used is left out: its number in the sequence is missing, so that the receiver counts a loss.
 
     Args:
-        lines: As :mod:`counterflex.files.logs.tracker_log` describes them.
+        lines: Of the format.
         peer: Where datagrams go.
         where: Of the lines, for messages.
+        form: One of :data:`counterflex.files.logs.tracker_exports.formats.FORMATS`; ours is described in
+            :mod:`counterflex.files.logs.tracker_log`.
         complain: Told of every line that is left out.
 
     Returns:
         Summary: datagrams sent, lines skipped.
 
     Raises:
-        FileFormatError: There is no first line, or it names other columns.
+        FileFormatError: Nothing came, or what stands before the measurements cannot be used (columns, unit).
         OutputError: The address cannot be used.
     """
-    reader: TrackerLines | None = None
+    reader = lines_of(form, where)
     sequence = skipped = 0
     sender = PoseForwarder(peer)
     try:
         for line in lines:
-            if reader is None:
-                reader = TrackerLines(line, where)
-                continue
+            ready = reader.ready
             try:
                 measured = reader.measured(line, sequence + 1)
             except FileFormatError as fault:
+                if not ready:
+                    raise
                 skipped += 1
                 sequence += 1
                 complain(str(fault))
@@ -50,6 +57,6 @@ def forward(
                 sender.send(measured)
     finally:
         sender.close()
-    if reader is None:
+    if not reader.ready:
         raise FileFormatError("nothing came", where=where, limit="a line that names the columns")
     return {"job": "tracker bridge", "sent": sender.sent, "left_out": skipped}

@@ -12,7 +12,7 @@ from counterflex.core.errors import FileFormatError
 
 UNITS: Final[dict[str, dict[str, float]]] = {
     "m": {"m": 1.0, "mm": u.MM, "um": u.UM, "inch": u.INCH},
-    "rad": {"rad": 1.0, "deg": u.DEG, "mrad": u.MRAD, "urad": u.URAD},
+    "rad": {"rad": 1.0, "deg": u.DEG, "gon": u.GON, "mrad": u.MRAD, "urad": u.URAD},
     "N": {"N": 1.0, "kN": u.KN},
     "N m": {"N m": 1.0, "N mm": u.N_MM, "kN m": u.KN},
     "s": {"s": 1.0, "ms": u.MS, "us": u.US, "ns": u.NS, "min": u.MINUTE},

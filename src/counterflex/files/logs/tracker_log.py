@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import close_to, missing_file
 from counterflex.core.units import DEG, MM, NS
@@ -168,6 +169,25 @@ def read_tracker_log(path: str | Path) -> TrackerLog:
         tuple(one.status for one in results),
         tuple(one.sigma_m for one in results),
     )
+
+
+def log_text(time_s: Float, Ts_tracker_target: Float, sigma_m: float) -> str:
+    """A log as text: ``time_s``, position, orientation, standard deviation of the position.
+
+    Args:
+        time_s: (n,) s.
+        Ts_tracker_target: (n, 4, 4) m.
+        sigma_m: Standard deviation of a position.
+    """
+    quat = rotation.quat_wxyz(Ts_tracker_target[:, :3, :3])
+    rows = np.column_stack([Ts_tracker_target[:, :3, 3] / MM, quat])
+    head = ",".join(("time_s", *CARTESIAN, *ORIENTATION, "sigma_mm"))
+    sigma = f"{sigma_m / MM:.6g}"
+    lines = [
+        f"{time:.6f}," + ",".join(f"{value:.6f}" for value in row[:3]) + "," + ",".join(f"{v:.9f}" for v in row[3:])
+        for time, row in zip(time_s.tolist(), rows.tolist(), strict=True)
+    ]
+    return "\n".join([head, *(f"{line},{sigma}" for line in lines)]) + "\n"
 
 
 def _number(text: str, where: str) -> float:

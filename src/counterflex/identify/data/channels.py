@@ -90,6 +90,7 @@ _ARM: Final = {
     "p_base_tcp": _point("tool tip in the robot base"),
     "R_base_tcp": _rotation("orientation of the tool frame in the robot base"),
     "p_base_flange": _point("flange in the robot base"),
+    "R_base_command": _rotation("commanded orientation of the tool frame in the robot base"),
     "R_base_flange": _rotation("orientation of the flange in the robot base"),
 }
 _TRACKER: Final = {
@@ -103,6 +104,8 @@ _TRACKER: Final = {
         "from the tool's reference point to the anchor, or to where it is in the other pose", ("",), "m", "mm"
     ),
     "anchor": ChannelKind("number of the fixed end of a ball bar", ("",), "1", "1", whole=True),
+    "pose": ChannelKind("number of the commanded pose, from 1", ("",), "1", "1", whole=True),
+    "direction": ChannelKind("number of the direction from which a pose was approached", ("",), "1", "1", whole=True),
     "plane": ChannelKind("number of the plane that was touched", ("",), "1", "1", whole=True),
 }
 _LOADS: Final = {
@@ -251,6 +254,8 @@ KINDS: Final[dict[str, str]] = {
     "holder_loads": "bridges of the instrumented tool holder under known loads",
     "slots": "forces of test cuts",
     "fiducials": "fiducial points known in the base and measured by the tracker",
+    "pose_test": "commanded poses attained again and again, for ISO 9283",
+    "path_test": "log of a tracker along a commanded path, for ISO 9283 and ISO 230",
     "servo_steps": "answers of axes or corrections to steps",
 }
 """Kinds of datasets, in words."""

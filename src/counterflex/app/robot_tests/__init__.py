@@ -1,0 +1,1 @@
+"""Standard tests of robots and machines from raw measurements: ISO 9283, ISO 230-4, straightness."""

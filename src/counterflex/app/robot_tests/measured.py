@@ -1,0 +1,174 @@
+"""What was measured, in the frame of the commands: logs, exports and datasets of a tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.run.loop import tcp_target
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import DEG, MM
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.dataset.reader import read_dataset
+from counterflex.files.logs.tracker_exports.formats import OWN, read_export
+from counterflex.geometry import pose
+from counterflex.identify.data.dataset import Dataset
+from counterflex.protocols.session.senses import tracker_frames
+
+AS_MEASURED: Final = "as-measured"
+FIT: Final = "fit"
+KINDS: Final = ("pose_test", "path_test")
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Readings of one file.
+
+    Attributes:
+        name: Of the file.
+        Ts: (n, 4, 4) m, the tool (or the target) in the frame of the commands.
+        time_s: (n,) s, or None.
+        oriented: Whether orientations were measured.
+        sigma_m: Standard deviation of a position as stated, 0 where it is not.
+        pose: (n,) number of the commanded pose from 0, where a dataset states it.
+        direction: (n,) number of the direction of approach, likewise.
+        command: (n, 4, 4) m, commanded pose of each row, likewise; its rotation is the identity without one.
+        commanded_oriented: Whether ``command`` has orientations.
+    """
+
+    name: str
+    Ts: Float
+    time_s: Float | None
+    oriented: bool
+    sigma_m: float
+    pose: Int | None = None
+    direction: Int | None = None
+    command: Float | None = None
+    commanded_oriented: bool = False
+
+    @property
+    def p(self) -> Float:
+        """(n, 3) m."""
+        return self.Ts[:, :3, 3]
+
+    @property
+    def R(self) -> Float | None:
+        """(n, 3, 3), or None."""
+        return self.Ts[:, :3, :3] if self.oriented else None
+
+    def moved(self, T_command_log: Float, T_target_tcp: Float) -> Measured:
+        """In another frame, and at another point of the target."""
+        return replace(self, Ts=T_command_log @ self.Ts @ T_target_tcp)
+
+    def averaged(self, window_s: float) -> Measured:
+        """Positions as moving means over ``window_s``, centred; the first and last half window are cut off."""
+        if window_s <= 0.0 or self.time_s is None:
+            return self
+        count = 2 * round(0.5 * window_s / float(np.median(np.diff(self.time_s)))) + 1
+        if count >= len(self.Ts):
+            raise InputError("the log is shorter than the filter", where=self.name, value=f"{window_s:g} s")
+        total = np.cumsum(np.concatenate([np.zeros((1, 3)), self.p - self.p[0]]), axis=0)
+        half = count // 2
+        Ts = self.Ts[half : len(self.Ts) - half].copy()
+        Ts[:, :3, 3] = self.p[0] + (total[count:] - total[:-count]) / count
+        return replace(self, Ts=Ts, time_s=self.time_s[half : len(self.time_s) - half])
+
+
+def read_measured(file: str | Path, form: str = OWN) -> Measured:
+    """Read a log, an export of the named format, or a dataset (.toml) of kind ``pose_test`` or ``path_test``.
+
+    Raises:
+        FileFormatError: It cannot be used.
+    """
+    name = Path(file).name
+    if Path(file).suffix.lower() == ".toml":
+        return _of_dataset(read_dataset(file), name)
+    readings = read_export(file, form)
+    return Measured(name, readings.Ts_tracker_target, readings.time_s, readings.oriented, readings.sigma_m)
+
+
+def _of_dataset(data: Dataset, name: str) -> Measured:
+    if data.kind not in KINDS:
+        raise FileFormatError(
+            "the dataset is of another kind", where=data.where, value=data.kind, limit=" or ".join(KINDS)
+        )
+    have = data.channels
+    if "p_tracker_target" not in have:
+        raise FileFormatError("a channel is missing", where=data.where, limit="p_tracker_target")
+
+    def poses(position: str, turned: str) -> Float:
+        R = have[turned].values if turned in have else np.eye(3)
+        return pose.make(R, have[position].values)
+
+    def number(channel: str) -> Int | None:
+        return None if channel not in have else np.round(have[channel].values[:, 0]).astype(np.int64)
+
+    sigma = have["p_tracker_target"].sigma
+    which = number("pose")
+    time_s = have["time_s"].values[:, 0] if "time_s" in have else None
+    if time_s is not None and np.any(np.diff(time_s) <= 0.0):
+        raise FileFormatError("times do not increase", where=f"{data.where}: channels.time_s")
+    return Measured(
+        name,
+        poses("p_tracker_target", "R_tracker_target"),
+        time_s,
+        "R_tracker_target" in have,
+        0.0 if sigma is None else float(np.median(sigma)),
+        None if which is None else which - 1,
+        number("direction"),
+        poses("p_base_command", "R_base_command") if "p_base_command" in have else None,
+        "R_base_command" in have,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """How readings are brought into the frame of the commands.
+
+    Attributes:
+        text: For the summary.
+        fitted: It is found from the readings themselves; accuracies then leave out what a frame can absorb.
+        T_command_log: (4, 4).
+        T_target_tcp: (4, 4).
+    """
+
+    text: str
+    fitted: bool
+    T_command_log: Float
+    T_target_tcp: Float
+
+
+def frame_of(text: str) -> Frame:
+    """A frame: ``as-measured``, ``fit``, a cell file with a table ``[tracker]``, or ``X,Y,Z,A,B,C`` in mm and deg.
+
+    Raises:
+        InputError: It is none of these.
+        FileFormatError: The cell has no tracker.
+    """
+    if text in (AS_MEASURED, FIT):
+        return Frame(text, text == FIT, np.eye(4), np.eye(4))
+    if text.endswith(".toml"):
+        cell = read_cell(text)
+        table = cell.tables.tracker
+        if table is None:
+            raise FileFormatError("the cell has no tracker", where=text, hint="Add a table [tracker]")
+        frames = tracker_frames(cell.T_base_part, table.T_base_tracker, tcp_target(cell, cell.chain))
+        return Frame(f"part frame of {Path(text).name}", False, *frames)
+    try:
+        values = np.array([float(word) for word in text.split(",")])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != 6 or not np.all(np.isfinite(values)):
+        raise InputError(
+            "no frame",
+            where="--frame",
+            value=text,
+            limit=f"{AS_MEASURED}, {FIT}, a cell file (.toml) or X,Y,Z,A,B,C of the tracker in the frame of the "
+            "commands, mm and deg",
+        )
+    T = pose.from_xyz_zyx(values[:3] * MM, values[3:] * DEG)
+    return Frame(f"tracker at {text}", False, T, np.eye(4))

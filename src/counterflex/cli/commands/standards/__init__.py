@@ -1,0 +1,1 @@
+"""Commands that compute the figures of standards from raw measurements."""

@@ -1,0 +1,58 @@
+"""Options that the commands of standards share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import arguments
+
+FORMATS = ("counterflex", "spatial-analyzer", "point-table", "dtrack")
+"""Names of the formats of exports, as the readers have them; here because the command line loads no reader."""
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Tracker logs, exports (--format) or datasets (.toml of kind pose_test or path_test).",
+        metavar="FILE...",
+        callback=arguments.file,
+    ),
+]
+FrameOf = Annotated[
+    str,
+    typer.Option(
+        "--frame",
+        help="Where the tracker stands in the frame of the commands: as-measured, a cell file with [tracker], "
+        "X,Y,Z,A,B,C (mm, deg), or fit: found from the readings (accuracies then leave out what a frame absorbs).",
+        metavar="FRAME",
+    ),
+]
+Format = Annotated[
+    str,
+    typer.Option(
+        "--format",
+        help=f"Of the files: {', '.join(FORMATS)}.",
+        metavar="NAME",
+        callback=arguments.one_of(FORMATS, "format"),
+    ),
+]
+Average = Annotated[
+    float,
+    typer.Option(
+        "--average-ms",
+        help="Filter: moving mean over the readings of a log, ms; 0: none.",
+        metavar="MS",
+        callback=arguments.between(0.0, 10_000.0),
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="Folder for report.html, tables (CSV, Parquet) and summary.json; made when missing.",
+        metavar="DIR",
+        callback=arguments.output_folder,
+    ),
+]

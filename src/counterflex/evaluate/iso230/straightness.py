@@ -1,0 +1,153 @@
+"""Straightness of a measured path by minimum zone and by least squares (ISO 230-1, ISO 1101)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull, QhullError
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import InputError
+
+_ROUNDS: Final = 60
+_CLOSE: Final = 1e-7
+
+
+@dataclass(frozen=True)
+class Straightness:
+    """Straightness deviations of one straight path, m.
+
+    Attributes:
+        length_m: Of the path.
+        horizontal_m: Distance of two parallel lines that hold the path seen along the up direction, the least possible.
+        vertical_m: The same seen from the side.
+        horizontal_ls_m: Range of the path about the least-squares line seen along the up direction.
+        vertical_ls_m: From the side.
+        cylinder_m: Diameter of the narrowest cylinder that holds the path (ISO 1101).
+        cylinder_ls_m: Twice the largest distance from the least-squares line in space.
+    """
+
+    length_m: float
+    horizontal_m: float
+    vertical_m: float
+    horizontal_ls_m: float
+    vertical_ls_m: float
+    cylinder_m: float
+    cylinder_ls_m: float
+
+
+def straightness(p: Float, up: Float | None = None) -> Straightness:
+    """Straightness of points along a line.
+
+    Args:
+        p: (n, 3) m, n >= 3.
+        up: (3,) unit vector that parts horizontal from vertical; z where None. A path along it is parted by x.
+
+    Raises:
+        InputError: Fewer than three points, or points that are no line.
+    """
+    points = as_float("p", p, (None, 3))
+    if len(points) < 3:
+        raise InputError("a straightness needs three points", value=len(points))
+    centre = points.mean(axis=0)
+    _, s, vt = np.linalg.svd(points - centre, full_matrices=False)
+    if s[0] <= 0.0 or s[1] > 0.2 * s[0]:
+        raise InputError(
+            "the points are no line", value=f"width to length {s[1] / max(s[0], 1e-300):.2g}", limit="< 0.2"
+        )
+    line = vt[0]
+    top = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up, dtype=np.float64)
+    top = np.array([1.0, 0.0, 0.0]) if abs(float(top @ line)) > 0.9 else top
+    vertical = top - (top @ line) * line
+    vertical /= np.linalg.norm(vertical)
+    side = np.cross(vertical, line)
+    x, h, v = ((points - centre) @ axis for axis in (line, side, vertical))
+    lsq = np.hypot(_rest(x, h), _rest(x, v))
+    return Straightness(
+        length_m=float(np.ptp(x)),
+        horizontal_m=parallel_lines(x, h),
+        vertical_m=parallel_lines(x, v),
+        horizontal_ls_m=float(np.ptp(_rest(x, h))),
+        vertical_ls_m=float(np.ptp(_rest(x, v))),
+        cylinder_m=narrowest_cylinder(x, np.column_stack([h, v])),
+        cylinder_ls_m=2.0 * float(lsq.max()),
+    )
+
+
+def _rest(x: Float, y: Float) -> Float:
+    """What a least-squares line leaves."""
+    a = np.column_stack([np.ones(len(x)), x - x.mean()])
+    out: Float = y - a @ np.linalg.lstsq(a, y, rcond=None)[0]
+    return out
+
+
+def parallel_lines(x: Float, y: Float) -> float:
+    """Least distance of two parallel lines that hold points: ``min 2 h`` with ``|y_i - a - b x_i| <= h``.
+
+    The distance is taken along y, which differs from that across the lines by b^2/2 of it.
+
+    Args:
+        x: (n,) m along.
+        y: (n,) m across.
+    """
+    spread = float(np.ptp(y))
+    if spread == 0.0:
+        return 0.0
+    u, w = x / float(np.ptp(x)), y / spread
+    chosen = _hull(np.column_stack([u, w]))
+    u, w = u[chosen], w[chosen]
+    one = np.ones(len(u))
+    above = np.column_stack([-one, -u, -one])
+    below = np.column_stack([one, u, -one])
+    found = linprog(
+        [0.0, 0.0, 1.0], A_ub=np.vstack([above, below]), b_ub=np.concatenate([-w, w]), bounds=[(None, None)] * 3,
+        method="highs",
+    )  # fmt: skip
+    return 2.0 * spread * float(found.x[2])
+
+
+def narrowest_cylinder(x: Float, yz: Float) -> float:
+    """Diameter of the narrowest cylinder that holds points along x: ``min 2 max_i |yz_i - a - b x_i|``.
+
+    The distance of a point is the largest of its components along all directions: a linear program over some of them,
+    with the direction of each point that is still too far added until none is. It is exact to 1e-7 of itself.
+
+    Args:
+        x: (n,) m along.
+        yz: (n, 2) m across.
+    """
+    spread = float(np.ptp(yz, axis=0).max())
+    if spread == 0.0:
+        return 0.0
+    u, w = x / float(np.ptp(x)), yz / spread
+    chosen = _hull(np.column_stack([u, w]))
+    u, w = u[chosen], w[chosen]
+    n = len(u)
+    angle = np.tile(np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False), n)
+    rows, e = np.repeat(np.arange(n), 8), np.column_stack([np.cos(angle), np.sin(angle)])
+    radius = 0.0
+    for _ in range(_ROUNDS):
+        A = np.column_stack([-e, -e * u[rows, None], -np.ones(len(rows))])
+        b = -np.sum(e * w[rows], axis=1)
+        found = linprog([0.0, 0.0, 0.0, 0.0, 1.0], A_ub=A, b_ub=b, bounds=[(None, None)] * 5, method="highs")
+        rest = w - found.x[:2] - u[:, None] * found.x[2:4]
+        size = np.linalg.norm(rest, axis=1)
+        radius = float(size.max())
+        far = np.flatnonzero(size > found.x[4] * (1.0 + _CLOSE) + 1e-15)
+        if len(far) == 0:
+            break
+        rows = np.concatenate([rows, far])
+        e = np.vstack([e, rest[far] / size[far, None]])
+    return 2.0 * spread * radius
+
+
+def _hull(points: Float) -> Float:
+    """Rows of points that are corners of their hull: a convex distance is largest there. All where they lie flat."""
+    try:
+        out: Float = np.sort(ConvexHull(points).vertices)
+    except QhullError:
+        return np.arange(len(points))
+    return out

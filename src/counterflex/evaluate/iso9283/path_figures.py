@@ -1,0 +1,164 @@
+"""Path accuracy AT and path repeatability RT (ISO 9283:1998, 8.2 and 8.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.evaluate.iso9283.commanded_path import CommandedPath
+from counterflex.evaluate.iso9283.intervals import (
+    Figure,
+    largest_repeatability,
+    length_figure,
+    mean_figure,
+    three_sigma,
+)
+from counterflex.evaluate.iso9283.path_cycles import REACH_M, Cycle
+from counterflex.geometry import rotation
+
+_WINDOW_M: Final = 4.0 * MM
+
+
+@dataclass(frozen=True, eq=False)
+class PathFigures:
+    """Figures of a path and what they come from.
+
+    Attributes:
+        length_m: (m,) places along the commanded path.
+        command: (m, 3) m, commanded points there.
+        direction: (m, 3) of the commanded path.
+        attained: (m, n, 3) m, where each of n attained paths crosses the plane normal to the commanded one.
+        turned: (m, n, 3) rad, rotation vectors from commanded to attained orientation there; or None.
+        at_p: ``AT_P = max_i |mean_i - c_i|``, m.
+        rt_p: ``RT_P = max_i (mean(l_i) + 3 S_li)``, m; None with one cycle.
+        at_abc: ``max_i |mean a_i|``, rad.
+        rt_abc: ``max_i 3 S_ai``, rad.
+        at_place: Place of the largest ``AT``.
+        rt_place: Of the largest ``RT``, or None.
+        by_place_at_m: (m,) distance of the barycentres.
+        by_place_rt_m: (m,) radius of the tube ``mean(l) + 3 S``; zero with one cycle.
+    """
+
+    length_m: Float
+    command: Float
+    direction: Float
+    attained: Float
+    turned: Float | None
+    at_p: Figure
+    rt_p: Figure | None
+    at_abc: tuple[Figure, ...]
+    rt_abc: tuple[Figure, ...]
+    at_place: int
+    rt_place: int | None
+    by_place_at_m: Float
+    by_place_rt_m: Float
+
+
+def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | None = None) -> PathFigures:
+    """AT and RT of attained paths in planes normal to the commanded one.
+
+    Args:
+        path: As commanded.
+        cycles: Attained paths.
+        places: (m,) m along the path; None takes :meth:`CommandedPath.places`.
+
+    Raises:
+        InputError: No cycle, or a cycle does not cross a plane: there is a hole in the log.
+
+    Source: ISO 9283:1998, 8.2 and 8.3 (ten cycles).
+    """
+    if not cycles:
+        raise InputError("no attained path goes along the commanded one")
+    s = path.places() if places is None else places
+    c, t = path.at(s)
+    attained = np.stack([crossings(cycle, s, c, t) for cycle in cycles], axis=1)
+    gap = np.argwhere(np.isnan(attained[..., 0]))
+    if len(gap):
+        place, cycle = gap[0]
+        raise InputError(
+            "an attained path has a hole",
+            where=f"cycle {cycle + 1}, {s[place] / MM:.1f} mm along the path",
+            hint="Readings are missing there: was the beam interrupted?",
+        )
+    n = len(cycles)
+    centre = attained.mean(axis=1)
+    by_at = np.linalg.norm(centre - c, axis=1)
+    i = int(np.argmax(by_at))
+    scatter = np.cov(attained[i].T) / n if n > 1 else np.zeros((3, 3))
+    away = np.linalg.norm(attained - centre[:, None], axis=2)
+    by_rt = away.mean(axis=1) + 3.0 * away.std(axis=1, ddof=1) if n > 1 else np.zeros(len(s))
+    turned = _turned(path, cycles, s)
+    angles = () if turned is None else tuple(np.moveaxis(turned, 2, 0))
+    return PathFigures(
+        length_m=s,
+        command=c,
+        direction=t,
+        attained=attained,
+        turned=turned,
+        at_p=length_figure(centre[i] - c[i], scatter, n),
+        rt_p=largest_repeatability(attained) if n > 1 else None,
+        at_abc=tuple(_size(mean_figure(a[int(np.argmax(np.abs(a.mean(axis=1))))])) for a in angles),
+        rt_abc=tuple(max((three_sigma(row) for row in a), key=lambda f: f.value) for a in angles) if n > 1 else (),
+        at_place=i,
+        rt_place=int(np.argmax(by_rt)) if n > 1 else None,
+        by_place_at_m=by_at,
+        by_place_rt_m=by_rt,
+    )
+
+
+def crossings(cycle: Cycle, s: Float, c: Float, t: Float) -> Float:
+    """Where an attained path crosses planes: (m, 3) m, NaN where it does not.
+
+    Readings are joined by straight lines. Where noise makes a slow path cross a plane several times, the mean counts.
+
+    Args:
+        cycle: The attained path.
+        s: (m,) m, places along the commanded path.
+        c: (m, 3) m, points of the planes.
+        t: (m, 3) normals.
+    """
+    out: Float = np.full((len(s), 3), np.nan)
+    for i in range(len(s)):
+        k, share = crossing_steps(cycle, s[i], c[i], t[i])
+        if len(k):
+            out[i] = np.mean(cycle.p[k] + share[:, None] * (cycle.p[k + 1] - cycle.p[k]), axis=0)
+    return out
+
+
+def crossing_steps(cycle: Cycle, s: float, c: Float, t: Float) -> tuple[Int, Float]:
+    """Readings before each crossing of a plane, and where between them and the next it lies, 0..1."""
+    step = float(np.max(np.linalg.norm(np.diff(cycle.p, axis=0), axis=1)))
+    window = _WINDOW_M + REACH_M + 2.0 * step
+    a, b = np.searchsorted(cycle.length_m, [s - window, s + window])
+    a, b = max(0, int(a) - 1), min(len(cycle.p), int(b) + 1)
+    d = (cycle.p[a:b] - c) @ t
+    near = np.linalg.norm(cycle.p[a:b] - c - d[:, None] * t, axis=1) <= REACH_M
+    k = np.flatnonzero((d[:-1] < 0.0) & (d[1:] >= 0.0) & near[:-1] & near[1:])
+    k = np.union1d(k, np.flatnonzero((d[:-1] >= 0.0) & (d[1:] < 0.0) & near[:-1] & near[1:])) if len(k) else k
+    share = d[k] / (d[k] - d[k + 1]) if len(k) else np.zeros(0)
+    return k + a, share
+
+
+def _turned(path: CommandedPath, cycles: Sequence[Cycle], s: Float) -> Float | None:
+    command = path.orientation(s)
+    if command is None or any(cycle.R is None for cycle in cycles):
+        return None
+    out = np.empty((len(s), len(cycles), 3))
+    for j, cycle in enumerate(cycles):
+        assert cycle.R is not None
+        nearest = np.clip(np.searchsorted(cycle.length_m, s), 0, len(cycle.p) - 1)
+        out[:, j] = rotation.log(cycle.R[nearest] @ np.swapaxes(command, 1, 2))
+    return out
+
+
+def _size(figure: Figure) -> Figure:
+    """The figure as a magnitude: turned round where it is negative."""
+    if figure.value >= 0.0 or figure.low is None or figure.high is None:
+        return Figure(abs(figure.value), figure.low, figure.high, figure.count)
+    return Figure(-figure.value, -figure.high, -figure.low, figure.count)

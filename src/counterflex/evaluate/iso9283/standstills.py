@@ -1,0 +1,160 @@
+"""Poses in a continuous log: where the robot stands still, and which commanded pose each standstill belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int, as_float
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.evaluate.iso9283.poses import PoseCycles
+from counterflex.geometry import pose, rotation
+
+BLOCK_S: Final = 0.1
+STILL_M_S: Final = 1.0 * MM
+"""Slower than this, mean over :data:`BLOCK_S` against the next, the robot stands."""
+LEAST_S: Final = 0.4
+NEAR_M: Final = 20.0 * MM
+"""Farther from every commanded pose, a standstill belongs to none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Standstill:
+    """A stretch of a log in which nothing moves.
+
+    Attributes:
+        first: Its first reading.
+        last: Its last reading.
+        p: (3,) m, mean of the second half of its readings, when the pose has settled.
+        R: (3, 3) mean orientation there, or None.
+        time_s: Middle of that half.
+    """
+
+    first: int
+    last: int
+    p: Float
+    R: Float | None
+    time_s: float
+
+
+def standstills(time_s: Float, p: Float, R: Float | None = None) -> list[Standstill]:
+    """Standstills of a log.
+
+    Args:
+        time_s: (n,) s, increasing.
+        p: (n, 3) m.
+        R: (n, 3, 3), or None.
+    """
+    time, points = as_float("time_s", time_s, (None,)), as_float("p", p, (None, 3))
+    block = np.floor((time - time[0]) / BLOCK_S).astype(np.int64)
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    count = np.diff(np.append(first, len(time)))
+    centre = np.add.reduceat(points, first, axis=0) / count[:, None]
+    at = np.add.reduceat(time, first) / count
+    speed = np.linalg.norm(np.diff(centre, axis=0), axis=1) / np.diff(at)
+    still = np.concatenate([[False], speed < STILL_M_S, [False]])
+    edges = np.flatnonzero(np.diff(still.astype(np.int8)))
+    out = []
+    for a, b in zip(edges[::2], edges[1::2], strict=True):  # blocks a .. b stand
+        begin, end = int(first[a]), int(first[b] + count[b]) - 1
+        if time[end] - time[begin] < LEAST_S:
+            continue
+        half = slice((begin + end + 1) // 2, end + 1)
+        mean_R = None if R is None else mean_rotation(R[half])
+        middle = float(time[half].mean())
+        out.append(Standstill(begin, end, points[half].mean(axis=0), mean_R, middle))
+    return out
+
+
+def mean_rotation(R: Float) -> Float:
+    """Rotation nearest to the mean of rotations (n, 3, 3) (chordal mean)."""
+    u, _, vt = np.linalg.svd(R.mean(axis=0))
+    out: Float = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return out
+
+
+def assigned(stands: Sequence[Standstill], commands: Float) -> Int:
+    """(k,) commanded pose nearest to each standstill, -1 where all are farther than :data:`NEAR_M`."""
+    if not stands:
+        return np.zeros(0, dtype=np.int64)
+    away = np.linalg.norm(np.stack([s.p for s in stands])[:, None] - commands[None, :, :3, 3], axis=2)
+    best = np.argmin(away, axis=1)
+    out: Int = np.where(away[np.arange(len(best)), best] <= NEAR_M, best, -1)
+    return out
+
+
+def ordered_cycles(which: Int, count: int) -> list[list[int]]:
+    """Standstills of each whole cycle, in the order of the commanded poses 0, 1, ..., count - 1.
+
+    A standstill that is not the next one of its cycle ends it; a cycle that is not whole is left out. Standstills that
+    belong to no pose (-1) lie between.
+    """
+    out: list[list[int]] = []
+    current: list[int] = []
+    for k, pose_number in enumerate(which.tolist()):
+        if pose_number < 0:
+            continue
+        if pose_number != len(current):
+            current = []
+        if pose_number == len(current):
+            current.append(k)
+        if len(current) == count:
+            out.append(current)
+            current = []
+    return out
+
+
+def pose_cycles(stands: Sequence[Standstill], cycles: Sequence[Sequence[int]], commands: Float) -> list[PoseCycles]:
+    """Attained poses of every commanded one.
+
+    Raises:
+        InputError: There is no whole cycle.
+    """
+    if not cycles:
+        raise InputError("no cycle goes through all commanded poses in their order")
+    out = []
+    for k in range(len(commands)):
+        mine = [stands[cycle[k]] for cycle in cycles]
+        R = None if any(s.R is None for s in mine) else np.stack([s.R for s in mine if s.R is not None])
+        out.append(PoseCycles(commands[k], np.stack([s.p for s in mine]), R, np.array([s.time_s for s in mine])))
+    return out
+
+
+def fitted_frame(stands: Sequence[Standstill], commands: Float) -> Float:
+    """Pose of the log's frame in that of the commands, by the order of the standstills alone: ``T_command_log``.
+
+    The standstills are taken as whole cycles one after the other; of the ways to begin the one that fits best counts.
+
+    Raises:
+        InputError: Fewer than three commanded poses or standstills, or they do not follow the order of the poses.
+    """
+    k = len(commands)
+    if k < 3 or len(stands) < k:
+        raise InputError("a frame fitted to poses needs three poses and a whole cycle", value=(k, len(stands)))
+    p = np.stack([s.p for s in stands])
+    best, least = np.eye(4), np.inf
+    for begin in range(min(k, len(stands) - k + 1)):
+        rows = p[begin : begin + k * ((len(p) - begin) // k)]
+        T, rest = pose.register(np.tile(commands[:, :3, 3], (len(rows) // k, 1)), rows)
+        rms = float(np.sqrt(np.mean(np.sum(rest**2, axis=1))))
+        if rms < least:
+            best, least = T, rms
+    if least > NEAR_M:
+        raise InputError(
+            "the standstills of the log do not follow the order of the commanded poses",
+            value=f"{least / MM:.1f} mm rms after the fit",
+            limit=f"{NEAR_M / MM:g} mm",
+            hint="Cut the log to the cycles, or give the frame",
+        )
+    return best
+
+
+def fitted_offset(cycles: Sequence[PoseCycles]) -> Float:
+    """Mean rotation ``R_target_tcp`` by which measured orientations differ from commanded ones, in target axes."""
+    parts = [np.swapaxes(one.R, 1, 2) @ one.command[:3, :3] for one in cycles if one.R is not None]
+    out: Float = mean_rotation(np.concatenate(parts)) if parts else rotation.exp(np.zeros(3))
+    return out

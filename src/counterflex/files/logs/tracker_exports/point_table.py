@@ -1,0 +1,153 @@
+"""Tables of measured points with a header row, as programs of trackers and spreadsheets export them.
+
+The separator (tab, semicolon or comma) and the decimal mark are found; the header names each column and its unit, in
+brackets or as a suffix: ``Time [s];X [mm];Y [mm];Z [mm]``. Lines before the header are passed over. Used are time, a
+position (Cartesian, or distance with horizontal and vertical angle), a quaternion and the standard deviation; other
+columns are not. A unit is never guessed.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.core.units import NS
+from counterflex.files.dataset.units import factor, in_header
+from counterflex.files.logs.tracker_exports.stamps import number, stamp_ns
+from counterflex.geometry import pose, rotation
+from counterflex.protocols.tracker.telegram import NO_ORIENTATION, TrackerPose, spherical_point
+
+_NAMES: Final[Mapping[str, tuple[str, ...]]] = {
+    "time": ("time", "timestamp", "time stamp", "date time", "datetime", "t", "zeit", "zeitstempel"),
+    "x": ("x",),
+    "y": ("y",),
+    "z": ("z",),
+    "distance": ("distance", "dist", "d", "r", "range", "slope distance", "radius", "distanz", "schrägdistanz"),
+    "azimuth": ("azimuth", "az", "hz", "horizontal", "horizontal angle", "azimut"),
+    "zenith": ("zenith", "ze", "v", "vertical", "vertical angle", "zenit"),
+    "elevation": ("elevation", "el"),
+    "qw": ("qw", "q0"),
+    "qx": ("qx", "q1"),
+    "qy": ("qy", "q2"),
+    "qz": ("qz", "q3"),
+    "sigma": ("sigma", "std", "std dev", "rms"),
+}
+_KNOWN: Final = {text: name for name, texts in _NAMES.items() for text in texts}
+_SI: Final = {"time": "s", "azimuth": "rad", "zenith": "rad", "elevation": "rad", "qw": "1", "qx": "1", "qy": "1",
+              "qz": "1"}  # fmt: skip
+_UNIT_TEXT: Final = re.compile(r"\s*[\[(][^\[\]()]*[\])]\s*$|_[a-z]+$")
+_MOST_BEFORE: Final = 50
+_UNIT: Final = 1e-4
+
+
+class PointTableLines:
+    """Reads the table line by line.
+
+    Args:
+        where: For messages.
+    """
+
+    def __init__(self, where: str) -> None:
+        self._where, self._row = where, 0
+        self._separator, self._decimal = ",", "."
+        self._place: dict[str, int] = {}
+        self._unit: dict[str, float | None] = {}
+        self._count = 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether what stands before the measurements has come."""
+        return bool(self._place)
+
+    def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
+        """The measurement of a line; None for an empty line, the header and what stands before it.
+
+        Raises:
+            FileFormatError: No header within the first 50 lines, a column without a unit, another number of values,
+                not a number, a quaternion that is not of unit length.
+        """
+        self._row += 1
+        where = f"{self._where}:{self._row}"
+        text = line.lstrip("\ufeff").rstrip("\r\n")
+        if not text.strip(" ;,\t"):
+            return None
+        if not self._place:
+            if not self._header(text, where) and self._row >= _MOST_BEFORE:
+                raise FileFormatError(
+                    "no header names the columns",
+                    where=f"{self._where}: first {_MOST_BEFORE} lines",
+                    limit="time, x, y, z (or distance, azimuth, zenith) with their units, such as X [mm]",
+                )
+            return None
+        cells = text.split(self._separator)
+        if len(cells) < self._count:
+            raise FileFormatError("values in a line", where=where, value=len(cells), limit=self._count)
+
+        def value(name: str) -> float:
+            return number(cells[self._place[name]], where, self._decimal) * float(self._unit[name] or 1.0)
+
+        R, status = np.eye(3), NO_ORIENTATION
+        if "qw" in self._place:
+            quat = np.array([value(name) for name in ("qw", "qx", "qy", "qz")])
+            if abs(math.hypot(*quat.tolist()) - 1.0) > _UNIT:
+                raise FileFormatError(
+                    "a quaternion is not of unit length", where=where, value=math.hypot(*quat.tolist()), limit=1
+                )
+            R, status = rotation.from_quat_wxyz(quat), 0
+        stamp = cells[self._place["time"]]
+        time_ns = stamp_ns(stamp, where) if ":" in stamp else round(self._time(value("time"), where) / NS)
+        sigma = value("sigma") if "sigma" in self._place else 0.0
+        if sigma < 0.0 or time_ns < 0:
+            raise FileFormatError("time or standard deviation is negative", where=where, value=(time_ns, sigma))
+        T = pose.make(R, self._position(value))
+        return TrackerPose(sequence & 0xFFFFFFFF, time_ns, status, 0, T, sigma)
+
+    def _time(self, value: float, where: str) -> float:
+        if self._unit["time"] is None:
+            raise FileFormatError("the column of times has no unit", where=where, limit="Time [s], [ms] or [ns]")
+        return value
+
+    def _position(self, value: object) -> Float:
+        get = value
+        assert callable(get)
+        if "x" in self._place:
+            return np.array([get("x"), get("y"), get("z")])
+        zenith = get("zenith") if "zenith" in self._place else 0.5 * math.pi - get("elevation")
+        return spherical_point(get("distance"), get("azimuth"), zenith)
+
+    def _header(self, text: str, where: str) -> bool:
+        """Take the line as the header where it names a time and a position."""
+        separator = next((mark for mark in ("\t", ";", ",") if mark in text), ",")
+        heads = [head.strip().strip('"') for head in text.split(separator)]
+        plain = [_UNIT_TEXT.sub("", head.lower()).strip() for head in heads]
+        place = {}
+        for k, name in enumerate(plain):
+            if name in _KNOWN:
+                if _KNOWN[name] in place:
+                    raise FileFormatError("two columns of one quantity", where=where, value=f"{heads[k]!r} again")
+                place[_KNOWN[name]] = k
+        cartesian = {"x", "y", "z"} <= place.keys()
+        spherical = {"distance", "azimuth"} <= place.keys() and ("zenith" in place) != ("elevation" in place)
+        if "time" not in place or not (cartesian or spherical):
+            return False
+        if cartesian:
+            place = {name: k for name, k in place.items() if name not in ("distance", "azimuth", "zenith", "elevation")}
+        if 0 < len({"qw", "qx", "qy", "qz"} & place.keys()) < 4:
+            raise FileFormatError("a quaternion needs four columns", where=where, limit="qw, qx, qy, qz")
+        for name, k in place.items():
+            si = _SI.get(name, "m")
+            unit = in_header(heads[k]) or {"s": "s", "ns": "ns", "m": "m"}.get(heads[k].rpartition("_")[2].lower())
+            if unit is None and name != "time" and si != "1":
+                raise FileFormatError(
+                    "a column has no unit", where=where, value=repr(heads[k]), limit=f"such as {heads[k]} [mm]"
+                )
+            self._unit[name] = None if unit is None else factor(unit, si, f"{where}: {heads[k]}")
+        self._place, self._separator, self._count = place, separator, max(place.values()) + 1
+        self._decimal = "." if separator == "," else ","
+        return True

@@ -1,0 +1,128 @@
+"""Page of a circular test: the turns with their deviation drawn larger, and their figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.units import DEG, MM, UM
+from counterflex.evaluate.iso230.circular_test import CLOCKWISE, Turn, least_squares_circle
+from counterflex.report.figure_data import numbers
+from counterflex.report.robot_tests.section import GRID, Section, conditions, test_page
+
+_DRAWN: Final = 0.15
+_POINTS: Final = 1440
+_MOST: Final = 6
+_COLOURS: Final = {CLOCKWISE: "#c2410c", "ccw": "#0369a1"}
+
+
+def circle_page(summary: Mapping[str, Any], turns: Sequence[Turn]) -> str:
+    """The page, as HTML text.
+
+    Args:
+        summary: See :func:`counterflex.app.robot_tests.iso230.circular`.
+        turns: In the order of its rows.
+    """
+    largest = summary["largest"]
+    verdict = f"Largest circular deviation G {largest['G_um']:.1f} um"
+    verdict += f"; bi-directional G(b) {largest['G_b_um']:.1f} um." if largest["G_b_um"] is not None else "."
+    names = ["G_um", "G_lsc_um", "F_max_um", "F_min_um", "F_nominal_max_um", "F_nominal_min_um", "axial_um"]
+    shown = [name for name in names if any(row.get(name) is not None for row in summary["turns"])]
+    factor = _factor(turns)
+    sections = [
+        Section(
+            "Turns",
+            f"Radial deviations are drawn {factor:g} times larger, about the least-squares centre of each turn. "
+            f"Clockwise orange, counter-clockwise blue; at most {_MOST} turns.",
+            "circle",
+        ),
+        Section(
+            "Each turn, um",
+            "G: least radial separation of two concentric circles that hold the path; lsc: about the least-squares "
+            "centre. F: radial deviation from the nominal circle about the least-squares centre, or about the nominal "
+            "centre. axial: range out of the plane.",
+            columns=[
+                "turn",
+                "direction",
+                *(name.removesuffix("_um").replace("_", " ") for name in shown),
+                "radius, mm",
+            ],
+            rows=[
+                [
+                    f"{row['turn']} ({row['file']})",
+                    row["direction"],
+                    *("" if row.get(name) is None else f"{row[name]:.1f}" for name in shown),
+                    f"{row['radius_mm']:.4f}",
+                ]
+                for row in summary["turns"]
+            ],
+        ),
+    ]
+    if summary["bi_directional"]:
+        sections.append(
+            Section(
+                "Both directions, um",
+                "G(b): least radial separation of two concentric circles that hold both paths. D: radius of the "
+                "least-squares circle of both minus the nominal radius. H (edition of 1996): largest difference of "
+                "the two radii at one angle.",
+                columns=["pair", "G(b)", "G(b) lsc", "D", "H"],
+                rows=[
+                    [
+                        str(row["pair"]),
+                        *("" if row[k] is None else f"{row[k]:.1f}" for k in ("G_b_um", "G_b_lsc_um", "D_um", "H_um")),
+                    ]
+                    for row in summary["bi_directional"]
+                ],
+            )
+        )
+    radius = summary["radius_mm"]
+    sections.append(conditions(summary))
+    title = f"Circular test by {summary['standard']}"
+    subtitle = f"{', '.join(summary['files'][:3])}" + ("" if radius is None else f", nominal radius {radius:g} mm")
+    return test_page(title, subtitle, verdict, sections, {"circle": circle_figure(turns, factor)})
+
+
+def _factor(turns: Sequence[Turn]) -> float:
+    """Factor by which deviations are drawn larger: 1, 2 or 5 times a power of ten."""
+    raw = math.inf
+    for turn in turns[:_MOST]:
+        c, radius = least_squares_circle(turn.points)
+        deviation = float(np.abs(np.linalg.norm(turn.points - c, axis=1) - radius).max())
+        raw = min(raw, _DRAWN * radius / max(deviation, 1e-9))
+    power = 10.0 ** math.floor(math.log10(max(raw, 1.0)))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= max(raw, 1.0))
+
+
+def circle_figure(turns: Sequence[Turn], factor: float) -> dict[str, Any]:
+    """Paths of turns about their least-squares centres, radial deviations times ``factor``, with the mean circle."""
+    data: list[dict[str, Any]] = []
+    for k, turn in enumerate(turns[:_MOST]):
+        c, radius = least_squares_circle(turn.points)
+        away = (turn.points - c)[:: max(1, len(turn.points) // _POINTS)]
+        rho = np.linalg.norm(away, axis=1)
+        drawn = away / rho[:, None] * (radius + factor * (rho - radius))[:, None] / MM
+        if k == 0:
+            angle = np.arange(361) * DEG
+            data.append(
+                {"type": "scatter", "mode": "lines", "name": "least-squares circle",
+                 "x": numbers(radius * np.cos(angle) / MM, 3),
+                 "y": numbers(radius * np.sin(angle) / MM, 3),
+                 "line": {"color": "#1b2530", "width": 1.2, "dash": "dot"}}
+            )  # fmt: skip
+        data.append(
+            {"type": "scatter", "mode": "lines", "name": f"turn {k + 1}, {turn.direction}",
+             "x": numbers(drawn[:, 0], 4), "y": numbers(drawn[:, 1], 4),
+             "line": {"color": _COLOURS[turn.direction], "width": 1.2},
+             "customdata": numbers((rho - radius) / UM, 1), "hovertemplate": "%{customdata} um<extra></extra>"}
+        )  # fmt: skip
+    layout = {
+        "height": 620,
+        "margin": {"l": 60, "r": 12, "t": 60, "b": 44},
+        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0.0},
+        "xaxis": {**GRID, "title": {"text": "first axis of the plane, mm"}, "constrain": "domain"},
+        "yaxis": {**GRID, "title": {"text": "second axis, mm"}, "scaleanchor": "x", "constrain": "domain"},
+    }
+    return {"data": data, "layout": layout}

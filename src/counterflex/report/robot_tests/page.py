@@ -1,0 +1,190 @@
+"""Pages of ISO 9283: the pose test and the path test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from counterflex.core.units import UM
+from counterflex.evaluate.iso9283.commanded_path import CommandedPath
+from counterflex.evaluate.iso9283.path_cycles import Cycle
+from counterflex.evaluate.iso9283.path_figures import PathFigures
+from counterflex.evaluate.iso9283.path_velocity import PathVelocity
+from counterflex.evaluate.iso9283.poses import PoseCycles
+from counterflex.report.robot_tests import path_figures as drawn
+from counterflex.report.robot_tests.pose_figures import MOST, cluster_figure, time_figure
+from counterflex.report.robot_tests.section import Section, conditions, shown, test_page
+
+
+def pose_page(summary: Mapping[str, Any], poses: Sequence[PoseCycles]) -> str:
+    """Page of a pose test, as HTML text.
+
+    Args:
+        summary: See :func:`counterflex.app.robot_tests.iso9283.run`.
+        poses: Attained poses.
+    """
+    rows = summary["poses"]
+    worst = max(rows, key=lambda row: row["AP_um"]["value"])
+    least = max(rows, key=lambda row: row.get("RP_um", row["AP_um"])["value"])
+    verdict = f"Largest AP {shown(worst['AP_um'])} um at pose {worst['pose']}"
+    verdict += f"; largest RP {shown(least['RP_um'])} um at pose {least['pose']}." if "RP_um" in least else "."
+    radii = [row["RP_um"]["value"] if "RP_um" in row else 0.0 for row in rows]
+    keys = [key for key in rows[0] if isinstance(rows[0][key], dict) and "low" in rows[0][key]]
+    sections = [
+        Section(
+            "Attained positions",
+            "Deviation from the commanded position (cross); the circle is the outline of the sphere of radius RP about "
+            f"the barycentre. Views along z (above) and along y (below). At most {MOST} poses are drawn.",
+            "clusters",
+        ),
+        Section(
+            "Accuracy and repeatability of the poses",
+            "AP: barycentre minus command, um and mdeg. RP: mean distance from the barycentre plus three standard "
+            "deviations. 95 % intervals in brackets.",
+            columns=["pose", "cycles", *(key.rpartition("_")[0].replace("_", " ") for key in keys)],
+            rows=[[str(row["pose"]), str(row["cycles"]), *(shown(row.get(key)) for key in keys)] for row in rows],
+        ),
+        Section("Over the cycles", "Distance of each attained position from the commanded one.", "cycles"),
+    ]
+    if summary["distances"]:
+        sections.append(
+            Section(
+                "Distances",
+                "AD: mean distance minus commanded distance; RD: three standard deviations; um.",
+                columns=["poses", "commanded, mm", "AD", "RD"],
+                rows=[
+                    [f"{r['from']}, {r['to']}", f"{r['commanded_mm']:.3f}", shown(r["AD_um"]), shown(r.get("RD_um"))]
+                    for r in summary["distances"]
+                ],
+            )
+        )
+    if "multi_directional" in summary:
+        several = summary["multi_directional"]
+        names = [key for key in several[0] if key != "pose"]
+        sections.append(
+            Section(
+                "Multi-directional variation of the accuracy",
+                f"Largest distance between the barycentres of {summary['directions']} directions of approach.",
+                columns=["pose", *(name.replace("_", " ") for name in names)],
+                rows=[[str(row["pose"]), *(shown(row[name]) for name in names)] for row in several],
+            )
+        )
+    timed = [row for row in rows if "stabilisation_time_s" in row or "drift" in row]
+    if timed:
+        sections.append(
+            Section(
+                "Over time",
+                f"Stabilisation: from the first entry into the limit band of {summary['limit_band_mm']:g} mm about the "
+                "attained pose until it stays there, mean of three approaches. Drift: largest change of AP and RP "
+                "between the first ten cycles and later ones, um.",
+                columns=["pose", "stabilisation, s", "overshoot, um", "dAP", "dRP", "hours"],
+                rows=[
+                    [
+                        str(row["pose"]),
+                        shown(row.get("stabilisation_time_s"), 3),
+                        shown(row.get("overshoot_um")),
+                        *(shown(row.get("drift", {}).get(key), 2) for key in ("dAP_um", "dRP_um", "hours")),
+                    ]
+                    for row in timed
+                ],
+            )
+        )
+    sections.append(conditions(summary))
+    figures = {"clusters": cluster_figure(poses, radii)}
+    over = time_figure(poses)
+    if over is not None:
+        figures["cycles"] = over
+    return test_page(_title("Pose test", summary), _subtitle(summary), verdict, sections, figures)
+
+
+def path_page(
+    summary: Mapping[str, Any],
+    path: CommandedPath,
+    figures: PathFigures,
+    cycles: Sequence[Cycle],
+    velocity: PathVelocity | None,
+) -> str:
+    """Page of a path test, as HTML text.
+
+    Args:
+        summary: See :func:`counterflex.app.robot_tests.iso9283.run`.
+        path: As commanded.
+        figures: AT and RT.
+        cycles: Attained paths.
+        velocity: Or None.
+    """
+    factor = drawn.magnified(path, figures)
+    names = [key for key in summary if key[:3] in ("AT_", "RT_") and isinstance(summary[key], dict)]
+    verdict = f"AT {shown(summary['AT_um'])} um at {summary['AT_at_mm']:g} mm along the path"
+    verdict += f"; RT {shown(summary['RT_um'])} um at {summary['RT_at_mm']:g} mm." if summary["RT_um"] else "."
+    sections = [
+        Section("Attained paths", f"Deviations are drawn {factor:g} times larger than the path.", "path"),
+        Section(
+            "Band along the path",
+            "Line: barycentre of the attained paths minus the commanded one, in planes normal to it. Band: the tube of "
+            "radius RT, mean distance plus three standard deviations. Dotted: corners.",
+            "band",
+        ),
+        Section(
+            "Accuracy and repeatability",
+            "AT: largest distance of the barycentre; RT: largest radius of the tube; orientation likewise. 95 % "
+            "intervals in brackets.",
+            columns=["figure", "value"],
+            rows=[
+                [key.replace("_um", ", um").replace("_mdeg", ", mdeg").replace("_", " "), shown(summary[key])]
+                for key in names
+            ],
+        ),
+    ]
+    plots = {"path": drawn.path_band_figure(path, figures), "band": drawn.band_figure(path, figures)}
+    if "corner" in summary:
+        largest = max(max(row["CR_um"], row["CO_um"]) for row in summary["corner"]) * UM
+        plots["corners"] = drawn.corner_figure(path, cycles, 2.5 * max(largest, 20.0 * UM))
+        sections.append(
+            Section(
+                "Corners",
+                "CR: least distance of an attained path from the corner. CO: largest deviation from the second path on "
+                "its outer side. The largest of all cycles, and the least in brackets, um.",
+                "corners",
+                ["corner", "at, mm", "turn, deg", "CR", "CO"],
+                [
+                    [
+                        str(row["corner"]),
+                        f"{row['at_mm']:g}",
+                        f"{row['turn_deg']:.1f}",
+                        f"{row['CR_um']:.1f} ({row['CR_least_um']:.1f})",
+                        f"{row['CO_um']:.1f} ({row['CO_least_um']:.1f})",
+                    ]
+                    for row in summary["corner"]
+                ],
+            )
+        )
+    if velocity is not None:
+        v = summary["velocity"]
+        plots["velocity"] = drawn.velocity_figure(velocity)
+        sections.append(
+            Section(
+                "Path velocity",
+                "Over the middle half of each stretch; each velocity is the slope of a straight line through 0.1 s of "
+                f"readings, whose noise alone scatters it by {v['noise_mm_s']:g} mm/s (one standard deviation).",
+                "velocity",
+                ["figure", "value"],
+                [
+                    ["AV, %", shown(v["AV_percent"], 3)],
+                    ["RV, %", shown(v["RV_percent"], 3)],
+                    ["FV, mm/s", f"{v['FV_mm_s']:.3f}"],
+                ],
+            )
+        )
+    sections.append(conditions(summary))
+    return test_page(_title("Path test", summary), _subtitle(summary), verdict, sections, plots)
+
+
+def _title(name: str, summary: Mapping[str, Any]) -> str:
+    return f"{name} by {summary['standard']}"
+
+
+def _subtitle(summary: Mapping[str, Any]) -> str:
+    text = f"{', '.join(summary['files'][:3])}, {summary['cycles']} cycles"
+    asked = summary["cycles_of_the_standard"]
+    return text + (f" (the standard measures {asked})" if summary["cycles"] < asked else "")
