@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +34,7 @@ from counterflex.files.logs.tracker_exports.formats import OWN
 from counterflex.files.summary_file import write_summary
 
 _STRAIGHT_M: Final = 1.0 * UM
+_NEARER: Final = (0.3, 0.1, 0.05, 0.05)
 
 
 def circular(
@@ -188,12 +189,15 @@ def _conditions(
 
 
 def _on_circle(p: Float) -> Float:
-    """Readings that lie on the main circle of a log: those near the median radius of a first fit, twice."""
+    """Readings that lie on the main circle of a log, found closer and closer to it."""
     kept = p
-    for _ in range(2):
+    for share in _NEARER:
         circle = fitted_circle(kept)
-        rho = np.linalg.norm((p - circle.centre) @ circle.axes.T, axis=1)
-        kept = p[np.abs(rho - np.median(rho)) < 0.1 * circle.radius_m]
+        away = p - circle.centre
+        rho = np.linalg.norm(away @ circle.axes.T, axis=1)
+        middle = float(np.median(np.linalg.norm((kept - circle.centre) @ circle.axes.T, axis=1)))
+        off = np.hypot(rho - middle, away @ circle.normal)
+        kept = p[off < share * circle.radius_m]
         if len(kept) < 4:
             raise InputError("the log holds no circle", hint="Give the commanded circle: --path")
     return kept
@@ -201,14 +205,14 @@ def _on_circle(p: Float) -> Float:
 
 def _turn_row(turn: Turn, radius_m: float | None, nominal: bool) -> dict[str, Any]:
     f = turn_figures(turn, radius_m, nominal_centre=nominal)
-    values = {name: value for name, value in asdict(f).items() if isinstance(value, float) and name != "radius_m"}
+    values = {name: value for name, value in asdict(f).items() if name not in ("direction", "radius_m", "centre_m")}
     out: dict[str, Any] = {"direction": f.direction, "readings": len(turn.points), **_in_um(values)}
     out["radius_mm"] = round(f.radius_m / MM, 5)
     out["centre_x_um"], out["centre_y_um"] = (round(c / UM, 2) for c in f.centre_m)
     return out
 
 
-def _in_um(values: dict[str, float | None]) -> dict[str, Any]:
+def _in_um(values: Mapping[str, float | None]) -> dict[str, Any]:
     """``g_m`` as ``G_um`` and so on; the letters of the standard are capitals."""
     out = {}
     for name, value in values.items():

@@ -22,7 +22,8 @@ from counterflex.evaluate.iso9283.path_velocity import PathVelocity, path_veloci
 from counterflex.geometry import pose
 
 _FITS: Final = 20
-_FITTED_M: Final = 1e-9
+_FITTED: Final = 1e-8
+"""A step of the fit that turns or moves by less (rad, m) is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,7 @@ def _fitted(path: CommandedPath, cycles: Sequence[Cycle]) -> Float:
             raise InputError("an attained path has a hole", hint="Readings are missing: was the beam interrupted?")
         step, _ = pose.register(c, attained.mean(axis=1))
         T = step @ T
-        if float(np.abs(step - np.eye(4)).max()) < _FITTED_M:
+        if float(np.abs(step - np.eye(4)).max()) < _FITTED:
             break
     return T
 

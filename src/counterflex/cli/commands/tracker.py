@@ -11,6 +11,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import address
 from counterflex.cli.commands.question import AsJson
+from counterflex.cli.commands.standards.options import Format
 from counterflex.core.errors import FileFormatError
 
 _tracker = typer.Typer(no_args_is_help=True, help="Laser trackers: bring their measurements to the loop.")
@@ -42,13 +43,15 @@ def bridge(
             "--file", help="Read lines from there; else from standard input.", metavar="CSV", callback=arguments.file
         ),
     ] = None,
+    form: Format = "counterflex",
     as_json: AsJson = False,
 ) -> None:
     """Convert the text output of a tracker's own program into pose datagrams, line by line.
 
-    The first line names the columns: time_s (or time_ns); distance_mm,azimuth_deg,zenith_deg as a tracker measures
-    them, or x_mm,y_mm,z_mm; qw,qx,qy,qz where the target has an orientation; status and sigma_mm where known. An
-    invalid line is skipped with a message. Lines come from standard input: tracker_program | counterflex ...
+    In the format counterflex the first line names the columns: time_s (or time_ns); distance_mm,azimuth_deg,zenith_deg
+    as a tracker measures them, or x_mm,y_mm,z_mm; qw,qx,qy,qz where the target has an orientation; status and sigma_mm
+    where known. --format reads exports of other programs (docs/iso9283.md). An invalid line is skipped with a message.
+    Lines come from standard input: tracker_program | counterflex ...
 
     Example: `counterflex tracker bridge 127.0.0.1:5001`
     """
@@ -60,11 +63,11 @@ def bridge(
 
     peer = address(to, "HOST:PORT")
     if file is None:
-        summary = forward(sys.stdin, peer, "standard input", complain=complain)
+        summary = forward(sys.stdin, peer, "standard input", form=form, complain=complain)
     else:
         try:
             with file.open(encoding="utf-8-sig") as lines:
-                summary = forward(lines, peer, str(file), complain=complain)
+                summary = forward(lines, peer, str(file), form=form, complain=complain)
         except (FileNotFoundError, IsADirectoryError, UnicodeDecodeError) as fault:
             raise FileFormatError("the file cannot be read", where=str(file), value=str(fault)) from fault
     if as_json:

@@ -37,7 +37,7 @@ class Circle:
 
     @property
     def axes(self) -> Float:
-        """(2, 3) unit vectors that span the plane, right-handed with the normal; the first as near to x as it can be."""
+        """(2, 3) unit vectors that span the plane, right-handed with the normal; the first nearest to x."""
         x = np.eye(3)[0 if abs(self.normal[0]) < 0.9 else 1]
         x = x - (x @ self.normal) * self.normal
         x /= np.linalg.norm(x)

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 
 _ROUNDS: Final = 60
-_CLOSE: Final = 1e-7
+_CLOSE: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def narrowest_cylinder(x: Float, yz: Float) -> float:
     """Diameter of the narrowest cylinder that holds points along x: ``min 2 max_i |yz_i - a - b x_i|``.
 
     The distance of a point is the largest of its components along all directions: a linear program over some of them,
-    with the direction of each point that is still too far added until none is. It is exact to 1e-7 of itself.
+    with the direction of each point that is still too far added until none is. It is exact to 1e-6 of itself.
 
     Args:
         x: (n,) m along.
@@ -144,10 +144,10 @@ def narrowest_cylinder(x: Float, yz: Float) -> float:
     return 2.0 * spread * radius
 
 
-def _hull(points: Float) -> Float:
+def _hull(points: Float) -> Int:
     """Rows of points that are corners of their hull: a convex distance is largest there. All where they lie flat."""
     try:
-        out: Float = np.sort(ConvexHull(points).vertices)
+        out: Int = np.sort(ConvexHull(points).vertices)
     except QhullError:
         return np.arange(len(points))
     return out

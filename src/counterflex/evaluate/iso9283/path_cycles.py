@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -38,6 +39,11 @@ class Cycle:
     length_m: Float
     R: Float | None = None
     time_s: Float | None = None
+
+    @cached_property
+    def longest_step_m(self) -> float:
+        """Longest distance between two readings in a row, m."""
+        return float(np.max(np.linalg.norm(np.diff(self.p, axis=0), axis=1)))
 
 
 def path_cycles(

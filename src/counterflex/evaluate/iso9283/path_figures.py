@@ -133,8 +133,7 @@ def crossings(cycle: Cycle, s: Float, c: Float, t: Float) -> Float:
 
 def crossing_steps(cycle: Cycle, s: float, c: Float, t: Float) -> tuple[Int, Float]:
     """Readings before each crossing of a plane, and where between them and the next it lies, 0..1."""
-    step = float(np.max(np.linalg.norm(np.diff(cycle.p, axis=0), axis=1)))
-    window = _WINDOW_M + REACH_M + 2.0 * step
+    window = _WINDOW_M + REACH_M + 2.0 * cycle.longest_step_m
     a, b = np.searchsorted(cycle.length_m, [s - window, s + window])
     a, b = max(0, int(a) - 1), min(len(cycle.p), int(b) + 1)
     d = (cycle.p[a:b] - c) @ t

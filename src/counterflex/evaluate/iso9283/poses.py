@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.iso9283.intervals import (
     Figure,
@@ -59,7 +59,7 @@ class PoseCycles:
         """(n, 3) rad, rotation vectors a, b, c from the commanded to the attained orientation."""
         return None if self.R is None else rotation.log(self.R @ self.command[:3, :3].T)
 
-    def part(self, rows: Float | slice) -> PoseCycles:
+    def part(self, rows: Int) -> PoseCycles:
         """Some of the cycles."""
         R, time_s = (None if x is None else x[rows] for x in (self.R, self.time_s))
         return PoseCycles(self.command, self.p[rows], R, time_s)
