@@ -82,9 +82,9 @@ def test_stabilisation_and_overshoot() -> None:
     """Enters the band of 0.1 mm at reading 12, leaves it to 0.3 mm, is back for good at 15: 3 x 10 ms, OV = 0.3 mm."""
     x = np.concatenate([np.linspace(24.0, 2.0, 12), [0.05, 0.3, 0.2, 0.04], np.zeros(60)]) * MM
     p = np.column_stack([x, 0 * x, 0 * x])
-    time = 0.01 * np.arange(len(x))
+    time: Float = 0.01 * np.arange(len(x), dtype=np.float64)
     found = settled(time, p, None, Standstill(16, len(x) - 1, np.zeros(3), None, 0.5))
-    assert (found.time_s, found.overshoot_m) == (pytest.approx(0.03), pytest.approx(0.3 * MM))
+    assert [found.time_s, found.overshoot_m] == pytest.approx([0.03, 0.3 * MM])
     calm = np.where(np.abs(x - 0.25 * MM) < 0.06 * MM, 0.05 * MM, x)
     still = settled(
         time, np.column_stack([calm, 0 * x, 0 * x]), None, Standstill(16, len(x) - 1, np.zeros(3), None, 0.5)
@@ -117,11 +117,11 @@ def test_velocity() -> None:
     """Means of 49, 50, 51 mm/s for 50: AV = 0, S = 1, RV = 3 mm/s. A wave a sin(w t): FV = 2 a w, smoothed."""
     v = path_velocity(straight_path(0.05), [line(0.0, speed_m_s=s * MM) for s in (49.0, 50.0, 51.0)])
     assert v.rv is not None
-    assert [v.av.value / MM, v.rv.value / MM, v.fv / MM] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6)
+    assert [v.av.value / MM, v.rv.value / MM, v.fv_m_s / MM] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6)
     # 8 periods in 2 s: w = 25.1327 1/s. A slope over T = 0.1 s passes 3 (sin z - z cos z) / z^3 of it, z = w T / 2:
     # 3 (0.951057 - 1.256637 x 0.309017) / 1.984402 = 0.85073. The places meet the crests within 1 %.
     waved = path_velocity(straight_path(0.05), [line(0.0, wave=0.1 * MM)])
-    assert waved.fv == pytest.approx(2.0 * 0.1 * MM * 25.1327 * 0.85073, rel=0.01)
+    assert waved.fv_m_s == pytest.approx(2.0 * 0.1 * MM * 25.1327 * 0.85073, rel=0.01)
 
 
 def angle(corner: list[tuple[float, float]]) -> tuple[CommandedPath, list[Cycle]]:

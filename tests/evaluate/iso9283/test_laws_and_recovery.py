@@ -79,7 +79,7 @@ def run(points: Float, cycles: int, seed: int = 1, spread_m: float = 0.0, noise_
             n = max(1, int(np.linalg.norm(b - a) / (0.1 * MM)))
             parts.append(a + (b - a) * (np.arange(n) / n)[:, None])
     p = np.concatenate(parts)
-    return 1e-3 * np.arange(len(p)), p + noise_m * rng.standard_normal(p.shape)
+    return np.linspace(0.0, 1e-3 * (len(p) - 1), len(p)), p + noise_m * rng.standard_normal(p.shape)
 
 
 def test_cycles_are_found_by_the_order_of_the_path() -> None:
@@ -149,7 +149,7 @@ def test_poses_come_back_from_a_log_in_another_frame() -> None:
             at = goal
             truth.append(goal)
     p = np.concatenate(parts) + 15.0 * UM * rng.standard_normal((700 + 40 * 1100, 3))
-    stands = standstills(1e-3 * np.arange(len(p)), pose.transform(pose.inverse(T), p))
+    stands = standstills(np.linspace(0.0, 1e-3 * (len(p) - 1), len(p)), pose.transform(pose.inverse(T), p))
     assert len(stands) == 41
     T_command_log = fitted_frame(stands, commands)  # the first standstill is at home, before the first cycle
     places = pose.transform(pose.inverse(T), commands[:, :3, 3])

@@ -26,11 +26,11 @@ class CommandedPoses:
     """Poses of a test.
 
     Attributes:
-        Ts: (k, 4, 4) m, in the order in which they are attained.
+        Ts_command: (k, 4, 4) m, in the order in which they are attained.
         oriented: Whether their orientations are given.
     """
 
-    Ts: Float
+    Ts_command: Float
     oriented: bool
 
 

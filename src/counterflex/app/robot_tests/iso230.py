@@ -73,16 +73,16 @@ def circular(
         )  # fmt: skip
     nominal = None if path is None else commanded_circle(path)
     radius = nominal.radius_m if nominal is not None else None if radius_mm is None else radius_mm * MM
-    found: list[tuple[str, Turn]] = []
+    matches: list[tuple[str, Turn]] = []
     for one in measured:
         circle = nominal if nominal is not None else fitted_circle(_on_circle(one.p))
-        found += [(one.name, turn) for turn in turns(one.p, circle)]
+        matches += [(one.name, turn) for turn in turns(one.p, circle)]
     progress(0.6)
     rows = [
         {"turn": k + 1, "file": name, **_turn_row(turn, radius, nominal is not None)}
-        for k, (name, turn) in enumerate(found)
+        for k, (name, turn) in enumerate(matches)
     ]
-    ways = {way: [turn for _, turn in found if turn.direction == way] for way in (CLOCKWISE, COUNTER_CLOCKWISE)}
+    ways = {way: [turn for _, turn in matches if turn.direction == way] for way in (CLOCKWISE, COUNTER_CLOCKWISE)}
     pairs = list(zip(ways[CLOCKWISE], ways[COUNTER_CLOCKWISE], strict=False))
     both = [{"pair": k + 1} | _in_um(asdict(bi_directional(cw, ccw, radius))) for k, (cw, ccw) in enumerate(pairs)]
     summary = {
@@ -100,10 +100,10 @@ def circular(
         "counterflex": __version__,
     }
     if out is not None:
-        table = pl.concat([_turn_table(k + 1, turn) for k, (_, turn) in enumerate(found)])
+        table = pl.concat([_turn_table(k + 1, turn) for k, (_, turn) in enumerate(matches)])
         from counterflex.report.robot_tests.circle_page import circle_page
 
-        _write(out, summary, pl.DataFrame(rows), table, circle_page(summary, [turn for _, turn in found]))
+        _write(out, summary, pl.DataFrame(rows), table, circle_page(summary, [turn for _, turn in matches]))
     progress(1.0)
     return summary
 
@@ -189,7 +189,7 @@ def _conditions(
 
 
 def _on_circle(p: Float) -> Float:
-    """Readings that lie on the main circle of a log, found closer and closer to it."""
+    """Readings that lie on the main circle of a log, matches closer and closer to it."""
     kept = p
     for share in _NEARER:
         circle = fitted_circle(kept)

@@ -30,7 +30,7 @@ class Measured:
 
     Attributes:
         name: Of the file.
-        Ts: (n, 4, 4) m, the tool (or the target) in the frame of the commands.
+        Ts_command_tcp: (n, 4, 4) m, the tool (or the target) in the frame of the commands.
         time_s: (n,) s, or None.
         oriented: Whether orientations were measured.
         sigma_m: Standard deviation of a position as stated, 0 where it is not.
@@ -41,7 +41,7 @@ class Measured:
     """
 
     name: str
-    Ts: Float
+    Ts_command_tcp: Float
     time_s: Float | None
     oriented: bool
     sigma_m: float
@@ -53,29 +53,29 @@ class Measured:
     @property
     def p(self) -> Float:
         """(n, 3) m."""
-        return self.Ts[:, :3, 3]
+        return self.Ts_command_tcp[:, :3, 3]
 
     @property
     def R(self) -> Float | None:
         """(n, 3, 3), or None."""
-        return self.Ts[:, :3, :3] if self.oriented else None
+        return self.Ts_command_tcp[:, :3, :3] if self.oriented else None
 
     def moved(self, T_command_log: Float, T_target_tcp: Float) -> Measured:
         """In another frame, and at another point of the target."""
-        return replace(self, Ts=T_command_log @ self.Ts @ T_target_tcp)
+        return replace(self, Ts_command_tcp=T_command_log @ self.Ts_command_tcp @ T_target_tcp)
 
     def averaged(self, window_s: float) -> Measured:
         """Positions as moving means over ``window_s``, centred; the first and last half window are cut off."""
         if window_s <= 0.0 or self.time_s is None:
             return self
         count = 2 * round(0.5 * window_s / float(np.median(np.diff(self.time_s)))) + 1
-        if count >= len(self.Ts):
+        if count >= len(self.Ts_command_tcp):
             raise InputError("the log is shorter than the filter", where=self.name, value=f"{window_s:g} s")
         total = np.cumsum(np.concatenate([np.zeros((1, 3)), self.p - self.p[0]]), axis=0)
         half = count // 2
-        Ts = self.Ts[half : len(self.Ts) - half].copy()
+        Ts = self.Ts_command_tcp[half : len(self.Ts_command_tcp) - half].copy()
         Ts[:, :3, 3] = self.p[0] + (total[count:] - total[:-count]) / count
-        return replace(self, Ts=Ts, time_s=self.time_s[half : len(self.time_s) - half])
+        return replace(self, Ts_command_tcp=Ts, time_s=self.time_s[half : len(self.time_s) - half])
 
 
 def read_measured(file: str | Path, form: str = OWN) -> Measured:

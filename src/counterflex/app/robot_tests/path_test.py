@@ -59,7 +59,7 @@ def judge(measured: Sequence[Measured], path: CommandedPath, frame: Frame, *, av
         average_s: Moving mean over the readings.
 
     Raises:
-        InputError: No cycle is found, or a cycle has a hole.
+        InputError: No cycle is corner_list, or a cycle has a hole.
     """
     moved = [one.averaged(average_s).moved(frame.T_command_log, frame.T_target_tcp) for one in measured]
     cycles = _cycles(moved, path)
@@ -69,14 +69,14 @@ def judge(measured: Sequence[Measured], path: CommandedPath, frame: Frame, *, av
         shift_m = float(np.linalg.norm(T[:3, 3]))
         cycles = _cycles([one.moved(T, np.eye(4)) for one in moved], path)
     figures = path_figures(path, cycles)
-    found = corners(path, cycles)
+    corner_list = corners(path, cycles)
     velocity, why = _velocity(path, cycles)
     at, rt = figures.at_place, figures.rt_place
     summary: dict[str, Any] = {
         "test": "path",
         "cycles": len(cycles),
         "length_mm": round(float(path.length[-1]) / MM, 3),
-        "corners": len(found),
+        "corners": len(corner_list),
         "places": len(figures.length_m),
         "AT_um": figures.at_p.over(UM, 2),
         "AT_at_mm": round(float(figures.length_m[at]) / MM, 2),
@@ -87,12 +87,12 @@ def judge(measured: Sequence[Measured], path: CommandedPath, frame: Frame, *, av
     summary |= {f"RT_{axis}_mdeg": f.over(MDEG, 3) for axis, f in zip("abc", figures.rt_abc, strict=False)}
     if frame.fitted:
         summary["fitted_shift_mm"] = round(shift_m / MM, 4)
-    if found:
-        summary["CR_um"] = round(max(float(c.cr_m.max()) for c in found) / UM, 2)
-        summary["CO_um"] = round(max(float(c.co_m.max()) for c in found) / UM, 2)
-        summary["corner"] = [_corner_row(k, c) for k, c in enumerate(found)]
+    if corner_list:
+        summary["CR_um"] = round(max(float(c.cr_m.max()) for c in corner_list) / UM, 2)
+        summary["CO_um"] = round(max(float(c.co_m.max()) for c in corner_list) / UM, 2)
+        summary["corner"] = [_corner_row(k, c) for k, c in enumerate(corner_list)]
     summary["velocity"] = _velocity_row(velocity) if velocity is not None else {"left_out": why}
-    return PathResult(path, cycles, figures, found, velocity, summary, _table(figures))
+    return PathResult(path, cycles, figures, corner_list, velocity, summary, _table(figures))
 
 
 def _cycles(moved: Sequence[Measured], path: CommandedPath) -> list[Cycle]:
@@ -147,7 +147,7 @@ def _velocity_row(v: PathVelocity) -> dict[str, Any]:
         "commanded_mm_s": round(v.commanded_m_s / MM_PER_S, 4),
         "AV_percent": v.av.over(unit, 3),
         "RV_percent": None if v.rv is None else v.rv.over(unit, 3),
-        "FV_mm_s": round(v.fv / MM_PER_S, 4),
+        "FV_mm_s": round(v.fv_m_s / MM_PER_S, 4),
         "noise_mm_s": round(v.noise_m_s / MM_PER_S, 4),
     }
 
@@ -165,17 +165,17 @@ def _corner_row(k: int, c: Corner) -> dict[str, Any]:
 
 
 def _table(f: PathFigures) -> pl.DataFrame:
-    m, n = f.attained.shape[:2]
-    d = f.attained - f.command[:, None]
+    m, n = f.p_attained.shape[:2]
+    d = f.p_attained - f.command[:, None]
     columns: dict[str, Any] = {
         "place": np.repeat(np.arange(1, m + 1), n),
         "cycle": np.tile(np.arange(1, n + 1), m),
         "length_mm": np.repeat(f.length_m / MM, n),
     }
-    columns |= {f"{axis}_mm": f.attained[..., i].ravel() / MM for i, axis in enumerate("xyz")}
+    columns |= {f"{axis}_mm": f.p_attained[..., i].ravel() / MM for i, axis in enumerate("xyz")}
     columns |= {f"deviation_{axis}_um": d[..., i].ravel() / UM for i, axis in enumerate("xyz")}
-    if f.turned is not None:
-        columns |= {f"deviation_{axis}_mdeg": f.turned[..., i].ravel() / MDEG for i, axis in enumerate("abc")}
+    if f.turned_rad is not None:
+        columns |= {f"deviation_{axis}_mdeg": f.turned_rad[..., i].ravel() / MDEG for i, axis in enumerate("abc")}
     columns["AT_um"] = np.repeat(f.by_place_at_m / UM, n)
     columns["RT_um"] = np.repeat(f.by_place_rt_m / UM, n)
     return pl.DataFrame(columns)

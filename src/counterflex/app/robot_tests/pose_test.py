@@ -129,21 +129,21 @@ def _attained(
             still.Standstill(
                 k, k, one.p[k], None if R is None else R[k], float(k if one.time_s is None else one.time_s[k])
             )
-            for k in range(len(one.Ts))
+            for k in range(len(one.Ts_command_tcp))
         ]
     else:
         assert averaged.time_s is not None
         stands = still.standstills(averaged.time_s, averaged.p, averaged.R)
     if frame.fitted:
-        T = still.fitted_frame(stands, commanded.Ts)
+        T = still.fitted_frame(stands, commanded.Ts_command)
         fitted = replace(frame, T_command_log=T)
     else:
         fitted = frame
     T = fitted.T_command_log
     moved = averaged.moved(T, fitted.T_target_tcp)
     stands = [_moved(stand, T, fitted.T_target_tcp, oriented=averaged.oriented) for stand in stands]
-    which = still.assigned(stands, commanded.Ts)
-    cycles = still.ordered_cycles(which, len(commanded.Ts))
+    which = still.assigned(stands, commanded.Ts_command)
+    cycles = still.ordered_cycles(which, len(commanded.Ts_command))
     if not cycles:
         raise InputError(
             "no cycle goes through all commanded poses in their order",
@@ -152,8 +152,8 @@ def _attained(
             "commanded pose",
             hint="Are readings and commands in one frame? --frame fit, a cell file, or X,Y,Z,A,B,C",
         )
-    poses = _oriented(still.pose_cycles(stands, cycles, commanded.Ts), commanded, frame)
-    settling, refused = _settling(moved, stands, cycles, len(commanded.Ts), band_m)
+    poses = _oriented(still.pose_cycles(stands, cycles, commanded.Ts_command), commanded, frame)
+    settling, refused = _settling(moved, stands, cycles, len(commanded.Ts_command), band_m)
     return Attained(poses, settling, refused)
 
 
@@ -175,7 +175,7 @@ def _oriented(poses: list[PoseCycles], commanded: CommandedPoses, frame: Frame) 
 def _stated(one: Measured, commanded: CommandedPoses | None, frame: Frame) -> list[PoseCycles]:
     """Poses of a dataset that states which row belongs to which."""
     assert one.pose is not None
-    count = int(one.pose.max()) + 1 if commanded is None else len(commanded.Ts)
+    count = int(one.pose.max()) + 1 if commanded is None else len(commanded.Ts_command)
     missing = [k + 1 for k in range(count) if not np.any(one.pose == k)]
     if missing or int(one.pose.min()) < 0 or int(one.pose.max()) >= count:
         raise InputError(
@@ -192,12 +192,12 @@ def _stated(one: Measured, commanded: CommandedPoses | None, frame: Frame) -> li
     T = frame.T_command_log
     if frame.fitted:
         means = np.stack([one.p[one.pose == k].mean(axis=0) for k in range(count)])
-        T, _ = pose.register(commanded.Ts[:, :3, 3], means)
+        T, _ = pose.register(commanded.Ts_command[:, :3, 3], means)
     moved = one.moved(T, frame.T_target_tcp)
     rows = [one.pose == k for k in range(count)]
     poses = [
         PoseCycles(
-            commanded.Ts[k],
+            commanded.Ts_command[k],
             moved.p[row],
             None if moved.R is None else moved.R[row],
             None if one.time_s is None else one.time_s[row],

@@ -59,7 +59,7 @@ def circularity(points: Float, centre: Float, radius_m: float) -> Circularity:
     if widest > 1.5 * np.pi + 1e-9:
         raise InputError("the arc is too short for its centre", value=f"{np.degrees(2 * np.pi - widest):.1f} deg",
                          limit=">= 90 deg")  # fmt: skip
-    c = c0.copy()
+    best = c = c0.copy()
     low, high = float(rho.min()), float(rho.max())
     for _ in range(8):
         away = p - c
@@ -79,13 +79,14 @@ def circularity(points: Float, centre: Float, radius_m: float) -> Circularity:
         step = nominal * np.asarray(result.x[:2], dtype=np.float64)
         c = c + step
         r = np.linalg.norm(p - c, axis=1)
-        low, high = float(r.min()), float(r.max())
+        if float(np.ptp(r)) < high - low:  # the program's tolerance may leave a step that is none
+            best, low, high = c, float(r.min()), float(r.max())
         if float(np.abs(step).max()) < 1e-9 * nominal:
             break
     return Circularity(
         g_m=high - low,
         f_max_m=float(rho.max()) - nominal,
         f_min_m=float(rho.min()) - nominal,
-        centre_offset_m=(float(c[0] - c0[0]), float(c[1] - c0[1])),
+        centre_offset_m=(float(best[0] - c0[0]), float(best[1] - c0[1])),
         radius_m=0.5 * (low + high),
     )

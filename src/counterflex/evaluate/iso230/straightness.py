@@ -39,12 +39,11 @@ class Straightness:
     cylinder_ls_m: float
 
 
-def straightness(p: Float, up: Float | None = None) -> Straightness:
+def straightness(p: Float) -> Straightness:
     """Straightness of points along a line.
 
     Args:
-        p: (n, 3) m, n >= 3.
-        up: (3,) unit vector that parts horizontal from vertical; z where None. A path along it is parted by x.
+        p: (n, 3) m, n >= 3; z is vertical, and x across a path along z.
 
     Raises:
         InputError: Fewer than three points, or points that are no line.
@@ -59,7 +58,7 @@ def straightness(p: Float, up: Float | None = None) -> Straightness:
             "the points are no line", value=f"width to length {s[1] / max(s[0], 1e-300):.2g}", limit="< 0.2"
         )
     line = vt[0]
-    top = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up, dtype=np.float64)
+    top = np.array([0.0, 0.0, 1.0])
     top = np.array([1.0, 0.0, 0.0]) if abs(float(top @ line)) > 0.9 else top
     vertical = top - (top @ line) * line
     vertical /= np.linalg.norm(vertical)
@@ -102,14 +101,14 @@ def parallel_lines(x: Float, y: Float) -> float:
     one = np.ones(len(u))
     above = np.column_stack([-one, -u, -one])
     below = np.column_stack([one, u, -one])
-    found = linprog(
+    solution = linprog(
         [0.0, 0.0, 1.0], A_ub=np.vstack([above, below]), b_ub=np.concatenate([-w, w]), bounds=[(None, None)] * 3,
         method="highs",
     )  # fmt: skip
-    return 2.0 * spread * float(found.x[2])
+    return 2.0 * spread * float(solution.x[2])
 
 
-def narrowest_cylinder(x: Float, yz: Float) -> float:
+def narrowest_cylinder(x: Float, across_m: Float) -> float:
     """Diameter of the narrowest cylinder that holds points along x: ``min 2 max_i |yz_i - a - b x_i|``.
 
     The distance of a point is the largest of its components along all directions: a linear program over some of them,
@@ -117,12 +116,12 @@ def narrowest_cylinder(x: Float, yz: Float) -> float:
 
     Args:
         x: (n,) m along.
-        yz: (n, 2) m across.
+        across_m: (n, 2) m across.
     """
-    spread = float(np.ptp(yz, axis=0).max())
+    spread = float(np.ptp(across_m, axis=0).max())
     if spread == 0.0:
         return 0.0
-    u, w = x / float(np.ptp(x)), yz / spread
+    u, w = x / float(np.ptp(x)), across_m / spread
     chosen = _hull(np.column_stack([u, w]))
     u, w = u[chosen], w[chosen]
     n = len(u)
@@ -132,11 +131,11 @@ def narrowest_cylinder(x: Float, yz: Float) -> float:
     for _ in range(_ROUNDS):
         A = np.column_stack([-e, -e * u[rows, None], -np.ones(len(rows))])
         b = -np.sum(e * w[rows], axis=1)
-        found = linprog([0.0, 0.0, 0.0, 0.0, 1.0], A_ub=A, b_ub=b, bounds=[(None, None)] * 5, method="highs")
-        rest = w - found.x[:2] - u[:, None] * found.x[2:4]
+        solution = linprog([0.0, 0.0, 0.0, 0.0, 1.0], A_ub=A, b_ub=b, bounds=[(None, None)] * 5, method="highs")
+        rest = w - solution.x[:2] - u[:, None] * solution.x[2:4]
         size = np.linalg.norm(rest, axis=1)
         radius = float(size.max())
-        far = np.flatnonzero(size > found.x[4] * (1.0 + _CLOSE) + 1e-15)
+        far = np.flatnonzero(size > solution.x[4] * (1.0 + _CLOSE) + 1e-15)
         if len(far) == 0:
             break
         rows = np.concatenate([rows, far])

@@ -73,7 +73,7 @@ def three_sigma(values: Float) -> Figure:
     return Figure(s3, low * s3, high * s3, n)
 
 
-def length_figure(d: Float, scatter: Float, count: int) -> Figure:
+def length_figure(d: Float, covariance_m2: Float, count: int) -> Figure:
     """Length of a vector that is known with a scatter: ``|d| +- t s_u`` along its direction u, not below zero.
 
     Near zero the direction is free and the length is estimated too large; there the largest scatter of any direction
@@ -81,25 +81,25 @@ def length_figure(d: Float, scatter: Float, count: int) -> Figure:
 
     Args:
         d: (3,) m.
-        scatter: (3, 3) m2, covariance of ``d``.
+        covariance_m2: (3, 3) of ``d``.
         count: Cycles behind it; n - 1 degrees of freedom.
     """
     size = float(np.linalg.norm(d))
     if count < 2:
         return Figure(size, None, None, count)
     t = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
-    widest = math.sqrt(max(float(np.linalg.eigvalsh(scatter)[-1]), 0.0))
+    widest = math.sqrt(max(float(np.linalg.eigvalsh(covariance_m2)[-1]), 0.0))
     u = d / size if size > 3.0 * widest else None
-    s = widest if u is None else math.sqrt(max(float(u @ scatter @ u), 0.0))
+    s = widest if u is None else math.sqrt(max(float(u @ covariance_m2 @ u), 0.0))
     return Figure(size, max(0.0, size - t * s), size + t * s, count)
 
 
-def mean_distance(covariances: Float) -> Float:
-    """Mean length of normally distributed vectors about zero, (m,) of covariances (m, 3, 3).
+def mean_distance(covariances_m2: Float) -> Float:
+    """Mean length of normally distributed vectors about zero, (m,) of covariances (m, 3, 3) m2.
 
     ``E|x| = pi^-1/2 int_0^inf (1 - prod_k (1 + 2 l_k s^2)^-1/2) s^-2 ds`` with the eigenvalues ``l_k``.
     """
-    spread = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
+    spread = np.maximum(np.linalg.eigvalsh(covariances_m2), 0.0)
     scale = np.sqrt(np.maximum(spread.sum(axis=-1), 1e-300))
     s = np.exp(_GRID) / scale[:, None]
     kept = 1.0 - np.prod((1.0 + 2.0 * spread[:, None, :] * s[..., None] ** 2) ** -0.5, axis=-1)

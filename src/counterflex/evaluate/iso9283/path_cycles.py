@@ -73,7 +73,7 @@ def path_cycles(
     q, place, broken = path_matching.even_stations(points, spacing, reach_m)
     way = path_matching.travel_directions(q, broken)
     starts = _starts(q, way, P, reach_m)
-    found: list[Cycle] = []
+    matches: list[Cycle] = []
     free, longest = 0, int(1.6 * total / spacing) + 50
     overlap = int(reach_m / spacing) + 2  # a closed path begins again where it ends
     for k in starts:
@@ -90,7 +90,7 @@ def path_cycles(
         rows = slice(int(np.floor(place[k])), int(np.ceil(place[k + end])) + 1)
         index = np.arange(rows.start, rows.stop, dtype=np.float64)
         length = np.interp(index, place[k : k + end + 1], u[: end + 1])
-        found.append(
+        matches.append(
             Cycle(
                 rows.start,
                 points[rows],
@@ -100,7 +100,7 @@ def path_cycles(
             )
         )
         free = k + end
-    return found
+    return matches
 
 
 def _starts(q: Float, way: Float, P: Float, reach_m: float) -> Int:

@@ -33,8 +33,8 @@ class PathFigures:
         length_m: (m,) places along the commanded path.
         command: (m, 3) m, commanded points there.
         direction: (m, 3) of the commanded path.
-        attained: (m, n, 3) m, where each of n attained paths crosses the plane normal to the commanded one.
-        turned: (m, n, 3) rad, rotation vectors from commanded to attained orientation there; or None.
+        p_attained: (m, n, 3) m, where each of n attained paths crosses the plane normal to the commanded one.
+        turned_rad: (m, n, 3) rad, rotation vectors from commanded to attained orientation there; or None.
         at_p: ``AT_P = max_i |mean_i - c_i|``, m.
         rt_p: ``RT_P = max_i (mean(l_i) + 3 S_li)``, m; None with one cycle.
         at_abc: ``max_i |mean a_i|``, rad.
@@ -48,8 +48,8 @@ class PathFigures:
     length_m: Float
     command: Float
     direction: Float
-    attained: Float
-    turned: Float | None
+    p_attained: Float
+    turned_rad: Float | None
     at_p: Figure
     rt_p: Figure | None
     at_abc: tuple[Figure, ...]
@@ -99,8 +99,8 @@ def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | N
         length_m=s,
         command=c,
         direction=t,
-        attained=attained,
-        turned=turned,
+        p_attained=attained,
+        turned_rad=turned,
         at_p=length_figure(centre[i] - c[i], scatter, n),
         rt_p=largest_repeatability(attained) if n > 1 else None,
         at_abc=tuple(_size(mean_figure(a[int(np.argmax(np.abs(a.mean(axis=1))))])) for a in angles),
@@ -112,7 +112,7 @@ def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | N
     )
 
 
-def crossings(cycle: Cycle, s: Float, c: Float, t: Float) -> Float:
+def crossings(cycle: Cycle, s: Float, p_plane: Float, normal: Float) -> Float:
     """Where an attained path crosses planes: (m, 3) m, NaN where it does not.
 
     Readings are joined by straight lines. Where noise makes a slow path cross a plane several times, the mean counts.
@@ -120,24 +120,24 @@ def crossings(cycle: Cycle, s: Float, c: Float, t: Float) -> Float:
     Args:
         cycle: The attained path.
         s: (m,) m, places along the commanded path.
-        c: (m, 3) m, points of the planes.
-        t: (m, 3) normals.
+        p_plane: (m, 3) m, points of the planes.
+        normal: (m, 3) unit normals.
     """
     out: Float = np.full((len(s), 3), np.nan)
     for i in range(len(s)):
-        k, share = crossing_steps(cycle, s[i], c[i], t[i])
+        k, share = crossing_steps(cycle, s[i], p_plane[i], normal[i])
         if len(k):
             out[i] = np.mean(cycle.p[k] + share[:, None] * (cycle.p[k + 1] - cycle.p[k]), axis=0)
     return out
 
 
-def crossing_steps(cycle: Cycle, s: float, c: Float, t: Float) -> tuple[Int, Float]:
+def crossing_steps(cycle: Cycle, s: float, p_plane: Float, normal: Float) -> tuple[Int, Float]:
     """Readings before each crossing of a plane, and where between them and the next it lies, 0..1."""
     window = _WINDOW_M + REACH_M + 2.0 * cycle.longest_step_m
     a, b = np.searchsorted(cycle.length_m, [s - window, s + window])
     a, b = max(0, int(a) - 1), min(len(cycle.p), int(b) + 1)
-    d = (cycle.p[a:b] - c) @ t
-    near = np.linalg.norm(cycle.p[a:b] - c - d[:, None] * t, axis=1) <= REACH_M
+    d = (cycle.p[a:b] - p_plane) @ normal
+    near = np.linalg.norm(cycle.p[a:b] - p_plane - d[:, None] * normal, axis=1) <= REACH_M
     k = np.flatnonzero((d[:-1] < 0.0) & (d[1:] >= 0.0) & near[:-1] & near[1:])
     k = np.union1d(k, np.flatnonzero((d[:-1] >= 0.0) & (d[1:] < 0.0) & near[:-1] & near[1:])) if len(k) else k
     share = d[k] / (d[k] - d[k + 1]) if len(k) else np.zeros(0)

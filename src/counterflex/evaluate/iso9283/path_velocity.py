@@ -31,7 +31,7 @@ class PathVelocity:
         commanded_m_s: Commanded velocity.
         av: ``AV = mean(v) - v_c``, m/s; the standard gives it in % of ``v_c``.
         rv: ``RV = 3 S_v`` of the cycles' means, m/s; None with one cycle.
-        fv: ``FV = max_j (max_i v_ij - min_i v_ij)``, m/s.
+        fv_m_s: ``FV = max_j (max_i v_ij - min_i v_ij)``, m/s.
         mean_m_s: (n,) mean of each cycle.
         length_m: (m,) places.
         v: (n, m) m/s.
@@ -41,7 +41,7 @@ class PathVelocity:
     commanded_m_s: float
     av: Figure
     rv: Figure | None
-    fv: float
+    fv_m_s: float
     mean_m_s: Float
     length_m: Float
     v: Float
@@ -89,7 +89,7 @@ def path_velocity(path: CommandedPath, cycles: Sequence[Cycle], window_s: float 
         commanded_m_s=vc,
         av=error,
         rv=three_sigma(mean) if len(mean) > 1 else None,
-        fv=float((v.max(axis=1) - v.min(axis=1)).max()),
+        fv_m_s=float((v.max(axis=1) - v.min(axis=1)).max()),
         mean_m_s=mean,
         length_m=s,
         v=v,

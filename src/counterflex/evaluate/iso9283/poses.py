@@ -119,7 +119,7 @@ def multi_directional(directions: Sequence[PoseCycles]) -> tuple[Figure, tuple[F
     if len(directions) < 2:
         raise InputError("a variation needs two directions of approach", value=len(directions), limit=">= 2")
 
-    def apart(one: Float, other: Float) -> Figure:
+    def difference(one: Float, other: Float) -> Figure:
         scatter = np.zeros((3, 3))
         for x in (one, other):
             if len(x) > 1:
@@ -127,7 +127,7 @@ def multi_directional(directions: Sequence[PoseCycles]) -> tuple[Figure, tuple[F
         return length_figure(one.mean(axis=0) - other.mean(axis=0), scatter, min(len(one), len(other)))
 
     pairs = list(itertools.combinations(directions, 2))
-    position = max((apart(h.p, k.p) for h, k in pairs), key=lambda f: f.value)
+    position = max((difference(h.p, k.p) for h, k in pairs), key=lambda f: f.value)
     if any(one.turned is None for one in directions):
         return position, ()
     angles = []
@@ -135,7 +135,7 @@ def multi_directional(directions: Sequence[PoseCycles]) -> tuple[Figure, tuple[F
         only = np.zeros(3)
         only[axis] = 1.0
         turned = [(h.turned * only, k.turned * only) for h, k in pairs if h.turned is not None and k.turned is not None]
-        angles.append(max((apart(h, k) for h, k in turned), key=lambda f: f.value))
+        angles.append(max((difference(h, k) for h, k in turned), key=lambda f: f.value))
     return position, tuple(angles)
 
 
@@ -170,11 +170,11 @@ def distance_figures(one: PoseCycles, other: PoseCycles) -> DistanceFigures:
     """
     if len(one.p) != len(other.p):
         raise InputError("the two poses of a distance have other numbers of cycles", value=(len(one.p), len(other.p)))
-    apart = one.p - other.p
+    difference = one.p - other.p
     commanded = one.command[:3, 3] - other.command[:3, 3]
     size = float(np.linalg.norm(commanded))
-    d = np.linalg.norm(apart, axis=1) - size
-    by_axis = (np.abs(apart) - np.abs(commanded)).T
+    d = np.linalg.norm(difference, axis=1) - size
+    by_axis = (np.abs(difference) - np.abs(commanded)).T
     repeated = len(d) > 1
     return DistanceFigures(
         commanded_m=size,

@@ -77,11 +77,11 @@ def mean_rotation(R: Float) -> Float:
     return out
 
 
-def assigned(stands: Sequence[Standstill], commands: Float) -> Int:
+def assigned(stands: Sequence[Standstill], Ts_command: Float) -> Int:
     """(k,) commanded pose nearest to each standstill, -1 where all are farther than :data:`NEAR_M`."""
     if not stands:
         return np.zeros(0, dtype=np.int64)
-    away = np.linalg.norm(np.stack([s.p for s in stands])[:, None] - commands[None, :, :3, 3], axis=2)
+    away = np.linalg.norm(np.stack([s.p for s in stands])[:, None] - Ts_command[None, :, :3, 3], axis=2)
     best = np.argmin(away, axis=1)
     out: Int = np.where(away[np.arange(len(best)), best] <= NEAR_M, best, -1)
     return out
@@ -108,7 +108,7 @@ def ordered_cycles(which: Int, count: int) -> list[list[int]]:
     return out
 
 
-def pose_cycles(stands: Sequence[Standstill], cycles: Sequence[Sequence[int]], commands: Float) -> list[PoseCycles]:
+def pose_cycles(stands: Sequence[Standstill], cycles: Sequence[Sequence[int]], Ts_command: Float) -> list[PoseCycles]:
     """Attained poses of every commanded one.
 
     Raises:
@@ -117,14 +117,14 @@ def pose_cycles(stands: Sequence[Standstill], cycles: Sequence[Sequence[int]], c
     if not cycles:
         raise InputError("no cycle goes through all commanded poses in their order")
     out = []
-    for k in range(len(commands)):
+    for k in range(len(Ts_command)):
         mine = [stands[cycle[k]] for cycle in cycles]
         R = None if any(s.R is None for s in mine) else np.stack([s.R for s in mine if s.R is not None])
-        out.append(PoseCycles(commands[k], np.stack([s.p for s in mine]), R, np.array([s.time_s for s in mine])))
+        out.append(PoseCycles(Ts_command[k], np.stack([s.p for s in mine]), R, np.array([s.time_s for s in mine])))
     return out
 
 
-def fitted_frame(stands: Sequence[Standstill], commands: Float) -> Float:
+def fitted_frame(stands: Sequence[Standstill], Ts_command: Float) -> Float:
     """Pose of the log's frame in that of the commands, by the order of the standstills alone: ``T_command_log``.
 
     The standstills are taken as whole cycles one after the other; of the ways to begin the one that fits best counts.
@@ -132,14 +132,14 @@ def fitted_frame(stands: Sequence[Standstill], commands: Float) -> Float:
     Raises:
         InputError: Fewer than three commanded poses or standstills, or they do not follow the order of the poses.
     """
-    k = len(commands)
+    k = len(Ts_command)
     if k < 3 or len(stands) < k:
         raise InputError("a frame fitted to poses needs three poses and a whole cycle", value=(k, len(stands)))
     p = np.stack([s.p for s in stands])
     best, least = np.eye(4), np.inf
     for begin in range(min(k, len(stands) - k + 1)):
         rows = p[begin : begin + k * ((len(p) - begin) // k)]
-        T, rest = pose.register(np.tile(commands[:, :3, 3], (len(rows) // k, 1)), rows)
+        T, rest = pose.register(np.tile(Ts_command[:, :3, 3], (len(rows) // k, 1)), rows)
         rms = float(np.sqrt(np.mean(np.sum(rest**2, axis=1))))
         if rms < least:
             best, least = T, rms

@@ -186,5 +186,5 @@ def _title(name: str, summary: Mapping[str, Any]) -> str:
 
 def _subtitle(summary: Mapping[str, Any]) -> str:
     text = f"{', '.join(summary['files'][:3])}, {summary['cycles']} cycles"
-    asked = summary["cycles_of_the_standard"]
-    return text + (f" (the standard measures {asked})" if summary["cycles"] < asked else "")
+    requested = summary["cycles_of_the_standard"]
+    return text + (f" (the standard measures {requested})" if summary["cycles"] < requested else "")

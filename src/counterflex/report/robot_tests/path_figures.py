@@ -37,7 +37,7 @@ def plane_of(p: Float) -> Float:
 def magnified(path: CommandedPath, f: PathFigures) -> float:
     """Factor by which deviations are drawn larger: 1, 2 or 5 times a power of ten."""
     size = float(np.ptp(path.p, axis=0).max())
-    largest = float(np.linalg.norm(f.attained - f.command[:, None], axis=2).max())
+    largest = float(np.linalg.norm(f.p_attained - f.command[:, None], axis=2).max())
     raw = _DRAWN * size / max(largest, 1e-9)
     power = 10.0 ** math.floor(math.log10(max(raw, 1.0)))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= max(raw, 1.0))
@@ -52,8 +52,8 @@ def path_band_figure(path: CommandedPath, f: PathFigures) -> dict[str, Any]:
          "y": numbers(line[:, 1], 4), "line": {"color": "#1b2530", "width": 1.5}}
     ]  # fmt: skip
     ends = np.searchsorted(f.length_m, [end for _, end in path.stretches])
-    for j in range(f.attained.shape[1]):
-        drawn = (f.command + factor * (f.attained[:, j] - f.command)) @ V.T / MM
+    for j in range(f.p_attained.shape[1]):
+        drawn = (f.command + factor * (f.p_attained[:, j] - f.command)) @ V.T / MM
         xy = np.insert(drawn, ends[:-1], np.nan, axis=0)
         data.append(
             {"type": "scatter", "mode": "lines", "name": f"cycle {j + 1}", "x": numbers(xy[:, 0], 4),
@@ -73,7 +73,7 @@ def band_figure(path: CommandedPath, f: PathFigures) -> dict[str, Any]:
     """Barycentre of the attained paths across the commanded one, and the tube of radius RT about it, along the path."""
     gaps = np.searchsorted(f.length_m, [end for _, end in path.stretches])[:-1]
     x = np.insert(f.length_m / MM, gaps, np.nan)
-    centre = (f.attained.mean(axis=1) - f.command) / UM
+    centre = (f.p_attained.mean(axis=1) - f.command) / UM
     tube = np.insert(f.by_place_rt_m / UM, gaps, 0.0)
     normal = np.cross(*plane_of(path.p))
     side = np.cross(normal, f.direction)
