@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import shlex
 import shutil
@@ -127,6 +128,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         assert counterflex(*proposal).status == 0
     if words[0] in ("identify", "dataset"):
         fiducials(folder)
+    if words[0] in ("iso9283", "iso230", "twin"):
+        tracked(folder)
     if words[:2] == ["identify", "history"]:
         found = ("identify", "tracker-frame", "points.toml", "--cell", "cell.toml", "--out", "out")
         assert counterflex(*found).status == 0
@@ -169,6 +172,22 @@ def run_log(folder: Path) -> None:
     log = RunLog(folder / "log", {})
     log.add(rows)
     log.close()
+
+
+def tracked(folder: Path) -> None:
+    """Programs ``square.ngc`` and ``circle.ngc``, and logs of a tracker along them: two cycles, two turns."""
+    head, end = "G17 G21 G90 G94\nM6 T1\nM3 S13000\nG0 Z60\nG0 X10 Y15\n", "G0 Z70\nM30\n"
+    (folder / "square.ngc").write_text(head + "G1 X30 F3000\nG1 Y30\nG1 X10\nG1 Y15\n" + end, encoding="utf-8")
+    (folder / "circle.ngc").write_text(head + "G3 X10 Y15 I10 J0 F3000\n" + end, encoding="utf-8")
+    corners = np.array(
+        [(10, 15, 70), (10, 15, 60), (30, 15, 60), (30, 30, 60), (10, 30, 60), (10, 15, 60), (10, 15, 70)]
+    )
+    way = np.concatenate([np.linspace(a, b, 200, endpoint=False) for a, b in itertools.pairwise(corners)] * 2)
+    angle = np.pi + np.linspace(0.0, 15.0, 3000)
+    ring = np.column_stack([20.0 + 10.0 * np.cos(angle), 15.0 + 10.0 * np.sin(angle), np.full(3000, 60.0)])
+    for name, p in (("log.csv", way), ("ring.csv", ring)):
+        rows = np.column_stack([0.001 * np.arange(len(p)), p])
+        np.savetxt(folder / name, rows, "%.6f", ",", header="time_s,x_mm,y_mm,z_mm", comments="")
 
 
 def good_machine(*_: object) -> tuple[LoopSamples, Granted, Machine]:

@@ -62,7 +62,8 @@ class Measured:
 
     def moved(self, T_command_log: Float, T_target_tcp: Float) -> Measured:
         """In another frame, and at another point of the target."""
-        return replace(self, Ts_command_tcp=T_command_log @ self.Ts_command_tcp @ T_target_tcp)
+        Ts_log_target = self.Ts_command_tcp
+        return replace(self, Ts_command_tcp=T_command_log @ Ts_log_target @ T_target_tcp)
 
     def averaged(self, window_s: float) -> Measured:
         """Positions as moving means over ``window_s``, centred; the first and last half window are cut off."""

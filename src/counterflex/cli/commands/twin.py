@@ -93,7 +93,7 @@ def track(
 
     iso9283 and iso230 judge such logs. The robot has the errors of the truth, the tracker noise of 15 um per axis.
 
-    Example: `counterflex twin track square.ngc --cell cell.toml --truth truth.toml --cycles 10 --out tracked`
+    Example: `counterflex twin track square.ngc --cell cell.toml --truth truth.toml --cycles 3 --out tracked`
     """
     keep_inputs(out, program, cell, truth)
     from counterflex.app.simulated_cell import tracked_program as job

@@ -59,7 +59,7 @@ def circularity(
 
     Whole turns are found in the logs; of each stretch in one direction the middle turn is judged.
 
-    Example: `counterflex iso230 circularity log.csv --path circle.ngc --out circle`
+    Example: `counterflex iso230 circularity ring.csv --path circle.ngc --out circle`
     """
     if out is not None:
         keep_inputs(out, *files, *([] if path is None else [path]))
@@ -115,7 +115,7 @@ def straightness(
 
     Minimum zone: two parallel lines, horizontal and vertical, and a cylinder; and about the least-squares line.
 
-    Example: `counterflex iso230 straightness log.csv --path square.csv`
+    Example: `counterflex iso230 straightness log.csv --path square.ngc`
     """
     if out is not None:
         keep_inputs(out, *files, *([] if path is None else [path]))

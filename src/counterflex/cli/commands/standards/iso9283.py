@@ -63,7 +63,7 @@ def iso9283(
     Pose test: AP, RP, AD, RD, vAP, stabilisation time, overshoot, drift. Path test (--path): AT, RT, CR, CO, AV, RV,
     FV. Cycles are found in the logs by the order of the commanded poses or path.
 
-    Example: `counterflex iso9283 log.csv --path square.csv --out iso`
+    Example: `counterflex iso9283 log.csv --path square.ngc --out iso`
     """
     if out is not None:
         keep_inputs(out, *files, *(item for item in (poses, path) if item is not None))
