@@ -156,7 +156,9 @@ def _in_panels(app: typer.Typer) -> None:
 
 for room in (question, modes, program, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
-for room in (iso9283, iso230, plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
+for room in (plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
+    room.register(app)
+for room in (iso9283, iso230):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)
