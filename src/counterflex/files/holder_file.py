@@ -76,16 +76,17 @@ class HolderFile(Versioned):
                 c.length_mm * MM, c.distance_mm * MM, c.thickness_mm * MM, c.width_mm * MM,
                 c.youngs_modulus_gpa * _GPA, c.poisson_ratio,
             )  # fmt: skip
-            pockets = tuple(
-                Pocket(
-                    side, p.face == "outer", p.y_mm * MM, p.z_mm * MM, p.width_mm * MM, p.height_mm * MM,
-                    p.depth_mm * MM, p.rib_mm * MM,
-                )
-                for p in self.pockets
-                for side in ((-1, 1) if p.cheek == "both" else (-1,) if p.cheek == "-x" else (1,))
-            )  # fmt: skip
+            pockets = []
+            for number, p in enumerate(self.pockets, start=1):
+                for side in {"both": (-1, 1), "-x": (-1,), "+x": (1,)}[p.cheek]:
+                    one = Pocket(
+                        side, p.face == "outer", p.y_mm * MM, p.z_mm * MM, p.width_mm * MM, p.height_mm * MM,
+                        p.depth_mm * MM, p.rib_mm * MM,
+                    )  # fmt: skip
+                    one.check(beam, f"[[pockets]] {number}")
+                    pockets.append(one)
             x, y, z = (value * MM for value in self.tcp_mm)
-            return Drawing(beam, pockets, (x, y, z), self.gauge_mm * MM)
+            return Drawing(beam, tuple(pockets), (x, y, z), self.gauge_mm * MM)
         except CounterflexError as fault:
             raise FileFormatError(str(fault), where=where) from fault
 

@@ -156,7 +156,7 @@ class FrameFormat:
         """The frame that shows a wrench: the sensor's side, for a simulated one.
 
         Args:
-            w_sensor: (6,) N, N m; what does not fit an integer field stands at its end.
+            w_sensor: (6,) N, N m; what does not fit an integer field stands at its end, what is no number is 0.
             sequence: Number of the sample.
             status: Status bits.
         """
@@ -166,7 +166,7 @@ class FrameFormat:
             kind = row[name].dtype
             if kind.kind in "iu":
                 ends = np.iinfo(kind)
-                value = min(max(round(float(value)), int(ends.min)), int(ends.max))
+                value = min(max(round(float(value)), int(ends.min)), int(ends.max)) if np.isfinite(value) else 0
             row[name] = value
         for name, number in (("sequence", sequence), ("status", status)):
             if self.has(name):
