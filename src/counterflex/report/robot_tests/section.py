@@ -69,8 +69,10 @@ def conditions(summary: Mapping[str, Any]) -> Section:
         ["filter", summary["filter"]],
         ["standard deviation of the tracker as stated", f"{summary['tracker_sigma_um']:g} um"],
     ]
-    lead = (
-        "Intervals hold the true figure with 95 % confidence, from the scatter of the cycles that were measured. They "
-        "contain the noise of the instrument, not errors that all readings share: of the frame, of the tracker's scale."
-    )
-    return Section("How it was measured", lead, columns=["", ""], rows=rows)
+    noise = "The figures contain the noise of the instrument, and errors that all readings share: of its scale, of the frame."
+    if "confidence" in summary:
+        noise = (
+            "Intervals hold the true figure with 95 % confidence, from the scatter of the cycles that were measured. "
+            "They contain the noise of the instrument, not errors that all readings share: of the frame, of its scale."
+        )
+    return Section("How it was measured", noise, columns=["", ""], rows=rows)
