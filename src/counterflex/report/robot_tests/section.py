@@ -69,7 +69,9 @@ def conditions(summary: Mapping[str, Any]) -> Section:
         ["filter", summary["filter"]],
         ["standard deviation of the tracker as stated", f"{summary['tracker_sigma_um']:g} um"],
     ]
-    noise = "The figures contain the noise of the instrument, and errors that all readings share: of its scale, of the frame."
+    noise = (
+        "The figures contain the noise of the instrument and the errors that all readings share: of frame and scale."
+    )
     if "confidence" in summary:
         noise = (
             "Intervals hold the true figure with 95 % confidence, from the scatter of the cycles that were measured. "
