@@ -113,6 +113,9 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] == "simulate":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out").status == 0
         shutil.copy(machined.folder / "truth.toml", folder)
+    if words[0] == "correct":
+        assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report").status == 0
+        shutil.copytree(machined.folder / "run", folder / "part1")
     if words[0] in ("evaluate", "mesh", "report"):
         shutil.copytree(machined.folder / "run", folder / "run-before")
         shutil.copytree(machined.folder / "run", folder / "run-after")

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.plan_file import KIND, LAYOUT, VERSION, read_plan, write_plan
+from counterflex.files.plan_file import KIND, LAYOUT, MEASURED, VERSION, read_plan, write_plan
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.plan import Plan, job_hash
 
@@ -42,7 +42,9 @@ def same(a: Any, b: Any) -> None:
     """Whether two plans or paths hold the same numbers."""
     for field in dataclasses.fields(a):
         one, two = getattr(a, field.name), getattr(b, field.name)
-        if dataclasses.is_dataclass(one):
+        if one is None:
+            assert two is None
+        elif dataclasses.is_dataclass(one):
             same(one, two)
         else:
             assert one.dtype == two.dtype
@@ -56,8 +58,19 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, n: int, seed: int)
     write_plan(path, plan, ABOUT)
     again, about = read_plan(path)
     same(plan, again)
-    assert about == {"format": KIND, "version": VERSION, **ABOUT, "job_hash": job_hash(plan)}
+    assert about == {"format": KIND, "version": 1, **ABOUT, "job_hash": job_hash(plan)}
     assert [item.name for item in path.parent.iterdir()] == ["plan.parquet"]
+
+
+def test_plan_corrected_from_parts_is_written_and_read(tmp_path: Path) -> None:
+    plan = dataclasses.replace(a_plan(7, 3), measured_part=np.random.default_rng(4).normal(size=(7, 3)))
+    write_plan(tmp_path / "plan.parquet", plan, ABOUT)
+    again, about = read_plan(tmp_path / "plan.parquet")
+    same(plan, again)
+    assert about["version"] == VERSION
+    table = pl.read_parquet(tmp_path / "plan.parquet")
+    assert plan.measured_part is not None
+    np.testing.assert_allclose(table["measured_y_um"].to_numpy(), 1e6 * plan.measured_part[:, 1])
 
 
 def test_units_are_those_of_the_column_names(tmp_path: Path) -> None:
@@ -84,7 +97,7 @@ def test_units_are_those_of_the_column_names(tmp_path: Path) -> None:
 def test_every_number_of_a_plan_has_a_column() -> None:
     names = {field.name for field in dataclasses.fields(Plan)} - {"path"}
     names |= {f"path.{field.name}" for field in dataclasses.fields(ToolPath)}
-    assert {column.field for column in LAYOUT} == names
+    assert {column.field for column in LAYOUT + MEASURED} == names
     assert len({column.name for column in LAYOUT}) == len(LAYOUT)
 
 

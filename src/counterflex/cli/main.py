@@ -20,6 +20,7 @@ from counterflex import __version__
 from counterflex.cli.commands import (
     ads,
     campaign,
+    correct,
     dataset,
     doctor,
     egm,
@@ -91,7 +92,7 @@ def _with_own_classes(app: typer.Typer) -> None:
 
 
 PANELS: Final = {
-    "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate"),
+    "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate", "correct"),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report"),
     "Identify": ("identify", "dataset", "holder", "campaign"),
     "Measure": ("iso9283", "iso230"),
@@ -154,7 +155,7 @@ def _in_panels(app: typer.Typer) -> None:
         group.rich_help_panel = panel_of[str(group.name)]
 
 
-for room in (question, modes, program, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
+for room in (question, modes, program, correct, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
     room.register(app)
 for room in (plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)

@@ -1,4 +1,4 @@
-"""The plan file (``counterflex-plan``, version 1): one row per path point, Parquet."""
+"""The plan file (``counterflex-plan``, version 1, or 2 with measured parts): one row per path point, Parquet."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import polars as pl
+
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
 from counterflex.files.parquet_table import Column, columns, read, write
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.plan import Plan, job_hash
 
 KIND = "counterflex-plan"
-VERSION = 1
+VERSION = 2
 CLASS_ASSUMED = "stiffness_assumed_from_class"
 """Key of the metadata: the plan stands on the median of the robot's class, and so must what runs it."""
 WORKING_PLANE = "working_plane"
@@ -58,9 +60,15 @@ LAYOUT = (
 )
 
 
+MEASURED = columns("measured_x_um measured_y_um measured_z_um", "measured_part", UM)
+"""Columns of version 2: plans that measured parts have corrected; all others are written as version 1."""
+
+
 def write_plan(path: Path, plan: Plan, about: Mapping[str, Any]) -> None:
     """Write a plan; ``about`` says which program, cell and version made it, ``job_hash`` is added to it."""
-    write(path, KIND, VERSION, LAYOUT, plan, {**about, "job_hash": job_hash(plan)})
+    measured = plan.measured_part is not None
+    layout, version = (LAYOUT + MEASURED, VERSION) if measured else (LAYOUT, VERSION - 1)
+    write(path, KIND, version, layout, plan, {**about, "job_hash": job_hash(plan)})
 
 
 def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
@@ -69,6 +77,15 @@ def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
     Raises:
         FileFormatError: See :func:`counterflex.files.parquet_table.read`.
     """
-    data, about = read(path, KIND, VERSION, LAYOUT)
+    layout = LAYOUT + MEASURED if is_corrected(path) else LAYOUT
+    data, about = read(path, KIND, VERSION, layout)
     tool_path = ToolPath(**{name.removeprefix("path."): data.pop(name) for name in list(data) if "." in name})
     return Plan(path=tool_path, **data), about
+
+
+def is_corrected(path: Path) -> bool:
+    """Whether a plan file has the columns of version 2; False for what is no plan file."""
+    try:
+        return MEASURED[0].name in pl.read_parquet_schema(path)
+    except (pl.exceptions.PolarsError, OSError):
+        return False

@@ -35,6 +35,7 @@ class Plan:
         deviation_compensated_part: (n, 3) m, the same for the compensated program.
         w_nominal_part: (n, 6) predicted wrench of the uncompensated program.
         extrapolated: (n,) 1 where material is cut with a mean chip outside the range of the cutting constants, else 0.
+        measured_part: (n, 3) m, part of ``correction_part`` that takes back what was measured on parts, or None.
     """
 
     path: ToolPath
@@ -55,6 +56,7 @@ class Plan:
     deviation_compensated_part: Float
     w_nominal_part: Float
     extrapolated: Int
+    measured_part: Float | None = None
 
     @property
     def cutting(self) -> Bool:

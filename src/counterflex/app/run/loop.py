@@ -43,9 +43,12 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         cell: Its arm, its lowest mode and its delays say what has to be commanded ahead of time.
         compensated: The robot runs the compensated program, so that its points contain the plan's correction.
     """
-    contained = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
+    sent = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
     if not compensated:
-        contained = np.zeros_like(contained)
+        sent = np.zeros_like(sent)
+    contained = sent.copy()
+    if compensated and plan.measured_part is not None:
+        contained[:, :3] -= plan.measured_part  # what parts showed moves the nominal: no online cause may take it back
     dynamics = cell.tables.dynamics
     settings = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated)
     delays = settings.delays
@@ -65,7 +68,7 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
             w, w_lost = (np.stack([np.interp(time, late, c) for c in values.T], axis=1) for values in (w, w_lost))
             cutting = np.interp(time, late, cutting)
     return LoopPlan(
-        p_part=plan.path.p_part_tcp + contained[:, :3],
+        p_part=plan.path.p_part_tcp + sent[:, :3],
         time_s=plan.path.time_s,
         w_tcp_part=w,
         cutting=cutting,

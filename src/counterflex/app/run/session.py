@@ -136,6 +136,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         check_job(settings.program, read, compensated=settings.compensated)
     if read is not None and not settings.compensated:
         _require_programmed_feed(read[1], settings.plan)
+        _require_no_measured(read[0], settings.plan)
     planned = None if read is None else read[0]
     plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
@@ -228,6 +229,16 @@ def _require_programmed_feed(about: Mapping[str, Any], plan: Path | None) -> Non
             value=f"{lowered_s:g} s longer",
             limit="the programmed feed",
             hint="Plan with compensate --programmed-feed, or run the compensated program",
+        )
+
+
+def _require_no_measured(plan: Plan, file: Path | None) -> None:
+    """Refuse a plan corrected from measured parts for a robot that runs the original program, which has none of it."""
+    if plan.measured_part is not None:
+        raise InputError(
+            "the plan takes back what was measured on parts, and the original program has none of it",
+            where=str(file),
+            hint="Run the corrected program, or plan with compensate for --original",
         )
 
 

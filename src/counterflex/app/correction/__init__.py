@@ -1,0 +1,1 @@
+"""The job ``correct``: the next part corrected from measured ones."""

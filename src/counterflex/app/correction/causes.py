@@ -1,0 +1,201 @@
+"""What each constant of the cell moves the tool by where it is other than planned with, and how well it is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.lowest_mode import STATED, identified_sigma
+from counterflex.app.unknowns import HANDBOOK, IDENTIFIED
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, MRAD
+from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
+from counterflex.evaluate.path_error.explanations import NOTHING, Cause, Explanation
+from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose, rotation
+from counterflex.identify.data.changes import Change, CuttingLaw, ElementCompliance, TableValues
+from counterflex.plan.plan import Plan
+from counterflex.robot.elasticity.compliance import shares
+
+FORCE, ARM, END, FRAME, TURNED = "force", "stiffness of the arm", "stiffness of the end effector", "offset", "rotation"
+DIRECTIONS: Final = "stiffness by direction"
+OFFSET_M: Final = 0.1 * MM
+ROTATION_RAD: Final = 0.5 * MRAD
+"""What is known of the part frame: how well a probe of the robot or a tracker finds it."""
+_SHARE: Final = 0.1
+"""Of the deflection, from which an element is a cause of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Causes of a plan, and what is tried together."""
+
+    causes: tuple[Cause, ...]
+    together: tuple[tuple[str, ...], ...]
+
+
+def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
+    """What may be behind the errors of a path.
+
+    Args:
+        plan: Of the program.
+        cell: The cell.
+        row: (k,) rows of the nodes.
+    """
+    deflection = plan.deflection_part[row, :3]
+    force_known = any(entry.recipe in ("cutting", "production") for entry in cell.tables.identified)
+    out = [Cause(FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK]))]
+    relative, chain = identified_sigma(cell), cell.chain
+    if not cell.holds_part:
+        R = cell.T_base_part[:3, :3]
+        w = plan.w_tcp_part[row]
+        w_base = np.concatenate([w[:, :3] @ R.T, w[:, 3:] @ R.T], axis=1)
+        parts = shares(chain, plan.q[row], w_base)[..., :3] @ R
+        total = float(np.sum(deflection**2)) or 1.0
+        sigma = np.array([relative.get(name, STATED) for name in chain.names])
+        arm = np.arange(chain.n) <= chain.flange_segment
+        for name, own in ((ARM, arm), (END, ~arm)):
+            if np.any(parts[:, own] != 0.0):
+                known = float(np.min(sigma[own]))
+                out.append(
+                    Cause(name, (f"compliance of the {name[17:]}, relative",), _sum(parts, own), np.array([known]))
+                )
+        for i, name in enumerate(chain.names):
+            if float(np.sum(parts[:, i] ** 2)) > _SHARE**2 * total:
+                cause = Cause(
+                    f"stiffness of {name}", (f"compliance of {name}, relative",), parts[None, :, i], sigma[[i]]
+                )
+                out.append(cause)
+    by_axis = np.stack([deflection * np.eye(3)[a] for a in range(3)])
+    seen = np.sum(by_axis**2, axis=(1, 2)) > _SHARE**2 * float(np.sum(deflection**2))
+    if np.any(seen):
+        along = tuple(f"compliance along {a}, relative" for a, on in zip("xyz", seen, strict=True) if on)
+        out.append(Cause(DIRECTIONS, along, by_axis[seen], np.full(int(seen.sum()), STATED)))
+    out += _frame(plan.path.p_part_tcp[row])
+    names = [cause.name for cause in out]
+    together = [(FORCE, FRAME), (FORCE, FRAME, TURNED), (DIRECTIONS, FRAME)]
+    together += [(FORCE, name) for name in (ARM, END) if name in names]
+    return Known(tuple(out), tuple(one for one in together if set(one) <= set(names)))
+
+
+def _sum(parts: Float, own: Bool) -> Float:
+    out: Float = np.sum(parts[:, own], axis=1)[None]
+    return out
+
+
+def _frame(p: Float) -> list[Cause]:
+    """Rigid motions of the tool against the part, about the middle of the path."""
+    arm = p - p.mean(axis=0)
+    turn = np.stack([np.cross(axis, arm) for axis in np.eye(3)])
+    shift = np.tile(np.eye(3)[:, None, :], (1, len(p), 1))
+    return [
+        Cause(FRAME, tuple(f"offset {a}, m" for a in "xyz"), shift, np.full(3, OFFSET_M)),
+        Cause(TURNED, tuple(f"rotation about {a}, rad" for a in "xyz"), turn, np.full(3, ROTATION_RAD)),
+    ]
+
+
+def shown(weighed: list[Explanation]) -> list[dict[str, Any]]:
+    """Explanations as plain values: relative factors in %, offsets in um, rotations in urad."""
+    rows = []
+    for one in weighed:
+        factors = []
+        for k, name in enumerate(one.factors):
+            text, _, unit = name.rpartition(", ")
+            scale, shop = {"relative": (100.0, "%"), "m": (1e6, "um"), "rad": (1e6, "urad")}[unit]
+            factors.append(
+                {
+                    "name": text,
+                    "value": round(float(one.value[k]) * scale, 2),
+                    "standard_deviation": round(float(one.sigma[k]) * scale, 2),
+                    "unit": shop,
+                }
+            )
+        pairs = [
+            {"one": one.factors[i], "other": one.factors[j], "correlation": round(float(one.correlation[i, j]), 2)}
+            for i in range(len(one.factors))
+            for j in range(i)
+            if abs(one.correlation[i, j]) > 0.5
+        ]
+        rows.append(
+            {
+                "explanation": one.name,
+                "log_evidence": round(one.log_evidence, 1),
+                "explained_percent": round(100.0 * one.explained, 1),
+                "factors": factors,
+                "correlated": pairs,
+            }
+        )
+    return rows
+
+
+def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
+    """What an explanation changes in the cell file.
+
+    Raises:
+        InputError: It has no place there.
+    """
+    value = dict(zip(one.factors, one.value.tolist(), strict=True))
+    names = one.name.split(" + ")
+    if one.name == NOTHING or DIRECTIONS in names:
+        raise InputError(
+            "the likeliest explanation has no place in a cell file",
+            value=one.name,
+            hint="Correct the program only: leave --apply out. Or measure: counterflex identify stiffness",
+        )
+    out: list[Change] = []
+    if FORCE in names:
+        out.append(CuttingLaw(scaled(cell.force_law, 1.0 + value["force, relative"])))
+    for i, segment in enumerate(cell.chain.names):
+        own = [f"stiffness of {segment}", ARM if i <= cell.chain.flange_segment else END]
+        factor = 1.0
+        for name in own:
+            if name in names:
+                factor *= (
+                    1.0 + value[f"compliance of {'the ' + name[17:] if name in (ARM, END) else segment}, relative"]
+                )
+        if factor != 1.0 and np.any(cell.chain.compliance[i] != 0.0):
+            out.append(ElementCompliance(segment, cell.chain.compliance[i] * factor))
+    if FRAME in names or TURNED in names:
+        out.append(_moved_part(value, plan, cell))
+    return tuple(out)
+
+
+def scaled(law: ForceLaw, factor: float) -> ForceLaw:
+    """A law whose forces are all so many times larger.
+
+    Raises:
+        InputError: It is a law of another package.
+    """
+    if isinstance(law, KienzleLaw):
+        c, r, a = (factor * edge for edge in law.edge_n_m)
+        return replace(
+            law,
+            kc_ref_pa=factor * law.kc_ref_pa,
+            kr_ref_pa=factor * law.kr_ref_pa,
+            ka_ref_pa=factor * law.ka_ref_pa,
+            edge_n_m=(c, r, a),
+        )
+    if isinstance(law, LinearEdgeLaw):
+        keys = ("ktc_pa", "krc_pa", "kac_pa", "kte_n_m", "kre_n_m", "kae_n_m")
+        return replace(law, **{key: factor * getattr(law, key) for key in keys})
+    raise InputError("the force of this law cannot be scaled", value=type(law).__name__)
+
+
+def _moved_part(value: dict[str, float], plan: Plan, cell: Cell) -> TableValues:
+    """The part frame moved against the offset of the tool: where the part truly is."""
+    if cell.R_part_plane is not None or cell.holds_part:
+        raise InputError("the part frame of a tilted or held part is not moved", hint="Correct the program only")
+    p = plan.path.p_part_tcp
+    cutting = plan.cutting
+    centre = p[cutting].mean(axis=0) if np.any(cutting) else p.mean(axis=0)
+    shift = np.array([value.get(f"offset {a}, m", 0.0) for a in "xyz"])
+    R = rotation.exp(np.array([value.get(f"rotation about {a}, rad", 0.0) for a in "xyz"]))
+    T_moved_part = pose.make(R, centre - R @ centre + shift)
+    T = cell.T_base_part @ pose.inverse(T_moved_part)
+    values: dict[str, Any] = {f"{a}_mm": round(float(T[k, 3]) / MM, 5) for k, a in enumerate("xyz")}
+    if np.any(np.eye(3) != R):
+        values |= {f"{a}_deg": round(float(v) / DEG, 6) for a, v in zip("abc", rotation.to_zyx(T[:3, :3]), strict=True)}
+    return TableValues("part", values)

@@ -1,0 +1,298 @@
+"""The job ``correct``: measured parts in, the program for the next part out, and what explains them.
+
+read (program, plan, scans, history) -> which stretch made which place (``evaluate.path_error.contacts``) -> error of
+the path (``estimate``) -> what repeats (``repeated``) -> plan (``plan.measured_correction``) -> write.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.compensation.languages import write
+from counterflex.app.compensation.prediction import summary_of
+from counterflex.app.correction.causes import causes_of, shown
+from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
+from counterflex.app.correction.history import Part, keep_parts, read_parts, trend
+from counterflex.app.correction.result import Corrected, Measured
+from counterflex.app.correction.scans import in_part_axes, read_scan
+from counterflex.app.inputs import (
+    AS_IT_IS,
+    Job,
+    Reading,
+    faults_in,
+    in_plane_of,
+    in_working_plane,
+    read_job,
+    setting_of,
+)
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import UM
+from counterflex.evaluate.path_error.band_solver import Observations
+from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
+from counterflex.evaluate.path_error.expected import Expected, expected
+from counterflex.evaluate.path_error.explanations import ALIKE, explanations
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.path_error_file import read_path_error, write_path_error
+from counterflex.files.plan_file import WORKING_PLANE, read_plan, write_plan
+from counterflex.files.summary_file import read_summary, write_summary
+from counterflex.path.toolpath import FEED
+from counterflex.plan.feed_schedule import at_feed, share_between
+from counterflex.plan.inputs import Inputs
+from counterflex.plan.plan import Plan
+from counterflex.plan.static_correction import LoadedRobot, loaded_robot
+from counterflex.plan.undisturbed_cut import undisturbed_cut
+
+PLAN, SUMMARY, TAKEN = "plan.parquet", "summary.json", "path-error.parquet"
+_SAME_M: Final = 1e-8
+READING, FINDING, PLANNING, EXPLAINING = "reading the scans", "error of the path", "planning", "explaining"
+WORK: Final = {READING: 1.0, FINDING: 5.0, PLANNING: 2.0, EXPLAINING: 4.0}
+
+
+def correct(
+    program: Path,
+    cell: Cell,
+    plan_folder: Path,
+    scans: list[Path],
+    *,
+    reading: Reading = AS_IT_IS,
+    limit_m: float = LIMIT_M,
+    progress: Progress = silent,
+) -> Corrected:
+    """Correct the program of the next part.
+
+    Args:
+        program: The original program.
+        cell: As the plan was made with.
+        plan_folder: Of ``compensate`` or of an earlier ``correct``: the program that the measured parts were made by.
+        scans: Parts made by it; see :func:`counterflex.app.correction.scans.read_scan`.
+        reading: How the program is read.
+        limit_m: Largest change of a correction.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        CounterflexError: Files do not fit together, or a limit is exceeded; one line says what and where.
+    """
+    if not scans:
+        raise InputError("no measured part is given", where="--scan")
+    begin, parts = time.perf_counter(), in_parts(progress, WORK)
+    parts[READING](0.0)
+    cell = in_working_plane(program, cell, reading)
+    job = read_job(program, cell, reading=reading)
+    fed = job.path.kind == FEED
+    if np.any(job.path.axis_part[fed, 2] < np.cos(cell.tables.limits.limits.rotation_rad)):
+        raise InputError(
+            "the tool turns in the cut, and attribution knows one direction of the tool only",
+            where=Path(job.program.name).name,
+            hint="Correct programs with one direction of the tool each",
+        )
+    plan = _read_plan(plan_folder, job)
+    language = str(read_summary(plan_folder / SUMMARY).get("language", "gcode"))
+    history, taken = read_parts(plan_folder), _taken(plan_folder, plan)
+    setting = setting_of(cell, orientation=bool(np.any(plan.rotvec_part)), part_may_be_held=True)
+    with faults_in(job):
+        inputs = Inputs(plan.path, plan.line, cell.stock(), setting, plan.q)
+        loaded = loaded_robot(inputs, undisturbed_cut(inputs, silent))
+    nodes = nodes_of(plan.path)
+    measured = []
+    for number, path in enumerate(scans):
+        scan = read_scan(path, program, job, cell, number)
+        own = in_parts(parts[FINDING], {str(path): 1.0 for path in scans})[str(path)]
+        measured.append(measured_error(scan, plan, nodes, cell, taken, own))
+    parts[PLANNING](0.0)
+    with faults_in(job):
+        step = next_step(plan, loaded, [*(part.error for part in history), *(one.error for one in measured)], limit_m)
+    next_plan, further, together = step.plan, step.further_m, step.together
+    parts[EXPLAINING](0.0)
+    last = measured[-1].found
+    known = causes_of(plan, cell, nodes.row)
+    bent = np.linalg.norm(plan.deflection_part[loaded.cut.contact, :3], axis=1)
+    size = max(float(np.sqrt(np.mean(bent**2))) if len(bent) else 0.0, UM)
+    weighed = explanations(
+        _in_all(last.observed, taken[nodes.row]), nodes, last.prior, size, known.causes, known.together
+    )
+    files, facts = write(job, next_plan, cell, language)
+    summary = summary_of(job, next_plan, cell, language, files=files, written=facts, tolerance_m=5.0 * UM)
+    change = next_plan.correction_part - plan.correction_part
+    new_parts = [Part(one.error, _facts(one)) for one in measured]
+    prediction = expected(last, measured[-1].contacts, further[nodes.row])
+    summary |= in_plane_of(cell)
+    summary["job"] = "correct"
+    summary["correct"] = {
+        "parts": trend([*history, *new_parts]),
+        "between_parts_um": None if np.isnan(together.between_m) else round(together.between_m / UM, 1),
+        "change_um": round(float(np.max(np.linalg.norm(change, axis=1))) / UM, 1),
+        "changed": bool(np.any(further)),
+        "expected": _shown(prediction),
+        "not_seen": _not_seen(measured, plan, loaded, nodes),
+        "explanations": shown(weighed),
+        "alike": [e.name for e in weighed if weighed[0].log_evidence - e.log_evidence < ALIKE],
+    }
+    summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
+    progress(1.0)
+    return Corrected(
+        next_plan, files, job.program.encoding, measured, together, step.taken, weighed, job, cell, change, summary
+    )
+
+
+def _read_plan(folder: Path, job: Job) -> Plan:
+    """A plan on the program's own path, at the plan's feed.
+
+    Raises:
+        FileFormatError: The folder holds no plan.
+        InputError: It is a plan of another program.
+    """
+    if not (folder / PLAN).is_file():
+        raise FileFormatError(
+            "no plan in this folder",
+            where=str(folder),
+            limit=f"{PLAN} of counterflex compensate or correct",
+        )
+    plan, about = read_plan(folder / PLAN)
+    path = job.path
+    if len(plan.path) != len(path) or np.max(np.abs(plan.path.p_part_tcp - path.p_part_tcp)) > _SAME_M:
+        raise InputError(
+            "the plan is of another program",
+            where=str(folder / PLAN),
+            value=f"{about.get('program', '')}, {len(plan.path)} points",
+            limit=f"{Path(job.program.name).name}, {len(path)} points",
+        )
+    share = share_between(path, plan.path)
+    share = np.where(np.abs(share - 1.0) < 1e-9, 1.0, share)
+    return replace(plan, path=path if np.all(share == 1.0) else at_feed(path, share))
+
+
+def _taken(folder: Path, plan: Plan) -> Float:
+    """(n, 3) m, what the plan takes back because of earlier parts."""
+    if plan.measured_part is None:
+        return np.zeros((len(plan.path), 3))
+    error, _ = read_path_error(folder / TAKEN)
+    if len(error.taken_m) != len(plan.path):
+        raise FileFormatError("the file does not belong to the plan beside it", where=str(folder / TAKEN))
+    return error.taken_m
+
+
+def _in_all(seen: Observations, taken: Float) -> Observations:
+    """Places as they would be had nothing been taken back because of earlier parts; ``taken`` (k, 3) m at the nodes."""
+    begin, end = taken[seen.node - 1], taken[seen.node]
+    return replace(seen, y_m=seen.y_m + np.sum(seen.normal * (begin + seen.share[:, None] * (end - begin)), axis=1))
+
+
+def _facts(one: Measured) -> dict[str, Any]:
+    """Figures of a part, shop units."""
+    found = one.found
+    now = expected(found, one.contacts, np.zeros_like(found.error_m))
+    return {
+        "source": one.scan.part.source,
+        "simulated": one.scan.simulated,
+        "places": found.places,
+        "other_places": found.others,
+        "noise_um": round(found.noise_m / UM, 1),
+        "variance_of_means": round(found.inflation, 2),
+        "outliers_percent": round(100.0 * found.outliers, 2),
+        "surface_p997_um": round(now.now_m / UM, 1),
+        "explained_percent": round(100.0 * found.explained, 1),
+        "log_evidence": round(found.log_evidence, 1),
+        "believed": bool(np.any(found.believed)),
+        "error_rms_um": round(float(np.sqrt(np.mean(np.sum(found.error_m**2, axis=1)))) / UM, 1),
+        "lengths_mm": [round(1e3 * found.prior.narrow_length_m, 1), round(1e3 * found.prior.wide_length_m, 1)],
+    }
+
+
+def _shown(e: Expected) -> dict[str, float]:
+    return {
+        "now_p997_um": round(e.now_m / UM, 1),
+        "next_p997_um": round(e.median_m / UM, 1),
+        "next_5_percent_um": round(e.low_m / UM, 1),
+        "next_95_percent_um": round(e.high_m / UM, 1),
+    }
+
+
+def _not_seen(measured: list[Measured], plan: Plan, loaded: LoadedRobot, nodes: Nodes) -> dict[str, Any]:
+    """How much of the cut no surface shows: overrun by a later or deeper pass, or cut in air."""
+    contact = loaded.cut.contact
+    shown_rows = (
+        nodes.at_rows(
+            np.any([m.found.seen for m in measured], axis=0).astype(np.float64),
+            plan.path,
+            np.ones(len(nodes), dtype=np.bool_),
+        )
+        > 0.5
+    )
+    step = np.linalg.norm(np.diff(plan.path.p_part_tcp, axis=0, prepend=plan.path.p_part_tcp[:1]), axis=1)
+    length = float(np.sum(step[contact])) or 1.0
+    hidden = contact & ~np.any(shown_rows, axis=1)
+    lines = sorted(set(plan.line[hidden].tolist()))
+    return {
+        "of_cut_percent": round(100.0 * float(np.sum(step[hidden])) / length, 1),
+        "lines": lines[:8],
+        "by_direction_percent": {
+            axis: round(100.0 * float(np.sum(step[contact & ~shown_rows[:, k]])) / length, 1)
+            for k, axis in enumerate("xyz")
+        },
+    }
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    plan_folder: str | Path,
+    scans: list[Path],
+    out: str | Path,
+    *,
+    apply: str | Path | None = None,
+    report: bool = True,
+    progress: Progress = silent,
+    **options: Any,
+) -> dict[str, Any]:
+    """Write the program, ``plan.parquet``, ``path-error.parquet``, ``parts/``, ``summary.json`` and ``report.html``.
+
+    All of them or none. With ``apply`` the likeliest constants go into a new cell file.
+
+    Args:
+        program: The original G-code file.
+        cell_file: Cell file.
+        plan_folder: Of ``compensate`` or ``correct``.
+        scans: Measured parts.
+        out: Folder; made when missing.
+        apply: New cell file, or None.
+        report: Write the HTML page.
+        progress: Progress callback, fraction 0 to 1.
+        options: As for :func:`correct`; returned is its summary.
+    """
+    cell = read_cell(cell_file)
+    folder = Path(plan_folder)
+    with atomic.atomic_folder(out) as staging:
+        result = correct(Path(program), cell, folder, scans, progress=progress, **options)
+        summary = result.summary
+        if apply is not None:
+            from counterflex.app.correction.apply import apply_constants
+
+            summary["applied"] = apply_constants(result, cell, Path(apply), scans)
+        about = {key: summary[key] for key in ("program", "cell", "robot", "counterflex")}
+        about |= {key: summary[key] for key in (WORKING_PLANE,) if key in summary}
+        lowered = summary["calm_feed"]["extra_s"]
+        for name, text in result.files.items():
+            atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
+        write_plan(staging / PLAN, result.plan, {**about, "feed_lowered_s": lowered})
+        write_path_error(staging / TAKEN, result.taken, about)
+        new = [
+            (in_part_axes(m.scan.deviations, result.cell), m.scan.part, Part(m.error, _facts(m)))
+            for m in result.measured
+        ]
+        keep_parts(folder, staging, new, about)
+        write_summary(staging / SUMMARY, summary)
+        if report:
+            from counterflex.app.correction.page import correction_page
+            from counterflex.report.page import write_page
+
+            write_page(correction_page(result), staging / "report.html")
+    return summary

@@ -1,0 +1,97 @@
+"""From a scan to the error of the path, and from the errors of all parts to the next plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.correction.result import Measured
+from counterflex.app.correction.scans import Scan
+from counterflex.core.arrays import Float
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import UM
+from counterflex.evaluate.path_error.contacts import Nodes, contacts_of
+from counterflex.evaluate.path_error.estimate import path_error
+from counterflex.evaluate.path_error.repeated import MeasuredError, Repeated, repeated
+from counterflex.files.cell.cell import Cell
+from counterflex.plan.measured_correction import with_measured
+from counterflex.plan.plan import Plan
+from counterflex.plan.static_correction import LoadedRobot
+
+LIMIT_M: Final = 1500.0 * UM
+"""Largest change of a correction from one part to the next, unless another is allowed."""
+LEAST_M: Final = 5.0 * UM
+"""A change smaller than this everywhere is none: no robot is as good as that."""
+_REACH_M: Final = 200.0 * UM
+"""Gap of a stretch to a place up to which it may have made it, besides twice the deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What the next part is made by.
+
+    Attributes:
+        plan: For it.
+        further_m: (n, 3) m, displacement that it takes back besides what the plan before took back.
+        together: What all parts say.
+        taken: What the next program takes back in all, and the error that it is expected to leave.
+    """
+
+    plan: Plan
+    further_m: Float
+    together: Repeated
+    taken: MeasuredError
+
+
+def measured_error(
+    scan: Scan, plan: Plan, nodes: Nodes, cell: Cell, taken_m: Float, progress: Progress = silent
+) -> Measured:
+    """Error of the path that a scan shows.
+
+    Args:
+        scan: Of a part that the plan made.
+        plan: The plan.
+        nodes: Of its path.
+        cell: Its cutters.
+        taken_m: (n, 3) m, what the plan takes back because of earlier parts.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        InputError: Too few places of the scan were made by the program.
+    """
+    part = scan.deviations
+    reach = _REACH_M + 2.0 * float(np.quantile(np.abs(part.deviation_m), 0.99)) if len(part) else _REACH_M
+    contacts = contacts_of(plan.path, nodes, cell.cutter, part.points, part.normals, reach)
+    found = path_error(part, nodes, contacts, progress=progress)
+    seen = found.seen & found.believed[:, None]
+    support = np.any(found.seen, axis=1)
+    rows = [nodes.at_rows(v, plan.path, support) for v in (found.error_m, found.sigma_m, seen.astype(np.float64))]
+    return Measured(scan, contacts, found, MeasuredError(taken_m, rows[0], np.maximum(rows[1], 1e-9), rows[2] > 0.5))
+
+
+def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], limit_m: float = LIMIT_M) -> Step:
+    """The plan for the next part.
+
+    Args:
+        plan: That the last part was made by.
+        loaded: The robot under load along its path.
+        parts: Errors of all parts so far, the last ones made by ``plan``.
+        limit_m: Largest change of a correction.
+
+    Raises:
+        ModelError: The change, or the whole correction, is beyond its limit.
+    """
+    together, taken = repeated(parts), parts[-1].taken_m
+    asked = together.total_m - taken
+    further = asked if np.max(np.abs(asked), initial=0.0) > LEAST_M else np.zeros_like(asked)
+    left = asked - further
+    seen = np.any([part.seen for part in parts], axis=0)
+    return Step(
+        with_measured(plan, loaded, further, left, limit_m),
+        further,
+        together,
+        MeasuredError(taken + further, left, together.sigma_m, seen),
+    )

@@ -1,0 +1,116 @@
+"""What ``correct`` takes for a scan: deviations of a measured part, or the folder of a simulated one."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.correction.simulated_scan import simulated_scan
+from counterflex.app.inputs import Job
+from counterflex.app.proof import simulate
+from counterflex.app.proof.judge import judge, reference_of
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.cutting.stock import HeightMap
+from counterflex.evaluate.inspection.part_deviations import PartDeviations
+from counterflex.files.cell.cell import Cell
+from counterflex.files.part_deviations import MeasuredPart, read_part_deviations
+from counterflex.files.run_file import read_run
+
+DEVIATIONS: Final = "deviations.parquet"
+"""File of a folder that ``inspect`` wrote."""
+_PROVEN: Final = ("compensated.parquet", "compensated-surface.npz")
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """A measured part.
+
+    Attributes:
+        deviations: In the axes of the path.
+        part: Where they come from.
+        simulated: Scanned on a simulated part, with the noise of a scanner.
+    """
+
+    deviations: PartDeviations
+    part: MeasuredPart
+    simulated: bool
+
+
+def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> Scan:
+    """Read the deviations of a part.
+
+    Args:
+        path: File of ``inspect``, its folder, or a folder of ``simulate`` or ``prove``.
+        program: The program that the part was to be made by.
+        job: The same as read.
+        cell: The cell.
+        number: Of the scan, so that simulated ones have noise of their own.
+
+    Raises:
+        FileFormatError: It is none of these.
+        InputError: It is a part of another program.
+    """
+    digest = hashlib.sha256(program.read_bytes()).hexdigest()
+    run, surface = _simulated_files(path)
+    if run is not None and surface is not None:
+        _check_original(path, program)
+        reference = reference_of(job, cell)
+        record, _ = read_run(run)
+        judged = judge(reference, record, HeightMap.load(surface))
+        seed = int(hashlib.sha256(surface.read_bytes()).hexdigest()[:8], 16) + number
+        scan = simulated_scan(reference.surface, judged, seed=seed)
+        return Scan(scan, MeasuredPart(program.name, digest, path.name, "mm", (), 0.0), True)
+    file = path / DEVIATIONS if path.is_dir() else path
+    if not file.is_file():
+        raise FileFormatError(
+            "no measured part in this folder",
+            where=str(path),
+            limit=f"{DEVIATIONS} of counterflex inspect, or the folder of simulate or prove",
+        )
+    deviations, part = read_part_deviations(file)
+    if part.program_sha256 not in ("", digest):
+        raise InputError(
+            "the deviations are those of another program's part",
+            where=str(file),
+            value=f"{part.program}, sha256 {part.program_sha256[:8]}",
+            limit=f"{program.name}, sha256 {digest[:8]}",
+            hint="Inspect the scan against the original program, not the compensated one",
+        )
+    R = cell.R_part_plane
+    if R is not None:
+        deviations = replace(deviations, points=deviations.points @ R, normals=deviations.normals @ R)
+    return Scan(deviations, part, False)
+
+
+def in_part_axes(deviations: PartDeviations, cell: Cell) -> PartDeviations:
+    """Deviations in part axes again, for a file."""
+    R = cell.R_part_plane
+    return (
+        deviations
+        if R is None
+        else replace(deviations, points=np.asarray(deviations.points @ R.T), normals=deviations.normals @ R.T)
+    )
+
+
+def _simulated_files(path: Path) -> tuple[Path | None, Path | None]:
+    """Record and height map of a folder of ``simulate`` or ``prove``."""
+    for run, surface in ((simulate.RUN, simulate.SURFACE), _PROVEN):
+        if (path / run).is_file() and (path / surface).is_file():
+            return path / run, path / surface
+    return None, None
+
+
+def _check_original(folder: Path, program: Path) -> None:
+    """Refuse a simulated part of another original."""
+    originals = [folder / simulate.ORIGINAL, *sorted((folder / "original").glob("*"))]
+    found = next((file for file in originals if file.is_file()), None)
+    if found is None or found.read_bytes() != program.read_bytes():
+        raise InputError(
+            "the simulated part was made by another program",
+            where=str(folder),
+            limit=f"the original {program.name} (simulate --original)",
+        )

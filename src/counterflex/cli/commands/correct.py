@@ -1,0 +1,146 @@
+"""The command ``correct``: the program of the next part, corrected from measured ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import CellFile, Out, Program
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.core.units import UM
+
+_SHOWN = 6
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(correct)
+
+
+def correct(
+    program: Program,
+    cell: CellFile,
+    plan: Annotated[
+        Path,
+        typer.Option(
+            "--plan",
+            help="Folder of compensate or correct: the program that the measured parts were made by.",
+            metavar="DIR",
+            callback=arguments.folder,
+        ),
+    ],
+    scan: Annotated[
+        list[Path],
+        typer.Option(
+            "--scan",
+            help="A measured part: deviations (or folder) of inspect, or a folder of simulate or prove. Repeatable.",
+            metavar="PART",
+            callback=arguments.file_or_folder,
+        ),
+    ],
+    out: Out,
+    limit_um: Annotated[
+        float, typer.Option("--limit-um", help="Largest change of a correction; more is refused.", min=5.0, max=5000.0)
+    ] = 1500.0,
+    apply: Annotated[
+        Path | None,
+        typer.Option(
+            "--apply",
+            help="Write a new cell file with the constants of the likeliest explanation.",
+            metavar="CELL",
+            callback=arguments.output_file,
+        ),
+    ] = None,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Correct the next part: measured deviations in, the program that takes back what repeats of them out.
+
+    PROGRAM is the original program; --plan says by which corrected one the parts were made. Every place of a scan is
+    attributed to the stretch of path that made it; noise is told from error by the evidence of the data, and only
+    error is taken back, normal to the surface. What would explain it (force, stiffness, part frame) is weighed and
+    printed; a cell file is written only with --apply.
+
+    Writes into DIR: the program, plan.parquet, path-error.parquet, parts/ (all parts so far), summary.json and
+    report.html. Either all of them or none. DIR is the --plan of the next time.
+
+    Example: `counterflex correct part.ngc --cell cell.toml --plan out --scan part1 --out out2`
+    """
+    keep_inputs(out, program, cell, plan, *scan)
+    if apply is not None:
+        keep_inputs(apply, program, cell, option="--apply")
+    from counterflex.app.correction import correct as job
+
+    with progress_bar(f"correcting {program.name}") as progress:
+        summary = job.run(
+            program,
+            cell,
+            plan,
+            scan,
+            out,
+            apply=apply,
+            report=report,
+            progress=progress,
+            limit_m=limit_um * UM,
+        )
+    if as_json:
+        print_json(summary)
+    else:
+        show(summary, out)
+
+
+def show(summary: dict[str, Any], out: Path) -> None:
+    """Print what was found."""
+    found = summary["correct"]
+    print_table(
+        f"Parts of {summary['program']}",
+        ["part", "measured in", "places", "noise um", "surface 99.7 % um", "error", "changed um"],
+        [
+            [
+                str(row["part"]),
+                row["source"],
+                str(row["places"]),
+                f"{row['noise_um']:g}",
+                f"{row['surface_p997_um']:g}",
+                "believed" if row["believed"] else "noise only",
+                f"{row['changed_um']:g}" if "changed_um" in row else "",
+            ]
+            for row in found["parts"]
+        ],
+    )
+    print_table(
+        "What explains it",
+        ["explanation", "log evidence", "explained", "factors"],
+        [
+            [
+                row["explanation"],
+                f"{row['log_evidence']:g}",
+                f"{row['explained_percent']:g} %",
+                "; ".join(
+                    f"{one['name']} {one['value']:+g} +- {one['standard_deviation']:g} {one['unit']}"
+                    for one in row["factors"]
+                ),
+            ]
+            for row in found["explanations"][:_SHOWN]
+        ],
+    )
+    if len(found["alike"]) > 1:
+        typer.echo(f"not to be told apart by this part: {'; '.join(found['alike'])}")
+    hidden = found["not_seen"]
+    if hidden["of_cut_percent"] > 0.0:
+        typer.echo(f"no surface shows {hidden['of_cut_percent']:g} % of the cut: run over later, or cut in air")
+    if not found["changed"]:
+        typer.echo("the parts show nothing but noise, or less than 5 um: the program stays as it is")
+    else:
+        e = found["expected"]
+        typer.echo(
+            f"largest change of the correction {found['change_um']:g} um; surface, 99.7 %: {e['now_p997_um']:g} um "
+            f"now, {e['next_p997_um']:g} um ({e['next_5_percent_um']:g} to {e['next_95_percent_um']:g}) expected"
+        )
+    if "applied" in summary:
+        typer.echo(f"wrote {summary['applied']['cell']}: {summary['applied']['explanation']}")
+    files = [*summary["files"], "plan.parquet", "path-error.parquet", "parts/", "summary.json"]
+    typer.echo(f"wrote {out}: {', '.join(files)} ({summary['seconds']:.1f} s)")

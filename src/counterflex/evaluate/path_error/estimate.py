@@ -1,0 +1,227 @@
+"""The error of the tool's path from the deviations of one part, with its standard deviation; noise is left out.
+
+Which stretch made a place depends on the errors themselves (see :mod:`.contacts`), so places are assigned to stretches
+and the path is estimated in turn. Sizes and lengths of the error and the noise of the scan are those that make the
+deviations most likely (largest evidence). A run of feed whose deviations are no likelier with an error of the path than
+without one, by :data:`EVIDENCE`, has none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.optimize import minimize
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM, UM
+from counterflex.evaluate.inspection.part_deviations import FREE, PartDeviations
+from counterflex.evaluate.path_error.band_solver import Gathered, Observations, Solved, solved, values_of
+from counterflex.evaluate.path_error.contacts import Contacts, Nodes
+from counterflex.evaluate.path_error.noise import variance_inflation
+from counterflex.evaluate.path_error.prior import NARROW_M, WIDE_M, WIDTH, Prior
+
+EVIDENCE: Final = 6.0
+"""Logarithm of the ratio of evidences from which an error is believed: e^6, four hundred to one."""
+SIGMAS: Final = 2.0
+"""An error smaller than so many of its standard deviations everywhere on a run is left alone."""
+SEEN: Final = 0.5
+"""A component is seen where its standard deviation is below this share of what it was before the measurement."""
+_ROUNDS: Final = 6
+_SIZED: Final = (1, 3, 5)
+"""Rounds in which places are assigned anew, and those of them in which sizes and lengths are found."""
+_TIE_M: Final = 4.0 * UM
+"""Places that several stretches reach to this are shared out among them: no scan tells these apart. So well is known
+which of them decides, and so it is in every standard deviation."""
+_DRAWS: Final = 60
+_SEED: Final = 20
+_FREEDOM: Final = 5.0
+"""Of Student's distribution, by which outliers lose their weight."""
+_LEAST_PLACES: Final = 50
+_LEAST_SHARE: Final = 0.5
+"""Places, and share of the machined ones, that the program must have made."""
+_SIGMA_M: Final = (0.3 * UM, 3.0 * MM)
+
+
+@dataclass(frozen=True, eq=False)
+class PathError:
+    """Error of the tool's path that a measured part shows; k nodes.
+
+    Attributes:
+        nodes: Where.
+        error_m: (k, 3) m, actual minus nominal tool tip, axes of the path; zero where nothing is believed.
+        sigma_m: (k, 3) m, standard deviations.
+        draws_m: (d, k, 3) m, draws from what is known, before anything was left out.
+        seen: (k, 3) True where the part shows the component.
+        believed: (k,) True on runs where an error is likelier than none.
+        noise_m: Standard deviation of a single place, from the data.
+        inflation: Factor of the variance of means, see :mod:`.noise`.
+        log_evidence: Logarithm of the evidence with the error over that without it.
+        places: Places that the program made.
+        others: Places that it did not make.
+        outliers: Share of places beyond four standard deviations.
+        explained: Share of the sum of squares of the deviations that the error explains, noise counted as unexplained.
+        prior: Sizes and lengths found.
+        observed: The places as assigned to stretches.
+        place: (n,) their numbers in the part's rows.
+    """
+
+    nodes: Nodes
+    error_m: Float
+    sigma_m: Float
+    draws_m: Float
+    seen: Bool
+    believed: Bool
+    noise_m: float
+    inflation: float
+    log_evidence: float
+    places: int
+    others: int
+    outliers: float
+    explained: float
+    prior: Prior
+    observed: Observations
+    place: Int
+
+
+def path_error(part: PartDeviations, nodes: Nodes, contacts: Contacts, *, progress: Progress = silent) -> PathError:
+    """Find the error of the path.
+
+    Args:
+        part: Deviations, in the axes of the path.
+        nodes: Of the path.
+        contacts: Of the part's places with it.
+        progress: Progress callback, fraction 0 to 1.
+
+    Raises:
+        InputError: Too few places of the part were made by the program.
+    """
+    place = np.flatnonzero(contacts.made)
+    machined = int(np.count_nonzero(part.face != FREE))
+    least = max(_LEAST_PLACES, int(_LEAST_SHARE * machined))
+    if np.count_nonzero(part.face[place] != FREE) < least:
+        raise InputError(
+            "the scan has too few places that this program made",
+            value=f"{len(place)} of {machined} on floors and walls",
+            limit=f"at least {least}",
+            hint="Is it the scan of this program's part, in its part frame?",
+        )
+    stated = part.standard_deviation_m[place]
+    usual = float(np.median(stated[stated > 0.0])) if np.any(stated > 0.0) else 20.0 * UM
+    stated = np.maximum(stated, 0.2 * usual)
+    y, rng = part.deviation_m[place], np.random.default_rng(_SEED)
+    first = np.searchsorted(contacts.place, place)
+    noise, inflation, weight = _start_noise(y, stated), 1.0, np.ones(len(y))
+    low, high = np.quantile(y, (0.01, 0.99))
+    size = max(float(np.sqrt(np.mean(np.clip(y, low, high) ** 2))), 5.0 * UM)
+    prior = Prior(size, 60.0 * MM, 0.5 * size, 5.0 * MM)
+    d = np.zeros((len(nodes), 3))
+    for turn in range(_ROUNDS):
+        seen = _assigned(contacts, first, d, y, rng)
+        for again in range(2):
+            variance = (noise * stated) ** 2 * inflation / weight
+            gathered = Gathered.of(replace(seen, variance_m2=variance), WIDTH * len(nodes))
+            if again == 0 and turn in _SIZED:
+                prior = _likeliest(nodes, prior, gathered)
+            done = solved(nodes, prior, gathered)
+            residual = seen.y_m - seen.seen(done.mean)
+            noise = max(1.4826 * float(np.median(np.abs(residual / stated))), 1e-3)
+            weight = (_FREEDOM + 1.0) / (_FREEDOM + (residual / (noise * stated)) ** 2)
+            weight /= float(np.mean(weight))
+            inflation = variance_inflation(residual, noise * stated, part.points[place], part.face[place])
+        d = values_of(done.mean)
+        progress((turn + 1.0) / _ROUNDS)
+    seen = replace(seen, variance_m2=(noise * stated) ** 2 * inflation / weight)
+    return _believed(seen, nodes, prior, done, part, place, noise * stated, inflation)
+
+
+def _believed(
+    seen: Observations,
+    nodes: Nodes,
+    prior: Prior,
+    done: Solved,
+    part: PartDeviations,
+    place: Int,
+    scatter: Float,
+    inflation: float,
+) -> PathError:
+    """What is likelier with an error than without, run by run."""
+    draws = values_of(done.draws(_DRAWS, _SEED))
+    sigma = np.hypot(np.std(draws, axis=0), _TIE_M)
+    mean = values_of(done.mean)
+    residual = seen.y_m - seen.seen(done.mean)
+    chain = nodes.chain[seen.node]
+    gain = np.zeros(int(nodes.chain.max()) + 1)
+    for number in range(len(gain)):
+        own = chain == number
+        if np.any(own):
+            gain[number] = _gain(seen, own, nodes, prior)
+    large = np.zeros(len(gain), dtype=np.bool_)
+    np.logical_or.at(large, nodes.chain, np.any(np.abs(mean) > SIGMAS * sigma, axis=1))
+    believed = ((gain > EVIDENCE) & large)[nodes.chain]
+    r = residual / scatter
+    return PathError(
+        nodes=nodes,
+        error_m=np.where(believed[:, None], mean, 0.0),
+        sigma_m=sigma,
+        draws_m=draws,
+        seen=sigma < SEEN * prior.sigma_m,
+        believed=believed,
+        noise_m=float(np.median(scatter)),
+        inflation=inflation,
+        log_evidence=float(np.sum(gain)),
+        places=len(place),
+        others=len(part) - len(place),
+        outliers=float(np.mean(np.abs(r) > 4.0)),
+        explained=1.0 - float(np.sum(residual**2) / max(np.sum(seen.y_m**2), 1e-30)),
+        prior=prior,
+        observed=seen,
+        place=place,
+    )
+
+
+def _gain(seen: Observations, own: Bool, nodes: Nodes, prior: Prior) -> float:
+    """Logarithm of the evidence of some observations with an error of the path over that without one."""
+    some = Observations(seen.node[own], seen.share[own], seen.normal[own], seen.y_m[own], seen.variance_m2[own])
+    gathered = Gathered.of(some, WIDTH * len(nodes))
+    none = -0.5 * (gathered.square - gathered.log_weight + gathered.count * float(np.log(2.0 * np.pi)))
+    return solved(nodes, prior, gathered).log_evidence - none
+
+
+def _start_noise(y: Float, stated: Float) -> float:
+    """Noise over the stated one: from differences of places next to each other in the file, which may be far apart."""
+    step = np.diff(y) / np.hypot(stated[1:], stated[:-1])
+    return float(np.clip(1.4826 * np.median(np.abs(step)), 0.05, 20.0)) if len(step) else 1.0
+
+
+def _assigned(contacts: Contacts, first: Int, d: Float, y: Float, rng: np.random.Generator) -> Observations:
+    """Each place with the stretch that leaves the least on it; ties are drawn (Gumbel), so that they are shared out."""
+    begin = d[contacts.node - 1]
+    own = begin + contacts.share[:, None] * (d[contacts.node] - begin)
+    left = contacts.gap_m + np.sum(contacts.normal * own, axis=1)
+    drawn = left - _TIE_M * rng.gumbel(size=len(left))
+    group = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(left))))
+    order = np.lexsort((drawn, group))
+    pick = order[first]
+    return Observations(
+        contacts.node[pick], contacts.share[pick], contacts.normal[pick], y - contacts.gap_m[pick], np.ones(len(y))
+    )
+
+
+def _likeliest(nodes: Nodes, prior: Prior, gathered: Gathered) -> Prior:
+    """Sizes and lengths with the largest evidence."""
+    low = np.log([_SIGMA_M[0], WIDE_M[0], _SIGMA_M[0], NARROW_M[0]])
+    high = np.log([_SIGMA_M[1], WIDE_M[1], _SIGMA_M[1], NARROW_M[1]])
+
+    def cost(x: Float) -> float:
+        beyond = float(np.sum(np.maximum(0.0, low - x) + np.maximum(0.0, x - high)))
+        a, b, c, e = np.exp(np.clip(x, low, high)).tolist()
+        return -solved(nodes, Prior(a, b, c, e), gathered).log_evidence + 100.0 * beyond
+
+    start = np.log([prior.wide_m, prior.wide_length_m, prior.narrow_m, prior.narrow_length_m])
+    best = minimize(cost, np.clip(start, low, high), method="Nelder-Mead", options={"maxfev": 70, "xatol": 0.05})
+    a, b, c, e = np.exp(np.clip(best.x, low, high)).tolist()
+    return Prior(a, b, c, e)

@@ -1,0 +1,53 @@
+"""What a correction of the path leaves on the surface, before a second part is cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.evaluate.path_error.contacts import Contacts, left_on
+from counterflex.evaluate.path_error.estimate import PathError
+
+RESPONSE: Final = 0.1
+"""Standard deviation of the factor by which the tool follows a further correction: force and drives answer to it."""
+_SHARE: Final = 0.997
+_SEED: Final = 21
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Deviation of the surface that 99.7 % of the places stay below, m, without the noise of the scan.
+
+    Attributes:
+        now_m: Of the measured part.
+        median_m: Of the next one.
+        low_m: 5 % of what may be are below.
+        high_m: 5 % are above.
+    """
+
+    now_m: float
+    median_m: float
+    low_m: float
+    high_m: float
+
+
+def expected(found: PathError, contacts: Contacts, taken_m: Float) -> Expected:
+    """Predict the surface of the next part.
+
+    Args:
+        found: Error of the measured part's path.
+        contacts: Of the places with the path.
+        taken_m: (k, 3) m, what the next program takes back of the error.
+    """
+    rng = np.random.default_rng(_SEED)
+
+    def figure(error: Float) -> float:
+        return float(np.quantile(np.abs(left_on(contacts, error)), _SHARE))
+
+    factors = 1.0 + RESPONSE * rng.standard_normal(len(found.draws_m))
+    after = [figure(draw - factor * taken_m) for draw, factor in zip(found.draws_m, factors, strict=True)]
+    low, median, high = np.quantile(after, (0.05, 0.5, 0.95)).tolist()
+    return Expected(figure(np.mean(found.draws_m, axis=0)), median, low, high)

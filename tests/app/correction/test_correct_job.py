@@ -1,0 +1,119 @@
+"""Correct the next part: a simulated part, its scan, the next program, the next part; wrong inputs in one line."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from counterflex.app.compensation import compensate
+from counterflex.app.correction import correct
+from counterflex.app.correction.scans import read_scan
+from counterflex.app.inputs import read_job
+from counterflex.app.proof import evaluate, simulate
+from counterflex.app.proof.truth import make_truth
+from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
+from counterflex.core.units import UM
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
+from counterflex.files.plan_file import read_plan
+from counterflex.files.summary_file import read_summary
+from counterflex.twin.truth.family import WIDE
+
+GROOVE = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F1500\nG0 Z60\nM5\nM2\n"
+CELL = Path(__file__).resolve().parents[2] / "data" / "cells" / "small.toml"
+
+
+@dataclass(frozen=True)
+class Shop:
+    """A program, its first plan, the part that it made, the next program and its part."""
+
+    program: Path
+    plan: Path
+    part: Path
+    next_plan: Path
+    next_part: Path
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory: pytest.TempPathFactory) -> Shop:
+    folder = tmp_path_factory.mktemp("shop")
+    program = folder / "part.ngc"
+    program.write_text(GROOVE, encoding="ascii", newline="")
+    made = Shop(program, *(folder / name for name in ("plan", "part", "next-plan", "next-part")))
+    make_truth(read_cell(CELL), 2, folder / "truth.toml", WIDE)
+    compensate.run(program, CELL, made.plan, report=False, predict=False)
+    for plan, part in ((made.plan, made.part), (made.next_plan, made.next_part)):
+        if plan == made.next_plan:
+            correct.run(program, CELL, made.plan, [made.part], made.next_plan)
+        simulate.run(plan / "part.ngc", CELL, folder / "truth.toml", part, original=program)
+    return made
+
+
+def surface_mm(shop: Shop, part: Path) -> float:
+    seed = evaluate.run([part], None)["seeds"][0]
+    return float(seed["variants"]["nominal"]["surface"]["p997_mm"])
+
+
+def test_second_part_is_better_and_as_expected(shop: Shop) -> None:
+    first, second = (surface_mm(shop, part) for part in (shop.part, shop.next_part))
+    assert second < 0.5 * first
+    found = read_summary(shop.next_plan / "summary.json")["correct"]
+    assert found["expected"]["now_p997_um"] == pytest.approx(1e3 * first, rel=0.15)
+    assert found["parts"][0]["noise_um"] == pytest.approx(20.0, rel=0.15)
+    assert found["changed"]
+    assert "measured_y_um" in pl.read_parquet_schema(shop.next_plan / "plan.parquet")
+    assert (shop.next_plan / "report.html").is_file()
+
+
+def test_the_next_plan_goes_on_from_the_history(shop: Shop, tmp_path: Path) -> None:
+    summary = correct.run(shop.program, CELL, shop.next_plan, [shop.next_part], tmp_path / "third", report=False)
+    parts = summary["correct"]["parts"]
+    assert [row["part"] for row in parts] == [1, 2]
+    assert parts[1]["surface_p997_um"] < 0.6 * parts[0]["surface_p997_um"]
+    assert sorted(path.name for path in (tmp_path / "third" / "parts").iterdir()) == ["001", "002"]
+    second, third = (read_plan(folder / "plan.parquet")[0] for folder in (shop.next_plan, tmp_path / "third"))
+    assert second.measured_part is not None
+    assert third.measured_part is not None
+    assert np.max(np.abs(third.measured_part - second.measured_part)) < np.max(np.abs(second.measured_part))
+
+
+def test_wrong_inputs_are_named_in_one_line_and_nothing_is_written(shop: Shop, tmp_path: Path) -> None:
+    other = tmp_path / "other.ngc"
+    other.write_text(GROOVE.replace("Y15", "Y16"), encoding="ascii", newline="")
+    job = read_job(shop.program, read_cell(CELL))
+    scan = read_scan(shop.part, shop.program, job, read_cell(CELL), 0).deviations
+    foreign = tmp_path / "deviations.parquet"
+    write_part_deviations(foreign, scan, MeasuredPart("x.ngc", "ab" * 32, "x.ply", "mm", (), 1.0))
+    elsewhere = tmp_path / "elsewhere.parquet"
+    moved = type(scan)(
+        scan.points + np.array([0.0, 3e-3, 5e-3]), scan.normals, scan.deviation_m, scan.standard_deviation_m, scan.face
+    )
+    write_part_deviations(elsewhere, moved, MeasuredPart("part.ngc", "", "x.ply", "mm", (), 1.0))
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    plan, part = shop.plan, shop.part
+    cases: list[tuple[tuple[Path, Path, list[Path]], dict[str, Any], type[CounterflexError], str]] = [
+        ((shop.program, plan, []), {}, InputError, "no measured part"),
+        ((shop.program, empty, [part]), {}, FileFormatError, "no plan in this folder"),
+        ((shop.program, plan, [empty]), {}, FileFormatError, "no measured part in this folder"),
+        ((other, plan, [part]), {}, InputError, "the plan is of another program"),
+        ((shop.program, plan, [foreign]), {}, InputError, "another program's part"),
+        ((shop.program, plan, [elsewhere]), {}, InputError, "too few places that this program made"),
+        ((shop.program, plan, [part]), {"limit_m": 20 * UM}, ModelError, "more than is allowed at a time|change the"),
+    ]
+    for (program, folder, scans), options, kind, match in cases:
+        with pytest.raises(kind, match=match) as fault:
+            correct.run(program, CELL, folder, scans, tmp_path / "out", report=False, **options)
+        assert "\n" not in str(fault.value)
+        assert not (tmp_path / "out").exists()
+    broken = tmp_path / "broken"
+    shutil.copytree(shop.next_plan, broken)
+    (broken / "path-error.parquet").unlink()
+    with pytest.raises(FileFormatError, match=r"path-error\.parquet: no such file"):
+        correct.run(shop.program, CELL, broken, [part], tmp_path / "out", report=False)

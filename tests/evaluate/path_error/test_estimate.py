@@ -1,0 +1,67 @@
+"""The error of the path is recovered from a noisy scan; pure noise is no error, however it is correlated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.evaluate.path_error.conftest import Groove
+
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM, UM
+from counterflex.evaluate.path_error.estimate import path_error
+from counterflex.evaluate.path_error.expected import expected
+
+
+def an_error(groove: Groove) -> np.ndarray:
+    s = groove.nodes.station_m
+    y = 150 * UM * np.exp(-s / (8.0 * MM)) - 90 * UM
+    z = -60 * UM + 40 * UM * s / s[-1]
+    return np.column_stack([0.0 * s, y, z])
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_error_is_recovered_through_noise_and_outliers(groove: Groove, seed: int) -> None:
+    true = an_error(groove)
+    scan = groove.scan(true, 20 * UM, seed)
+    wild = np.random.default_rng(seed).random(len(scan)) < 0.01
+    scan = replace(scan, deviation_m=np.where(wild, 1.0 * MM, scan.deviation_m))
+    found = path_error(scan, groove.nodes, groove.contacts)
+    assert found.believed.all()
+    assert found.noise_m == pytest.approx(20 * UM, rel=0.1)
+    inner = slice(10, -10)  # at the ends the floor is that of the neighbours
+    off = (found.error_m - true)[inner, 1:]
+    assert np.sqrt(np.mean(off**2)) < 5 * UM
+    assert np.mean(np.abs(off) < 3.0 * found.sigma_m[inner, 1:]) > 0.95
+    assert not found.seen[inner, 0].any()  # no face of a groove shows an error along it
+    assert 0.004 < found.outliers < 0.02
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_noise_alone_is_no_error(groove: Groove, together: bool) -> None:
+    scan = groove.scan(np.zeros((len(groove.nodes), 3)), 20 * UM, 3)
+    if together:  # neighbours within a millimetre are off together
+        cube = np.unique(np.floor(scan.points / MM + 1e-6).astype(int), axis=0, return_inverse=True)[1].reshape(-1)
+        noise = 20 * UM * np.random.default_rng(7).standard_normal(int(cube.max()) + 1)
+        scan = replace(scan, deviation_m=noise[cube])
+    found = path_error(scan, groove.nodes, groove.contacts)
+    assert np.max(np.abs(found.error_m)) < 5 * UM
+    assert found.noise_m == pytest.approx(20 * UM, rel=0.1)
+
+
+def test_what_is_taken_back_is_gone_in_the_prediction_and_what_is_not_stays(groove: Groove) -> None:
+    found = path_error(groove.scan(an_error(groove), 20 * UM, 4), groove.nodes, groove.contacts)
+    nothing = expected(found, groove.contacts, np.zeros_like(found.error_m))
+    assert nothing.low_m <= nothing.now_m * 1.1
+    assert nothing.high_m >= nothing.now_m * 0.9
+    taken = expected(found, groove.contacts, found.error_m)
+    assert taken.high_m < 0.6 * nothing.now_m
+    assert taken.low_m < taken.median_m < taken.high_m
+
+
+def test_a_scan_of_another_part_is_refused(groove: Groove) -> None:
+    scan = groove.scan(np.zeros((len(groove.nodes), 3)), 20 * UM, 5)
+    none = replace(groove.contacts, made=np.zeros(len(scan), dtype=np.bool_))
+    with pytest.raises(InputError, match="too few places that this program made"):
+        path_error(scan, groove.nodes, none)
