@@ -21,8 +21,11 @@ from typing import Final
 import numba
 import numpy as np
 
-from counterflex.app import examples, placement
+from counterflex.app import examples
 from counterflex.app.inputs import AS_IT_IS, read_job
+from counterflex.app.placement import placement
+from counterflex.app.placement.frame import Frame
+from counterflex.app.placement.region import Wish, region_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import truth_of
@@ -44,11 +47,11 @@ CELL: Final = SHIPPED / "cells" / "kr300_d16_small.toml"
 def speed(count: int) -> bool:
     """Print the time of a search; True where the goal is met."""
     _, cell, task = placement.task_of(GROOVE, read_cell(CELL), AS_IT_IS, "both")
-    site, region = site_of(task), placement.region_of(placement.Wish(), cell)
-    middle, R = placement.middle_of(task), cell.T_base_part[:3, :3]
-    search(site, region, middle, R, 1)
+    frame = Frame(cell, placement.middle_of(task))
+    site, region = site_of(task, placement.stretches_of_task(task, cell)), region_of(Wish(), frame)
+    search(site, region, frame.seen, 1)
     wall, processor = time.perf_counter(), time.process_time()
-    outcome = search(site, region, middle, R, count)
+    outcome = search(site, region, frame.seen, count)
     wall, processor = time.perf_counter() - wall, time.process_time() - processor
     judged = len(outcome.candidates)
     print(
@@ -56,7 +59,7 @@ def speed(count: int) -> bool:
         f"poses, {numba.get_num_threads()} threads: {wall:.1f} s, {processor:.1f} s of processor time"
     )
     print(f"  {1e3 * processor / judged:.1f} ms per place, {1e6 * processor / judged / site.poses:.3f} us per pose")
-    q = outcome.candidates[outcome.by_deflection()[0]].q
+    q = outcome.candidates[outcome.ranked()[0]].q
     assert q is not None
     points = base_points(site.cut, site.robot.T_base_part, np.array([0, len(q) - 1]))
     many = [np.ascontiguousarray(np.concatenate([v] * 1000)) for v in (q, points.w, points.normals)]
@@ -80,7 +83,9 @@ def gain(program: Path, cell_file: Path, seeds: list[int], folder: Path, count: 
     cell, chosen = read_cell(cell_file), read_cell(folder / "out" / "cell.toml")
     best = summary["chosen"]
     print(
-        f"{program.name}: predicted {summary['present']['deflection_um']:.0f} -> {best['deflection_um']:.0f} um, "
+        f"{program.name}: predicted {summary['present']['deflection_um']:.0f} -> {best['deflection_um']:.0f} um "
+        f"(error {summary['present']['error_um']:.0f} -> {best['error_um']:.0f} um, damping in the cut "
+        f"{summary['present']['damping_in_cut']:.3f} -> {best['damping_in_cut']:.3f}), "
         f"{best['x_mm']:g} {best['y_mm']:g} {best['z_mm']:g} mm, {best['a_deg']:g} deg, {best['branch']} at "
         f"{best['rotation_about_tool_deg']:g} deg",
         flush=True,

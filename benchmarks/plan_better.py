@@ -28,11 +28,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app import examples, placement
+from counterflex.app import examples
 from counterflex.app.campaign import campaign
 from counterflex.app.compensation.feed_limits import limited_feed
 from counterflex.app.compensation.languages import write
 from counterflex.app.inputs import Job, read_job, setting_of
+from counterflex.app.placement import placement
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import truth_of
@@ -152,14 +153,13 @@ def one(folder: Path, level: str, seed: int, way: str, quick: bool) -> Row:
     }
 
 
-def prepare(folder: Path, levels: list[str], seeds: list[int], *, quick: bool, workers: int) -> None:
+def prepare(folder: Path, levels: list[str], seeds: list[int], *, count: int, quick: bool, workers: int) -> None:
     """Choose places, and identify cells where that is asked for; what is there is kept."""
     program, base = base_files(folder, quick=quick)
     if "identified" in levels:
         missing = [s for s in seeds if not known_file(folder, "identified", s, base).is_file()]
         if missing:
             campaign.run(base, folder / "cells", seeds=missing, family=FAMILIES[FAMILY], workers=workers)
-    count = 64 if quick else placement.CANDIDATES
     for level in levels:
         for seed in seeds:
             target = placed_file(folder, level, seed).parent
@@ -167,7 +167,9 @@ def prepare(folder: Path, levels: list[str], seeds: list[int], *, quick: bool, w
                 placement.run(program, known_file(folder, level, seed, base), target, count=count)
 
 
-def measured(folder: Path, levels: list[str], seeds: list[int], workers: int, *, quick: bool = False) -> list[Row]:
+def measured(
+    folder: Path, levels: list[str], seeds: list[int], workers: int, *, count: int, quick: bool = False
+) -> list[Row]:
     """Measure what is not in ``rows.jsonl`` yet."""
     folder.mkdir(parents=True, exist_ok=True)
     log = folder / "rows.jsonl"
@@ -175,7 +177,7 @@ def measured(folder: Path, levels: list[str], seeds: list[int], workers: int, *,
     have = {(r["level"], r["seed"], r["way"]) for r in rows}
     jobs = [(level, seed, way) for level in levels for seed in seeds for way in WAYS if (level, seed, way) not in have]
     if jobs:
-        prepare(folder, levels, seeds, quick=quick, workers=workers)
+        prepare(folder, levels, seeds, count=count, quick=quick, workers=workers)
     alone = multiprocessing.get_context("spawn")  # threads of the kernels do not survive a fork
     with ProcessPoolExecutor(workers, mp_context=alone) as pool, log.open("a") as file:
         tasks = [pool.submit(one, folder, *job, quick) for job in jobs]
@@ -243,6 +245,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--store", action="store_true")
+    parser.add_argument("--candidates", type=int, default=placement.CANDIDATES, help="places that are judged")
     parser.add_argument("--quick", action="store_true")
     chosen = parser.parse_args()
     if chosen.show:
@@ -252,7 +255,8 @@ def main() -> int:
     seeds = [1] if chosen.quick else list(range(int(first), int(last or first) + 1))
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) if chosen.quick else chosen.out
-        rows = measured(out, chosen.levels, seeds, 1 if chosen.quick else chosen.workers, quick=chosen.quick)
+        workers, count = (1, 64) if chosen.quick else (chosen.workers, chosen.candidates)
+        rows = measured(out, chosen.levels, seeds, workers, count=count, quick=chosen.quick)
     if chosen.store:
         stored = json.loads(STORED.read_text())["rows"] if STORED.is_file() else []
         merged = {(r["level"], r["seed"], r["way"]): r for r in [*stored, *rows]}

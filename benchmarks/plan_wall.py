@@ -14,8 +14,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import multiprocessing
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,9 +26,9 @@ from typing import Any, Final
 import numpy as np
 
 import wall_finish
-from counterflex.app import placement
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import read_job
+from counterflex.app.placement import placement
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.strategy.advice import Operation, advise, shown
@@ -69,22 +71,25 @@ class Work:
         target.write_text(next(text for name, text in files.items() if name.endswith(".ngc")), encoding="utf-8")
         return target
 
-    def error_mm(self, seed: int, compensated: bool) -> float:
-        """What is left on a simulated cell, mm; infinite where the tool is pulled in as deep as its flutes are long."""
-        job = read_job(self.compensated if compensated else self.program, self.cell)
-        truth = truth_of(read_cell(self.known), seed, FAMILIES["wide"])
-        try:
-            record = simulate.machine(job, self.cell, truth)
-        except SimulationError:
-            return math.inf
-        return wall_finish.normal_error_mm(record)
+
+def error_mm(program: Path, cell_file: Path, known_file: Path, seed: int) -> float:
+    """What is left on a simulated cell, mm; infinite where the tool is pulled in as deep as its flutes are long."""
+    cell = read_cell(cell_file)
+    truth = truth_of(read_cell(known_file), seed, FAMILIES["wide"])
+    try:
+        record = simulate.machine(read_job(program, cell), cell, truth)
+    except SimulationError:
+        return math.inf
+    return wall_finish.normal_error_mm(record)
 
 
 def _placed(program: Path, cell_file: Path, folder: Path, surface: Surface, count: int) -> Path:
     summary = placement.run(program, cell_file, folder, surface=surface, count=count)
     best, present = summary["chosen"], summary["present"]
     print(
-        f"<!-- {program.name}: {present['deflection_um']:.0f} -> {best['deflection_um']:.0f} um predicted at "
+        f"<!-- {program.name}: {present['deflection_um']:.0f} -> {best['deflection_um']:.0f} um predicted, error "
+        f"{present['error_um']:.0f} -> {best['error_um']:.0f} um, damping in the cut "
+        f"{present['damping_in_cut']:.3f} -> {best['damping_in_cut']:.3f} at "
         f"{best['x_mm']:g} {best['y_mm']:g} {best['z_mm']:g} mm, {best['a_deg']:g} deg, {best['branch']} "
         f"{best['rotation_about_tool_deg']:g} deg -->",
         flush=True,
@@ -120,7 +125,7 @@ def _wall(material: dict[str, Any], folder: Path, count: int) -> dict[str, Work]
 
 
 def rows(
-    name: str, folder: Path, seeds: list[int], count: int, known: list[dict[str, Any]]
+    name: str, folder: Path, seeds: list[int], count: int, known: list[dict[str, Any]], workers: int
 ) -> Iterator[dict[str, Any]]:
     """Rows of a workpiece that are not known yet: name, choice, compensated, seed, error in mm."""
     have = {(row["workpiece"], row["choice"], row["compensated"], row["seed"]) for row in known}
@@ -135,15 +140,25 @@ def rows(
         return
     folder.mkdir(parents=True)
     works = _wall(wall_finish.MATERIALS[name], folder, count)
-    for choice, compensated, seed in wanted:
-        error = works[choice].error_mm(seed, compensated)
-        yield {
-            "workpiece": name,
-            "choice": choice,
-            "compensated": compensated,
-            "seed": seed,
-            "p997_mm": round(error, 4) if math.isfinite(error) else None,
-        }
+    alone = multiprocessing.get_context("spawn")  # threads of the kernels do not survive a fork
+    with ProcessPoolExecutor(workers, mp_context=alone) as pool:
+        tasks = {}
+        for compensated in (False, True):
+            for choice, seed in [(c, s) for c, done, s in wanted if done == compensated]:
+                work = works[choice]
+                program = work.compensated if compensated else work.program
+                task = pool.submit(error_mm, program, work.cell_file, work.known, seed)
+                tasks[task] = (choice, compensated, seed)
+        for task in as_completed(tasks):
+            choice, compensated, seed = tasks[task]
+            error = task.result()
+            yield {
+                "workpiece": name,
+                "choice": choice,
+                "compensated": compensated,
+                "seed": seed,
+                "p997_mm": round(error, 4) if math.isfinite(error) else None,
+            }
 
 
 def table(found: list[dict[str, Any]]) -> str:
@@ -184,6 +199,7 @@ def main() -> int:
     parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}", help="first-last")
     parser.add_argument("--workpieces", nargs="+", choices=names, default=list(names))
     parser.add_argument("--candidates", type=int, default=placement.CANDIDATES)
+    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--write", type=Path, metavar="FILE", help="JSON file of rows; those that it has are kept")
     parser.add_argument("--quick", action="store_true", help="one material, one seed, few candidates")
     args = parser.parse_args()
@@ -195,7 +211,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         for number, name in enumerate(names[:1] if args.quick else args.workpieces):
             count = 64 if args.quick else args.candidates
-            for row in rows(name, Path(scratch) / str(number), seeds, count, found):
+            for row in rows(name, Path(scratch) / str(number), seeds, count, found, args.workers):
                 found.append(row)
                 if args.write is not None:
                     atomic.write_text(args.write, json.dumps(found, indent=1) + "\n")

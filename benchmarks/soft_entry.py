@@ -1,8 +1,10 @@
 """Soft entries: error where a cut begins, uncompensated, as programmed and as ``counterflex plan entry`` rewrites it.
 
-Three programs: a finishing cut that runs straight at a wall (``boss.ngc``), a slot that begins over an edge of the
-blank (``groove.ngc`` with ``--edges``), and one that begins with a plunge into the full depth. Each is machined before
-and after on simulated cells of the family ``wide``; moves and figures are those of the command, by the cell file only.
+Five programs: a finishing cut that runs straight at a wall (``boss.ngc``), a slot that begins over an edge of the
+blank (``groove.ngc`` with ``--edges``), one that begins with a plunge into the full depth, and a shallow slot over an
+edge that is come to against its own direction, so that axes turn round just before the first contact (it gets a
+run-up); the same once more after a rest in which the swing of the approach dies away. Each is machined before and
+after on simulated cells of the family ``wide``; moves and figures are those of the command, by the cell file only.
 
 Figure: the largest deviation of the tool square to the path, over two radii from where the cut begins, of all passes
 there, beside the largest step of the force (mean over a cycle of the controller).
@@ -58,6 +60,8 @@ CASES: Final = {
     "straight at a wall": Case(False, (0.030, 0.030), (0.008, 0.030), 0.022),
     "slot over an edge": Case(True, None, (-0.008, 0.015)),
     "slot plunged": Case(False, None, (0.015, 0.015)),
+    "shallow, come to from ahead": Case(False, None, (-0.008, 0.015)),
+    "the same after a rest of 1 s": Case(False, None, (-0.008, 0.015)),
 }
 
 
@@ -68,8 +72,14 @@ def program(folder: Path, name: str) -> Path:
     groove = SHIPPED / "programs" / "groove.ngc"
     if name == "slot over an edge":
         return groove
-    target = folder / "plunged.ngc"
-    text = groove.read_text(encoding="utf-8").replace("X-12 Y15", "X15 Y15").replace("Z34 F3000", "Z34 F600")
+    text = groove.read_text(encoding="utf-8")
+    if name == "slot plunged":
+        text = text.replace("X-12 Y15", "X15 Y15").replace("Z34 F3000", "Z34 F600")
+    else:
+        text = text.replace("G0 X-12 Y15", "G0 X60 Y15\nG0 Z42\nG0 X-9.2").replace("Z34 F3000", "Z39 F3000")
+        rest = "\nG4 P1" if name == "the same after a rest of 1 s" else ""
+        text = text.replace("Z39 F3000", f"Z39 F3000{rest}")
+    target = folder / "groove.ngc"
     target.write_text(text, encoding="utf-8")
     return target
 

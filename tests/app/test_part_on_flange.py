@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app import placement, preflight
+from counterflex.app import preflight
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import Job, read_job
+from counterflex.app.placement import placement
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import judge, reference_of

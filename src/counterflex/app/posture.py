@@ -87,6 +87,8 @@ def robot_of(cell: Cell, setting: Setting) -> RobotHere:
         setting.T_base_part,
         setting.limits,
         bounds.joint_speeds_rad_s,
+        bounds.joint_accelerations_rad_s2,
+        bounds.acceleration_m_s2,
         bounds.cables_rad,
     )
 

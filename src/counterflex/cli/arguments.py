@@ -224,6 +224,29 @@ def body_angles(text: str, name: str) -> tuple[str, str, tuple[float, ...]]:
     return match["body"], match["key"], values
 
 
+def region(words: list[str], name: str) -> tuple[tuple[float, ...] | None, dict[str, tuple[float, float]]]:
+    """Read a region: six numbers, and ranges of external axes as ``E1=0,2000``.
+
+    Returns:
+        The six numbers or None, and the ranges by name.
+
+    Raises:
+        InputError: A word says something else, or something is given twice.
+    """
+    box: tuple[float, ...] | None = None
+    axes: dict[str, tuple[float, float]] = {}
+    for word in words:
+        axis, equals, values = word.rpartition("=")
+        if (axis in axes) if equals else box is not None:
+            raise InputError(f"{name} is given twice", value=axis or word)
+        found = numbers(values, name, 2 if equals else 6) or []
+        if equals:
+            axes[axis.strip()] = (found[0], found[1])
+        else:
+            box = tuple(found)
+    return box, axes
+
+
 def numbers_of(count: int) -> Callable[[Param, Any], Any]:
     """Check of a list of that many numbers."""
 

@@ -25,7 +25,7 @@ class MapData:
     """Everything on the page.
 
     Attributes:
-        summary: See :func:`counterflex.app.placement_map.run`.
+        summary: See :func:`counterflex.app.placement.placement_map.run`.
         rows: Of ``map.csv``.
     """
 

@@ -97,3 +97,19 @@ def test_error_grows_as_the_docstring_says() -> None:
     low, _ = low_frequency.limit(_one(Y), UP.mean, T)
     other = semi_discretisation.limit(_one(Y), UP, T, most=1.2 * low, least=0.9 * low, tolerance=2e-4)
     assert low / other - 1.0 == pytest.approx(-(0.3**2) / 6.0, abs=0.006)
+
+
+def test_least_damping_of_one_mode_is_its_own_and_that_of_the_cut() -> None:
+    modes, process = _one(Y), process_of_arc(0.0, 0.5 * np.pi, 700e6, 210e6, 3, 1e-4)
+    T, omega = 1e-4, float(modes.omega_rad_s[0])
+    fed = float(modes.shape[:, 0] @ process.mean @ modes.shape[:, 0])
+    expected = 0.03 + T * fed / (2.0 * omega)
+    assert low_frequency.least_damping(modes, process.mean, T) == pytest.approx(expected, rel=1e-3)
+
+
+def test_least_damping_passes_zero_at_the_limit() -> None:
+    for modes, process, T in _cases(12):
+        factor, _ = low_frequency.limit(modes, process.mean, T)
+        if np.isfinite(factor):
+            below, above = (low_frequency.least_damping(modes, f * factor * process.mean, T) for f in (0.98, 1.02))
+            assert below > 0.0 > above

@@ -23,6 +23,7 @@ from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey import RobotHere, constant_costs, survey_path
 from counterflex.plan.posture.survey_kernel import JOINT_LIMIT, OUT_OF_REACH, WRIST_SINGULAR
 from counterflex.plan.posture.way import Weights
+from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_all
 from counterflex.robot.model.opw import BRANCHES
@@ -159,7 +160,7 @@ def test_points_that_no_posture_joins_are_told(task: Task) -> None:
     tight = replace(task.robot, cables_rad={5: 0.2})
     p = task.cut.p_part.copy()
     p[len(p) // 2 :] += np.array([0.0, 0.9, 0.0])
-    with pytest.raises(ReachError, match="without turning the tool") as fault:
+    with pytest.raises(ReachError, match=r"without turning the tool.*postures there fail: \d+ ") as fault:
         choose(replace(task, robot=tight, cut=replace(task.cut, p_part=p)), Freedom())
     assert fault.value.where is not None
 
@@ -197,3 +198,32 @@ def test_a_placement_is_priced_by_the_same_function(task: Task) -> None:
     both = np.isfinite(before) & np.isfinite(after)
     assert both.any()
     assert not np.allclose(before[both], after[both])
+
+
+def test_an_axis_that_is_too_slow_rules_postures_out_as_preflight_would(task: Task, chosen: Chosen) -> None:
+    """The limit lies just below what the free choice asks for: another posture keeps it, or the line is named."""
+    path, robot = task.path, replace(task.robot, acceleration_m_s2=5.0)
+
+    def asked(q: np.ndarray) -> np.ndarray:
+        size = np.abs(joint_accelerations(path, joint_speeds(path, q), robot.acceleration_m_s2))
+        return np.asarray((size * at_feed(path)[:, None]).max(axis=0))
+
+    free = asked(chosen.best.q)
+    limits = np.full(6, np.inf)
+    axis = int(np.argmax(free))
+    limits[axis] = 0.9 * free[axis]
+    slow = replace(task, robot=replace(robot, joint_accelerations_rad_s2=limits))
+    best = choose(slow, Freedom()).best
+    assert asked(best.q)[axis] <= limits[axis]
+    assert best.share_m >= chosen.best.share_m
+    none = replace(slow, robot=replace(slow.robot, joint_accelerations_rad_s2=np.full(6, 1e-3)))
+    with pytest.raises(ReachError, match=r"line \d+, at .*an axis is too slow.*joint_acceleration_deg_s2"):
+        choose(none, Freedom(rotations=12))
+
+
+def test_a_posture_can_be_asked_for_about_one_that_is_known(task: Task, chosen: Chosen) -> None:
+    other = next(branch for branch in BRANCHES if np.isfinite(chosen.costs_m[:, BRANCHES.index(branch)]).any())
+    rotation = float(np.nanargmin(chosen.costs_m[:, BRANCHES.index(other)])) * Freedom().step_rad
+    best = choose(task, Freedom(about=(other, rotation))).best
+    assert best.branch == other
+    assert abs((best.rotation_rad - rotation + np.pi) % (2.0 * np.pi) - np.pi) <= 10.0 * DEG + 1e-9

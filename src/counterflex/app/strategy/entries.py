@@ -16,7 +16,7 @@ from counterflex.path.toolpath import FEED
 from counterflex.plan.cut import Cut
 from counterflex.programs.program import Block, Motion, Program
 
-Kind = Literal["wall in", "wall out", "plunge", "edge"]
+Kind = Literal["wall in", "wall out", "plunge", "edge", "run-up"]
 _TANGENT_RAD: Final = 0.25
 _CONTACT_M3: Final = 1e-12
 _LEVEL_M: Final = 1e-9
@@ -32,7 +32,8 @@ class Entry:
     """Where a cut begins or ends.
 
     Attributes:
-        kind: Beside a wall (``in``, ``out``), plunged into the full width, or over an edge of the blank.
+        kind: Beside a wall (``in``, ``out``), plunged into the full width, or over an edge of the blank (``edge`` gets
+            a ramp, ``run-up`` a longer way through the air).
         motion: Index of the level motion that cuts.
         vertical: Index of the motion before (down, or straight at the wall) or behind (up); -1: none.
         radius_m: Of the cutter.
@@ -40,6 +41,7 @@ class Entry:
         tangent: (2,) unit, direction of the cut there.
         free: (2,) unit, away from the wall; along ``tangent`` where there is none.
         top_m: Height at which the plunge meets material.
+        air_m: Way in the direction of the cut before the first contact.
         refusal: Why it is left as it is; empty where a move can be written.
     """
 
@@ -51,10 +53,13 @@ class Entry:
     tangent: Float
     free: Float
     top_m: float = 0.0
+    air_m: float = 0.0
     refusal: str = ""
 
 
-def entries_of(job: Job, cut: Cut, radius_of: dict[int, float], top_m: float, *, edges: bool) -> list[Entry]:
+def entries_of(
+    job: Job, cut: Cut, radius_of: dict[int, float], top_m: float, run_up_m: float, *, edges: bool
+) -> list[Entry]:
     """Beginnings and ends of all cuts.
 
     Args:
@@ -62,6 +67,7 @@ def entries_of(job: Job, cut: Cut, radius_of: dict[int, float], top_m: float, *,
         cut: Its undisturbed cut.
         radius_of: Radius of each tool by its number, m.
         top_m: Height of the blank.
+        run_up_m: Way through the air that a cut over an edge begins with, in its own direction.
         edges: Slots that begin over an edge of the blank get a ramp, too.
     """
     entries: list[Entry] = []
@@ -73,8 +79,9 @@ def entries_of(job: Job, cut: Cut, radius_of: dict[int, float], top_m: float, *,
         radius = radius_of[job.program.motions[level[0]].tool]
         begin = _straight_at_wall(job.program, rows, level, radius)
         begin = _beginning(job.program, rows, group, level[0], radius) if begin is None else begin
-        if begin is not None and begin.kind == "edge" and edges:
-            begin = _sloped_edge(job.program, rows, begin, top_m)
+        if begin is not None and begin.kind == "edge":
+            sloped = edges and rows.side(rows.of(begin.motion)) == "slot"
+            begin = (_sloped_edge if sloped else _run_up)(job.program, rows, begin, top_m if sloped else run_up_m)
         end = _ending(job.program, rows, group, level[-1], radius)
         entries += [entry for entry in (begin, end) if entry is not None]
     return entries
@@ -163,13 +170,13 @@ def _beginning(program: Program, rows: _Rows, group: list[int], k: int, radius: 
     vertical = down[-1] if down else k - 1
     common = (k, vertical, radius, motion.p_start, tangent, _free(tangent, side))
     if len(plunged) == 0 and float(rows.length[start[:first]].sum()) > _SOON_M:
-        return Entry("edge", *common, refusal="over an edge; --edges slopes it")
+        return Entry("edge", *common)
     refusal = _refusal(program, [k, vertical])
     if not refusal and (vertical < 0 or not _is_vertical(program.motions[vertical]) or len(down) > 1):
         refusal = "not approached straight down"
     if side == "slot" or not side:
         if len(plunged) == 0:
-            return None
+            return Entry("edge", *common)
         top = float(rows.p[plunged[0] - 1, 2])
         if motion.kind == "arc" or abs(float(motion.p_end[2] - motion.p_start[2])) > _LEVEL_M:
             refusal = refusal or "what follows is no straight level line"
@@ -191,6 +198,21 @@ def _sloped_edge(program: Program, rows: _Rows, entry: Entry, top_m: float) -> E
         refusal = refusal or "no slot over the whole width"
     row = rows.of(k)[rows.contact[rows.of(k)]][0]
     return replace(entry, point=rows.p[row - 1], top_m=top_m, refusal=refusal)
+
+
+def _run_up(program: Program, rows: _Rows, entry: Entry, run_up_m: float) -> Entry:
+    """An entry over an edge that is come to in the direction of the cut, or what speaks against it."""
+    motion, k = program.motions[entry.motion], entry.motion
+    refusal = _refusal(program, [k, entry.vertical])
+    if not refusal and (entry.vertical < 0 or not _is_vertical(program.motions[entry.vertical])):
+        refusal = "not approached straight down"
+    if motion.kind == "arc" or abs(float(motion.p_end[2] - motion.p_start[2])) > _LEVEL_M:
+        refusal = refusal or "what follows is no straight level line"
+    own = rows.of(k)
+    air = float(rows.length[own[: int(np.argmax(rows.contact[own]))]].sum())
+    if air >= run_up_m - _LEVEL_M:
+        refusal = refusal or "runs up already"
+    return replace(entry, kind="run-up", air_m=air, refusal=refusal)
 
 
 def _straight_at_wall(program: Program, rows: _Rows, level: list[int], radius: float) -> Entry | None:

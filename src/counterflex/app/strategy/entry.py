@@ -23,16 +23,20 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
+from counterflex.path.toolpath import ToolPath
 from counterflex.plan.cut import Cut, cut
-from counterflex.plan.inputs import part_compliance, solve_joints
+from counterflex.plan.inputs import Setting, part_compliance, solve_joints
 from counterflex.plan.lowest_mode import mode_of
+from counterflex.plan.posture.likely_play import with_likely_play
 from counterflex.programs.program import Motion
+from counterflex.robot.elasticity import play
 
 READING, CHECKING, JUDGING = "finding the entries", "checking by removal", "force and error"
 STEP_M: Final = 0.25 * MM
 """Step of the path along which force and error are computed."""
 WINDOW_S: Final = 0.02
 """The force step is the change of the mean force vector from one such time to the next."""
+_CONTACT_M3: Final = 1e-12
 _SURFACE_M: Final = 5.0 * UM
 """Heights that differ less are the same: chord of a sampled arc."""
 Figures = dict[str, float]
@@ -45,10 +49,12 @@ class Bent:
     Attributes:
         job: The program.
         cut: Its force and displacement.
+        lost_part: (n, 3) m, what likely play and friction of the axes add to the displacement, part axes.
     """
 
     job: Job
     cut: Cut
+    lost_part: Float
 
 
 def run(
@@ -99,14 +105,15 @@ def _entries(job: Job, cell: Cell, moves: Moves) -> list[Entry]:
         top = float(stock.z.max())
         undisturbed_cut = cut(path, path.p_part_tcp, stock, cell.cutter, cell.force_law)
     radius = {tool.number: cell.cutter(tool.number).radius_m for tool in cell.tables.tools}
-    entries = entries_of(job, undisturbed_cut, radius, top, edges=moves.edges)
+    entries = entries_of(job, undisturbed_cut, radius, top, moves.run_up_m, edges=moves.edges)
     if not any(not entry.refusal for entry in entries):
         reasons = sorted({entry.refusal for entry in entries})
         raise ProgramError(
             "the program has no entry or exit that a move could soften",
             where=Path(job.program.name).name,
             value="; ".join(reasons) or "no cut begins or ends in the material",
-            hint="Arcs replace a plunge or a retract beside a wall, ramps one into the full width of a slot",
+            hint="Arcs replace a plunge or a retract beside a wall, ramps one into the full width of a slot; "
+            "cuts over an edge of the blank get a run-up",
         )
     return entries
 
@@ -183,7 +190,16 @@ def bent(job: Job, cell: Cell) -> Bent:
         mode = mode_of(setting.chain, q[len(q) // 2], setting.mode)
         C = part_compliance(setting, setting.relative_motion(path), q)
         result = cut(path, path.p_part_tcp, cell.stock(), cell.cutter, cell.force_law, compliance_part=C, mode=mode)
-    return Bent(job, result)
+        return Bent(job, result, _lost(setting, q, result, path))
+
+
+def _lost(setting: Setting, q: Float, result: Cut, path: ToolPath) -> Float:
+    """(n, 3) m, motion that the axes lose along a path, part axes."""
+    relative = setting.relative_motion(path)
+    loose = with_likely_play(setting.chain)
+    lost = play.lost_motion(loose, q, relative.load(result.w_tcp_part))
+    out: Float = relative.displacement(play.at_tcp(loose, q, lost))[:, :3]
+    return out
 
 
 def _row(entry: Entry, before: Bent, after: Bent, moves: Moves) -> dict[str, Any]:
@@ -194,10 +210,12 @@ def _row(entry: Entry, before: Bent, after: Bent, moves: Moves) -> dict[str, Any
     radius = entry.radius_m if moves.radius_m is None else moves.radius_m
     arc = f"arc of {radius / MM:g} mm, {moves.angle_rad / DEG:g} deg"
     slope = f"ramp of {moves.slope_rad / DEG:g} deg"
+    run_up = f"run-up of {moves.run_up_m / MM:g} mm"
+    move = {"plunge": slope, "edge": slope, "run-up": run_up}.get(entry.kind, arc)
     return {
         "line": _line(before.job, entry),
         "kind": entry.kind,
-        "move": "" if entry.refusal else slope if entry.kind in ("plunge", "edge") else arc,
+        "move": "" if entry.refusal else move,
         "kept": entry.refusal,
         **{key: [round(old[key], 3), None if new is None else round(new[key], 3)] for key in old},
     }
@@ -238,7 +256,8 @@ def figures(entry: Entry, cut_: Bent, motion: int) -> Figures:
 
     Returns:
         ``peak_force_n``, ``force_step_n_per_ms`` from the first contact to two radii behind the entry (two radii before
-        the exit to the last contact); ``error_um``, largest displacement square to the path over the two radii.
+        the exit to the last contact); ``error_um``, largest displacement square to the path over the two radii;
+        ``lost_um``, by how much what the axes lose square to the path changes there while material is cut.
     """
     job, result = cut_.job, cut_.cut
     path, program = job.path, job.program
@@ -251,12 +270,15 @@ def figures(entry: Entry, cut_: Bent, motion: int) -> Figures:
     move = np.flatnonzero((path.motion >= first) & (path.motion <= last))
     zone = move[move >= near[0]] if leaves else move[move <= near[-1]]
     zone = np.append(zone, zone[-1] + 1) if zone[-1] + 1 < len(path) else zone
-    w = np.where((result.volume_m3 > 1e-12)[:, None], result.w_tcp_part[:, :3], 0.0)
+    w = np.where((result.volume_m3 > _CONTACT_M3)[:, None], result.w_tcp_part[:, :3], 0.0)
     sideways = _square(path.p_part_tcp, result.displacement_part[:, :3], near)
+    cutting = near[result.volume_m3[near] > _CONTACT_M3]
+    lost = _square(path.p_part_tcp, cut_.lost_part, cutting)
     return {
         "peak_force_n": float(np.linalg.norm(w[zone], axis=1).max(initial=0.0)),
         "force_step_n_per_ms": force_step(path.time_s[zone], w[zone]) * 1e-3,
         "error_um": float(np.abs(sideways).max(initial=0.0)) / UM,
+        "lost_um": float(np.ptp(lost)) / UM if len(lost) else 0.0,
     }
 
 

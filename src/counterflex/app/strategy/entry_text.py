@@ -28,12 +28,15 @@ class Moves:
         angle_rad: That they turn.
         slope_rad: Slope of a ramp.
         edges: Slots that begin over an edge of the blank get a ramp, too.
+        run_up_m: Way through the air in the direction of the cut with which other cuts over an edge begin: the axes
+            then move as they will in the cut, and what they lose at a reversal is lost before the first contact.
     """
 
     radius_m: float | None = None
     angle_rad: float = 0.5 * np.pi
     slope_rad: float = np.pi / 18.0
     edges: bool = False
+    run_up_m: float = 10.0 * MM
 
 
 @dataclass
@@ -53,6 +56,8 @@ def rewritten(program: Program, entries: list[Entry], moves: Moves) -> str:
             _write_arc_in(program, entry, moves, lines)
         elif entry.kind == "wall out":
             _write_arc_out(program, entry, moves, lines)
+        elif entry.kind == "run-up":
+            _write_run_up(program, entry, moves, lines)
         else:
             _write_ramp(program, entry, moves, lines)
     out: list[str] = []
@@ -98,6 +103,17 @@ def _write_ramp(program: Program, entry: Entry, moves: Moves, lines: _Lines) -> 
         text.append(f"G1 {words.space(motion.p_start)}")
     lines.text[down.line] = f"G1 {words.height(top)} {words.feed(plunge.feed_m_s)}"
     lines.behind.setdefault(down.line, []).extend(text)
+    _restate(block, lines)
+
+
+def _write_run_up(program: Program, entry: Entry, moves: Moves, lines: _Lines) -> None:
+    block, down = _block(program, entry.motion), _block(program, entry.vertical)
+    words, motion = _Words(block), program.motions[entry.motion]
+    begin = entry.point[:2] - (moves.run_up_m - entry.air_m) * entry.tangent
+    lines.before.setdefault(down.line, []).append(f"G0 {words.plane(begin)}")
+    _restate(down, lines)
+    text = f"G1 {words.plane(entry.point[:2])} {words.feed(motion.feed_m_s)}"
+    lines.before.setdefault(block.line, []).append(text)
     _restate(block, lines)
 
 

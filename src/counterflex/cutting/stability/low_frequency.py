@@ -100,8 +100,35 @@ def limit(modes: Modes, A: Float, period_s: float) -> tuple[float, float]:
     return factor, float(_growth(modes, coupling, T, np.array([factor]))[1][0])
 
 
+def least_damping(modes: Modes, A: Float, period_s: float) -> float:
+    """Least damping ratio of the modes while they cut, ``min(-Re lambda / |lambda|)``; negative: the cut feeds a swing.
+
+    One mode alone has ``zeta + T u'Au / (2 omega)``. Unlike :func:`limit` it tells how far beyond the limit a cut is
+    without knowing the damping exactly: what a mode has of its own comes on top.
+
+    Args:
+        modes: Modes in the axes of A; at least one.
+        A: (3, 3) mean directional matrix at the depth that is cut, N/m.
+        period_s: Tooth period T, s.
+
+    Raises:
+        InputError: Shapes or the period.
+    """
+    A, T = as_float("A", A, (3, 3)), as_positive("period_s", period_s)
+    values = np.linalg.eigvals(_state(modes, modes.shape.T @ A @ modes.shape, T, np.ones(1))[0])
+    return float(np.min(-values.real / np.abs(values)))
+
+
 def _growth(modes: Modes, coupling: Float, T: float, factors: Float) -> tuple[Float, Float]:
     """Largest real part of the eigenvalues at each factor, and the frequency of that eigenvalue."""
+    values = np.linalg.eigvals(_state(modes, coupling, T, factors))
+    at = np.argmax(values.real, axis=1)[:, None]
+    chosen = np.take_along_axis(values, at, axis=1)[:, 0]
+    return chosen.real, np.abs(chosen.imag)
+
+
+def _state(modes: Modes, coupling: Float, T: float, factors: Float) -> Float:
+    """(k, 2n, 2n) equations of motion of first order, at each factor on the depth."""
     n = len(modes)
     s = factors[:, None, None] * coupling
     inverse = np.linalg.inv(np.eye(n) - 0.5 * T**2 * s)
@@ -109,7 +136,4 @@ def _growth(modes: Modes, coupling: Float, T: float, factors: Float) -> tuple[Fl
     state[:, :n, n:] = np.eye(n)
     state[:, n:, :n] = -inverse * modes.omega_rad_s**2
     state[:, n:, n:] = -inverse @ (np.diag(2.0 * modes.damping_ratio * modes.omega_rad_s) + T * s)
-    values = np.linalg.eigvals(state)
-    at = np.argmax(values.real, axis=1)[:, None]
-    chosen = np.take_along_axis(values, at, axis=1)[:, 0]
-    return chosen.real, np.abs(chosen.imag)
+    return state

@@ -76,6 +76,7 @@ def text_with_place(
     rotation_deg: float,
     folder: Path,
     mounted: tuple[str, str, float] | None = None,
+    axes: Mapping[str, float] | None = None,
 ) -> str:
     """Text of a cell file with the part elsewhere and a posture for it; everything else is kept.
 
@@ -86,6 +87,7 @@ def text_with_place(
         rotation_deg: Rotation about the tool axis.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
         mounted: Body of the end effector or ``tcp``, its key, and the angle in deg that it gets.
+        axes: Values that external axes get, by name, mm or deg.
 
     Raises:
         FileFormatError: The file cannot be read.
@@ -99,6 +101,9 @@ def text_with_place(
         body, key, angle = mounted
         turned = table_of(doc, "tcp") if body == "tcp" else row_of(doc, "end_effector", "name", body)
         turned[key] = angle
+    for name, value in (axes or {}).items():
+        row = row_of(doc, "external_axes", "name", name)
+        row["at_mm" if "at_mm" in row else "at_deg"] = value
     _with_posture(doc, branch, rotation_deg)
     move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.plan.placement.chatter import Feeding, feeding
+from counterflex.plan.placement.error import ErrorLeft
 from counterflex.plan.placement.thinned import thinned
 from counterflex.plan.posture.choose import Freedom, cannot_touch
-from counterflex.plan.posture.clearance import Surroundings, too_close, worst
+from counterflex.plan.posture.clearance import Surroundings, kept, too_close
 from counterflex.plan.posture.cut_path import CutPath
 from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.impossible import FAULTS
 from counterflex.plan.posture.survey import RobotHere, survey_path
-from counterflex.plan.posture.survey_kernel import ARM_SINGULAR, JOINT_LIMIT, OK, OUT_OF_REACH, POWER, WRIST_SINGULAR
-from counterflex.plan.posture.way import Way, Weights, best_way, least_cost
+from counterflex.plan.posture.survey_kernel import OK
+from counterflex.plan.posture.way import Way, best_way
+from counterflex.plan.stability.stretches import Stretch
 from counterflex.robot.model.opw import BRANCHES
 
 NO_POSTURE: Final = "no single posture leads through the program"
 UNTOUCHED: Final = "datum points cannot be touched"
 COLLISION: Final = "bodies too close"
-REFUSALS: Final = {
-    OUT_OF_REACH: "out of reach",
-    ARM_SINGULAR: "arm stretched",
-    JOINT_LIMIT: "joint limit or cable",
-    WRIST_SINGULAR: "wrist singularity",
-}
+CHATTER: Final = "the cut feeds a swing (chatter)"
+REFUSALS: Final = FAULTS
 """What refuses a pose of the part in which some point has no posture, by the code of the survey."""
 ROTATIONS: Final = 36
 """Rotations about the tool axis that are tried of each candidate: every 10 deg."""
+POSTURES: Final = 3
+"""Postures of a candidate that are looked at where the cut feeds a swing in the best one, each at least
+:data:`NEAR` steps of the grid from the last or in another branch; taken is the one with the most damping."""
+NEAR: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +45,21 @@ class Site:
         cut: Thinned path.
         robot: Robot and tool; its pose of the part is replaced.
         freedom: Rotations that are tried.
+        rows: (m,) rows of the whole path that the thinned one has, rising.
         around: Bodies that must not touch, tools by the rows of the thinned path; None: nobody looks.
         datum_points: (k, 3) m points of the part that the robot must touch, or None.
+        error: Tells the error that is left in a posture.
+        feeding: How the cut feeds swings; None: nobody looks.
     """
 
     cut: CutPath
     robot: RobotHere
     freedom: Freedom
+    rows: Int
     around: Surroundings | None
     datum_points: Float | None
+    error: ErrorLeft
+    feeding: Feeding | None = None
 
     @property
     def poses(self) -> int:
@@ -63,49 +74,66 @@ class Candidate:
     Attributes:
         refused: What refuses it; empty where it can be run.
         passed: Share of the points that the robot can reach in some posture, 0 to 1.
-        deflection_m: Power mean of the deflection along the cut in the best posture; infinite where refused.
+        deflection_m: Power mean of the deflection along the cut in the best posture, at rest; infinite where refused.
+        error_m: The same with lost motion and swing, by which candidates are ranked.
+        least_damping: Damping ratio that the modes have left in the cut; below 0 the cut feeds a swing. NaN: not known.
         time_s: Duration of the program, with the time that axes at their largest speeds need between its points.
         margin_rad: Smallest of the distances to a joint limit or cable and to the wrist singularity.
+        clearance_m: Smallest distance of coarse bodies, tools left out; infinite where nothing is compared.
         branch: Of the best posture.
         rotation_rad: About the tool axis.
-        q: (k, 6) rad along the thinned path.
+        q: (m, 6) rad along the thinned path.
     """
 
     refused: str = ""
     passed: float = 0.0
     deflection_m: float = np.inf
+    error_m: float = np.inf
+    least_damping: float = np.nan
     time_s: float = np.inf
     margin_rad: float = -np.inf
+    clearance_m: float = np.inf
     branch: str = ""
     rotation_rad: float = 0.0
     q: Float | None = None
 
 
-def site_of(task: Task, rotations: int = ROTATIONS) -> Site:
+def site_of(
+    task: Task, stretches: Sequence[Stretch] = (), damped: float | None = None, rotations: int = ROTATIONS
+) -> Site:
     """The thinned program of a task.
 
-    Reversals and unloadings are left out of the cost: they are events of the whole path, and the posture of the place
-    that is found is chosen with them.
+    Args:
+        task: The program on its cell.
+        stretches: What it cuts, for the criterion of chatter; none: nobody looks at it.
+        damped: Damping ratio of a tap test, or None.
+        rotations: About the tool axis that are tried.
     """
     cut, rows = thinned(task.cut)
     around = task.around
     if around is not None:
         around = replace(around, tool=around.tool[rows])
-    freedom = Freedom(rotations, weights=Weights(reversals=0.0))
-    return Site(cut, task.robot, freedom, around, task.setting.datum_points_part)
+    error = ErrorLeft.of(task.cut, cut, rows, task.robot.chain, task.setting.mode)
+    law = task.setting.law
+    fed = feeding(stretches, rows, task.setting, law, damped) if stretches else None
+    return Site(cut, task.robot, Freedom(rotations), rows, around, task.setting.datum_points_part, error, fed)
 
 
-def judge(site: Site, T_base_part: Float) -> Candidate:
+def judge(site: Site, T_base_part: Float, T_base_before: Float | None = None) -> Candidate:
     """Find the best posture of a pose of the part: survey, dynamic programming, distances of bodies.
 
     Args:
         site: The program.
         T_base_part: (4, 4).
+        T_base_before: (4, 4) robot base of the site in that of the candidate, where the robot was carried away.
 
     Returns:
         What the pose is worth, or what refuses it.
     """
     robot, cut = replace(site.robot, T_base_part=T_base_part), site.cut
+    around = site.around
+    if around is not None and T_base_before is not None:
+        around = around.seen_from(T_base_before)
     rows = np.arange(len(cut))
     survey = survey_path(cut, robot, site.freedom.grid_rad, rows)
     bad = np.flatnonzero(survey.failed[:, OK] == 0)
@@ -116,30 +144,58 @@ def judge(site: Site, T_base_part: Float) -> Candidate:
     if np.isnan(survey.q[0, ..., 0]).all():
         return Candidate(UNTOUCHED, passed)
     steps = np.zeros(len(cut) - 1, dtype=np.int64)
-    for attempt in range(2):
+    looked, best = around is None, Candidate(NO_POSTURE, passed)
+    tried = 0
+    while tried < POSTURES:
         way, _ = best_way(cut, robot, survey, rows, steps, site.freedom.weights)
         if way is None:
-            return Candidate(COLLISION if attempt else NO_POSTURE, passed)
-        if site.around is None or worst(way.q, robot, site.around) is None:
-            return _worth(site, robot, way, least_cost(cut, survey), passed)
-        survey.q[:, too_close(survey.q, rows, robot, site.around)] = np.nan
-    return Candidate(COLLISION, passed)
+            return best
+        close, clearance = (None, np.inf) if around is None else kept(way.q, robot, around)
+        if around is not None and close is not None:
+            if looked:
+                return Candidate(COLLISION, passed) if best.refused else best
+            survey.q[:, too_close(survey.q, rows, robot, around)] = np.nan
+            looked, best = True, Candidate(COLLISION, passed)
+            continue
+        found = _worth(site, robot, way, clearance, passed)
+        if best.refused or found.least_damping > best.least_damping:
+            best = found
+        if not found.least_damping < 0.0:
+            return found
+        tried += 1
+        survey.q[:, site.freedom.near(way.index[0], NEAR), way.slot] = np.nan
+    return best
 
 
-def _worth(site: Site, robot: RobotHere, way: Way, scale: float, passed: float) -> Candidate:
-    """Accuracy, time and margin of a way."""
-    limits, cut = robot.joint_limits_rad, site.cut
-    wrist = np.abs(np.arcsin(np.abs(np.sin(way.q[:, 4]))))
-    to_limits = np.minimum(way.q - limits[:, 0], limits[:, 1] - way.q)
+def worth(site: Site, robot: RobotHere, q: Float) -> tuple[float, float, float]:
+    """Deflection at rest and error in the power mean, m, and the least damping ratio in the cut (NaN: not known).
+
+    Args:
+        site: The program.
+        robot: Robot and place of the part.
+        q: (m, 6) rad along the thinned path.
+    """
+    angles = np.ascontiguousarray(q)
+    R_part_base = robot.T_base_part[:3, :3].T
+    fed = np.nan if site.feeding is None else site.feeding.least_damping(robot.chain, angles, R_part_base)
+    return (*site.error.means(site.cut, robot, angles), fed)
+
+
+def _worth(site: Site, robot: RobotHere, way: Way, clearance_m: float, passed: float) -> Candidate:
+    """Accuracy, stability, time and margins of a way."""
+    limits, cut, q = robot.joint_limits_rad, site.cut, way.q
+    wrist = np.abs(np.arcsin(np.abs(np.sin(q[:, 4]))))
+    to_limits = np.minimum(q - limits[:, 0], limits[:, 1] - q)
     return Candidate(
         "",
         passed,
-        float((way.cost * scale / (np.sum(cut.weight_m) or 1.0)) ** (1.0 / POWER)),
-        float(np.sum(np.maximum(np.diff(cut.time_s), _least_duration(way.q, robot)))),
+        *worth(site, robot, q),
+        float(np.sum(np.maximum(np.diff(cut.time_s), _least_duration(q, robot)))),
         float(min(to_limits.min(), wrist.min() - robot.limits.wrist_rad)),
+        clearance_m,
         BRANCHES[way.slot],
         float(site.freedom.grid_rad[way.index[0]]),
-        way.q,
+        q,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -11,11 +12,13 @@ from scipy.optimize import differential_evolution, minimize
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
 from counterflex.geometry import pose
-from counterflex.plan.placement.candidate import Candidate, Site, judge
+from counterflex.plan.placement.candidate import CHATTER, Candidate, Site, judge
 from counterflex.robot.model.description import Opw
 
 POPULATION: Final = 64
 """Candidates of a generation; the first are Sobol points, which need a power of two."""
+_FED: Final = 0.4
+"""Cost of a candidate in which the cut feeds a swing, m: over any error; up to twice it, the faster the swing grows."""
 _REFUSED: Final = 1.0
 """Cost of a refused candidate, m: over any deflection; less by the share of points that can be reached, which leads the
 search back to where the part can be reached."""
@@ -26,13 +29,27 @@ class Region:
     """Where the part may stand.
 
     Attributes:
-        low: (4,) m, m, m, rad: least x and y of the middle of the program and z of the part frame, robot base; least
-            rotation about z.
-        high: (4,) largest.
+        low: (4 + k,) m, m, m, rad: least x and y of the middle of the program and z of the part frame, robot base at
+            zero of its external axes; least rotation about z; least values of k external axes, m or rad.
+        high: (4 + k,) largest.
     """
 
-    low: tuple[float, float, float, float]
-    high: tuple[float, float, float, float]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Where a candidate puts things, as the robot sees them.
+
+    Attributes:
+        T_base_part: (4, 4) frame of the program in the robot base.
+        T_base_before: (4, 4) robot base of the present cell in that of the candidate: external axes may carry the robot
+            away from what stands on the floor. None: it stays.
+    """
+
+    T_base_part: Float
+    T_base_before: Float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +57,36 @@ class Judged:
     """All candidates that were judged.
 
     Attributes:
-        places: (n, 4) m, m, m, rad, as :class:`Region` has them.
+        places: (n, 4 + k) m, m, m, rad, as :class:`Region` has them.
         candidates: n, in the order in which they were judged.
+        least_damping: Damping ratio in the cut that was asked for; -inf: nobody looked.
     """
 
     places: Float
     candidates: list[Candidate]
+    least_damping: float = -np.inf
 
-    def by_deflection(self) -> list[int]:
-        """Indices of those that can be run, the smallest deflection first."""
+    def ranked(self) -> list[int]:
+        """Indices of those that can be run, the smallest error first."""
         some = [k for k, candidate in enumerate(self.candidates) if not candidate.refused]
-        return sorted(some, key=lambda k: self.candidates[k].deflection_m)
+        return sorted(some, key=lambda k: self.candidates[k].error_m)
+
+    def steadied(self, present: Candidate) -> Judged:
+        """The same, with those refused in which the cut feeds a swing (:attr:`Candidate.least_damping`).
+
+        Asked for is a damping ratio of 0 with the robot's own damping as it was stated; where no candidate has it, what
+        the present place has; where no candidate has that either, the largest that was found.
+
+        Args:
+            present: The present place and its posture.
+        """
+        found = [c.least_damping for c in self.candidates if not c.refused and not np.isnan(c.least_damping)]
+        if not found:
+            return self
+        most = max(found)
+        limit = 0.0 if most >= 0.0 else min(present.least_damping, most)
+        kept = [c if c.refused or not c.least_damping < limit else replace(c, refused=CHATTER) for c in self.candidates]
+        return Judged(self.places, kept, limit)
 
     def refusals(self) -> dict[str, int]:
         """How many candidates each constraint refused, the most first."""
@@ -90,15 +126,19 @@ def placed(place: Float, middle: Float, R_turned: Float) -> Float:
 
 
 def search(
-    site: Site, region: Region, middle: Float, R_turned: Float, count: int, seed: int = 1, progress: Progress = silent
+    site: Site,
+    region: Region,
+    seen: Callable[[Float], Seen],
+    count: int,
+    seed: int = 1,
+    progress: Progress = silent,
 ) -> Judged:
     """Judge ``count`` poses of the part: Sobol points over the region, differential evolution, Nelder-Mead at the end.
 
     Args:
         site: The program.
         region: Where the part may stand.
-        middle: (3,) m, see :func:`placed`.
-        R_turned: (3, 3), see :func:`placed`.
+        seen: Where a candidate (4 + k,) puts things.
         count: Candidates; rounded up to whole generations of :data:`POPULATION`.
         seed: Of the search.
         progress: Progress callback, fraction 0 to 1.
@@ -112,11 +152,12 @@ def search(
     def cost(x: Float) -> float:
         place = low.copy()
         place[free] = x
-        candidate = judge(site, placed(place, middle, R_turned))
+        there = seen(place)
+        candidate = judge(site, there.T_base_part, there.T_base_before)
         places.append(place)
         candidates.append(candidate)
         progress(min(1.0, len(places) / (generations * POPULATION)))
-        return _REFUSED * (2.0 - candidate.passed) if candidate.refused else candidate.deflection_m
+        return _cost(candidate)
 
     if free.any():
         bounds = list(zip(low[free], high[free], strict=True))
@@ -136,3 +177,12 @@ def search(
     else:
         cost(np.empty(0))
     return Judged(np.array(places), candidates)
+
+
+def _cost(candidate: Candidate) -> float:
+    """What differential evolution compares: error, then chatter, then what refuses a candidate."""
+    if candidate.refused:
+        return _REFUSED * (2.0 - candidate.passed)
+    if candidate.least_damping < 0.0:
+        return _FED * (1.0 - candidate.least_damping / (1.0 - candidate.least_damping))
+    return candidate.error_m

@@ -13,10 +13,11 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.plan.inputs import Setting
+from counterflex.plan.posture.acceleration import too_fast, too_fast_at
 from counterflex.plan.posture.clearance import too_close, worst
 from counterflex.plan.posture.cut_path import CutPath, in_contact, stations
 from counterflex.plan.posture.held import Held, Task, held
-from counterflex.plan.posture.impossible import in_the_way, no_way, require_possible
+from counterflex.plan.posture.impossible import in_the_way, no_way, require_possible, too_slow
 from counterflex.plan.posture.survey import RobotHere, constant_costs, survey_path
 from counterflex.plan.posture.survey_kernel import POWER, Survey
 from counterflex.plan.posture.way import Way, Weights, allowed_steps, best_way, least_cost
@@ -25,6 +26,7 @@ from counterflex.robot.model.opw import BRANCHES
 MOST_EDGES: Final = 2000
 ROTATIONS: Final = 72
 """Rotations about the tool axis that are tried: every 5 deg."""
+ABOUT_RAD: Final = 10.0 * DEG
 _USUAL_RATE_RAD_S: Final = 20.0 * DEG
 """Rate of turning that stations are spaced for where the tool does not turn: between them reversals are not seen."""
 SURVEY, WAY, JUDGEMENT = "trying every posture", "finding the way", "comparing"
@@ -39,12 +41,15 @@ class Freedom:
         rate_rad_s: How fast the tool may turn about its axis in the cut; 0: it stays as it is.
         air_rate_rad_s: How fast between the cuts.
         weights: Of what costs beside the deflection.
+        about: Branch and rotation in rad from which the posture at the beginning must not be further than
+            :data:`ABOUT_RAD`; None: any.
     """
 
     rotations: int = ROTATIONS
     rate_rad_s: float = 0.0
     air_rate_rad_s: float = 0.0
     weights: Weights = field(default_factory=Weights)
+    about: tuple[str, float] | None = None
 
     @property
     def grid_rad(self) -> Float:
@@ -55,6 +60,22 @@ class Freedom:
     def step_rad(self) -> float:
         """From one rotation to the next."""
         return 2.0 * np.pi / self.rotations
+
+    def near(self, index: int, steps: int) -> Bool:
+        """(rotations,) those that are at most so many steps of the grid from one of them."""
+        half = self.rotations // 2
+        apart = (np.arange(self.rotations) - index + half) % self.rotations - half
+        return np.asarray(np.abs(apart) <= steps)
+
+    def left_out(self) -> Bool:
+        """(rotations, 8) postures that are not :attr:`about` the one asked for."""
+        out = np.zeros((self.rotations, len(BRANCHES)), dtype=np.bool_)
+        if self.about is not None:
+            branch, rotation = self.about
+            out[:] = True
+            rows = self.near(round(rotation / self.step_rad), round(ABOUT_RAD / self.step_rad))
+            out[rows, BRANCHES.index(branch)] = False
+        return out
 
     @property
     def turns(self) -> bool:
@@ -101,7 +122,7 @@ def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
     rows = stations(cut, freedom.step_rad / (freedom.rate_rad_s or _USUAL_RATE_RAD_S), MOST_EDGES)
     survey = survey_path(cut, task.robot, freedom.grid_rad, rows, parts[SURVEY])
     require_possible(survey, task)
-    blocked = cannot_touch(task.setting.datum_points_part, task.robot, freedom)
+    blocked = cannot_touch(task.setting.datum_points_part, task.robot, freedom) | freedom.left_out()
     survey.q[0, blocked] = np.nan
     parts[WAY](0.0)
     way, best = _free_way(task, freedom, survey, rows, blocked)
@@ -124,21 +145,32 @@ def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
 
 
 def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: Bool) -> tuple[Way, Held]:
-    """The best way on which no bodies come too close; ``blocked`` learns of the postures left out for that."""
+    """The best way on which no bodies come too close and no axis has to accelerate beyond its drive.
+
+    ``blocked`` learns of the postures left out for that.
+    """
     cut, robot, around = task.cut, task.robot, task.around
     steps = allowed_steps(
         in_contact(cut, rows), np.diff(cut.time_s[rows]), freedom.step_rad, freedom.rate_rad_s, freedom.air_rate_rad_s
     )
-    looked, collision = False, None
+    looked, refused = False, None
     while True:
         way, passed = best_way(cut, robot, survey, rows, steps, freedom.weights)
         if way is None:
-            raise no_way(passed, rows, task, turns=freedom.turns) if collision is None else collision
+            raise no_way(passed, rows, task, survey, turns=freedom.turns) if refused is None else refused
         best = held(task, _setting(task, freedom, way, rows))
+        fast = too_fast(task.path, robot, best.q)
+        if fast is not None:
+            refused = refused or too_slow(fast, task)
+            found = too_fast_at(task.path, robot, freedom.grid_rad, fast.point)
+            blocked |= found
+            survey.q[:, found] = np.nan
+            _block(survey, blocked, way)
+            continue
         close = None if around is None else worst(best.q, robot, around)
         if around is None or close is None:
             return way, best
-        collision = collision or in_the_way(close, around, task)
+        refused = refused or in_the_way(close, around, task)
         if looked:
             _block(survey, blocked, way)
         else:

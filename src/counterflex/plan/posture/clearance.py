@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -31,6 +31,15 @@ class Surroundings:
     tool: Int
     clearance_m: float
 
+    def seen_from(self, T_base_before: Float) -> Surroundings:
+        """The same from a robot that was carried away: what stands on the floor is elsewhere in its base.
+
+        Args:
+            T_base_before: (4, 4) the robot base as it was, in the robot base as it is.
+        """
+        bodies = [_carried_away(body, T_base_before) for body in self.bodies]
+        return replace(self, bodies=bodies)
+
     def compared(self) -> list[tuple[int, int, float]]:
         """Pairs of bodies, and the distance that each must keep."""
         outer, inner = pairs(self.bodies)
@@ -38,6 +47,13 @@ class Surroundings:
             (a, b, self.clearance_m if tool_of(self.bodies[a], self.bodies[b]) is None else 0.0)
             for a, b in (*inner, *outer)
         ]
+
+
+def _carried_away(body: Body, T_base_before: Float) -> Body:
+    if body.frame != "base" or not body.surrounds:
+        return body
+    T_before_body = body.T_frame_body
+    return replace(body, T_frame_body=T_base_before @ T_before_body)
 
 
 def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bool:
@@ -58,17 +74,16 @@ def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bo
     if not compared:
         return out
     scene = Scene(around.bodies)
+    of_tool = {
+        tool: [pair for pair in compared if tool_of(around.bodies[pair[0]], around.bodies[pair[1]]) in (None, tool)]
+        for tool in np.unique(around.tool[rows[places]]).tolist()
+    }
     for turn, slot in np.argwhere(~np.isnan(q[:, :, :, 0]).all(axis=0)):
         held = [k for k in places if not np.isnan(q[k, turn, slot, 0])]
         placed = poses(robot.controller_chain, around.bodies, q[held, turn, slot], robot.T_base_part)
         for k, bodies in zip(held, placed, strict=True):
             scene.place(bodies)
-            tool = around.tool[rows[k]]
-            if any(
-                scene.distance(a, b, least + 1e-3) < least
-                for a, b, least in compared
-                if tool_of(around.bodies[a], around.bodies[b]) in (None, tool)
-            ):
+            if any(scene.distance(a, b, least + 1e-3) < least for a, b, least in of_tool[int(around.tool[rows[k]])]):
                 out[turn, slot] = True
                 break
     return out
@@ -82,11 +97,29 @@ def worst(q: Float, robot: RobotHere, around: Surroundings) -> Closest | None:
         robot: Robot, tool and place of the part.
         around: What must not touch.
     """
-    compared = around.compared()
-    problems = []
-    for least in {least for *_, least in compared}:
-        some = [(a, b) for a, b, distance in compared if distance == least]
+    return kept(q, robot, around)[0]
+
+
+def kept(q: Float, robot: RobotHere, around: Surroundings) -> tuple[Closest | None, float]:
+    """The pair that is too close as :func:`worst` has it, and the clearance of the path.
+
+    Args:
+        q: (n, 6) rad at every point.
+        robot: Robot, tool and place of the part.
+        around: What must not touch.
+
+    Returns:
+        The pair, None where none is too close; the smallest distance of bodies that must keep one (all but tools), m,
+        infinite where none are compared.
+    """
+    compared = [(a, b, tool_of(around.bodies[a], around.bodies[b])) for a, b, _ in around.compared()]
+    blunt = [(a, b) for a, b, tool in compared if tool is None]
+    sharp = [(a, b) for a, b, tool in compared if tool is not None]
+    problems, clearance = [], np.inf
+    for some, least in ((blunt, around.clearance_m), (sharp, 0.0)):
         result = closest(robot.controller_chain, around.bodies, some, q, around.tool, robot.T_base_part)
+        if result is not None and some is blunt:
+            clearance = result.distance_m
         if result is not None and result.distance_m < least:
             problems.append((result.distance_m - least, result))
-    return min(problems, key=lambda pair: pair[0])[1] if problems else None
+    return min(problems, key=lambda pair: pair[0])[1] if problems else None, float(clearance)

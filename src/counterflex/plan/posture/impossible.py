@@ -8,8 +8,9 @@ import numpy as np
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import ReachError
-from counterflex.core.units import MM
+from counterflex.core.units import DEG, MM
 from counterflex.plan.inputs import place
+from counterflex.plan.posture.acceleration import TooFast
 from counterflex.plan.posture.clearance import Surroundings
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey_kernel import ARM_SINGULAR, JOINT_LIMIT, OK, OUT_OF_REACH, WRIST_SINGULAR, Survey
@@ -30,6 +31,13 @@ REASONS: Final = {
     ),
 }
 """What the best posture of a point fails by, and what to do."""
+FAULTS: Final = {
+    OUT_OF_REACH: "out of reach",
+    ARM_SINGULAR: "arm stretched",
+    JOINT_LIMIT: "joint limit or cable",
+    WRIST_SINGULAR: "wrist singularity",
+}
+"""The same in few words."""
 
 
 def require_possible(survey: Survey, task: Task) -> None:
@@ -53,25 +61,48 @@ def require_possible(survey: Survey, task: Task) -> None:
         )
 
 
-def no_way(passed: Int, rows: Int, task: Task, *, turns: bool) -> ReachError:
+def no_way(passed: Int, rows: Int, task: Task, survey: Survey, *, turns: bool) -> ReachError:
     """Every point has a posture, but none leads from the first point to the last.
 
     Args:
         passed: (8,) edges that each branch could pass.
         rows: (m + 1,) stations.
         task: The program.
+        survey: Of the path.
         turns: The tool may turn about its axis.
     """
     slot = int(np.argmax(passed))
     row = int(rows[min(passed[slot] + 1, len(rows) - 1)])
+    counts = survey.failed[row]
+    reasons = [
+        f"{counts[code]} {FAULTS[code]}" for code in np.argsort(-counts).tolist() if code in FAULTS and counts[code]
+    ]
+    why = f"of {counts.sum()} postures there fail: {', '.join(reasons) or 'none; axes are too slow to come to them'}"
     how = " at the joint speeds and rates of turning that are allowed" if turns else " without turning the tool"
     return ReachError(
         f"no posture leads past this point{how}",
         where=place(task.path, task.line, row),
-        value=f"{BRANCHES[slot]} comes to line {int(task.line[rows[passed[slot]]])}",
+        value=f"{BRANCHES[slot]} comes to line {int(task.line[rows[passed[slot]]])}; {why}",
         limit="one posture from the first line to the last",
         hint="Move the part, or divide the program",
         point=row,
+    )
+
+
+def too_slow(fast: TooFast, task: Task) -> ReachError:
+    """Every posture that leads through the path asks an axis for more acceleration at feed than its drive has.
+
+    Args:
+        fast: In the posture that would be best otherwise.
+        task: The program.
+    """
+    return ReachError(
+        f"in every posture that leads through the program an axis is too slow; in the best, axis {fast.axis + 1}",
+        where=place(task.path, task.line, fast.point),
+        value=f"{fast.acceleration_rad_s2 / DEG:.0f} deg/s2",
+        limit=f"at most {fast.limit_rad_s2 / DEG:g} deg/s2 (limits.joint_acceleration_deg_s2)",
+        hint="Lower the feed there or controller.acceleration_mm_s2, round the corner, or move the part",
+        point=fast.point,
     )
 
 

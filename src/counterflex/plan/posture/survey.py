@@ -34,6 +34,8 @@ class RobotHere:
         T_base_part: (4, 4) pose of the part.
         limits: Margins to joint limits and wrist singularity.
         joint_speeds_rad_s: (6,) largest speeds, or None where they are not known.
+        joint_accelerations_rad_s2: (6,) of the drives, or None where they are not known.
+        acceleration_m_s2: With which the controller changes the speed of the tool.
         cables_rad: By axis 0..5 the largest angle from 0 that its cables allow, where known.
     """
 
@@ -42,6 +44,8 @@ class RobotHere:
     T_base_part: Float
     limits: Limits
     joint_speeds_rad_s: Float | None = None
+    joint_accelerations_rad_s2: Float | None = None
+    acceleration_m_s2: float = 1.0
     cables_rad: Mapping[int, float] = field(default_factory=dict)
 
     @property

@@ -164,7 +164,7 @@ def margins(
         process = process_of_engagement(
             piece.depth_m, setting.cutter_of(piece.tool), setting.law, piece.feed_per_tooth_m
         )
-        R = _feed_frame(piece.direction_part)
+        R = feed_frame(piece.direction_part)
         A, T = R @ process.mean @ R.T, piece.period_s
         robot = robot_limits(posture, modes[posture], A, T)
         tool = Limit(LARGEST, math.nan, TOOL)
@@ -208,7 +208,7 @@ def all_modes(margin: Margin, structure: Structure) -> Modes:
     )
 
 
-def _feed_frame(direction: Float) -> Float:
+def feed_frame(direction: Float) -> Float:
     """Columns x along the horizontal feed, y to its left, z up, in part axes."""
     up = np.array([0.0, 0.0, 1.0])
     return np.stack([direction, np.cross(up, direction), up], axis=1)

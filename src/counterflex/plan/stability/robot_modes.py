@@ -16,7 +16,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.cutting.stability.modes import Modes
-from counterflex.plan.elastic_motion import matrices
+from counterflex.plan.elastic_motion import inertia, jacobians, stiffness_of
 from counterflex.plan.lowest_mode import assumed_masses, can_move
 from counterflex.plan.modes import modes
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -44,14 +44,30 @@ def robot_modes(
     Raises:
         ModelError: Nothing yields.
     """
+    return robot_modes_along(chain, q[None], R_part_base, measured, damping_ratio)[0]
+
+
+def robot_modes_along(
+    chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float
+) -> list[Modes]:
+    """:func:`robot_modes` of many postures, q (k, 6) rad."""
     if not np.any(chain.compliance > 0.0):
         raise ModelError("nothing of the robot yields, so it has no modes", hint="Give compliances, or a tool response")
     moves = can_move(chain)
-    M, stiffness, J, _ = matrices(chain if moves else assumed_masses(chain, q), q)
-    free = modes(M, stiffness)
-    omega = free.omega_rad_s
-    if measured is not None and not moves:
-        omega = omega * (measured.omega_rad_s / omega[0])
-    shape = R_part_base @ J[:3] @ free.shapes * omega
-    chosen = omega <= max(2.0 * math.pi * HIGHEST_HZ, float(omega[0]))
-    return Modes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen])
+    heavy = chain if moves else assumed_masses(chain, q[0])
+    J, _ = jacobians(heavy, q)
+    out = []
+    for M, stiffness, at_tip in zip(inertia(heavy, q), _each(stiffness_of(heavy, q), len(q)), J, strict=True):
+        free = modes(M, stiffness)
+        omega = free.omega_rad_s
+        if measured is not None and not moves:
+            omega = omega * (measured.omega_rad_s / omega[0])
+        shape = R_part_base @ at_tip[:3] @ free.shapes * omega
+        chosen = omega <= max(2.0 * math.pi * HIGHEST_HZ, float(omega[0]))
+        out.append(Modes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen]))
+    return out
+
+
+def _each(stiffness: Float, count: int) -> Float:
+    """A row for each posture."""
+    return np.broadcast_to(stiffness, (count, stiffness.shape[1]))

@@ -42,6 +42,9 @@ def entry(
 ) -> None:
     """Rewrite plunges and retracts at the beginning and end of cuts as arcs beside a wall and ramps into a slot.
 
+    A cut over an edge of the blank begins with a run-up of 10 mm through the air in its own direction: the axes then
+    move as they will in the cut, and what they lose where they turn round is lost before the first contact.
+
     Entries and exits are found in the stock simulation. Where a move would cut what the program leaves, or leave what
     it cuts, the program is kept as it is there. Force and error of both are printed. Writes into DIR the program under
     its own name, and summary.json.
@@ -72,10 +75,11 @@ def _show(summary: dict[str, Any], out: Path) -> None:
             _pair(row["peak_force_n"], ".0f"),
             _pair(row["force_step_n_per_ms"], ".2f"),
             _pair(row["error_um"], ".0f"),
+            _pair(row["lost_um"], ".0f"),
         ]
         for row in summary["entries"]
     ]
-    head = ["line", "entry", "move", "peak force N", "force step N/ms", "error um"]
+    head = ["line", "entry", "move", "peak force N", "force step N/ms", "error um", "lost motion um"]
     before, after = summary["time_s"]
     print_table(f"{summary['program']}: entries and exits, {before:g} -> {after:g} s", head, rows)
     typer.echo(f"wrote {out}: {summary['program']}, summary.json")

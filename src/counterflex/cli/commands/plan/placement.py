@@ -22,24 +22,24 @@ def placement(
     cell: CellFile,
     out: Out,
     region: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             "--region",
             help="Where the part may stand, mm in the robot base: x and y of the middle of the program, z of the part "
-            "frame. Without it: in front of the robot, from its foot to half its reach.",
-            metavar="X0,X1,Y0,Y1,Z0,Z1",
-            callback=arguments.numbers_of(6),
+            "frame (without it: in front of the robot, from its foot to half its reach). E1=A,B: values that an "
+            "external axis may have, mm or deg; may be given again for each.",
+            metavar="X0,X1,Y0,Y1,Z0,Z1|NAME=A,B",
         ),
     ] = None,
     turned: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--turned",
-            help="Rotations of the part about z that are allowed, deg from the present one.",
+            help="Rotations of the part about z that are allowed, deg from the present one. [default: -180,180]",
             metavar="A,B",
             callback=arguments.numbers_of(2),
         ),
-    ] = "-180,180",
+    ] = None,
     candidates: Annotated[
         int, typer.Option("--candidates", help="Poses of the part that are judged.", min=64, max=100_000)
     ] = 1024,
@@ -65,27 +65,32 @@ def placement(
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
 ) -> None:
-    """Choose where the part stands in the cell: smallest deflection normal to the machined surface.
+    """Choose where the part stands in the cell: smallest error at the machined surface, without chatter.
 
     A robot is several times stiffer in one place than in another. Poses of the part (x, y, z, rotation about z) are
     searched globally; each is judged by the best posture of the robot along the program, under the predicted cutting
-    force. Refused are poses out of reach, those that break joint limits or cables, come too close to singularities,
-    leave a datum point untouched or bring coarse bodies together.
+    force: deflection, lost motion of the drives, and the swing behind steps of the force. Refused are poses in which
+    the cut feeds a swing, poses out of reach, those that break joint limits or cables, come too close to
+    singularities, leave a datum point untouched or bring coarse bodies together.
 
     Writes into DIR: cell.toml (the cell file with the pose of the part and the posture), candidates.csv (all poses
-    judged, those that no other beats in deflection, time and margin marked), summary.json.
+    judged; those that no other beats in error, time, margin and clearance marked), summary.json.
+
+    In a cell with external axes (rail, positioner) their values are chosen, within the limits of the cell file, and the
+    part stays where it is clamped; --region E1=0,2000 searches that axis alone. KRL and RAPID programs hold the values.
 
     With --mounting spindle.b_deg=0,-35 the angle of the spindle is chosen too, one of those that the shop has.
 
     Example: `counterflex plan placement part.ngc --cell cell.toml --region 900,1800,-400,400,300,1000 --out placement`
     """
     keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
-    from counterflex.app import placement as job
     from counterflex.app.inputs import Reading
-    from counterflex.app.spindle_mounting import Mounting
+    from counterflex.app.placement import placement as job
+    from counterflex.app.placement.region import Wish
+    from counterflex.app.placement.spindle_mounting import Mounting
     from counterflex.plan.posture.cut_path import Surface
 
-    box = arguments.numbers(region, "--region", 6)
+    box, axes = arguments.region(region or [], "--region")
     angles = arguments.numbers(turned, "--turned", 2)
     with progress_bar(f"searching the place for {program.name}") as progress:
         summary = job.run(
@@ -94,7 +99,7 @@ def placement(
             out,
             reading=Reading(dialect, parameters, complete=not without_end),
             surface=cast("Surface", surface),
-            wish=job.Wish(None if box is None else tuple(box), (-180.0, 180.0) if angles is None else tuple(angles)),
+            wish=Wish(box, None if angles is None else tuple(angles), axes or None),
             count=candidates,
             mounting=None if mounting is None else Mounting(*arguments.body_angles(mounting, "--mounting")),
             progress=progress,
@@ -104,13 +109,14 @@ def placement(
 
 
 def _show(summary: dict[str, Any]) -> None:
-    columns = ["place", "x mm", "y mm", "z mm", "a deg", "branch", "rotation deg", "deflection um", "reversals"]
-    columns += ["limit margin deg", "wrist deg"]
-    note = "Deflection: 99.7 % of the cut stay below it."
+    axes = summary["external_axes"]
+    columns = ["place", "x mm", "y mm", "z mm", "a deg", *axes, "branch", "rotation deg", "deflection um", "error um"]
+    columns += ["damping in cut", "reversals", "limit margin deg", "wrist deg", "clearance mm"]
+    note = "Deflection: at rest, 99.7 % of the cut stay below it. Error: power mean, with lost motion and swing."
     print_table(
         f"{summary['program']} on {summary['cell']}",
         columns,
-        [[name, *_row(summary[name])] for name in ("present", "posture_alone", "chosen")],
+        [[name, *_row(summary[name], axes)] for name in ("present", "posture_alone", "chosen")],
         note=note,
     )
     for row in summary.get("mountings", []):
@@ -129,9 +135,10 @@ def _angle(row: dict[str, Any], made: dict[str, Any]) -> str:
     return f"{made['body']}.{made['key']} = {row['angle_deg']:g}: {worth}{remark}"
 
 
-def _row(held: dict[str, Any] | None) -> list[str]:
+def _row(held: dict[str, Any] | None, axes: list[str]) -> list[str]:
+    keys = ["x_mm", "y_mm", "z_mm", "a_deg", *axes, "branch", "rotation_about_tool_deg", "deflection_um", "error_um"]
+    keys += ["damping_in_cut", "reversals", "limit_margin_deg", "wrist_deg", "clearance_mm"]
     if held is None:
-        return ["out of reach", *[""] * 9]
-    keys = ("x_mm", "y_mm", "z_mm", "a_deg", "branch", "rotation_about_tool_deg", "deflection_um", "reversals")
-    values = [held[key] for key in (*keys, "limit_margin_deg", "wrist_deg")]
-    return [value if isinstance(value, str) else f"{value:g}" for value in values]
+        return ["out of reach", *[""] * (len(keys) - 1)]
+    values = [held[key] for key in keys]
+    return ["" if v is None else v if isinstance(v, str) else f"{v:g}" for v in values]

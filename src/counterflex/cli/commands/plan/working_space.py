@@ -53,9 +53,9 @@ def working_space(
     Example: `counterflex plan map part.ngc --cell cell.toml --points 9 --out map`
     """
     keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
-    from counterflex.app import placement_map as job
     from counterflex.app.inputs import Reading
-    from counterflex.app.placement import Wish
+    from counterflex.app.placement import placement_map as job
+    from counterflex.app.placement.region import Wish
     from counterflex.plan.posture.cut_path import Surface
 
     box = arguments.numbers(region, "--region", 6)

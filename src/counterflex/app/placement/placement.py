@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,22 +12,27 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
+from counterflex.app.placement.candidates_table import table_of, values_of
+from counterflex.app.placement.frame import Frame, Stand
+from counterflex.app.placement.region import Wish, region_of, shown
+from counterflex.app.placement.spindle_mounting import Mounting
 from counterflex.app.posture import held_row, loaded_path, robot_of, surroundings_of
-from counterflex.app.spindle_mounting import Mounting
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError, ReachError
+from counterflex.core.errors import InputError, ModelError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM, UM
+from counterflex.cutting.stock import require_vertical
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.set_up import POSE_KEYS, text_with_place
+from counterflex.files.cell.set_up import text_with_place
 from counterflex.files.summary_file import write_summary
-from counterflex.geometry import pose
-from counterflex.plan.placement.candidate import pareto, site_of
-from counterflex.plan.placement.search import Judged, Region, placed, search, usual_region
+from counterflex.plan.placement.candidate import Candidate, Site, pareto, site_of, worth
+from counterflex.plan.placement.search import Judged, Seen, search
 from counterflex.plan.posture.choose import Chosen, Freedom, choose
+from counterflex.plan.posture.clearance import kept
 from counterflex.plan.posture.cut_path import Surface
 from counterflex.plan.posture.held import Held, Task, held
+from counterflex.plan.stability.stretches import Stretch, stretches_of
 
 READING, CUTTING, SEARCHING, CHOOSING = "reading the program", "cutting", "searching the place", "choosing the posture"
 TABLE: Final = "candidates.csv"
@@ -38,20 +41,8 @@ FINALISTS: Final = 3
 """Places whose posture is chosen along the whole path; the best of them is taken."""
 _APART_M: Final = 0.05
 _APART_RAD: Final = 15.0 * DEG
-
-
-@dataclass(frozen=True)
-class Wish:
-    """Where the part may stand.
-
-    Attributes:
-        box_mm: Least and largest x and y of the middle of the program, and z of the part frame, robot base; None: as
-            :func:`counterflex.plan.placement.search.usual_region` has it.
-        turned_deg: Least and largest rotation of the part about z, from the present one.
-    """
-
-    box_mm: tuple[float, ...] | None = None
-    turned_deg: tuple[float, ...] = (-180.0, 180.0)
+_ROUNDING: Final = 0.01
+"""Damping ratio that the whole path, its finer grid and the rounded pose may take from that of a candidate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,67 +50,16 @@ class Placed:
     """A place chosen for a program.
 
     Attributes:
-        pose: Of the part, ``x_mm`` ... ``c_deg``.
+        stand: Pose of the part and values of external axes.
         chosen: Its posture.
         judged: All candidates.
         summary: In shop units.
     """
 
-    pose: dict[str, float]
+    stand: Stand
     chosen: Chosen
     judged: Judged
     summary: dict[str, Any]
-
-
-@dataclass(frozen=True, eq=False)
-class _Frame:
-    """How a candidate becomes a pose of the part."""
-
-    cell: Cell
-    middle: Float
-
-    @property
-    def part(self) -> Float:
-        """(4, 4) present pose of the part in the base."""
-        return self.cell.part.matrix()
-
-    def keys(self, place: Float) -> dict[str, float]:
-        """Pose of the part as a cell file has it, to 0.1 mm and 0.01 deg."""
-        now, p = self.cell.part, placed(place, self.middle, self.cell.T_base_part[:3, :3])[:3, 3] / MM
-        a = (now.a_deg + place[3] / DEG + 180.0) % 360.0 - 180.0
-        return dict(zip(POSE_KEYS, (*np.round(p, 1).tolist(), round(float(a), 2), now.b_deg, now.c_deg), strict=True))
-
-    def seen(self, keys: dict[str, float]) -> Float:
-        """(4, 4) frame of the program in the base, where the part stands so; it is tilted with the working plane."""
-        p, angles = [keys[k] * MM for k in POSE_KEYS[:3]], [keys[k] * DEG for k in POSE_KEYS[3:]]
-        out: Float = pose.from_xyz_zyx(np.array(p), np.array(angles)) @ pose.inverse(self.part) @ self.cell.T_base_part
-        return out
-
-
-def region_of(wish: Wish, cell: Cell) -> Region:
-    """The region that is searched.
-
-    Raises:
-        InputError: It is empty, or the robot has no closed-form geometry and no region is given.
-    """
-    angles = [a * DEG for a in wish.turned_deg]
-    if wish.box_mm is None:
-        opw = cell.controller_chain.opw
-        if opw is None:
-            raise InputError("the reach of this robot is not known", where=cell.label, hint="Give --region")
-        usual = usual_region(opw)
-        low, high = [*usual.low[:3], angles[0]], [*usual.high[:3], angles[1]]
-    else:
-        low, high = [*(v * MM for v in wish.box_mm[::2]), angles[0]], [*(v * MM for v in wish.box_mm[1::2]), angles[1]]
-    for name, least, most, unit in zip(("x", "y", "z", "rotation"), low, high, (MM, MM, MM, DEG), strict=True):
-        if least > most:
-            raise InputError(
-                f"the region is empty along {name}",
-                value=f"{least / unit:g} to {most / unit:g}",
-                limit="the least first",
-                hint="Give --region X0,X1,Y0,Y1,Z0,Z1 and --turned A,B with the least before the largest",
-            )
-    return Region((low[0], low[1], low[2], low[3]), (high[0], high[1], high[2], high[3]))
 
 
 def task_of(
@@ -130,13 +70,6 @@ def task_of(
     Raises:
         CounterflexError: The program cannot be cut so, or cuts nothing.
     """
-    if cell.tables.external_axes:
-        raise InputError(
-            "the place of a part in a cell with external axes is not searched",
-            where=cell.label,
-            value=", ".join(axis.name for axis in cell.tables.external_axes),
-            hint="Compare values of the axes with plan posture, or leave the axes out of the cell file",
-        )
     cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
     setting, path = setting_of(cell), job.machined
@@ -185,38 +118,69 @@ def placement_of(
         ReachError: No candidate can be run; says which constraint refused how many.
     """
     parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, CHOOSING: 4.0})
-    region = region_of(Wish() if wish is None else wish, cell)
+    wish = Wish() if wish is None else wish
     parts[CUTTING](0.0)
     job, cell, task = task_of(program, cell, reading, surface, parts[CUTTING])
-    frame, begin = _Frame(cell, middle_of(task)), time.perf_counter()
-    site = site_of(task)
-    judged = search(site, region, frame.middle, cell.T_base_part[:3, :3], count, progress=parts[SEARCHING])
+    frame, begin = Frame(cell, middle_of(task)), time.perf_counter()
+    region = region_of(wish, frame)
+    site = site_of(task, stretches_of_task(task, cell), cell.tables.dynamics.damping_ratio)
+    judged = search(site, region, frame.seen, count, progress=parts[SEARCHING])
+    alone, present = _here(task)
+    if present is not None:
+        now = Candidate("", 1.0, *worth(site, task.robot, present.q[site.rows]))
+        judged = judged.steadied(now)
     seconds = time.perf_counter() - begin
     parts[CHOOSING](0.0)
     with faults_in(job):
-        keys, chosen = _best(task, frame, judged)
-    alone, present = _here(task)
+        stand, chosen = _best(task, site, frame, judged)
     progress(1.0)
-    now = {key: float(getattr(cell.part, key)) for key in POSE_KEYS}
-    rows = {"present": (now, present), "posture_alone": (now, alone), "chosen": (keys, chosen.best)}
+    here = frame.stand(frame.here)
+    rows = {"present": (here, present), "posture_alone": (here, alone), "chosen": (stand, chosen.best)}
     summary = {
         "program": job.program.name,
         "cell": cell.label,
         "robot": cell.robot.name,
         "surface": surface,
-        **{name: None if what is None else {**place, **held_row(what, job)} for name, (place, what) in rows.items()},
+        "external_axes": [axis.name for axis in frame.axes],
+        "least_damping": None if np.isinf(judged.least_damping) else round(judged.least_damping, 4),
+        **{
+            name: None if what is None else {**where.part, **where.axes, **_row(what, where, task, site, frame, job)}
+            for name, (where, what) in rows.items()
+        },
         "reduction_percent": None
         if present is None or present.share_m == 0.0
         else round(100.0 * (1.0 - chosen.best.share_m / present.share_m), 1),
-        "region": {"low": _shop(region.low), "high": _shop(region.high)},
+        "region": {"low": shown(region.low, cell), "high": shown(region.high, cell)},
         "candidates": len(judged.candidates),
         "refused": judged.refusals(),
-        "pareto": len(pareto(_values(judged))),
+        "pareto": len(pareto(values_of(judged))),
         "poses": site.poses * len(judged.candidates),
         "search_s": round(seconds, 3),
         "counterflex": __version__,
     }
-    return Placed(keys, chosen, judged, summary)
+    return Placed(stand, chosen, judged, summary)
+
+
+def _row(what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Job) -> dict[str, Any]:
+    """What a posture in a place is worth, in shop units."""
+    there = _moved(task, frame.at(stand))
+    _, error, damping = worth(site, there.robot, what.q[site.rows])
+    clearance = np.inf if there.around is None else kept(what.q, there.robot, there.around)[1]
+    return {
+        **held_row(what, job),
+        "error_um": round(error / UM, 2),
+        "damping_in_cut": None if np.isnan(damping) else round(damping, 4),
+        "clearance_mm": None if np.isinf(clearance) else round(clearance / MM, 1),
+    }
+
+
+def stretches_of_task(task: Task, cell: Cell) -> list[Stretch]:
+    """What the program cuts, for the criterion of chatter; none where the tool is tilted, which it does not serve."""
+    try:
+        require_vertical(task.path.axis_part)
+    except ModelError:
+        return []
+    return stretches_of(task.path, cell.stock(), task.setting.cutter_of)
 
 
 def _here(task: Task) -> tuple[Held | None, Held | None]:
@@ -231,31 +195,35 @@ def _here(task: Task) -> tuple[Held | None, Held | None]:
     return chosen.best, chosen.present
 
 
-def _best(task: Task, frame: _Frame, judged: Judged) -> tuple[dict[str, float], Chosen]:
+def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, Chosen]:
     """Choose the posture of the best places along the whole path, and the best of them.
 
     Raises:
         ReachError: None can be run.
     """
-    done: list[tuple[dict[str, float], Chosen]] = []
+    done: list[tuple[float, Stand, Chosen]] = []
     tried: list[Float] = []
     failed: ReachError | None = None
-    for k in judged.by_deflection():
-        place = judged.places[k]
+    for k in judged.ranked():
+        place, candidate = judged.places[k], judged.candidates[k]
         if any(_near(place, other) for other in tried):
             continue
         tried.append(place)
-        keys = frame.keys(place)
-        T = frame.seen(keys)
-        there = replace(task, setting=replace(task.setting, T_base_part=T), robot=replace(task.robot, T_base_part=T))
+        stand = frame.stand(place)
+        there = _moved(task, frame.at(stand))
         try:
-            done.append((keys, choose(there, Freedom())))
+            chosen = choose(there, Freedom(about=(candidate.branch, candidate.rotation_rad)))
         except ReachError as fault:
             failed = fault
+        else:
+            _, error, damping = worth(site, there.robot, chosen.best.q[site.rows])
+            short = max(0.0, judged.least_damping - damping - _ROUNDING) if np.isfinite(judged.least_damping) else 0.0
+            done.append((error + short, stand, chosen))
         if len(done) == FINALISTS or len(tried) == 4 * FINALISTS:
             break
     if done:
-        return min(done, key=lambda pair: pair[1].best.share_m)
+        _, stand, chosen = min(done, key=lambda one: one[0])
+        return stand, chosen
     if failed is not None:
         raise failed
     refused = ", ".join(f"{count} {reason}" for reason, count in judged.refusals().items())
@@ -263,14 +231,24 @@ def _best(task: Task, frame: _Frame, judged: Judged) -> tuple[dict[str, float], 
         "the program can be run in none of the places that were tried",
         value=f"of {len(judged.candidates)} refused: {refused}",
         limit="every point in one posture within all limits",
-        hint="Widen --region or --turned; the limits are [limits] of the cell file, bodies are [[cell.body]]",
+        hint="Widen --region, --turned or --axis; the limits are [limits] of the cell file, bodies are [[cell.body]]",
     )
+
+
+def _moved(task: Task, seen: Seen) -> Task:
+    """A task where program and floor are elsewhere."""
+    T, around = seen.T_base_part, task.around
+    if around is not None and seen.T_base_before is not None:
+        around = around.seen_from(seen.T_base_before)
+    robot = replace(task.robot, T_base_part=T)
+    return replace(task, setting=replace(task.setting, T_base_part=T), robot=robot, around=around)
 
 
 def _near(place: Float, other: Float) -> bool:
     """Whether two places are so close that one posture's worth tells the other's."""
     turn = abs((place[3] - other[3] + np.pi) % (2.0 * np.pi) - np.pi)
-    return bool(np.linalg.norm(place[:3] - other[:3]) < _APART_M and turn < _APART_RAD)
+    aside = float(np.abs(place[4:] - other[4:]).max(initial=0.0))
+    return bool(np.linalg.norm(place[:3] - other[:3]) < _APART_M and turn < _APART_RAD and aside < _APART_M)
 
 
 def run(
@@ -304,9 +282,11 @@ def run(
             done, angle = _best_mounting(program, cell, mounting, progress, options)
             mounted = None if angle == mounting.present_deg(cell) else (mounting.body, mounting.key, angle)
         best = done.chosen.best
-        text = text_with_place(cell.path, done.pose, best.branch, best.rotation_rad / DEG, Path(out), mounted)
+        text = text_with_place(
+            cell.path, done.stand.part, best.branch, best.rotation_rad / DEG, Path(out), mounted, done.stand.axes
+        )
         atomic.write_text(staging / "cell.toml", text)
-        atomic.write_text(staging / TABLE, _table(done.judged))
+        atomic.write_text(staging / TABLE, table_of(done.judged, cell))
         write_summary(staging / "summary.json", done.summary)
     return done.summary
 
@@ -326,19 +306,19 @@ def _best_mounting(
     rows: list[dict[str, Any]] = []
     last: ReachError | None = None
     for angle in angles:
-        row: dict[str, Any] = {"angle_deg": angle, "deflection_um": None, "refused": ""}
+        row: dict[str, Any] = {"angle_deg": angle, "deflection_um": None, "error_um": None, "refused": ""}
         try:
             placed = placement_of(program, mounting.cell(cell, angle), progress=parts[str(angle)], **options)
         except ReachError as fault:
             last, row["refused"] = fault, fault.value or fault.what
         else:
             done[angle] = placed
-            row["deflection_um"] = placed.summary["chosen"]["deflection_um"]
+            row |= {key: placed.summary["chosen"][key] for key in ("deflection_um", "error_um")}
         rows.append(row)
     if not done:
         assert last is not None
         raise last
-    angle, best = min(done.items(), key=lambda pair: pair[1].chosen.best.share_m)
+    angle, best = min(done.items(), key=lambda pair: float(pair[1].summary["chosen"]["error_um"]))
     own = done[present].summary if present in done else {}
     summary = best.summary | {
         "mounting": {"body": mounting.body, "key": mounting.key, "present_deg": present, "chosen_deg": angle},
@@ -351,30 +331,3 @@ def _best_mounting(
         less = 1.0 - summary["chosen"]["deflection_um"] / before["deflection_um"]
         summary["reduction_percent"] = round(100.0 * less, 1)
     return replace(best, summary=summary), angle
-
-
-def _shop(bounds: tuple[float, float, float, float]) -> list[float]:
-    """x, y, z in mm and a rotation in deg."""
-    return [*(round(v / MM, 1) for v in bounds[:3]), round(bounds[3] / DEG, 2)]
-
-
-def _values(judged: Judged) -> Float:
-    """(n, 3) deflection, time and margin, each to be small."""
-    return np.array([[c.deflection_m, c.time_s, -c.margin_rad] for c in judged.candidates])
-
-
-def _table(judged: Judged) -> str:
-    """All candidates, one a row."""
-    text, front = io.StringIO(), set(pareto(_values(judged)).tolist())
-    rows = csv.writer(text, lineterminator="\n")
-    head = ["x_mm", "y_mm", "z_mm", "turned_deg", "refused", "reached_percent", "deflection_um", "time_s", "margin_deg"]
-    rows.writerow([*head, "branch", "rotation_about_tool_deg", "pareto"])
-    for k, (place, c) in enumerate(zip(judged.places, judged.candidates, strict=True)):
-        x, y, z, turned = place / [MM, MM, MM, DEG]
-        worth = ["", "", "", "", ""]
-        if not c.refused:
-            worth = [f"{c.deflection_m / UM:.2f}", f"{c.time_s:.2f}", f"{c.margin_rad / DEG:.2f}", c.branch]
-            worth.append(f"{c.rotation_rad / DEG:g}")
-        first = [f"{x:.1f}", f"{y:.1f}", f"{z:.1f}", f"{turned:.2f}", c.refused, f"{100.0 * c.passed:.1f}"]
-        rows.writerow([*first, *worth, "yes" if k in front else ""])
-    return text.getvalue()

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app import placement
-from counterflex.app.spindle_mounting import Mounting
+from counterflex.app.placement import placement
+from counterflex.app.placement.spindle_mounting import Mounting
 from counterflex.cli.arguments import body_angles
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
 
 
@@ -36,7 +36,7 @@ def test_the_spindle_turns_with_all_beyond_it() -> None:
 def test_the_best_angle_is_that_of_a_search_of_its_own(tmp_path: Path) -> None:
     made = Mounting("tcp", "b_deg", (75.0,))
     both = placement.run(GROOVE, CELL, tmp_path / "both", count=64, mounting=made)
-    rows = {row["angle_deg"]: row["deflection_um"] for row in both["mountings"]}
+    rows = {row["angle_deg"]: row["error_um"] for row in both["mountings"]}
     assert list(rows) == [90.0, 75.0]
     (tmp_path / "cell.toml").write_text(CELL.read_text().replace("\nb_deg = 90", "\nb_deg = 75"), encoding="utf-8")
     alone = {
@@ -44,7 +44,7 @@ def test_the_best_angle_is_that_of_a_search_of_its_own(tmp_path: Path) -> None:
         75.0: placement.run(GROOVE, tmp_path / "cell.toml", tmp_path / "turned", count=64),
     }
     for angle, summary in alone.items():
-        assert rows[angle] == summary["chosen"]["deflection_um"]
+        assert rows[angle] == summary["chosen"]["error_um"]
     best = min(rows, key=lambda angle: rows[angle])
     assert both["mounting"]["chosen_deg"] == best
     assert both["present"] == alone[90.0]["present"]

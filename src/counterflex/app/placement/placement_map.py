@@ -11,7 +11,9 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading
-from counterflex.app.placement import Wish, middle_of, region_of, task_of
+from counterflex.app.placement.frame import Frame
+from counterflex.app.placement.placement import middle_of, task_of
+from counterflex.app.placement.region import Wish, region_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
@@ -20,7 +22,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.placement.candidate import Candidate, judge, site_of
-from counterflex.plan.placement.search import Region, placed
+from counterflex.plan.placement.search import Region
 from counterflex.plan.posture.cut_path import Surface
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
@@ -62,17 +64,16 @@ def run(
     """
     begin = time.perf_counter()
     cell = read_cell(cell_file)
-    region = region_of(Wish() if wish is None else wish, cell)
     job, cell, task = task_of(program, cell, reading, surface)
-    site, middle, T = site_of(task), middle_of(task), cell.T_base_part
-    here = np.array([*(T[:3, :3] @ middle + T[:3, 3])[:2], T[2, 3], 0.0])
+    site, frame = site_of(task), Frame(cell, middle_of(task))
+    region, here = region_of(Wish() if wish is None else wish, frame), frame.here
     rows = []
     places = _places(region, here, points)
     for k, (view, place) in enumerate(places):
-        judged = judge(site, placed(place, middle, T[:3, :3]))
+        judged = judge(site, frame.seen(place).T_base_part)
         rows.append(_row(view, place, judged, cell))
         progress((k + 1) / len(places))
-    own = _row("present", here, judge(site, T), cell)
+    own = _row("present", here, judge(site, cell.T_base_part), cell)
     summary = {
         "program": job.program.name,
         "cell": cell.label,

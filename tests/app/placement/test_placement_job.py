@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from counterflex.app import placement
 from counterflex.app.inputs import read_job
+from counterflex.app.placement import placement
+from counterflex.app.placement.region import Wish
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import truth_of
@@ -17,7 +18,7 @@ from counterflex.core.errors import InputError, ReachError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.twin.truth.family import FAMILIES
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
 SEED = 203
 
@@ -52,7 +53,7 @@ def test_the_place_takes_two_fifths_off_the_path_error_on_a_simulated_cell(done:
 
 
 def test_a_region_out_of_reach_says_what_refused_how_many(tmp_path: Path) -> None:
-    wish = placement.Wish((6000.0, 7000.0, 0.0, 100.0, 0.0, 100.0))
+    wish = Wish((6000.0, 7000.0, 0.0, 100.0, 0.0, 100.0))
     with pytest.raises(ReachError, match="none of the places") as caught:
         placement.run(GROOVE, CELL, tmp_path / "out", count=64, wish=wish)
     assert "of 64 refused: 64 out of reach" in str(caught.value)
@@ -60,6 +61,6 @@ def test_a_region_out_of_reach_says_what_refused_how_many(tmp_path: Path) -> Non
 
 
 def test_an_empty_region_is_refused(tmp_path: Path) -> None:
-    wish = placement.Wish((1000.0, 900.0, 0.0, 100.0, 0.0, 100.0))
+    wish = Wish((1000.0, 900.0, 0.0, 100.0, 0.0, 100.0))
     with pytest.raises(InputError, match="empty along x"):
         placement.run(GROOVE, CELL, tmp_path / "out", wish=wish)

@@ -1,0 +1,107 @@
+"""How a candidate becomes a pose of the part and values of external axes in a cell file, and where both then are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MM
+from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.external_axes import ExternalAxisTable, moved
+from counterflex.files.cell.set_up import POSE_KEYS
+from counterflex.geometry import pose
+from counterflex.plan.placement.search import Seen, placed
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A candidate as a cell file has it.
+
+    Attributes:
+        part: Keys of ``[part]``, mm and deg.
+        axes: Values of the external axes by name, mm or deg.
+    """
+
+    part: dict[str, float]
+    axes: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A program in its cell.
+
+    Attributes:
+        cell: The cell, perhaps in the working plane of a tilted tool.
+        middle: (3,) m, middle of what is cut, frame of the program.
+    """
+
+    cell: Cell
+    middle: Float
+
+    @property
+    def axes(self) -> tuple[ExternalAxisTable, ...]:
+        """External axes."""
+        return self.cell.tables.external_axes
+
+    @cached_property
+    def T_zero_program(self) -> Float:
+        """(4, 4) present frame of the program in the robot base, external axes at zero."""
+        carried = self.cell.T_base_floor @ moved(self.axes, "part")
+        out: Float = pose.inverse(carried) @ self.cell.T_base_part
+        return out
+
+    @cached_property
+    def here(self) -> Float:
+        """(4 + k,) the present candidate: x and y of the middle, z of the part frame, no rotation, values of axes."""
+        T = self.T_zero_program
+        level = (T[:3, :3] @ self.middle + T[:3, 3])[:2]
+        return np.array([*level, T[2, 3], 0.0, *(axis.shown * _unit(axis) for axis in self.axes)])
+
+    def stand(self, place: Float) -> Stand:
+        """The candidate as a cell file has it, to 0.1 mm and 0.01 deg; a part that stays keeps its pose exactly."""
+        now = self.cell.part
+        keys = {key: float(getattr(now, key)) for key in POSE_KEYS}
+        if not np.allclose(place[:4], self.here[:4], rtol=0.0, atol=1e-9):
+            p = placed(place[:4], self.middle, self.T_zero_program[:3, :3])[:3, 3] / MM
+            a = (now.a_deg + place[3] / DEG + 180.0) % 360.0 - 180.0
+            keys |= dict(zip(POSE_KEYS[:4], (*np.round(p, 1).tolist(), round(float(a), 2)), strict=True))
+        values: dict[str, float] = {}
+        for axis, value in zip(self.axes, place[4:], strict=True):
+            digits = 1 if axis.kind == "linear" else 2
+            values[axis.name] = _within(axis, round(float(value / _unit(axis)), digits))
+        return Stand(keys, values)
+
+    def at(self, stand: Stand) -> Seen:
+        """Where the program and the floor then are."""
+        p, angles = [stand.part[k] * MM for k in POSE_KEYS[:3]], [stand.part[k] * DEG for k in POSE_KEYS[3:]]
+        T = pose.from_xyz_zyx(np.array(p), np.array(angles)) @ pose.inverse(self.cell.part.matrix())
+        return self._seen(T @ self.T_zero_program, [stand.axes[axis.name] for axis in self.axes])
+
+    def seen(self, place: Float) -> Seen:
+        """Where program and floor are in a candidate, not rounded."""
+        T = placed(place[:4], self.middle, self.T_zero_program[:3, :3])
+        return self._seen(T, [float(v / _unit(axis)) for axis, v in zip(self.axes, place[4:], strict=True)])
+
+    def _seen(self, T_zero_program: Float, values: list[float]) -> Seen:
+        if not self.axes:
+            return Seen(T_zero_program)
+        axes = tuple(
+            axis.model_copy(update={"at_mm" if axis.kind == "linear" else "at_deg": value})
+            for axis, value in zip(self.axes, values, strict=True)
+        )
+        T_base_floor, T_before_floor = pose.inverse(moved(axes, "robot")), self.cell.T_base_floor
+        T_base_before = T_base_floor @ pose.inverse(T_before_floor)
+        return Seen(T_base_floor @ moved(axes, "part") @ T_zero_program, T_base_before)
+
+
+def _unit(axis: ExternalAxisTable) -> float:
+    return MM if axis.kind == "linear" else DEG
+
+
+def _within(axis: ExternalAxisTable, value: float) -> float:
+    """A rounded value, not beyond the limits that it was rounded over."""
+    unit = "mm" if axis.kind == "linear" else "deg"
+    return float(min(max(value, getattr(axis, f"min_{unit}")), getattr(axis, f"max_{unit}")))

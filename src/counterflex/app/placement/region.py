@@ -1,0 +1,124 @@
+"""Where the part may stand, and which values the external axes may have: wishes in shop units, regions in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.placement.frame import Frame
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM
+from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.external_axes import ExternalAxisTable
+from counterflex.plan.placement.search import Region, usual_region
+
+ANY_TURN: Final = (-180.0, 180.0)
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Where the part may stand.
+
+    Attributes:
+        box_mm: Least and largest x and y of the middle of the program, and z of the part frame, robot base at zero of
+            the external axes. None: as :func:`counterflex.plan.placement.search.usual_region` has it; in a cell with
+            external axes the part stays where it is clamped.
+        turned_deg: Least and largest rotation of the part about z, from the present one; None: any, in a cell with
+            external axes only together with ``box_mm``.
+        axes: Least and largest value of external axes, mm or deg, by name; those that are not named stand still. None:
+            all over their whole range.
+    """
+
+    box_mm: tuple[float, ...] | None = None
+    turned_deg: tuple[float, ...] | None = None
+    axes: Mapping[str, tuple[float, float]] | None = field(default=None)
+
+
+def region_of(wish: Wish, frame: Frame) -> Region:
+    """The region that is searched.
+
+    Args:
+        wish: What is wished.
+        frame: Of the program in its cell.
+
+    Raises:
+        InputError: It is empty, an axis is not there or cannot go so far, or the robot has no closed-form geometry
+            and no region is given.
+    """
+    cell = frame.cell
+    low, high = _part(wish, frame)
+    names, units = ["x", "y", "z", "the rotation"], [MM, MM, MM, DEG]
+    for axis in cell.tables.external_axes:
+        unit = MM if axis.kind == "linear" else DEG
+        least, most = _range(wish, axis)
+        low, high = [*low, least * unit], [*high, most * unit]
+        names, units = [*names, axis.name], [*units, unit]
+    for name, least, most, unit in zip(names, low, high, units, strict=True):
+        if least > most:
+            raise InputError(
+                f"the region is empty along {name}",
+                value=f"{least / unit:g} to {most / unit:g}",
+                limit="the least first",
+                hint="Give --region X0,X1,Y0,Y1,Z0,Z1, --turned A,B and --axis NAME=A,B with the least first",
+            )
+    _require_axes(wish, cell)
+    return Region(tuple(low), tuple(high))
+
+
+def _part(wish: Wish, frame: Frame) -> tuple[list[float], list[float]]:
+    """Bounds of x, y, z and rotation."""
+    here: Float = frame.here
+    free = wish.box_mm is not None or not frame.cell.tables.external_axes
+    turned = wish.turned_deg or (ANY_TURN if free else (0.0, 0.0))
+    angles = [a * DEG for a in turned]
+    if wish.box_mm is not None:
+        return [*(v * MM for v in wish.box_mm[::2]), angles[0]], [*(v * MM for v in wish.box_mm[1::2]), angles[1]]
+    if not free:
+        return [*here[:3].tolist(), angles[0]], [*here[:3].tolist(), angles[1]]
+    opw = frame.cell.controller_chain.opw
+    if opw is None:
+        raise InputError("the reach of this robot is not known", where=frame.cell.label, hint="Give --region")
+    usual = usual_region(opw)
+    return [*usual.low[:3], angles[0]], [*usual.high[:3], angles[1]]
+
+
+def _range(wish: Wish, axis: ExternalAxisTable) -> tuple[float, float]:
+    """Least and largest value of an axis in its unit."""
+    unit = "mm" if axis.kind == "linear" else "deg"
+    least, most = (float(getattr(axis, f"{key}_{unit}")) for key in ("min", "max"))
+    if wish.axes is None:
+        return least, most
+    if axis.name not in wish.axes:
+        return axis.shown, axis.shown
+    asked = wish.axes[axis.name]
+    if min(asked) < least or max(asked) > most:
+        raise InputError(
+            f"{axis.name} cannot go so far",
+            where="--axis",
+            value=f"{asked[0]:g} to {asked[1]:g} {unit}",
+            limit=f"{least:g} to {most:g} {unit} (external_axes)",
+        )
+    return asked
+
+
+def _require_axes(wish: Wish, cell: Cell) -> None:
+    names = [axis.name for axis in cell.tables.external_axes]
+    for name in wish.axes or {}:
+        if name not in names:
+            raise InputError(
+                "the cell has no such external axis",
+                where="--axis",
+                value=name,
+                limit=", ".join(names) or "none: no [[external_axes]] in the cell file",
+            )
+
+
+def shown(bounds: tuple[float, ...], cell: Cell) -> list[float]:
+    """Bounds of a region in shop units: mm, deg."""
+    units = [MM, MM, MM, DEG, *(MM if axis.kind == "linear" else DEG for axis in cell.tables.external_axes)]
+    out: list[float] = np.round(np.array(bounds) / np.array(units), 2).tolist()
+    return out

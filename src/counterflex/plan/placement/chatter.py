@@ -1,0 +1,98 @@
+"""How the cut feeds the modes of the robot in a place: the low-frequency criterion at a few points of a program.
+
+Of the stretches of a program those with the largest ``T |A|`` of every direction of feed and tool are looked at. In
+each candidate they are met in another posture; the least damping ratio that the modes have left there while they cut,
+:func:`counterflex.cutting.stability.low_frequency.least_damping`, says how far the place is from chatter. Modes that
+turn by more than :data:`SLOW_RAD` within a tooth period are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.cutting.coefficients import ForceLaw
+from counterflex.cutting.stability import low_frequency
+from counterflex.cutting.stability.process import process_of_engagement
+from counterflex.plan.inputs import Setting
+from counterflex.plan.stability.along import feed_frame
+from counterflex.plan.stability.robot_modes import CAUTIOUS_DAMPING, robot_modes_along
+from counterflex.plan.stability.stretches import Stretch
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.signals.preview import Mode
+
+SLOW_RAD: Final = 0.6
+"""Largest omega T of a mode: what the criterion leaves out, ``(omega T)^2 / 6``, is then 6 % of the limit. That is too
+much for a verdict on a cut, where 0.3 is asked for, and little beside what places differ by."""
+DIRECTIONS: Final = 8
+"""Sectors of the direction of feed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Feeding:
+    """What the cut does to a swing at k points of a thinned path.
+
+    Attributes:
+        rows: (k,) rows of the thinned path, rising.
+        A_part: (k, 3, 3) N/m mean directional matrices at the depth that is cut, part axes.
+        period_s: (k,) s, tooth periods.
+        measured: Lowest mode of a tap test, or None.
+        damping_ratio: Of the robot's own modes: measured, or the cautious one that is assumed.
+    """
+
+    rows: Int
+    A_part: Float
+    period_s: Float
+    measured: Mode | None
+    damping_ratio: float
+
+    def least_damping(self, chain: ElasticChain, q: Float, R_part_base: Float) -> float:
+        """Least damping ratio that is left while the tool cuts; that of the robot alone where nothing feeds a swing.
+
+        Args:
+            chain: Springs and masses.
+            q: (m, 6) rad along the thinned path.
+            R_part_base: (3, 3) base axes in part axes.
+        """
+        out = self.damping_ratio
+        postures = robot_modes_along(chain, q[self.rows], R_part_base, self.measured, self.damping_ratio)
+        for modes, A, T in zip(postures, self.A_part, self.period_s.tolist(), strict=True):
+            slow = modes.only(modes.omega_rad_s * T <= SLOW_RAD)
+            if len(slow):
+                out = min(out, low_frequency.least_damping(slow, A, T))
+        return out
+
+
+def feeding(stretches: Sequence[Stretch], rows: Int, setting: Setting, law: ForceLaw, damped: float | None) -> Feeding:
+    """What feeds swings along a thinned path.
+
+    Args:
+        stretches: Of the whole path.
+        rows: (m,) rows of the whole path that the thinned one has, rising.
+        setting: Tools; a mode of a tap test.
+        law: Of the material.
+        damped: Damping ratio of a tap test; None: :data:`counterflex.plan.stability.robot_modes.CAUTIOUS_DAMPING`.
+    """
+    strongest: dict[tuple[int, int], tuple[float, int, Float, float]] = {}
+    for piece in stretches:
+        process = process_of_engagement(piece.depth_m, setting.cutter_of(piece.tool), law, piece.feed_per_tooth_m)
+        R = feed_frame(piece.direction_part)
+        A = R @ process.mean @ R.T
+        angle = np.arctan2(piece.direction_part[1], piece.direction_part[0])
+        sector = round(float(angle) / (2.0 * np.pi) * DIRECTIONS) % DIRECTIONS
+        size = piece.period_s * float(np.linalg.norm(A))
+        if size > strongest.get((piece.tool, sector), (0.0,))[0]:
+            strongest[piece.tool, sector] = size, piece.row, A, piece.period_s
+    found = sorted(strongest.values(), key=lambda one: one[1])
+    near = [int(np.argmin(np.abs(rows - row))) for _, row, _, _ in found]
+    return Feeding(
+        np.array(near, dtype=np.int64),
+        np.array([A for _, _, A, _ in found]).reshape(-1, 3, 3),
+        np.array([T for *_, T in found]),
+        setting.mode,
+        CAUTIOUS_DAMPING if damped is None else damped,
+    )
