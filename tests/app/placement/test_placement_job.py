@@ -20,7 +20,8 @@ from counterflex.twin.truth.family import FAMILIES
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
-SEED = 203
+SEEDS = (203, 204)
+"""The stiffest and the softest of the tuning seeds 200 to 205."""
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +44,13 @@ def test_the_cell_file_has_the_place_and_all_else_of_before(done: Path) -> None:
     assert sum(row["refused"] != "" for row in rows) == sum(summary["refused"].values())
 
 
-def test_the_place_takes_two_fifths_off_the_path_error_on_a_simulated_cell(done: Path) -> None:
+def test_the_place_takes_two_fifths_off_the_path_error_on_simulated_cells(done: Path) -> None:
     def error_m(cell: Cell) -> float:
-        job = read_job(GROOVE, cell)
-        record = simulate.machine(job, cell, truth_of(read_cell(CELL), SEED, FAMILIES["wide"]))
-        return judge(reference_of(job, cell), record, record.stock).variant.path.path.p997_m
+        job, total = read_job(GROOVE, cell), 0.0
+        for seed in SEEDS:
+            record = simulate.machine(job, cell, truth_of(read_cell(CELL), seed, FAMILIES["wide"]))
+            total += judge(reference_of(job, cell), record, record.stock).variant.path.path.p997_m
+        return total
 
     assert error_m(read_cell(done / "cell.toml")) < 0.6 * error_m(read_cell(CELL))
 

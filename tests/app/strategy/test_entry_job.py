@@ -61,14 +61,14 @@ def test_a_plunged_slot_is_the_same_with_less_force_and_error(tmp_path: Path) ->
 
 def test_a_cut_over_an_edge_is_come_to_in_its_own_direction(tmp_path: Path) -> None:
     """The run-up is that long in the air; what the axes lose is lost before the first contact; the part is the same."""
-    source = written(tmp_path, OVER_EDGE.replace("X-12", "X-9.2"))
+    source = written(tmp_path, OVER_EDGE.replace("X-12", "X-8.2"))
     (row,) = run(source, CELL, tmp_path / "out", Moves())["entries"]
     assert (row["kind"], row["move"]) == ("run-up", "run-up of 10 mm")
     assert row["lost_um"][1] < row["lost_um"][0]
     lines = (tmp_path / "out" / "part.ngc").read_text(encoding="utf-8").splitlines()
     at = lines.index("G1 X50 F1500")
     begin = float(lines[at - 3].split()[1][1:])
-    assert lines[at - 1].startswith("G1 X-9.2")
+    assert lines[at - 1].startswith("G1 X-8.2")
     assert begin == pytest.approx(-18.0, abs=0.6)  # the cutter of 16 mm meets the blank at -8
     with pytest.raises(ProgramError, match="runs up already"):
         run(tmp_path / "out" / "part.ngc", CELL, tmp_path / "again", Moves(run_up_m=5.0 * MM))

@@ -126,9 +126,8 @@ def placement_of(
     site = site_of(task, stretches_of_task(task, cell), cell.tables.dynamics.damping_ratio)
     judged = search(site, region, frame.seen, count, progress=parts[SEARCHING])
     alone, present = _here(task)
-    if present is not None:
-        now = Candidate("", 1.0, *worth(site, task.robot, present.q[site.rows]))
-        judged = judged.steadied(now)
+    now = Candidate() if present is None else Candidate("", 1.0, *worth(site, task.robot, present.q[site.rows]))
+    judged = judged.steadied(now)
     seconds = time.perf_counter() - begin
     parts[CHOOSING](0.0)
     with faults_in(job):

@@ -16,6 +16,7 @@ from counterflex.app.placement.placement import middle_of, task_of
 from counterflex.app.placement.region import Wish, region_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
@@ -66,6 +67,13 @@ def run(
     cell = read_cell(cell_file)
     job, cell, task = task_of(program, cell, reading, surface)
     site, frame = site_of(task), Frame(cell, middle_of(task))
+    if cell.tables.external_axes and (wish is None or wish.box_mm is None):
+        raise InputError(
+            "in a cell with external axes the part stays where it is clamped, so that a map needs a region",
+            where=cell.label,
+            value="no --region",
+            hint="Give --region X0,X1,Y0,Y1,Z0,Z1; the axes stand where the cell file has them",
+        )
     region, here = region_of(Wish() if wish is None else wish, frame), frame.here
     rows = []
     places = _places(region, here, points)
