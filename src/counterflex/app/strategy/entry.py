@@ -23,13 +23,10 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
-from counterflex.path.toolpath import ToolPath
 from counterflex.plan.cut import Cut, cut
-from counterflex.plan.inputs import Setting, part_compliance, solve_joints
+from counterflex.plan.inputs import part_compliance, solve_joints
 from counterflex.plan.lowest_mode import mode_of
-from counterflex.plan.posture.likely_play import with_likely_play
 from counterflex.programs.program import Motion
-from counterflex.robot.elasticity import play
 
 READING, CHECKING, JUDGING = "finding the entries", "checking by removal", "force and error"
 STEP_M: Final = 0.25 * MM
@@ -49,12 +46,10 @@ class Bent:
     Attributes:
         job: The program.
         cut: Its force and displacement.
-        lost_part: (n, 3) m, what likely play and friction of the axes add to the displacement, part axes.
     """
 
     job: Job
     cut: Cut
-    lost_part: Float
 
 
 def run(
@@ -190,16 +185,7 @@ def bent(job: Job, cell: Cell) -> Bent:
         mode = mode_of(setting.chain, q[len(q) // 2], setting.mode)
         C = part_compliance(setting, setting.relative_motion(path), q)
         result = cut(path, path.p_part_tcp, cell.stock(), cell.cutter, cell.force_law, compliance_part=C, mode=mode)
-        return Bent(job, result, _lost(setting, q, result, path))
-
-
-def _lost(setting: Setting, q: Float, result: Cut, path: ToolPath) -> Float:
-    """(n, 3) m, motion that the axes lose along a path, part axes."""
-    relative = setting.relative_motion(path)
-    loose = with_likely_play(setting.chain)
-    lost = play.lost_motion(loose, q, relative.load(result.w_tcp_part))
-    out: Float = relative.displacement(play.at_tcp(loose, q, lost))[:, :3]
-    return out
+    return Bent(job, result)
 
 
 def _row(entry: Entry, before: Bent, after: Bent, moves: Moves) -> dict[str, Any]:
@@ -256,8 +242,7 @@ def figures(entry: Entry, cut_: Bent, motion: int) -> Figures:
 
     Returns:
         ``peak_force_n``, ``force_step_n_per_ms`` from the first contact to two radii behind the entry (two radii before
-        the exit to the last contact); ``error_um``, largest displacement square to the path over the two radii;
-        ``lost_um``, by how much what the axes lose square to the path changes there while material is cut.
+        the exit to the last contact); ``error_um``, largest displacement square to the path over the two radii.
     """
     job, result = cut_.job, cut_.cut
     path, program = job.path, job.program
@@ -272,13 +257,10 @@ def figures(entry: Entry, cut_: Bent, motion: int) -> Figures:
     zone = np.append(zone, zone[-1] + 1) if zone[-1] + 1 < len(path) else zone
     w = np.where((result.volume_m3 > _CONTACT_M3)[:, None], result.w_tcp_part[:, :3], 0.0)
     sideways = _square(path.p_part_tcp, result.displacement_part[:, :3], near)
-    cutting = near[result.volume_m3[near] > _CONTACT_M3]
-    lost = _square(path.p_part_tcp, cut_.lost_part, cutting)
     return {
         "peak_force_n": float(np.linalg.norm(w[zone], axis=1).max(initial=0.0)),
         "force_step_n_per_ms": force_step(path.time_s[zone], w[zone]) * 1e-3,
         "error_um": float(np.abs(sideways).max(initial=0.0)) / UM,
-        "lost_um": float(np.ptp(lost)) / UM if len(lost) else 0.0,
     }
 
 

@@ -104,7 +104,8 @@ def least_damping(modes: Modes, A: Float, period_s: float) -> float:
     """Least damping ratio of the modes while they cut, ``min(-Re lambda / |lambda|)``; negative: the cut feeds a swing.
 
     One mode alone has ``zeta + T u'Au / (2 omega)``. Unlike :func:`limit` it tells how far beyond the limit a cut is
-    without knowing the damping exactly: what a mode has of its own comes on top.
+    without knowing the damping exactly: what a mode has of its own comes on top. The mass that regeneration takes is
+    left out: far beyond the limit it would exceed that of the mode.
 
     Args:
         modes: Modes in the axes of A; at least one.
@@ -115,20 +116,17 @@ def least_damping(modes: Modes, A: Float, period_s: float) -> float:
         InputError: Shapes or the period.
     """
     A, T = as_float("A", A, (3, 3)), as_positive("period_s", period_s)
-    values = np.linalg.eigvals(_state(modes, modes.shape.T @ A @ modes.shape, T, np.ones(1))[0])
+    n = len(modes)
+    state = np.zeros((2 * n, 2 * n))
+    state[:n, n:] = np.eye(n)
+    state[n:, :n] = -np.diag(modes.omega_rad_s**2)
+    state[n:, n:] = -np.diag(2.0 * modes.damping_ratio * modes.omega_rad_s) - T * (modes.shape.T @ A @ modes.shape)
+    values = np.linalg.eigvals(state)
     return float(np.min(-values.real / np.abs(values)))
 
 
 def _growth(modes: Modes, coupling: Float, T: float, factors: Float) -> tuple[Float, Float]:
     """Largest real part of the eigenvalues at each factor, and the frequency of that eigenvalue."""
-    values = np.linalg.eigvals(_state(modes, coupling, T, factors))
-    at = np.argmax(values.real, axis=1)[:, None]
-    chosen = np.take_along_axis(values, at, axis=1)[:, 0]
-    return chosen.real, np.abs(chosen.imag)
-
-
-def _state(modes: Modes, coupling: Float, T: float, factors: Float) -> Float:
-    """(k, 2n, 2n) equations of motion of first order, at each factor on the depth."""
     n = len(modes)
     s = factors[:, None, None] * coupling
     inverse = np.linalg.inv(np.eye(n) - 0.5 * T**2 * s)
@@ -136,4 +134,7 @@ def _state(modes: Modes, coupling: Float, T: float, factors: Float) -> Float:
     state[:, :n, n:] = np.eye(n)
     state[:, n:, :n] = -inverse * modes.omega_rad_s**2
     state[:, n:, n:] = -inverse @ (np.diag(2.0 * modes.damping_ratio * modes.omega_rad_s) + T * s)
-    return state
+    values = np.linalg.eigvals(state)
+    at = np.argmax(values.real, axis=1)[:, None]
+    chosen = np.take_along_axis(values, at, axis=1)[:, 0]
+    return chosen.real, np.abs(chosen.imag)

@@ -51,6 +51,29 @@ def robot_modes_along(
     chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float
 ) -> list[Modes]:
     """:func:`robot_modes` of many postures, q (k, 6) rad."""
+    return [one[0] for one in drawn_modes(chain, q, R_part_base, measured, damping_ratio, np.ones((1, 1)))]
+
+
+def drawn_modes(
+    chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float, stiffer: Float
+) -> list[list[Modes]]:
+    """Modes of many postures and of robots whose springs differ from those of the chain.
+
+    Args:
+        chain: Springs and masses.
+        q: (k, 6) rad.
+        R_part_base: (3, 3).
+        measured: Lowest mode of a tap test, or None; used where the chain has no masses of its own.
+        damping_ratio: Of every mode.
+        stiffer: (d, n) factors on the stiffness of the coordinates of
+            :func:`counterflex.plan.elastic_motion.matrices`, or (d, 1).
+
+    Returns:
+        k lists of d.
+
+    Raises:
+        ModelError: Nothing yields.
+    """
     if not np.any(chain.compliance > 0.0):
         raise ModelError("nothing of the robot yields, so it has no modes", hint="Give compliances, or a tool response")
     moves = can_move(chain)
@@ -58,13 +81,17 @@ def robot_modes_along(
     J, _ = jacobians(heavy, q)
     out = []
     for M, stiffness, at_tip in zip(inertia(heavy, q), _each(stiffness_of(heavy, q), len(q)), J, strict=True):
-        free = modes(M, stiffness)
-        omega = free.omega_rad_s
+        scale = 1.0
         if measured is not None and not moves:
-            omega = omega * (measured.omega_rad_s / omega[0])
-        shape = R_part_base @ at_tip[:3] @ free.shapes * omega
-        chosen = omega <= max(2.0 * math.pi * HIGHEST_HZ, float(omega[0]))
-        out.append(Modes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen]))
+            scale = measured.omega_rad_s / float(modes(M, stiffness).omega_rad_s[0])
+        robots = []
+        for factor in stiffer:
+            free = modes(M, stiffness * factor)
+            omega = free.omega_rad_s * scale
+            shape = R_part_base @ at_tip[:3] @ free.shapes * omega
+            chosen = omega <= max(2.0 * math.pi * HIGHEST_HZ, float(omega[0]))
+            robots.append(Modes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen]))
+        out.append(robots)
     return out
 
 

@@ -75,11 +75,10 @@ def _show(summary: dict[str, Any], out: Path) -> None:
             _pair(row["peak_force_n"], ".0f"),
             _pair(row["force_step_n_per_ms"], ".2f"),
             _pair(row["error_um"], ".0f"),
-            _pair(row["lost_um"], ".0f"),
         ]
         for row in summary["entries"]
     ]
-    head = ["line", "entry", "move", "peak force N", "force step N/ms", "error um", "lost motion um"]
+    head = ["line", "entry", "move", "peak force N", "force step N/ms", "error um"]
     before, after = summary["time_s"]
     print_table(f"{summary['program']}: entries and exits, {before:g} -> {after:g} s", head, rows)
     typer.echo(f"wrote {out}: {summary['program']}, summary.json")
