@@ -239,11 +239,11 @@ def region(words: list[str], name: str) -> tuple[tuple[float, ...] | None, dict[
         axis, equals, values = word.rpartition("=")
         if (axis in axes) if equals else box is not None:
             raise InputError(f"{name} is given twice", value=axis or word)
-        found = numbers(values, name, 2 if equals else 6) or []
+        ends = numbers(values, name, 2 if equals else 6) or []
         if equals:
-            axes[axis.strip()] = (found[0], found[1])
+            axes[axis.strip()] = (ends[0], ends[1])
         else:
-            box = tuple(found)
+            box = tuple(ends)
     return box, axes
 
 

@@ -94,15 +94,15 @@ def _range(wish: Wish, axis: ExternalAxisTable) -> tuple[float, float]:
         return least, most
     if axis.name not in wish.axes:
         return axis.shown, axis.shown
-    asked = wish.axes[axis.name]
-    if min(asked) < least or max(asked) > most:
+    requested = wish.axes[axis.name]
+    if min(requested) < least or max(requested) > most:
         raise InputError(
             f"{axis.name} cannot go so far",
             where="--axis",
-            value=f"{asked[0]:g} to {asked[1]:g} {unit}",
+            value=f"{requested[0]:g} to {requested[1]:g} {unit}",
             limit=f"{least:g} to {most:g} {unit} (external_axes)",
         )
-    return asked
+    return requested
 
 
 def _require_axes(wish: Wish, cell: Cell) -> None:
@@ -117,8 +117,8 @@ def _require_axes(wish: Wish, cell: Cell) -> None:
             )
 
 
-def shown(bounds: tuple[float, ...], cell: Cell) -> list[float]:
+def shown(values: tuple[float, ...], cell: Cell) -> list[float]:
     """Bounds of a region in shop units: mm, deg."""
     units = [MM, MM, MM, DEG, *(MM if axis.kind == "linear" else DEG for axis in cell.tables.external_axes)]
-    out: list[float] = np.round(np.array(bounds) / np.array(units), 2).tolist()
+    out: list[float] = np.round(np.array(values) / np.array(units), 2).tolist()
     return out

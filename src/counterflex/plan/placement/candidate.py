@@ -99,14 +99,14 @@ class Candidate:
 
 
 def site_of(
-    task: Task, stretches: Sequence[Stretch] = (), damped: float | None = None, rotations: int = ROTATIONS
+    task: Task, stretches: Sequence[Stretch] = (), damping_ratio: float | None = None, rotations: int = ROTATIONS
 ) -> Site:
     """The thinned program of a task.
 
     Args:
         task: The program on its cell.
         stretches: What it cuts, for the criterion of chatter; none: nobody looks at it.
-        damped: Damping ratio of a tap test, or None.
+        damping_ratio: Damping ratio of a tap test, or None.
         rotations: About the tool axis that are tried.
     """
     cut, rows = thinned(task.cut)
@@ -115,7 +115,7 @@ def site_of(
         around = replace(around, tool=around.tool[rows])
     error = ErrorLeft.of(task.cut, cut, rows, task.robot.chain, task.setting.mode)
     law = task.setting.law
-    fed = feeding(stretches, rows, task.setting, law, damped) if stretches else None
+    fed = feeding(stretches, rows, task.setting, law, damping_ratio) if stretches else None
     return Site(cut, task.robot, Freedom(rotations), rows, around, task.setting.datum_points_part, error, fed)
 
 
@@ -157,11 +157,11 @@ def judge(site: Site, T_base_part: Float, T_base_before: Float | None = None) ->
             survey.q[:, too_close(survey.q, rows, robot, around)] = np.nan
             looked, best = True, Candidate(COLLISION, passed)
             continue
-        found = _worth(site, robot, way, clearance, passed)
-        if best.refused or found.least_damping > best.least_damping:
-            best = found
-        if not found.least_damping < 0.0:
-            return found
+        match = _worth(site, robot, way, clearance, passed)
+        if best.refused or match.least_damping > best.least_damping:
+            best = match
+        if not match.least_damping < 0.0:
+            return match
         tried += 1
         survey.q[:, site.freedom.near(way.index[0], NEAR), way.slot] = np.nan
     return best

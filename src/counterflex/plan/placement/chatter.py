@@ -81,7 +81,9 @@ class Feeding:
         return float(np.sort(out)[1])
 
 
-def feeding(stretches: Sequence[Stretch], rows: Int, setting: Setting, law: ForceLaw, damped: float | None) -> Feeding:
+def feeding(
+    stretches: Sequence[Stretch], rows: Int, setting: Setting, law: ForceLaw, damping_ratio: float | None
+) -> Feeding:
     """What feeds swings along a thinned path.
 
     Args:
@@ -89,7 +91,7 @@ def feeding(stretches: Sequence[Stretch], rows: Int, setting: Setting, law: Forc
         rows: (m,) rows of the whole path that the thinned one has, rising.
         setting: Tools; a mode of a tap test.
         law: Of the material.
-        damped: Damping ratio of a tap test; None: :data:`counterflex.plan.stability.robot_modes.CAUTIOUS_DAMPING`.
+        damping_ratio: Of a tap test; None: CAUTIOUS_DAMPING of :mod:`counterflex.plan.stability.robot_modes`.
     """
     strongest: dict[tuple[int, int], tuple[float, int, Float, float]] = {}
     for piece in stretches:
@@ -101,12 +103,12 @@ def feeding(stretches: Sequence[Stretch], rows: Int, setting: Setting, law: Forc
         size = piece.period_s * float(np.linalg.norm(A))
         if size > strongest.get((piece.tool, sector), (0.0,))[0]:
             strongest[piece.tool, sector] = size, piece.row, A, piece.period_s
-    found = sorted(strongest.values(), key=lambda one: one[1])
-    near = [int(np.argmin(np.abs(rows - row))) for _, row, _, _ in found]
+    values = sorted(strongest.values(), key=lambda one: one[1])
+    near = [int(np.argmin(np.abs(rows - row))) for _, row, _, _ in values]
     return Feeding(
         np.array(near, dtype=np.int64),
-        np.array([A for _, _, A, _ in found]).reshape(-1, 3, 3),
-        np.array([T for *_, T in found]),
+        np.array([A for _, _, A, _ in values]).reshape(-1, 3, 3),
+        np.array([T for *_, T in values]),
         setting.mode,
-        CAUTIOUS_DAMPING if damped is None else damped,
+        CAUTIOUS_DAMPING if damping_ratio is None else damping_ratio,
     )

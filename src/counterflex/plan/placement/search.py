@@ -80,10 +80,10 @@ class Judged:
         Args:
             present: The present place and its posture.
         """
-        found = [c.least_damping for c in self.candidates if not c.refused and not np.isnan(c.least_damping)]
-        if not found:
+        values = [c.least_damping for c in self.candidates if not c.refused and not np.isnan(c.least_damping)]
+        if not values:
             return self
-        most = max(found)
+        most = max(values)
         limit = 0.0 if most >= 0.0 else min(present.least_damping, most)
         kept = [c if c.refused or not c.least_damping < limit else replace(c, refused=CHATTER) for c in self.candidates]
         return Judged(self.places, kept, limit)

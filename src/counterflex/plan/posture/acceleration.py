@@ -18,7 +18,7 @@ from counterflex.plan.posture.cut_path import CutPath
 from counterflex.plan.posture.survey import RobotHere, survey_path
 from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
 
-BESIDE: Final = 3
+NEIGHBOURS: Final = 3
 """Rows on either side of a point that its acceleration is computed from."""
 
 
@@ -73,7 +73,7 @@ def too_fast_at(path: ToolPath, robot: RobotHere, rotations_rad: Float, point: i
     out = np.zeros((len(rotations_rad), 8), dtype=np.bool_)
     if limits is None:
         return out
-    rows = slice(max(0, point - BESIDE), min(len(path), point + BESIDE + 1))
+    rows = slice(max(0, point - NEIGHBOURS), min(len(path), point + NEIGHBOURS + 1))
     here, count = point - rows.start, rows.stop - rows.start
     none = np.zeros(count)
     piece = CutPath(
@@ -84,8 +84,8 @@ def too_fast_at(path: ToolPath, robot: RobotHere, rotations_rad: Float, point: i
     part = _piece(path, rows)
     for turn, slot in np.argwhere(~np.isnan(q[..., 0]).any(axis=0)).tolist():
         angles = np.unwrap(q[:, turn, slot], axis=0)
-        found = joint_accelerations(part, joint_speeds(part, angles), robot.acceleration_m_s2)[here]
-        out[turn, slot] = bool(np.any(np.abs(found) > limits))
+        values = joint_accelerations(part, joint_speeds(part, angles), robot.acceleration_m_s2)[here]
+        out[turn, slot] = bool(np.any(np.abs(values) > limits))
     return out
 
 

@@ -64,8 +64,8 @@ class Freedom:
     def near(self, index: int, steps: int) -> Bool:
         """(rotations,) those that are at most so many steps of the grid from one of them."""
         half = self.rotations // 2
-        apart = (np.arange(self.rotations) - index + half) % self.rotations - half
-        return np.asarray(np.abs(apart) <= steps)
+        steps_off = (np.arange(self.rotations) - index + half) % self.rotations - half
+        return np.asarray(np.abs(steps_off) <= steps)
 
     def left_out(self) -> Bool:
         """(rotations, 8) postures that are not :attr:`about` the one asked for."""
@@ -162,9 +162,9 @@ def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: 
         fast = too_fast(task.path, robot, best.q)
         if fast is not None:
             refused = refused or too_slow(fast, task)
-            found = too_fast_at(task.path, robot, freedom.grid_rad, fast.point)
-            blocked |= found
-            survey.q[:, found] = np.nan
+            problems = too_fast_at(task.path, robot, freedom.grid_rad, fast.point)
+            blocked |= problems
+            survey.q[:, problems] = np.nan
             _block(survey, blocked, way)
             continue
         close = None if around is None else worst(best.q, robot, around)

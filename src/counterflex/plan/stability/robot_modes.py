@@ -55,7 +55,12 @@ def robot_modes_along(
 
 
 def drawn_modes(
-    chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float, stiffer: Float
+    chain: ElasticChain,
+    q: Float,
+    R_part_base: Float,
+    measured: Mode | None,
+    damping_ratio: float,
+    stiffness_factors: Float,
 ) -> list[list[Modes]]:
     """Modes of many postures and of robots whose springs differ from those of the chain.
 
@@ -65,7 +70,7 @@ def drawn_modes(
         R_part_base: (3, 3).
         measured: Lowest mode of a tap test, or None; used where the chain has no masses of its own.
         damping_ratio: Of every mode.
-        stiffer: (d, n) factors on the stiffness of the coordinates of
+        stiffness_factors: (d, n) factors on the stiffness of the coordinates of
             :func:`counterflex.plan.elastic_motion.matrices`, or (d, 1).
 
     Returns:
@@ -85,7 +90,7 @@ def drawn_modes(
         if measured is not None and not moves:
             scale = measured.omega_rad_s / float(modes(M, stiffness).omega_rad_s[0])
         robots = []
-        for factor in stiffer:
+        for factor in stiffness_factors:
             free = modes(M, stiffness * factor)
             omega = free.omega_rad_s * scale
             shape = R_part_base @ at_tip[:3] @ free.shapes * omega
