@@ -15,11 +15,12 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS
-from counterflex.files.cell.ads import STRAIN, AdsTable
+from counterflex.files.cell.ads import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, AdsTable
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.ads.link import AdsLink, AdsReader, DeviceSymbol, Reading
+from counterflex.protocols.strain.forwarder import StrainForwarder
 from counterflex.protocols.tracker.forwarder import PoseForwarder
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
 from counterflex.sensing.bridge import strain_of_voltage
@@ -141,12 +142,24 @@ def holder_force(cell: Cell, values: Mapping[str, float]) -> Float | None:
             value=len(table.strain),
             limit=f"{len(holder.gauges)}, one symbol for each gauge in its order",
         )
-    strain: Float = np.array([values[f"{STRAIN}{k}"] for k in range(1, len(table.strain) + 1)])
+    strain = strains_of(table, holder.beam.poisson_ratio, values)
     if not np.all(np.isfinite(strain)):
         raise InputError("a strain terminal shows no number", value=strain.tolist(), hint="Is its cable broken?")
-    if table.in_volts:
-        strain = strain_of_voltage(strain, poisson_ratio=holder.beam.poisson_ratio, supply_v=1.0)
     return holder.forces(strain, holder.matrix())
+
+
+def strains_of(table: AdsTable, poisson_ratio: float, values: Mapping[str, float]) -> Float:
+    """(n,) strains of the terminals, NaN where one shows no number; signals of bridges are turned into strain.
+
+    Args:
+        table: Of the cell.
+        poisson_ratio: Of the holder.
+        values: SI, ``strain1`` ... as :class:`counterflex.protocols.ads.link.AdsLink` reads them.
+    """
+    strain: Float = np.array([values[f"{STRAIN}{k}"] for k in range(1, len(table.strain) + 1)])
+    if table.in_volts:
+        strain = strain_of_voltage(strain, poisson_ratio=poisson_ratio, supply_v=1.0)
+    return strain
 
 
 def tracker_pose(values: Mapping[str, float], sequence: int, time_ns: int) -> TrackerPose:
@@ -193,14 +206,18 @@ def forward(
     peer: tuple[str, int],
     *,
     readings: int | None = None,
+    strain: bool = False,
     watch: Callable[[Forwarded], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Pass the tracker of a TwinCAT on as pose datagrams, until Ctrl-C or so many readings.
+    """Pass the tracker of a TwinCAT on as pose datagrams, or its strain terminals, until Ctrl-C or so many readings.
+
+    A reading with the time stamp of the one before (``[ads] strain_time``) is no new one and is not passed on.
 
     Args:
         cell: Cell file with a table ``[ads.tracker]``.
         peer: Where datagrams go.
         readings: Or None.
+        strain: The strain terminals, as strain datagrams.
         watch: Told what has been done, at every hundredth reading.
 
     Returns:
@@ -211,11 +228,9 @@ def forward(
     """
     whole = read_cell(cell)
     table = ads_table(whole)
-    if table.tracker is None:
-        raise FileFormatError("the cell's TwinCAT has no tracker", where=str(whole.path), hint="Add [ads.tracker]")
+    sender = _strain_sender(whole, table, peer) if strain else _pose_sender(whole, table, peer)
     done = Forwarded()
     queued = queue.SimpleQueue[Reading]()
-    sender = PoseForwarder(peer)
     try:
         with connected(table) as link:
             reader = AdsReader(link, table.period_ms * MS, take=queued.put)
@@ -229,18 +244,72 @@ def forward(
                             raise InputError(
                                 "the TwinCAT does not answer any more", where=table.host, value=reader.trouble or None
                             ) from None
-                        measured = tracker_pose(reading.values, reading.number, reading.time_ns)
-                        sender.send(measured)
-                        done.sent += 1
-                        done.unusable += int(bool(measured.status & (BEAM_BROKEN | INACCURATE)))
+                        sent, usable = sender.take(reading)
+                        done.sent += int(sent)
+                        done.unusable += int(not usable)
                         done.failed = reader.failed
-                        if done.sent % 100 == 0:
+                        if sent and done.sent % 100 == 0:
                             watch(done)
             finally:
                 reader.end()
     finally:
         sender.close()
     return {"job": "ads forward", "sent": done.sent, "unusable": done.unusable, "failed_readings": done.failed}
+
+
+class _PoseSender:
+    """Readings of a tracker as pose datagrams."""
+
+    def __init__(self, peer: tuple[str, int]) -> None:
+        self._forwarder = PoseForwarder(peer)
+        self.close = self._forwarder.close
+
+    def take(self, reading: Reading) -> tuple[bool, bool]:
+        """Whether it was sent, and can be used."""
+        measured = tracker_pose(reading.values, reading.number, reading.time_ns)
+        self._forwarder.send(measured)
+        return True, not measured.status & (BEAM_BROKEN | INACCURATE)
+
+
+class _StrainSender:
+    """Readings of strain terminals as strain datagrams."""
+
+    def __init__(self, peer: tuple[str, int], table: AdsTable, poisson_ratio: float) -> None:
+        self._forwarder = StrainForwarder(peer)
+        self._table, self._poisson_ratio, self._before = table, poisson_ratio, -1
+        self.close = self._forwarder.close
+
+    def take(self, reading: Reading) -> tuple[bool, bool]:
+        """Whether it was sent, and can be used."""
+        values = reading.values
+        stamp = values.get(HOLDER_TIME, math.nan)
+        time_ns = round(stamp) if math.isfinite(stamp) else reading.time_ns
+        if time_ns == self._before:
+            return False, True
+        self._before = time_ns
+        strain = strains_of(self._table, self._poisson_ratio, values)
+        self._forwarder.send(time_ns, values.get(HOLDER_TEMPERATURE, math.nan), strain)
+        return True, bool(np.all(np.isfinite(strain)))
+
+
+def _pose_sender(cell: Cell, table: AdsTable, peer: tuple[str, int]) -> _PoseSender:
+    if table.tracker is None:
+        raise FileFormatError("the cell's TwinCAT has no tracker", where=str(cell.path), hint="Add [ads.tracker]")
+    return _PoseSender(peer)
+
+
+def _strain_sender(cell: Cell, table: AdsTable, peer: tuple[str, int]) -> _StrainSender:
+    holder = strain_holder(cell.tables.holder)
+    if holder is None or len(holder.gauges) != len(table.strain):
+        raise FileFormatError(
+            "strain terminals and bridges of the holder",
+            where=str(cell.path),
+            value=len(table.strain),
+            limit="one symbol in [ads] strain for each gauge of [holder]"
+            if holder is None
+            else f"{len(holder.gauges)}",
+        )
+    return _StrainSender(peer, table, holder.beam.poisson_ratio)
 
 
 def _plain(value: float) -> float | None:

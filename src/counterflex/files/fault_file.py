@@ -29,7 +29,7 @@ from pydantic import Field, model_validator
 
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import close_to
-from counterflex.core.units import MM, MS
+from counterflex.core.units import MICRO, MM, MS
 from counterflex.files.schema import Table, parse
 from counterflex.twin.network.faults import DATAGRAM_KINDS, SOURCE_KINDS, Fault
 
@@ -49,6 +49,8 @@ _ONLY: Final = {
     "bits": ("status",),
     "offset_mm": ("offset",),
     "offset_n": ("offset",),
+    "offset_um_m": ("offset",),
+    "bridge": ("saturated", "frozen", "nan", "offset"),
     "share": tuple(kind for kind in KINDS if kind not in _WITHOUT_SHARE),
     "direction": DATAGRAM_KINDS,
     "for_s": tuple(kind for kind in KINDS if kind not in ("dying", "counter")),
@@ -72,6 +74,8 @@ class FaultTable(Table):
     bits: Annotated[int, Field(ge=1, le=0xFFFFFFFF)] | None = None
     offset_mm: Three | None = None
     offset_n: Three | None = None
+    offset_um_m: Annotated[float, Field(ge=-1e5, le=1e5)] | None = None
+    bridge: Annotated[int, Field(ge=1, le=12)] | None = None
 
     @model_validator(mode="after")
     def _belong(self) -> Self:
@@ -81,8 +85,11 @@ class FaultTable(Table):
         needed = {"late": "late_ms", "bursts": "mean", "counter": "step", "status": "bits"}.get(self.kind)
         if needed is not None and getattr(self, needed) is None:
             raise ValueError(f"the fault '{self.kind}' needs the key {needed}")
-        if self.kind == "offset" and (self.offset_mm is None) == (self.offset_n is None):
-            raise ValueError("the fault 'offset' needs offset_mm (a tracker) or offset_n (a force sensor)")
+        offsets = sum(value is not None for value in (self.offset_mm, self.offset_n, self.offset_um_m))
+        if self.kind == "offset" and offsets != 1:
+            raise ValueError(
+                "the fault 'offset' needs offset_mm (a tracker), offset_n (a force sensor) or offset_um_m (strain)"
+            )
         if self.kind == "bursts" and self.share is None:
             raise ValueError("the fault 'bursts' needs the key share")
         return self
@@ -98,6 +105,8 @@ class FaultTable(Table):
             offset = (self.offset_mm[0] * MM, self.offset_mm[1] * MM, self.offset_mm[2] * MM)
         elif self.offset_n is not None:
             offset = self.offset_n
+        elif self.offset_um_m is not None:
+            offset = (self.offset_um_m * MICRO, 0.0, 0.0)
         return Fault(
             kind=self.kind,
             share=1.0 if self.share is None else self.share,
@@ -111,6 +120,7 @@ class FaultTable(Table):
             step=self.step or 0,
             bits=self.bits or 0,
             offset=offset,
+            bridge=self.bridge,
         )
 
 

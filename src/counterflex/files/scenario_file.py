@@ -138,8 +138,12 @@ class TargetTable(Table):
 
 
 class StrainTable(Table):
-    """What the strain terminals of a simulated TwinCAT show."""
+    """Strains of an instrumented holder: where their datagrams go, and what simulated amplifiers show."""
 
+    address: Address | None = None
+    ads: Address | None = None
+    rate_hz: Literal[200, 250, 500, 1000, 2000] = 1000
+    warm_k: Annotated[float, Field(ge=-50.0, le=50.0)] = 3.0
     force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise_um_m: AtLeast0 = 0.0
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import lowest_mode
+from counterflex.app.run.holder import carried_load, holder_of, with_uncertainty
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import Cell
@@ -26,6 +27,7 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.settings import unwatched
 from counterflex.runtime.settings import Delays, ForceMode, TrackerMode
+from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.signals.ahead import Ahead
 from counterflex.signals.preview import Mode
 
@@ -121,6 +123,9 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
         )
     mode = lowest_mode(cell)
     settings = table.settings(cell.tables.timing, compensated=compensated, mode=(mode.hz, mode.damping_ratio))
+    held = table.force_from == "holder" and table.force != "none"
+    if held:
+        settings = with_uncertainty(settings, cell)
     watched, override = cell.tables.monitor, cell.tables.override
     teeth = None
     exponent = _EXPONENT
@@ -130,7 +135,7 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
         if plan.chip_m is not None and np.any(chips := np.isfinite(plan.chip_m) & (plan.chip_m > 0.0)):
             exponent = feed_exponent(cell.force_law, float(np.median(plan.chip_m[chips])))
         plan = replace(plan, teeth=teeth)
-    sensor = flange_sensor(cell.tables.sensor, cell.chain)
+    sensor = load_behind(cell)
     inertia_kg = 0.0 if sensor is None or settings.inertia_hz > 0.0 else sensor.mass_kg
     seen_by = unwatched if watched is None else watched.settings
     return Loop(
@@ -142,6 +147,14 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
         override=None if override is None else override.settings(),
         T_base_tcp=cell.T_base_tcp,
     )
+
+
+def load_behind(cell: Cell) -> FlangeSensor | None:
+    """What hangs behind what measures the force, flange sensor or instrumented holder; None where there is neither."""
+    table = cell.tables.online or OnlineTable()
+    if table.force_from == "holder":
+        return carried_load(cell, holder_of(cell)[1].segment) if table.force != "none" else None
+    return flange_sensor(cell.tables.sensor, cell.chain)
 
 
 def tcp_target(cell: Cell, chain: ElasticChain) -> Float:

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from counterflex.app.compliance_window import require_plausible
+from counterflex.app.run.holder import open_holder
 from counterflex.app.run.job_check import cell_of_run, check_job, job_of
-from counterflex.app.run.loop import loop_plan, online_loop, tcp_target
+from counterflex.app.run.loop import load_behind, loop_plan, online_loop, tcp_target
 from counterflex.app.run.robot_links import egm_link, rsi_link
+from counterflex.app.run.tools import tools_of
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell
@@ -28,6 +30,7 @@ from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.senses import Sensing, tracker_frames
 from counterflex.protocols.session.session import OnlineSession, SessionChecks, compile_kernels
+from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.runtime.loop import Loop
@@ -36,6 +39,7 @@ from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.sensing.motor_torque import MotorTorque
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
+from counterflex.runtime.sensing.strain_wrench import StrainWrench
 
 QUIET_S = 2.0
 """Without a telegram for so long, a run has ended."""
@@ -60,6 +64,7 @@ class RunSettings:
         force: Host and UDP port of the force sensor, or None; with EGM the robot's own force is then taken.
         force_http_port: Of its scaling document.
         currents: The motor currents that the robot sends are used by the estimator.
+        strain_port: Port for strain datagrams of the instrumented holder, or None.
         force_wait_s: How long to wait for the sensor to serve it: parts of a cell may be started in any order.
         tracker_port: Port for tracker datagrams, or None.
         peer: Address and port of the controller, port 0 for any; None takes the first that sends a good telegram.
@@ -78,6 +83,7 @@ class RunSettings:
     force: tuple[str, int] | None = None
     force_http_port: int = 80
     currents: bool = False
+    strain_port: int | None = None
     force_wait_s: float = 10.0
     tracker_port: int | None = None
     peer: tuple[str, int] | None = None
@@ -141,9 +147,12 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
     table = cell.tables.online or OnlineTable()
-    sensor = flange_sensor(cell.tables.sensor, cell.chain)
+    held = table.force_from == "holder" and table.force != "none"
+    sensor = load_behind(cell)
     fused = table.force == "fused"
-    if fused and settings.force is None and settings.tracker_port is None and plan is None:
+    _one_force(settings, table)
+    measured_at = settings.strain_port if held else settings.force
+    if fused and measured_at is None and settings.tracker_port is None and plan is None:
         raise InputError(
             "the estimator has nothing to estimate from",
             where=str(settings.cell),
@@ -151,9 +160,10 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             hint="Give force_sensor.address or tracker.address (--scenario), --plan FILE, or several of them",
         )
     motors = _motors(settings, cell, table, plan is not None)
-    unreached = settings.force is None and not settings.egm
-    if table.force != "none" and (unreached or sensor is None) and not (fused and settings.force is None):
-        raise _no_sensor(settings, f'force = "{table.force}"', unreached=unreached, unknown=sensor is None)
+    unreached = measured_at is None and (held or not settings.egm)
+    if table.force != "none" and (unreached or sensor is None) and not (fused and measured_at is None):
+        source = f', force_from = "{table.force_from}"' if held else ""
+        raise _no_sensor(settings, f'force = "{table.force}"{source}', unreached=unreached, unknown=sensor is None)
     tracked = table.tracker != "none" or (fused and settings.tracker_port is not None)
     if tracked and (settings.tracker_port is None or cell.tables.tracker is None):
         lacking = ["tracker.address (--scenario)"] if settings.tracker_port is None else []
@@ -167,17 +177,14 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         )
     compile_kernels()  # before a port is open: what arrives meanwhile would be old
     link = _link(settings, cell, loop, planned)
-    force: ForceSource | None = None
-    tracker = wrench = None
+    checks = SessionChecks(
+        hold_without_log=table.without_log == "hold",
+        job=job_of(read, compensated=settings.compensated),
+        run_silent_s=None if settings.lockstep else SessionChecks.run_silent_s,
+    )
+    tracker = None
     frames: tuple[Float | None, Float | None] = (None, None)
-    measured = cell.tables.sensor
-    ranges = (None, None) if measured is None else (measured.range_n, measured.range_nm)
-    if settings.force is not None and sensor is not None and measured is not None:
-        force = opened(measured.protocol, _opening(settings, settings.force, measured))
-        wrench = SensorWrench(cell.chain, sensor, None if cell.holds_part else cell.T_base_part)
-    elif isinstance(link, EgmLink) and sensor is not None and table.force != "none":
-        force = EgmForce(link, range_n=ranges[0], range_nm=ranges[1])
-        wrench = SensorWrench(cell.chain, sensor, cell.T_base_part)
+    force, wrench, tare = _open_force(settings, cell, table, link, planned, checks)
     inertia = None
     if sensor is not None and loop.settings.inertia_hz > 0.0:
         hz, period = loop.settings.inertia_hz, loop.settings.period_s
@@ -192,6 +199,8 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         sensing=Sensing(
             force=force,
             wrench=wrench,
+            tare=tare,
+            tools=tools_of(planned, cell, sensor, wrench),
             inertia=inertia,
             currents=motors,
             angles=_axis_check(cell, table, loop),
@@ -201,11 +210,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         ),
         ring=ring,
         control=control,
-        checks=SessionChecks(
-            hold_without_log=table.without_log == "hold",
-            job=job_of(read, compensated=settings.compensated),
-            run_silent_s=None if settings.lockstep else SessionChecks.run_silent_s,
-        ),
+        checks=checks,
         watch=WatchSettings(clock=not settings.lockstep),
     )
 
@@ -264,9 +269,47 @@ def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool
     return MotorTorque(cell.chain, np.array(constants))
 
 
+def _open_force(
+    settings: RunSettings, cell: Cell, table: OnlineTable, link: RobotLink, plan: Plan | None, checks: SessionChecks
+) -> tuple[ForceSource | None, SensorWrench | StrainWrench | None, Tare | None]:
+    """What measures the force, what makes a process wrench of it, and how its zero is taken where that is special."""
+    if table.force_from == "holder":
+        if table.force == "none" or settings.strain_port is None:
+            return None, None, None
+        return open_holder(cell, plan, settings.host, settings.strain_port, checks.force_n, checks.moment_nm)
+    measured, sensor = cell.tables.sensor, flange_sensor(cell.tables.sensor, cell.chain)
+    if measured is None or sensor is None:
+        return None, None, None
+    if settings.force is not None:
+        force = opened(measured.protocol, _opening(settings, settings.force, measured))
+        return force, SensorWrench(cell.chain, sensor, None if cell.holds_part else cell.T_base_part), None
+    if isinstance(link, EgmLink) and table.force != "none":
+        own = EgmForce(link, range_n=measured.range_n, range_nm=measured.range_nm)
+        return own, SensorWrench(cell.chain, sensor, cell.T_base_part), None
+    return None, None, None
+
+
+def _one_force(settings: RunSettings, table: OnlineTable) -> None:
+    """Refuse an address of the force that the cell file does not use.
+
+    Raises:
+        InputError: Strains for a cell that takes its force from a flange sensor, or the other way round.
+    """
+    held = table.force_from == "holder"
+    unused = settings.strain_port if not held else settings.force
+    if unused is not None:
+        raise InputError(
+            "[online] takes its force from elsewhere",
+            where=str(settings.cell),
+            value=f'force_from = "{table.force_from}", and {"force_sensor" if held else "strain"}.address is given',
+            hint=f'Leave it out, or set force_from = "{"sensor" if held else "holder"}"',
+        )
+
+
 def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: bool) -> InputError:
     """What of the force sensor is lacking: where it is, or how it sits in the robot."""
-    lacking = ["force_sensor.address (--scenario)"] if unreached else []
+    address = "strain.address" if "holder" in value else "force_sensor.address"
+    lacking = [f"{address} (--scenario)"] if unreached else []
     lacking += ["a table [sensor], which counterflex identify payload finds,"] if unknown else []
     return InputError(
         "[online] force needs a force sensor, and none is given",

@@ -16,6 +16,7 @@ from counterflex import __version__
 from counterflex.app.ads import ads_table
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.units import NS
 from counterflex.files.cell.ads import STRAIN, AdsTable, si_of
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import strain_holder
@@ -24,6 +25,7 @@ from counterflex.protocols.ads.telegram import TCP_PORT
 from counterflex.sensing.strain_holder import lever
 from counterflex.twin.devices.ads import AdsServer, PlcVariable
 from counterflex.twin.devices.pose_source import PoseSource, StandingTarget
+from counterflex.twin.devices.strain import StrainSender
 from counterflex.twin.network.faults import FaultSchedule
 
 _TICK_S = 0.1
@@ -67,6 +69,10 @@ def variables(settings: LoneAds, cell: Cell) -> dict[str, PlcVariable]:
     """
     table = ads_table(cell)
     functions = dict(zip(table.strain, _strains(settings, cell, table), strict=True))
+    if table.strain_time is not None:
+        functions[table.strain_time] = PlcVariable("ULINT", source=lambda time_s: time_s / NS)
+    if table.strain_temperature is not None:
+        functions[table.strain_temperature] = PlcVariable(value=20.0, comment="temperature of the holder, deg C")
     if table.tracker is not None:
         functions |= _tracker(settings, table)
     for one in table.parameters:
@@ -96,6 +102,41 @@ def _strains(settings: LoneAds, cell: Cell, table: AdsTable) -> list[PlcVariable
 
     comment = f"{STRAIN} in {table.strain_unit}"
     return [PlcVariable(source=reading(float(value)), comment=comment) for value in strain]
+
+
+def terminals(cell: Cell, amplifiers: StrainSender, address: tuple[str, int]) -> AdsServer:
+    """A TwinCAT whose strain terminals show what the amplifiers of a simulated holder show.
+
+    Args:
+        cell: With ``[ads] strain``, one symbol for each bridge.
+        amplifiers: Read whenever a symbol is.
+        address: Where it listens.
+
+    Raises:
+        FileFormatError: The cell has no table ``[ads]``.
+        InputError: More or fewer symbols than bridges.
+        OutputError: The port is taken.
+    """
+    table, holder = ads_table(cell), strain_holder(cell.tables.holder)
+    if holder is None or len(table.strain) != len(amplifiers.shown):
+        raise InputError(
+            "strain terminals and bridges of the holder",
+            where=str(cell.path),
+            value=len(table.strain),
+            limit=f"{len(amplifiers.shown)}, one symbol in [ads] strain for each bridge",
+        )
+    volts_per_strain = (1.0 + holder.beam.poisson_ratio) if table.in_volts else 1.0
+    unit = si_of(table.strain_unit)[1]
+
+    def shown(k: int) -> Callable[[float], float]:
+        return lambda _: float(amplifiers.shown[k]) * volts_per_strain / unit
+
+    variables = {symbol: PlcVariable(source=shown(k), comment=STRAIN) for k, symbol in enumerate(table.strain)}
+    if table.strain_time is not None:
+        variables[table.strain_time] = PlcVariable("ULINT", source=lambda _: float(amplifiers.time_ns))
+    if table.strain_temperature is not None:
+        variables[table.strain_temperature] = PlcVariable(source=lambda _: amplifiers.temperature_c)
+    return AdsServer(variables, host=address[0], port=address[1], ams_port=table.port)
 
 
 def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:

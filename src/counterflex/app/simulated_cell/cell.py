@@ -14,12 +14,14 @@ from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading, read_job
 from counterflex.app.proof import simulate
 from counterflex.app.run.job_check import program_job
+from counterflex.app.simulated_cell.ads import terminals
 from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.sensing import strain_holder
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench
@@ -28,12 +30,16 @@ from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import Timing
+from counterflex.twin.devices.strain import StrainSender
 from counterflex.twin.devices.wrench import WrenchSender
-from counterflex.twin.laboratory.laboratory import laboratory
+from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
 from counterflex.twin.live.cell_server import CellServer, Instruments
 from counterflex.twin.live.live_cell import LiveCell
 from counterflex.twin.network.faults import Fault, FaultSchedule
 from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.strain_holder import instrumented_holder
+from counterflex.twin.plant.strain_stream import WARM_K, StrainStream
 from counterflex.twin.truth.file import read_truth, write_truth
 
 
@@ -66,6 +72,12 @@ class LiveSettings:
         own_backlash: Share of the play of its gears that the controller compensates itself; axis corrections go
             past it.
         hose_share: Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out.
+        strain_peer: Where strain datagrams of the instrumented holder go, or None.
+        strain_ads: Address and port of a simulated TwinCAT that shows the same strains by the symbols of ``[ads]``, or
+            None.
+        strain_hz: Readings in a second; the integration step of the cell divides the time between them.
+        strain_warm_k: How much the holder warms up.
+        strain_faults: Of the amplifiers and their datagrams.
         touched: Truth file of the cell as it was when the part was touched, where the arm has drifted since; None: as
             it is now.
     """
@@ -92,6 +104,11 @@ class LiveSettings:
     answer: PathAnswer = field(default_factory=PathAnswer)
     own_backlash: float = 0.0
     hose_share: float = 1.0
+    strain_peer: tuple[str, int] | None = None
+    strain_ads: tuple[str, int] | None = None
+    strain_hz: int = 1000
+    strain_warm_k: float = WARM_K
+    strain_faults: tuple[Fault, ...] = ()
     touched: Path | None = None
 
 
@@ -138,7 +155,7 @@ def run(
         truth=truth,
         controller=simulate.controller(cell),
         stock=cell.stock(),
-        cutter=cell.cutter(simulate.tool_of(job.path)),
+        cutter={number: cell.cutter(number) for number in simulate.tools_of(job.path)},
         datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
         answer=settings.answer,
         own_backlash=settings.own_backlash,
@@ -155,6 +172,7 @@ def run(
         None if table is None else table.segment,
         hose_share=settings.hose_share,
     )
+    bridges, amplifiers, steps = strains(settings, cell, live.plant, laboratory_)
     instruments = Instruments(
         laboratory_,
         sensor,
@@ -162,7 +180,13 @@ def run(
         settings.tracker_peer,
         tracker_faults=FaultSchedule(settings.tracker_faults, settings.seed),
         tracker_every_s=1.0 / as_positive("tracker_hz", settings.tracker_hz),
+        holder=bridges,
+        strain=amplifiers,
+        strain_steps=steps,
     )
+    plc = None
+    if settings.strain_ads is not None and amplifiers is not None:
+        plc = terminals(cell, amplifiers, settings.strain_ads)
     server = CellServer(
         live,
         robot_controller,
@@ -199,6 +223,8 @@ def run(
             write_summary(staging / simulate.SUMMARY, summary)
     finally:
         server.close()
+        if plc is not None:
+            plc.close()
     return summary
 
 
@@ -235,6 +261,37 @@ def _device(settings: LiveSettings, cell: Cell) -> NetftServer | WrenchSender | 
         return frame.write(np.array(one.w_sensor), one.sequence, bits)
 
     return WrenchSender(peer, faults, write=write)
+
+
+def strains(
+    settings: LiveSettings, cell: Cell, plant: Plant, laboratory_: Laboratory
+) -> tuple[StrainStream | None, StrainSender | None, int]:
+    """Bridges of the holder as they truly are, their amplifiers, and integration steps for each reading.
+
+    Raises:
+        InputError: The cell has no holder, or no integration steps fit between readings of this rate.
+    """
+    if settings.strain_peer is None and settings.strain_ads is None:
+        return None, None, 1
+    holder = strain_holder(cell.tables.holder)
+    if holder is None or not holder.segment:
+        raise InputError(
+            "strains are to be sent, but the cell has no instrumented holder in its chain",
+            where=str(cell.path),
+            value="strain.address",
+            hint="Add a table [holder] with segment, the body whose frame is the holder's",
+        )
+    steps = round(1.0 / (settings.strain_hz * plant.step_s))
+    if steps < 1 or abs(steps * plant.step_s * settings.strain_hz - 1.0) > 1e-9:
+        raise InputError(
+            "rate of the simulated strain amplifiers", value=settings.strain_hz, limit="2000, 1000, 500, 250 or 200 Hz"
+        )
+    places = np.array([(*g.p_holder_gauge, g.angle_rad, g.factor) for g in holder.gauges])
+    true = instrumented_holder(places, settings.seed)
+    rng = laboratory_.noise("live strain")
+    stream = StrainStream(true, holder.segment, plant, rng, steps * plant.step_s, settings.strain_warm_k)
+    faults = FaultSchedule(settings.strain_faults, settings.seed)
+    return stream, StrainSender(settings.strain_peer, len(places), faults), steps
 
 
 def _controller(

@@ -91,7 +91,7 @@ def forward(
     to: Annotated[
         str,
         typer.Argument(
-            help="Where datagrams go: the loop's tracker.address.",
+            help="Where datagrams go: the loop's tracker.address or strain.address.",
             metavar="HOST:PORT",
             callback=arguments.host_port,
         ),
@@ -101,15 +101,18 @@ def forward(
         int | None,
         typer.Option("--readings", help="Number of readings; default: until Ctrl-C.", min=1, max=MOST_RECORDS),
     ] = None,
+    strain: Annotated[
+        bool, typer.Option("--strain", help="Forward the strain terminals of the holder, to strain.address.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Forward the tracker readings of a TwinCAT to the loop, as pose datagrams, from a separate process.
+    """Forward tracker or strain readings of a TwinCAT to the loop, as datagrams, from a separate process.
 
-    Example: `counterflex ads forward 127.0.0.1:5001 --cell cell.toml`
+    Example: `counterflex ads forward 127.0.0.1:5002 --cell cell.toml --strain`
     """
     from counterflex.app import ads as job
 
-    result = job.forward(cell, address(to, "HOST:PORT"), readings=readings)
+    result = job.forward(cell, address(to, "HOST:PORT"), readings=readings, strain=strain)
     if as_json:
         print_json(result)
         return

@@ -86,13 +86,13 @@ def run(
     the correction; 4 never armed; 5 records are missing in the log; 6 the operator ended the correction; 1 the loop
     died; 130 Ctrl-C, 143 request to terminate, 129 terminal closed, unless there was a fault or a lost log.
 
-    Tables of the scenario: run, force_sensor (addresses), tracker (address).
+    Tables of the scenario: run, force_sensor (addresses), strain (address), tracker (address).
 
     Example: `counterflex run --cell cell.toml --rsi rsi.xml --plan plan.parquet --scenario trial.toml --out log`
     """
     from counterflex.files.scenario_file import read_scenario
 
-    trial = read_scenario(scenario or (), ("run", "force_sensor", "tracker"))
+    trial = read_scenario(scenario or (), ("run", "force_sensor", "strain", "tracker"))
     sensor, program, lockstep = trial.force_sensor, trial.run.program, trial.run.lockstep
     keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
     one_protocol(rsi, egm)
@@ -100,7 +100,7 @@ def run(
     from counterflex.app.run.session import RunSettings
     from counterflex.cli.commands.operate.status_line import show_status
 
-    tracker = host_port(trial.tracker.address)
+    tracker, strain = host_port(trial.tracker.address), host_port(trial.strain.address)
     if arm and not lockstep and not trust_machine:
         from counterflex.app.doctor import require_fit
 
@@ -118,6 +118,7 @@ def run(
         force_http_port=80 if sensor.http_port is None else sensor.http_port,
         currents=trial.run.currents,
         tracker_port=None if tracker is None else tracker[1],
+        strain_port=None if strain is None else strain[1],
         peer=host_port(trial.run.peer),
         arm=arm,
         lockstep=lockstep,
@@ -196,18 +197,19 @@ def cell(
     without_end: WithoutEnd = False,
     scenario: Layers = None,
 ) -> None:
-    """Run a program on the simulated cell behind its real protocols: KUKA RSI or ABB EGM, force sensor, tracker.
+    """Run a program on the simulated cell behind its real protocols: RSI or EGM, force sensor, strains, tracker.
 
     It sends at once: start `counterflex run` first. Writes the files of `simulate` into DIR, and nothing without an
     answer; it ends when `counterflex run` has ended.
 
-    Tables of the scenario: controller, rsi, egm, force_sensor (addresses), tracker (address, rate_hz, late_ms).
+    Tables of the scenario: controller, rsi, egm, force_sensor (addresses), strain (address, ads, rate_hz, warm_k),
+    tracker (address, rate_hz, late_ms), faults (of the strain amplifiers).
 
     Example: `counterflex twin cell part.ngc --cell cell.toml --truth truth.toml --rsi rsi.xml --out part`
     """
     from counterflex.files.scenario_file import read_scenario
 
-    trial = read_scenario(scenario or (), ("controller", "rsi", "egm", "force_sensor", "tracker"))
+    trial = read_scenario(scenario or (), ("controller", "rsi", "egm", "force_sensor", "strain", "tracker"))
     keep_inputs(out, *(path for path in (program, cell, truth, rsi, original, parameters) if path is not None))
     one_protocol(rsi, egm)
     from counterflex.app.inputs import Reading
@@ -216,6 +218,7 @@ def cell(
 
     sensor, own_force = trial.force_sensor, trial.egm.own_force
     force_host, force_port = host_port(sensor.address) or ("127.0.0.1", 0)
+    strained, terminals = host_port(trial.strain.address), host_port(trial.strain.ads)
     settings = job.LiveSettings(
         program=program,
         cell=cell,
@@ -226,12 +229,17 @@ def cell(
         peer=host_port(trial.controller.peer),
         egm=None if egm is None else address(egm, "--egm"),
         own_force=own_force,
-        netft_port=None if own_force else force_port,
+        netft_port=None if own_force or strained or terminals else force_port,
         netft_http_port=sensor.http_port or 0,
         force_host=force_host,
         tracker_peer=host_port(trial.tracker.address),
         tracker_hz=trial.tracker.rate_hz,
         tracker_faults=shown.late(trial.tracker),
+        strain_peer=strained,
+        strain_ads=terminals,
+        strain_hz=trial.strain.rate_hz,
+        strain_warm_k=trial.strain.warm_k,
+        strain_faults=shown.schedule(trial).faults if strained or terminals else (),
         seed=trial.seed,
         timing=shown.timing(trial.controller, gate_s=0.8),
         context=shown.rsi_context(trial.rsi),

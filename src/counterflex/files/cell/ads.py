@@ -17,6 +17,8 @@ from counterflex.protocols.ads.telegram import PLC_PORT, net_id_bytes
 Symbol = Annotated[str, Field(min_length=1, max_length=255, pattern=r"^[A-Za-z_][A-Za-z0-9_.\[\],]*$")]
 STRAIN: Final = "strain"
 """Names of the strain terminals here: ``strain1`` to ``strain12``."""
+HOLDER_TIME, HOLDER_TEMPERATURE = "holder_time", "holder_temperature"
+"""Names of the time of their reading, ns of the PLC's clock, and of the temperature of the holder, deg C."""
 
 
 def si_of(unit: str) -> tuple[str, float]:
@@ -90,7 +92,7 @@ class AdsParameterTable(Table):
         si_of(self.unit)
         if self.low is not None and self.high is not None and self.low >= self.high:
             raise ValueError(f"low is not below high: {self.low:g}, {self.high:g}")
-        if self.name.startswith((STRAIN, "tracker_")):
+        if self.name.startswith((STRAIN, "tracker_", "holder_")):
             raise ValueError(f"the name '{self.name}' is taken by strain terminals or tracker")
         return self
 
@@ -113,6 +115,8 @@ class AdsTable(Table):
     period_ms: Annotated[float, Field(ge=1.0, le=60000.0)] = 10.0
     strain: Annotated[tuple[Symbol, ...], Field(max_length=12)] = ()
     strain_unit: str = "um/m"
+    strain_time: Symbol | None = None
+    strain_temperature: Symbol | None = None
     tracker: AdsTrackerTable | None = None
     parameters: tuple[AdsParameterTable, ...] = ()
 
@@ -135,9 +139,11 @@ class AdsTable(Table):
         return AdsSettings(self.net_id, self.host, self.port, self.local_net_id, self.timeout_ms * MS)
 
     def symbols(self) -> tuple[AdsSymbol, ...]:
-        """All symbols: strain terminals as ``strain1`` ..., tracker as ``tracker_...``, parameters by their names."""
+        """All: terminals ``strain1`` ..., their time and temperature, tracker ``tracker_...``, parameters by names."""
         si = si_of(self.strain_unit)[1]
         strain = tuple(AdsSymbol(f"{STRAIN}{k}", symbol, si) for k, symbol in enumerate(self.strain, start=1))
+        readings = ((HOLDER_TIME, self.strain_time), (HOLDER_TEMPERATURE, self.strain_temperature))
+        strain += tuple(AdsSymbol(name, symbol, 1.0) for name, symbol in readings if symbol is not None)
         tracker = () if self.tracker is None else self.tracker.symbols()
         return (*strain, *tracker, *(one.as_symbol() for one in self.parameters))
 

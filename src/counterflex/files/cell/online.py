@@ -42,6 +42,7 @@ class OnlineTable(Table):
     """Which signals correct, through which filters, within which limits."""
 
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
+    force_from: Literal["sensor", "holder"] = "sensor"
     tracker: Literal["none", "integrator", "observer", "designed"] = "none"
     tracker_lost: Literal["hold", "fallback"] = "hold"
     force_offset: Literal["hold", "plan", "tell"] = "hold"

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
-from counterflex.core.units import DEG, KN, MICRO, MINUTE, MM, N_PER_MM2, UM, URAD
+from counterflex.core.units import DEG, KN, MICRO, MINUTE, MM, N_PER_MM2, PERCENT, UM, URAD
 from counterflex.files.cell.frame import FrameTable
 from counterflex.files.schema import Angle, Length, PoseTable, Table
 from counterflex.geometry import pose
@@ -23,8 +23,12 @@ from counterflex.sensing.strain_holder import StrainHolder
 
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
+Slew = Annotated[float, Field(gt=0.0, le=1e6)]
+Error = Annotated[float, Field(ge=0.0, le=100.0)]
 _HOUR = 60.0 * MINUTE
 _GPA = KN * N_PER_MM2
+UNKNOWN_ERROR = 0.05
+"""Share by which a force is off where identify holder has not stated it."""
 _SHAPE = "expected 0, 9 or 34 rows of six numbers"
 
 
@@ -96,6 +100,12 @@ class HolderTable(Table):
     temperature_um_m_per_k: tuple[float, ...] = ()
     reference_c: Annotated[float, Field(ge=-50.0, le=150.0)] = 20.0
     noise_um_m: Annotated[float, Field(gt=0.0, le=1000.0)] = 0.2
+    wander_um_m: Annotated[float, Field(gt=0.0, le=100.0)] = 0.02
+    zero_um_m: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    range_um_m: Annotated[float, Field(gt=0.0, le=1e5)] = 1500.0
+    slew_n: tuple[Slew, Slew, Slew] | None = None
+    most_sigma_n: Annotated[float, Field(gt=0.0, le=1e4)] = 60.0
+    error_percent: tuple[tuple[Error, Error, Error], ...] = ()
     source: str = ""
 
     @model_validator(mode="after")
@@ -105,7 +115,17 @@ class HolderTable(Table):
             result = len(getattr(self, key))
             if result not in (0, n):
                 raise ValueError(f"{key} has {result} rows; expected one for each of the {n} gauges, or none")
+        if len(self.error_percent) not in (0, 3):
+            raise ValueError(
+                f"error_percent has {len(self.error_percent)} rows; expected three, of x, y and z, or none"
+            )
         return self
+
+    @property
+    def error_share(self) -> Float:
+        """(3, 3) standard deviation of the force shown along x, y, z (rows) by 1 N along x, y, z (columns)."""
+        out: Float = np.array(self.error_percent).reshape(-1, 3) * PERCENT
+        return out if len(out) else UNKNOWN_ERROR * np.eye(3)
 
 
 def flange_sensor(table: SensorTable | None, chain: ElasticChain) -> FlangeSensor | None:

@@ -95,6 +95,8 @@ class ToolTable(Table):
     runout_um: NonNegative = 0.0
     overhang_mm: ToolLength | None = None
     modulus_gpa: Annotated[float, Field(ge=50.0, le=1200.0)] | None = None
+    longer_mm: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
+    heavier_kg: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
     tool_data: Annotated[int, Field(ge=1, le=128)] | None = None
     tooldata: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
 

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, saying, silent
-from counterflex.core.units import DEG, KN, MICRO, MM
+from counterflex.core.units import DEG, KN, MICRO, MM, PERCENT
 from counterflex.identify.data.alternative_readings import sign_mistakes, swapped_columns, unit_mistakes
 from counterflex.identify.data.changes import Change, TableValues
 from counterflex.identify.data.dataset import Dataset
@@ -106,8 +106,8 @@ def identify(inputs: Inputs) -> Identification:
             Figure("holdout_max_n", "largest error of the force, loads not used", worst, worst_before),
         ),
         figures=figures,
-        changes=_changes(identified),
-        remarks=(*remarks, *more, *_remarks(holder, identified, fit, blocks)),
+        changes=_changes(identified, direction_error(identified, fit, identified.p_holder_tcp)),
+        remarks=(*remarks, *more, *_remarks(identified, fit, blocks)),
         pictures=(_picture(blocks, unseen, held_out),),
     )
 
@@ -264,26 +264,14 @@ def _figures(
     return tuple(figures), more
 
 
-def _remarks(
-    holder: StrainHolder, identified: StrainHolder, fit: Fit, blocks: Sequence[HolderReadings]
-) -> tuple[str, ...]:
-    n = len(holder.gauges)
+def _remarks(identified: StrainHolder, fit: Fit, blocks: Sequence[HolderReadings]) -> tuple[str, ...]:
     points = np.unique(np.round(np.concatenate([b.p_holder_load for b in blocks]), 3), axis=0)
-    lever = fit.covariance  # of the free parameters, in fit coordinates
-    S = [int(np.flatnonzero(fit.free_index == k)[0]) for k in range(6 * n)]
     moved = identified.p_holder_tcp + np.array([0.0, 0.0, 50.0 * MM])
-    K, M = tool_matrix(identified.sensitivity, moved), identified.matrix(moved)
-    slope = fit.parameters.slope(fit.values)[: 6 * n]
-    load = np.zeros((3, 6))
-    load[:, :3] = np.eye(3)
-    load[:, 3:] = np.array([np.cross(moved, e) for e in np.eye(3)])
-    spread = []
-    for axis in range(3):
-        map_ = np.einsum("ai,k->aik", M, load[axis]).reshape(3, 6 * n) * slope
-        spread.append(float(np.sqrt(np.trace(map_ @ lever[np.ix_(S, S)] @ map_.T))))
+    K = tool_matrix(identified.sensitivity, moved)
+    worst = float(np.linalg.norm(direction_error(identified, fit, moved), axis=0).max())
     out = [
         "For a tool 50 mm longer the matrix follows from the lever: expected error "
-        f"{100 * max(spread):.1f} % of the force"
+        f"{100 * worst:.1f} % of the force"
         + (
             ""
             if len(points) > 1
@@ -299,7 +287,32 @@ def _remarks(
     return tuple(out)
 
 
-def _changes(identified: StrainHolder) -> tuple[Change, ...]:
+def direction_error(identified: StrainHolder, fit: Fit, p_holder_tcp: Float) -> Float:
+    """What the calibration leaves uncertain of a force, by direction: cross-talk off the diagonal.
+
+    ``var f_i = sum over bridges of (M dS [e_j; p x e_j])_i`` for a force of 1 N along j.
+
+    Args:
+        identified: The holder.
+        fit: Its sensitivities with their covariance.
+        p_holder_tcp: (3,) m tool tip.
+
+    Returns:
+        (3, 3) standard deviation of the force shown along i (rows) by a force of 1 N along j (columns).
+    """
+    n = len(identified.gauges)
+    rows = [int(np.flatnonzero(fit.free_index == k)[0]) for k in range(6 * n)]
+    covariance = fit.covariance[np.ix_(rows, rows)]  # of the free parameters, in fit coordinates
+    slope, M = fit.parameters.slope(fit.values)[: 6 * n], identified.matrix(p_holder_tcp)
+    out = np.zeros((3, 3))
+    for j, e in enumerate(np.eye(3)):
+        load = np.concatenate([e, np.cross(p_holder_tcp, e)])
+        map_ = np.einsum("ai,k->aik", M, load).reshape(3, 6 * n) * slope
+        out[:, j] = np.sqrt(np.diag(map_ @ covariance @ map_.T))
+    return out
+
+
+def _changes(identified: StrainHolder, error: Float) -> tuple[Change, ...]:
     def row(values: Float, unit: float) -> list[float]:
         return [float(f"{v / unit:.6g}") for v in values]
 
@@ -319,6 +332,7 @@ def _changes(identified: StrainHolder) -> tuple[Change, ...]:
         "bias_um_m": row(identified.bias, MICRO),
         "temperature_um_m_per_k": row(identified.per_kelvin, MICRO),
         "reference_c": identified.reference_c,
+        "error_percent": [row(r, PERCENT) for r in error],
     }
     return (TableValues("holder", values),)
 

@@ -13,6 +13,7 @@ from counterflex.geometry import pose
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.tare import Tare
+from counterflex.protocols.session.tool_change import ToolChange
 from counterflex.protocols.tracker.kernel import tool_pose
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.runtime.estimator.fusion import Source
@@ -21,6 +22,7 @@ from counterflex.runtime.plausibility.axis_check import AxisCheck
 from counterflex.runtime.sensing.motor_torque import MotorTorque
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
+from counterflex.runtime.sensing.strain_wrench import StrainWrench
 from counterflex.runtime.settings import ForceMode, TrackerMode
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.signals.arrival import ArrivalClock
@@ -39,6 +41,8 @@ class Sensing:
     Attributes:
         force: Force sensor, or None.
         wrench: Its reading as process wrench; needed with ``force``.
+        tare: How its zero is taken; None: of the wrench.
+        tools: Tools of the plan, where it has several; None: one and the same.
         inertia: Takes the inertia of the spindle out of it, or None.
         currents: Torque of the motor currents that the robot sends, for the estimator; None leaves them.
         angles: Holds the axis angles of each telegram against its poses; None: they are believed.
@@ -48,7 +52,9 @@ class Sensing:
     """
 
     force: ForceSource | None = None
-    wrench: SensorWrench | None = None
+    wrench: SensorWrench | StrainWrench | None = None
+    tare: Tare | None = None
+    tools: ToolChange | None = None
     inertia: SpindleInertia | None = None
     currents: MotorTorque | None = None
     angles: AxisCheck | None = None
@@ -146,9 +152,12 @@ class Senses:
         if good == 0 or force.frozen:
             self.force_age += 1
             return soft  # it ages: the step goes on by the plan for a while where there is one, then holds
-        self.force_age = 0
         age = (self._clock_ns() - self._time_zero_ns) * 1e-9
         w = self._wrench(self._q, force.w_sensor, age)
+        if self._wrench.doubt:
+            self.force_age += 1
+            return soft or self._wrench.doubt
+        self.force_age = 0
         tare = self._tare
         idle = self._loop.quick_result.state <= _READY
         if not tare.accepted and idle and good_telegrams > self._settle // 2:

@@ -91,6 +91,7 @@ class OnlineSession:
 
     Attributes:
         watch: See :class:`TelegramWatch`.
+        wrench: Makes a process wrench of the force sensor's reading, or None.
         cycles: Telegrams answered or passed over in silence.
         compute_ns: Time of the last cycle from the return of the receive call to the return of the send call.
         trouble: What failed in the loop's own program, or empty; it is a fault until it is reset.
@@ -112,7 +113,7 @@ class OnlineSession:
         sensing = Sensing() if sensing is None else sensing
         force, tracker = sensing.force, sensing.tracker
         self.link, self.loop, self.force, self.tracker, self.ring = link, loop, force, tracker, ring
-        self._angles = sensing.angles
+        self.wrench, self._angles = sensing.wrench, sensing.angles
         self._q: Float = loop.given.q
         self._given, self._result = loop.quick_given, loop.quick_result
         self._stand: Float = np.zeros(12)
@@ -123,8 +124,9 @@ class OnlineSession:
         self._axes = loop.settings.output == Output.AXES
         self.watch = TelegramWatch(loop.settings.period_s, watch)
         self._clock_ns = clock_ns
-        self._tare = Tare(self._checks.force_n, self._checks.moment_nm, keep=self._checks.tare)
+        self._tare = sensing.tare or Tare(self._checks.force_n, self._checks.moment_nm, keep=self._checks.tare)
         self._senses = Senses(sensing, link, loop, self._tare, self._checks.settle_cycles, clock_ns)
+        self._tools = sensing.tools
         self._job = self._checks.job
         silent_s = self._checks.run_silent_s
         self._run_silent_ns = None if silent_s is None else round(silent_s * 1e9)
@@ -194,6 +196,9 @@ class OnlineSession:
         senses, new = self._senses, 0
         senses.since += link.elapsed if received else 0
         try:
+            if self._tools is not None:
+                changed = self._tools.watch(result.state, result.cause, loop.place, self._tare)
+                soft = soft or changed
             soft = senses.read_force(soft, self.watch.good)
             new = senses.read_tracker()
             senses.read_currents(received)
@@ -243,7 +248,8 @@ class OnlineSession:
         given.elapsed = link.elapsed if received else 0
         self._senses.fill_ages()
         given.tracker_new, given.healthy = new, self._senses.healthy(self.watch.good)
-        given.arm, given.stop = int(control[_ARM]), int(control[_STOP])
+        again = self._tools is not None and self._tools.arms and self._tare.accepted
+        given.arm, given.stop = int(control[_ARM] or again), int(control[_STOP])
         given.reset = int(control[_RESET])
         given.enable = int(link.enable) if received else given.enable
         given.soft, given.hard = soft, hard

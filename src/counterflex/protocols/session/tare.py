@@ -10,7 +10,7 @@ from counterflex.core.arrays import Float
 
 CYCLES = 50
 """Readings of a mean: 0.2 s at 4 ms."""
-_STEADY = 0.2
+STEADY = 0.2
 """Share of the limits by which the means of both halves may differ: a load that changes meanwhile has no mean."""
 
 
@@ -58,7 +58,7 @@ class Tare:
         drift = (self._sum - 2.0 * self._first) / (CYCLES // 2)
         self._sum[:] = 0.0
         self._count = 0
-        self.accepted = self._small(self.mean, 1.0) and self._small(drift, _STEADY)
+        self.accepted = self._small(self.mean, 1.0) and self._small(drift, STEADY)
         self.refusals = 0 if self.accepted else self.refusals + 1
         if self.accepted and self._keep:
             self.zero[:] = self.mean

@@ -132,6 +132,41 @@ def sensor_wrench(tables: Records, q: Float, w_sensor: Float, time_s: float, tem
     to_tcp(w_sensor, still, R, p, carried.R_base_part[:], reals(table.w_part))
 
 
+def carried_sensor(chain: ElasticChain, sensor: FlangeSensor, T_base_part: Float | None) -> Records:
+    """(1,) CARRIED of a sensor in the chain of a cell.
+
+    Args:
+        chain: Elastic chain of the cell.
+        sensor: Identified constants.
+        T_base_part: (4, 4) part frame; None where the robot holds the part.
+
+    Raises:
+        InputError: The sensor's body is not there, or lies before the last axis.
+    """
+    place = segment_index(chain, sensor.segment)
+    if np.any(chain.joint[place + 1 :] >= 0):
+        raise InputError("an axis moves between the sensor and the tool", value=sensor.segment)
+    stations = chain.compact.stations["segment"][:-1]
+    out = records(CARRIED)
+    carried: Record = out[0]
+    station = int(np.flatnonzero(stations <= place)[-1])
+    T = np.eye(4)
+    for i in range(int(stations[station]) + 1, place + 1):
+        T = T @ chain.fixed[i] @ pose.make(rotation.about_z(chain.offset[i]))
+    carried.station, carried.hose = station, -1
+    if sensor.hose_from:
+        hose = hose_place(chain, sensor.hose_from, sensor.segment)
+        carried.hose = int(np.flatnonzero(stations == hose)[0])
+    carried.R_station_sensor = (T @ sensor.T_seg_sensor)[:3, :3].reshape(-1)
+    p = (pose.inverse(sensor.T_seg_sensor) @ carrier_to_tcp(chain, sensor.segment))[:3, 3]
+    carried.p_sensor_tcp = p
+    carried.hand = len(stations) if T_base_part is None else -1
+    if T_base_part is not None:
+        carried.R_base_part = as_float("T_base_part", T_base_part, (4, 4))[:3, :3].reshape(-1)
+    carried.gravity, carried.unturned = chain.gravity, np.eye(3).reshape(-1)
+    return out
+
+
 class SensorWrench:
     """The reading of one cell's flange sensor as process wrench, with buffers that are allocated once.
 
@@ -143,35 +178,20 @@ class SensorWrench:
     Attributes:
         w_part: (6,) N, N m: result, on what the hand holds about the end of the chain (TCP), in part axes.
         w_base: (6,) the same in base axes; the load that the next sample's bending is taken from.
+        doubt: Cause why the reading cannot be used; here always 0.
 
     Raises:
         InputError: The sensor's body is not there, or lies before the last axis.
     """
 
+    doubt = 0
+
     def __init__(self, chain: ElasticChain, sensor: FlangeSensor, T_base_part: Float | None) -> None:
+        self._records = carried_sensor(chain, sensor, T_base_part)
+        self._carried: Record = self._records[0]
+        self._load = sensor.record()
         compact = chain.compact
-        place = segment_index(chain, sensor.segment)
-        if np.any(chain.joint[place + 1 :] >= 0):
-            raise InputError("an axis moves between the sensor and the tool", value=sensor.segment)
-        stations = compact.stations["segment"][:-1]
-        carried = records(CARRIED)
-        self._carried: Record = carried[0]
-        station = int(np.flatnonzero(stations <= place)[-1])
-        T = np.eye(4)
-        for i in range(int(stations[station]) + 1, place + 1):
-            T = T @ chain.fixed[i] @ pose.make(rotation.about_z(chain.offset[i]))
-        self._carried.station, self._carried.hose = station, -1
-        if sensor.hose_from:
-            hose = hose_place(chain, sensor.hose_from, sensor.segment)
-            self._carried.hose = int(np.flatnonzero(stations == hose)[0])
-        self._carried.R_station_sensor = (T @ sensor.T_seg_sensor)[:3, :3].reshape(-1)
-        p = (pose.inverse(sensor.T_seg_sensor) @ carrier_to_tcp(chain, sensor.segment))[:3, 3]
-        self._carried.p_sensor_tcp = p
-        self._carried.hand = len(stations) if T_base_part is None else -1
-        if T_base_part is not None:
-            self._carried.R_base_part = as_float("T_base_part", T_base_part, (4, 4))[:3, :3].reshape(-1)
-        self._carried.gravity, self._carried.unturned = chain.gravity, np.eye(3).reshape(-1)
-        m = len(stations)
+        m = len(compact.stations) - 1
         self.w_part: Float = np.zeros(6)
         self.w_base: Float = np.zeros(6)
         self._table = ArrayTable(
@@ -181,11 +201,21 @@ class SensorWrench:
             regions=compact.regions,
             frame=np.zeros((m + 1, 12)),
             delta=np.zeros((m, 6)),
-            carried=carried,
-            constants=sensor.record(),
+            carried=self._records,
+            constants=self._load,
             w_base=self.w_base,
             w_part=self.w_part,
         )
+
+    def carry(self, mass_kg: float, p_sensor_com: Float) -> None:
+        """Take another load behind the sensor: that of the tool in use.
+
+        Args:
+            mass_kg: Whole mass.
+            p_sensor_com: (3,) m, its centre of gravity in the sensor frame.
+        """
+        load: Record = self._load[0]
+        load.mass, load.com = mass_kg, p_sensor_com
 
     def __call__(self, q: Float, w_sensor: Float, time_s: float = 0.0, temperature_c: float = math.nan) -> Float:
         """Process wrench of one reading.

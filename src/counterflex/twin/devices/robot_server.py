@@ -176,7 +176,8 @@ class RobotServer:
         while most_cycles is None or self.cycles < most_cycles:
             if self.cycles == self.gate_cycles:
                 self.robot.start()
-            self.controller.enabled = self.cycles >= self.gate_cycles and not self.robot.finished
+            waits = self.robot.finished or getattr(self.robot, "changing", False)
+            self.controller.enabled = self.cycles >= self.gate_cycles and not waits
             self.poll()
             condition = self._faults.condition(self.cycles, self.cycles * self._period_s)
             if condition.dead:

@@ -14,12 +14,14 @@ from counterflex.protocols.tracker.telegram import BEAM_BROKEN
 from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import RobotServer
+from counterflex.twin.devices.strain import StrainSender
 from counterflex.twin.devices.tracker import TrackerSender
 from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.laboratory.laboratory import Laboratory
 from counterflex.twin.live.live_cell import LiveCell
 from counterflex.twin.network.faults import FaultSchedule
 from counterflex.twin.plant.force_sensor import ForceSensor
+from counterflex.twin.plant.strain_stream import StrainStream
 
 _STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instruments: 1 kHz
 
@@ -37,6 +39,9 @@ class Instruments:
         temperature_c: Of the force sensor.
         tracker_faults: Scripted.
         tracker_every_s: Time between two poses; photogrammetry takes its time.
+        holder: Bridges of the instrumented spindle holder, or None.
+        strain: Where their readings go.
+        strain_steps: Integration steps for each of their readings.
     """
 
     laboratory: Laboratory
@@ -47,6 +52,9 @@ class Instruments:
     temperature_c: float = 20.0
     tracker_faults: FaultSchedule = field(default_factory=FaultSchedule)
     tracker_every_s: float = 1e-3
+    holder: StrainStream | None = None
+    strain: StrainSender | None = None
+    strain_steps: int = 2
 
     def __post_init__(self) -> None:
         """Take a noise stream of its own for each instrument."""
@@ -58,6 +66,18 @@ class Instruments:
         self._tracker_due = 0.0
         self._force_sum: Float = np.zeros(6)
         self._force_count = 0
+        self._load: Float = np.zeros(6)
+        self._loads = 0
+
+    def step(self, time_s: float) -> None:
+        """After each integration step: the amplifiers of the bridges average over the time between their readings."""
+        if self.holder is None or self.strain is None:
+            return
+        self._load += self.holder.load()
+        self._loads += 1
+        if self._loads == self.strain_steps:
+            self.strain.send(*self.holder.sample(self._load / self._loads, time_s), time_s)
+            self._load[:], self._loads = 0.0, 0
 
     def sample(self, cell: LiveCell, time_s: float) -> None:
         """Read and send."""
@@ -97,6 +117,8 @@ class Instruments:
             self._tracker.close()
         if self.device is not None:
             self.device.close()
+        if self.strain is not None:
+            self.strain.close()
 
 
 class CellServer(RobotServer):
@@ -126,8 +148,12 @@ class CellServer(RobotServer):
             cell.on_step = self._on_step  # type: ignore[method-assign]
 
     def _on_step(self, i: int) -> None:
-        if (i + 1) % _STEPS_PER_SAMPLE == 0 and self.instruments is not None:
-            self.instruments.sample(self.cell, self.cell.time_s + (i + 1) * self.cell.plant.step_s)
+        if self.instruments is None:
+            return
+        time_s = self.cell.time_s + (i + 1) * self.cell.plant.step_s
+        self.instruments.step(time_s)
+        if (i + 1) % _STEPS_PER_SAMPLE == 0:
+            self.instruments.sample(self.cell, time_s)
 
     def poll(self) -> None:
         """Take what was asked of the instruments, and hand on what the controller measures itself."""

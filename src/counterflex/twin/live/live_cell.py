@@ -7,15 +7,17 @@ sockets.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.path.toolpath import ToolPath
 from counterflex.twin.devices.commanded_motion import CommandedMotion
 from counterflex.twin.devices.commanded_motion import Report as Report
 from counterflex.twin.devices.path_answer import PathAnswer
@@ -26,8 +28,11 @@ from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
 from counterflex.twin.plant.setup import touched_part_frame
-from counterflex.twin.plant.simulate import as_delivered, hermite, near_stock
+from counterflex.twin.plant.simulate import as_delivered, hermite, mounted_tools, near_stock
 from counterflex.twin.truth.truth import Truth
+
+CHANGE_S: Final = 2.0
+"""How long the robot stands for a change of tools."""
 
 
 def true_answer(answer: PathAnswer | None, truth: Truth, cycle_s: float) -> PathAnswer:
@@ -56,7 +61,7 @@ class LiveCell:
         truth: The cell as it really is.
         controller: What its controller believes.
         stock: Blank.
-        cutter: Tool.
+        cutter: Tool, or tools by their numbers: they are changed where the program says so.
         datum_points_part: (k, 3) m, see :func:`counterflex.twin.plant.simulate.simulate`; None: the part lies where the
             controller has it.
         answer: How the controller answers a correction.
@@ -78,7 +83,7 @@ class LiveCell:
         truth: Truth,
         controller: Controller,
         stock: HeightMap,
-        cutter: Cutter,
+        cutter: Cutter | Mapping[int, Cutter],
         datum_points_part: Float | None = None,
         answer: PathAnswer | None = None,
         own_backlash: float = 0.0,
@@ -101,11 +106,19 @@ class LiveCell:
             then = self.plant if touched is None else Plant(touched, step_s=step_s)
             self.T_base_part, self._residual = touched_part_frame(then, controller, datum_points_part)
         blank = as_delivered(stock, truth.stock_top_offset_m)
-        tools = path.tool[path.kind == FEED]
-        self._tool = int(tools[0]) if len(tools) else 0
-        cutter = as_ground(cutter, truth.other.tool(self._tool))
-        self._process = Process(blank, cutter, truth.cutting, step_s, self.T_base_part)
-        self._near = near_stock(self.reference.p_part_command, blank, cutter.radius_m)
+        mounted = mounted_tools(path)
+        self._tools: Int = mounted[self.reference.source]
+        self._tool = int(self._tools[0])
+        self._cutters = {
+            int(number): as_ground(
+                cutter if isinstance(cutter, Cutter) else cutter[int(number)], truth.other.tool(int(number))
+            )
+            for number in np.unique(mounted)
+        }
+        self._change_cycles, self._standing = max(1, round(CHANGE_S / controller.cycle_s)), 0
+        self._process = Process(blank, self._cutters[self._tool], truth.cutting, step_s, self.T_base_part)
+        widest = max(one.radius_m for one in self._cutters.values())
+        self._near = near_stock(self.reference.p_part_command, blank, widest)
         self._spindle = path.spindle_rad_s[self.reference.source]
         self.period_s, self._substeps = controller.cycle_s, substeps
         self._place, self._speed = hermite(substeps, controller.cycle_s)
@@ -139,6 +152,23 @@ class LiveCell:
         """Cycles that the program takes at full speed."""
         return self.motion.cycles
 
+    @property
+    def changing(self) -> bool:
+        """Whether the robot stands for a change of tools; its program takes no correction meanwhile."""
+        return self._standing > 0
+
+    def _change(self) -> None:
+        """Stand where the next tool of the program begins, and mount it at the end."""
+        following = int(self._tools[min(int(self.motion.at) + 1, len(self._tools) - 1)])
+        if following == self._tool or not self.motion.running:
+            return
+        self._standing += 1
+        if self._standing > self._change_cycles:
+            self._standing, self._tool = 0, following
+            self._process.mount(self._cutters[following])
+            self._was_near, self._turning = False, np.nan
+            self.plant.program_time(int(self.motion.at) * self.period_s, following)
+
     def skip_to_contact(self, lead_s: float = 0.6) -> None:
         """Put the robot on its path shortly before the tool first comes near the stock (before :meth:`start`)."""
         first = int(np.argmax(self._near)) if self._near.any() else 0
@@ -167,6 +197,8 @@ class LiveCell:
             ReachError: The corrected pose cannot be reached.
             SimulationError: The cell left its physical range.
         """
+        self._change()
+        override = 0.0 if self.changing else override
         before = self.motion.at
         q_nominal, T_part_nominal, q_reported = self.motion.advance(cartesian, axes, override, T_part_guided)
         q_next = self._following(q_reported)

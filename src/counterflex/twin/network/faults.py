@@ -56,7 +56,8 @@ class Fault:
         mean: See ``bursts``.
         step: See ``counter``.
         bits: See ``status``.
-        offset: (3,) m along the instrument's axes, for a force sensor (3,) N.
+        offset: (3,) m along the instrument's axes, for a force sensor (3,) N, for a strain amplifier the strain first.
+        bridge: Of a strain amplifier: the bridge that it hits, from 1; None: all of them.
     """
 
     kind: DatagramKind | SourceKind
@@ -71,6 +72,7 @@ class Fault:
     step: int = 0
     bits: int = 0
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bridge: int | None = None
 
     def __post_init__(self) -> None:
         """Check that the numbers belong to the kind.
@@ -206,16 +208,25 @@ class FaultSchedule:
         object.__setattr__(self, "_of_datagrams", by_direction)
         object.__setattr__(self, "_of_source", tuple((f, chance) for f, chance in drawn if f.kind in SOURCE_KINDS))
 
-    def require(self, kinds: Iterable[str], instrument: str) -> None:
+    def require(self, kinds: Iterable[str], instrument: str, *, bridges: int = 0) -> None:
         """Refuse faults that an instrument cannot show.
 
+        Args:
+            kinds: Of the instrument itself that it can.
+            instrument: Its name.
+            bridges: Number of bridges that a fault may hit alone.
+
         Raises:
-            InputError: One of the faults is not among ``kinds``.
+            InputError: One of the faults is not among ``kinds``, or hits a bridge that the instrument does not have.
         """
         known = (*DATAGRAM_KINDS, *kinds)
         wrong = next((f.kind for f in self.faults if f.kind not in known), None)
         if wrong is not None:
             raise InputError(f"{instrument} cannot show this fault", value=wrong, limit=", ".join(known))
+        alone = next((f.bridge for f in self.faults if f.bridge is not None and not 1 <= f.bridge <= bridges), None)
+        if alone is not None:
+            limit = f"1..{bridges}" if bridges else "no bridge: a strain amplifier has them"
+            raise InputError(f"{instrument} does not have the bridge of this fault", value=alone, limit=limit)
 
     def deliveries(self, data: bytes, index: int, time_s: float, direction: Direction = "out") -> list[Delivery]:
         """What arrives of a datagram: nothing, itself, something else, or several.

@@ -31,10 +31,12 @@ class Sensors:
     Attributes:
         force: Force sensor (Net F/T).
         tracker: Laser tracker.
+        holder: Strain amplifiers of the instrumented holder.
     """
 
     force: bool = True
     tracker: bool = False
+    holder: bool = False
 
 
 def free_port(kind: socket.SocketKind) -> int:
@@ -75,12 +77,14 @@ def run(
     force = free_port(socket.SOCK_DGRAM) if sensors.force else None
     http = free_port(socket.SOCK_STREAM) if sensors.force else 80
     tracker = free_port(socket.SOCK_DGRAM) if sensors.tracker else None
+    strain = free_port(socket.SOCK_DGRAM) if sensors.holder else None
     cell = replace(
         cell,
         peer=(_HOST, rsi),
         netft_port=force,
         netft_http_port=http,
         tracker_peer=None if tracker is None else (_HOST, tracker),
+        strain_peer=None if strain is None else (_HOST, strain),
         timing=replace(cell.timing, wait_s=_COMPILES_S),
     )
     loop = replace(
@@ -89,6 +93,7 @@ def run(
         force=None if force is None else (_HOST, force),
         force_http_port=http,
         tracker_port=tracker,
+        strain_port=strain,
         lockstep=True,
         force_wait_s=_WAIT_S,
         quiet_s=_WAIT_S,

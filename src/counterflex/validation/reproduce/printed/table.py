@@ -13,7 +13,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.summary_file import write_summary
 from counterflex.report.page import write_page
 from counterflex.report.printed_page import printed_page
-from counterflex.validation.reproduce import haehn, mandiola
+from counterflex.validation.reproduce import haehn, holder, mandiola
 from counterflex.validation.reproduce.printed import berger2013, denkena2015, haehn2020, mandiola2023
 from counterflex.validation.reproduce.printed.row import PAPERS, Printed
 
@@ -24,7 +24,7 @@ TITLES: Final = {
     "berger2013": "Berger, Halbauer, Lehmann, Euhus and Staedter 2013, ZWF 108",
     "mandiola2023": "Mandiola and others 2023",
 }
-RUNS: Final = ("haehn2020", "mandiola2023")
+RUNS: Final = ("denkena2015", "haehn2020", "mandiola2023")
 """Papers whose experiment is repeated in the simulated cell."""
 
 
@@ -36,7 +36,7 @@ def rows_of(paper: str, runs: Mapping[str, Mapping[str, Any]]) -> list[Printed]:
         runs: Summaries of repeated experiments, by paper, where there are any.
     """
     if paper == "denkena2015":
-        return denkena2015.rows()
+        return denkena2015.rows(runs.get(paper))
     if paper == "berger2013":
         return berger2013.rows()
     if paper == "haehn2020":
@@ -81,6 +81,8 @@ def run(
                 workers=workers,
                 progress=parts[paper],
             )
+        elif paper == "denkena2015":
+            runs[paper] = holder.run(folder, quick=quick, workers=workers, progress=parts[paper])
         else:
             runs[paper] = mandiola.run(
                 folder, seeds=1 if quick else 3, quick=quick, workers=workers, progress=parts[paper]

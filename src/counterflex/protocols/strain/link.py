@@ -1,0 +1,154 @@
+"""Receiver of strain datagrams: every sample since the last cycle, and which bridges show nothing to be believed."""
+
+from __future__ import annotations
+
+import socket
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.array_table import ArrayTable
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError, OutputError
+from counterflex.core.records import Record, records
+from counterflex.protocols.strain import kernel as reading
+from counterflex.protocols.strain.drain_kernel import ARRAYS, drain_strains
+from counterflex.protocols.system.datagrams import ROWS, Datagrams, host_number
+
+MOST_SAMPLES: Final = 512
+"""Samples of one drain that are kept; the newest ones beyond that are lost, and counted as taken."""
+
+
+class StrainLink:
+    """A stream of strains, taken by the session as a :class:`~counterflex.protocols.force.source.ForceSource`.
+
+    Args:
+        host: Address to listen on; loopback unless told otherwise.
+        port: UDP port; 0 takes a free one.
+        bridges: Number of bridges; datagrams with another number are counted and not used.
+        range_: Strain beyond which a bridge is not believed, 1.
+        least: Bridges that must show a number for the reading to be used.
+        peers: Addresses that are listened to; None takes the first that sends a good datagram.
+
+    Attributes:
+        address: Where datagrams are expected.
+        strain: (MOST_SAMPLES, 12) of the last drain, row by row; NaN where a bridge is not believed.
+        warm_c: (MOST_SAMPLES,) deg C, NaN where not measured.
+        times_ns: (MOST_SAMPLES,) clock of the source.
+        counts: (1,) datagrams of the last drain.
+        good: Samples in the last drain.
+        w_sensor: (6,) N: force at the tool in holder axes and its standard deviation, as the estimator wrote it.
+        samples: (1, 6) that again; there is no force of single samples.
+        first: -1: they are not the force sensor's at 1 kHz.
+
+    Raises:
+        InputError: No such number of bridges, or a range that is not above 0.
+        OutputError: The port cannot be opened.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        bridges: int,
+        *,
+        range_: float,
+        least: int = 4,
+        peers: tuple[str, ...] | None = None,
+    ) -> None:
+        if not reading.FEWEST <= bridges <= reading.MOST:
+            raise InputError("bridges of the holder", value=bridges, limit=f"{reading.FEWEST}..{reading.MOST}")
+        if not range_ > 0.0:
+            raise InputError("the range of the bridges is not above 0", value=range_)
+        self._least = min(least, bridges)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((host, port))
+        except OSError as fault:
+            self._socket.close()
+            raise OutputError(
+                f"the port for strains cannot be opened: {fault.strerror or fault}",
+                where=f"{host}:{port}",
+                hint="Is another program listening there?",
+            ) from fault
+        self.address: tuple[str, int] = self._socket.getsockname()
+        self._inbox = Datagrams(self._socket)
+        self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
+        self._received = records(reading.RECEIVED)
+        self.received: Record = self._received[0]
+        self.received.sequence = self.received.host = -1
+        self.received.bridges, self.received.range = bridges, range_
+        self.strain: Float = np.full((MOST_SAMPLES, reading.MOST), np.nan)
+        self.warm_c: Float = np.full(MOST_SAMPLES, np.nan)
+        self.times_ns: Int = np.zeros(MOST_SAMPLES, dtype=np.int64)
+        self.w_sensor: Float = np.zeros(6)
+        self.samples: Float = self.w_sensor.reshape(1, 6)
+        self.good, self.first = 0, -1
+        self.counts: Int = self._received["good"]
+        self._same: Int = self._received["same"][0]
+        self._missing: Int = self._received["missing"][0]
+        self._outside: Int = self._received["outside"][0]
+        self._table = ArrayTable(
+            ARRAYS,
+            **self._inbox.arrays(),
+            allowed=self._allowed,
+            samples=self.strain,
+            warm=self.warm_c,
+            times=self.times_ns,
+            received=self._received,
+        )
+
+    def drain(self) -> int:
+        """Take every datagram that is there; returns their number, those with too few bridges included."""
+        inbox = self._inbox
+        if inbox.many:
+            count = drain_strains(inbox.fd, self._table.rows)
+        else:
+            count = self._drain_singly()
+        self.good = min(count, MOST_SAMPLES)
+        return self.good
+
+    def _drain_singly(self) -> int:
+        inbox, self.counts[0] = self._inbox, 0
+        while True:
+            count = inbox.take()
+            if count:
+                reading.take_strains(
+                    inbox.data, inbox.lengths, inbox.hosts, count, self._allowed,
+                    self.strain, self.warm_c, self.times_ns, self._received,
+                )  # fmt: skip
+            if count < ROWS:
+                return int(self.counts[0])
+
+    @property
+    def saturated(self) -> bool:
+        """So many bridges are beyond their range that too few are left."""
+        outside = int(self._outside.sum())
+        return outside > 0 and self.bridges - outside - int(self._missing.sum()) < self._least
+
+    @property
+    def frozen(self) -> bool:
+        """Too few bridges show a new number."""
+        still = int(np.count_nonzero(self._same[: self.bridges] >= reading.FROZEN - 1))
+        return self.bridges - still - int(self._missing.sum()) < self._least
+
+    @property
+    def bridges(self) -> int:
+        """Bridges expected."""
+        return int(self.received.bridges)
+
+    def out_of_order(self) -> list[str]:
+        """What is wrong with bridges in the last datagram, in words: ``bridge 2 broken``."""
+        words = []
+        for k in range(self.bridges):
+            if self._missing[k]:
+                words.append(f"bridge {k + 1} broken")
+            elif self._outside[k]:
+                words.append(f"bridge {k + 1} beyond its range")
+            elif self._same[k] >= reading.FROZEN - 1:
+                words.append(f"bridge {k + 1} repeats its last value")
+        return words
+
+    def close(self) -> None:
+        """Free the port."""
+        self._socket.close()

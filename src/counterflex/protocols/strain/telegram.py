@@ -1,0 +1,99 @@
+"""The neutral strain datagram, version 1: UDP, little-endian, ``32 + 8 n`` bytes for n bridges, 3 to 12.
+
+| offset | type | field |
+|---|---|---|
+| 0 | 4 bytes | ``CFS1`` |
+| 4 | u32 | sequence, +1 per datagram, wraps |
+| 8 | u64 | time of measurement, ns of the source's clock; not below that of the datagram before |
+| 16 | u32 | status: bit k is set where the amplifier reports bridge k + 1 out of order |
+| 20 | u32 | n, number of bridges |
+| 24 | f64 | temperature of the holder, deg C; NaN where it is not measured |
+| 32 | n f64 | strain of each bridge, um/m, mean over the time since the datagram before; NaN: no reading |
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProtocolError
+from counterflex.core.units import MICRO
+from counterflex.protocols.strain import kernel as reading
+
+MAGIC: Final = b"CFS1"
+HEAD: Final = struct.Struct("<4sIQIId")
+FEWEST, MOST = reading.FEWEST, reading.MOST
+RATES_HZ: Final = (100.0, 4000.0)
+"""Rates of a stream. Below 500 Hz the oscillation of the arm is no longer resolved; above 2 kHz nothing is gained."""
+
+
+@dataclass(frozen=True, eq=False)
+class StrainSample:
+    """One reading of all bridges.
+
+    Attributes:
+        sequence: See the table of the module.
+        time_ns: Source clock.
+        status: Bits; 0 is good.
+        temperature_c: Of the holder, NaN where not measured.
+        strain: (n,) of each bridge, dimensionless.
+    """
+
+    sequence: int
+    time_ns: int
+    status: int
+    temperature_c: float
+    strain: Float
+
+
+def read_strain(data: bytes) -> StrainSample:
+    """Read a datagram.
+
+    Raises:
+        ProtocolError: Another length, magic or number of bridges, status bits of bridges that are not there, a
+            temperature or a strain that is infinite or out of the range of the protocol.
+    """
+    rows = np.zeros((1, reading.LONGEST), dtype=np.uint8)
+    rows[0, : min(len(data), reading.LONGEST)] = np.frombuffer(data[: reading.LONGEST], dtype=np.uint8)
+    strain = np.zeros(MOST)
+    outcome = reading.read_datagram(rows, 0, len(data), strain)
+    if outcome == reading.NO_DATAGRAM:
+        raise ProtocolError(
+            "not a strain datagram", value=f"{len(data)} bytes, {data[:4]!r}", limit="32 + 8 n bytes, CFS1, n 3..12"
+        )
+    _, sequence, time_ns, status, count, temperature_c = HEAD.unpack(data[: HEAD.size])
+    if outcome == reading.UNKNOWN_STATUS:
+        raise ProtocolError("status bits of bridges that are not there", value=f"0x{status:x}", limit=f"{count} bits")
+    if outcome == reading.OUT_OF_RANGE:
+        raise ProtocolError(
+            "a strain or the temperature is out of range",
+            value=[temperature_c, *(strain[:count] / MICRO).round(3).tolist()],
+            limit=f"{reading.LARGEST_UM_M:g} um/m, -50..150 deg C",
+        )
+    return StrainSample(sequence, time_ns, status, temperature_c, strain[:count].copy())
+
+
+def write_strain(sample: StrainSample) -> bytes:
+    """A reading as a datagram: the amplifier's side.
+
+    Raises:
+        ProtocolError: A number does not fit its field.
+    """
+    count = len(sample.strain)
+    if not FEWEST <= count <= MOST:
+        raise ProtocolError("number of bridges of a strain datagram", value=count, limit=f"{FEWEST}..{MOST}")
+    try:
+        head = HEAD.pack(MAGIC, sample.sequence, sample.time_ns, sample.status, count, sample.temperature_c)
+        return head + struct.pack(f"<{count}d", *(float(value) / MICRO for value in sample.strain))
+    except struct.error as fault:
+        raise ProtocolError("a strain reading does not fit its datagram", value=sample.sequence) from fault
+
+
+def readable(sample: StrainSample) -> bool:
+    """Whether every bridge shows a number."""
+    return sample.status == 0 and all(math.isfinite(value) for value in sample.strain)
