@@ -56,7 +56,7 @@ class Turning(StrainSender):
     reads = 0
 
     @property
-    def temperature_c(self) -> float:  # type: ignore[override]
+    def temperature_c(self) -> float:
         """23.5 deg C."""
         self.reads += 1
         if self.reads % 2 == 0:
