@@ -28,6 +28,7 @@ from counterflex.cli.commands import (
     faults,
     holder,
     identify,
+    inspection,
     log,
     modes,
     preflight,
@@ -93,7 +94,7 @@ def _with_own_classes(app: typer.Typer) -> None:
 
 PANELS: Final = {
     "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate", "correct"),
-    "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report"),
+    "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect"),
     "Identify": ("identify", "dataset", "holder", "campaign"),
     "Measure": ("iso9283", "iso230"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
@@ -155,7 +156,21 @@ def _in_panels(app: typer.Typer) -> None:
         group.rich_help_panel = panel_of[str(group.name)]
 
 
-for room in (question, modes, program, correct, preflight, prove, dataset, identify, twin, tracker, ads, campaign):
+for room in (
+    question,
+    modes,
+    program,
+    correct,
+    preflight,
+    prove,
+    inspection,
+    dataset,
+    identify,
+    twin,
+    tracker,
+    ads,
+    campaign,
+):
     room.register(app)
 for room in (plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)

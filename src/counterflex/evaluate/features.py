@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -33,6 +34,7 @@ class FeatureRow:
         mean_m: Variant name to the mean value, m.
         tolerance_m: Permitted deviation from nominal, +- m (a one-sided zone where the nominal value is 0).
         tolerance_source: Where the tolerance comes from.
+        standard_deviation_m: Variant name to the standard deviation of the mean value, m, where the part was measured.
     """
 
     feature: str
@@ -42,10 +44,29 @@ class FeatureRow:
     mean_m: Mapping[str, float]
     tolerance_m: float
     tolerance_source: str
+    standard_deviation_m: Mapping[str, float] = field(default_factory=dict)
 
     def ok(self, variant: str) -> bool:
         """True where the worst value of a variant keeps the tolerance."""
         return abs(self.worst_m[variant] - self.nominal_m) <= self.tolerance_m
+
+
+class MeasurablePart(Protocol):
+    """A part whose walls and floors can be found."""
+
+    def exits(self, point: Float, direction: Float) -> Float:
+        """How far the cut reaches along rays.
+
+        Args:
+            point: (m, 3) m, in the cut, part frame.
+            direction: (m, 2) horizontal unit vectors, towards the wall.
+
+        Returns:
+            (m,) m; nan or infinite where no wall is found.
+        """
+
+    def heights(self, xy: Float) -> Float:
+        """Height of the part at places (n, 2) m, part frame; (n,) m, nan where it is not known."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +78,25 @@ class Machined:
     joined: Bool | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Swept:
+    """A simulated part: walls from the section of its tool path, floors from its map."""
+
+    section: SweptSection
+    actual: HeightMap
+
+    def exits(self, point: Float, direction: Float) -> Float:
+        return wall_exit(self.section, point, direction, 0.0)[0]
+
+    def heights(self, xy: Float) -> Float:
+        return height_at(self.actual, xy)
+
+
 def measure_features(
     surface: NominalSurface,
     p_part_nominal: Float,
     features: Sequence[Feature],
-    variants: Mapping[str, Machined],
+    variants: Mapping[str, Machined | MeasurablePart],
     tolerances_m: Mapping[tuple[str, str], float] | None = None,
 ) -> tuple[FeatureRow, ...]:
     """Measure features on every variant and compare them with the undisturbed part.
@@ -75,7 +110,7 @@ def measure_features(
         surface: From :func:`~counterflex.evaluate.nominal_surface`.
         p_part_nominal: (n, 3) m, path of the undisturbed program.
         features: From :func:`~counterflex.evaluate.feature_finding.find_features`, or given by hand.
-        variants: Name to machining.
+        variants: Name to machining, or to another part that can be measured.
         tolerances_m: (feature, quantity) to +- tolerance; ISO 2768-mK for what is not listed.
 
     Returns:
@@ -88,14 +123,18 @@ def measure_features(
         raise InputError("there is no machined part to measure")
     reach = surface.cutter.radius_m + surface.reach_m
     nominal = swept_section(p_part_nominal, surface.cutter, reach)
-    sections = {name: swept_section(v.p_part_actual, surface.cutter, reach, v.joined) for name, v in variants.items()}
-    maps = {name: v.actual for name, v in variants.items()}
+    parts: dict[str, MeasurablePart] = {
+        name: _Swept(swept_section(v.p_part_actual, surface.cutter, reach, v.joined), v.actual)
+        if isinstance(v, Machined)
+        else v
+        for name, v in variants.items()
+    }
     rows: list[FeatureRow] = []
     for feature in features:
         if isinstance(feature, Groove):
-            measured = _groove(feature, surface, nominal, sections, maps)
+            measured = _groove(feature, surface, nominal, parts)
         else:
-            measured = _pocket(feature, surface, nominal, sections, maps)
+            measured = _pocket(feature, surface, nominal, parts)
         for quantity, value, size, worst, mean in measured:
             tolerance = (tolerances_m or {}).get((feature.name, quantity))
             general = flatness_k(size) if quantity in ("flatness", "roundness") else linear_m(size)
@@ -120,8 +159,7 @@ def _groove(
     groove: Groove,
     surface: NominalSurface,
     nominal: SweptSection,
-    sections: Mapping[str, SweptSection],
-    maps: Mapping[str, HeightMap],
+    parts: Mapping[str, MeasurablePart],
 ) -> list[_Row]:
     run = groove.end - groove.start
     length = float(np.hypot(run[0], run[1]))
@@ -129,7 +167,7 @@ def _groove(
     left = np.array([-u[1], u[0]])
     s = np.arange(0.5 * MM, length, MM)
     tip = groove.start + (s / length)[:, None] * run
-    top = _look(surface.stock, tip[:, :2])
+    top = height_at(surface.stock, tip[:, :2])
     height = tip[:, 2] + 0.5 * (top - tip[:, 2])
     good = np.isfinite(top) & (top - tip[:, 2] > _LEAST_DEPTH_M)
     point = np.column_stack([tip[:, :2], np.where(good, height, 0.0)])
@@ -140,21 +178,20 @@ def _groove(
     if int(good.sum()) < 3:
         return []
     position = {
-        side: {name: wall_exit(section, point[good], ray[good], 0.0)[0] for name, section in sections.items()}
-        for side, ray in sides.items()
+        side: {name: part.exits(point[good], ray[good]) for name, part in parts.items()} for side, ray in sides.items()
     }
     radius = surface.cutter.radius_m
     rows: list[_Row] = []
-    width = {name: position["wall left"][name] + position["wall right"][name] for name in sections}
+    width = {name: position["wall left"][name] + position["wall right"][name] for name in parts}
     rows.append(_row("width", 2.0 * radius, 2.0 * radius, width))
     rows.extend(_row(side, radius, radius, position[side]) for side in sides)
-    depth = top[good] - _look(surface.nominal, tip[good, :2])
+    depth = top[good] - height_at(surface.nominal, tip[good, :2])
     deepest = float(depth.max())
-    change = {name: depth - (top[good] - _look(part, tip[good, :2])) for name, part in maps.items()}
+    change = {name: depth - (top[good] - part.heights(tip[good, :2])) for name, part in parts.items()}
     rows.append(_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}))
     across = np.linspace(-0.6, 0.6, 7) * radius
     place = (tip[good, None, :2] + across[None, :, None] * left).reshape(-1, 2)
-    rows.extend(_flatness(place, surface, maps, float(np.ptp(s[good]))))
+    rows.extend(_flatness(place, surface, parts, float(np.ptp(s[good]))))
     return rows
 
 
@@ -162,13 +199,12 @@ def _pocket(
     pocket: CircularPocket,
     surface: NominalSurface,
     nominal: SweptSection,
-    sections: Mapping[str, SweptSection],
-    maps: Mapping[str, HeightMap],
+    parts: Mapping[str, MeasurablePart],
 ) -> list[_Row]:
     angle = np.arange(0.0, 360.0, 2.0) * DEG
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     place = pocket.centre + pocket.path_radius_m * ray
-    top = _look(surface.stock, place)
+    top = height_at(surface.stock, place)
     good = np.isfinite(top) & (top - pocket.floor_m > _LEAST_DEPTH_M)
     point = np.column_stack([place, np.where(good, 0.5 * (top + pocket.floor_m), 0.0)])
     # the chords of a sampled arc stay inside it by less than this
@@ -177,8 +213,8 @@ def _pocket(
         return []
     radius = pocket.path_radius_m + surface.cutter.radius_m
     diameter, round_, centre = {}, {}, {}
-    for name, section in sections.items():
-        reached = wall_exit(section, point[good], ray[good], 0.0)[0]
+    for name, part in parts.items():
+        reached = part.exits(point[good], ray[good])
         hit = np.isfinite(reached)
         wall = place[good][hit] + reached[hit, None] * ray[good][hit]
         if len(wall) < 45:
@@ -188,16 +224,16 @@ def _pocket(
         round_[name] = np.array([circle.g_m])
         centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])
     floor = place[good]
-    depth = top[good] - _look(surface.nominal, floor)
+    depth = top[good] - height_at(surface.nominal, floor)
     deepest = float(depth.max())
-    change = {name: depth - (top[good] - _look(part, floor)) for name, part in maps.items()}
+    change = {name: depth - (top[good] - part.heights(floor)) for name, part in parts.items()}
     rings = [pocket.centre + r * ray[good] for r in np.linspace(0.3, 1.0, 5) * pocket.path_radius_m]
     return [
         _row("diameter", 2.0 * radius, 2.0 * radius, diameter),
         _row("roundness", 0.0, 2.0 * radius, round_),
         _row("centre", 0.0, radius, centre),
         _row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}),
-        *_flatness(np.concatenate(rings), surface, maps, 2.0 * radius),
+        *_flatness(np.concatenate(rings), surface, parts, 2.0 * radius),
     ]
 
 
@@ -211,20 +247,23 @@ def _row(quantity: str, nominal: float, size: float, values: Mapping[str, Float]
     return quantity, nominal, size, worst, mean
 
 
-def _flatness(place: Float, surface: NominalSurface, maps: Mapping[str, HeightMap], side: float) -> list[_Row]:
+def _flatness(place: Float, surface: NominalSurface, parts: Mapping[str, MeasurablePart], side: float) -> list[_Row]:
     """Flatness over floor that no shifted wall can stand on; no row where there is too little of it."""
     clear = np.isinf(surface.rise_m) & np.isinf(surface.fall_m) & surface.floor
     j, i, on = _cells(surface.nominal, place)
     inner = place[on & clear[j, i]]
     if len(inner) < 10:
         return []
-    base = _look(surface.nominal, inner)
+    base = height_at(surface.nominal, inner)
     A = np.column_stack([inner - inner.mean(axis=0), np.ones(len(inner))])
     zone = {}
-    for name, part in maps.items():
-        deviation = _look(part, inner) - base
-        plane = np.linalg.lstsq(A, deviation, rcond=None)[0]
-        zone[name] = np.array([float(np.ptp(deviation - A @ plane))])
+    for name, part in parts.items():
+        deviation = part.heights(inner) - base
+        known = np.isfinite(deviation)
+        if known.sum() < 10:
+            continue
+        plane = np.linalg.lstsq(A[known], deviation[known], rcond=None)[0]
+        zone[name] = np.array([float(np.ptp(deviation[known] - A[known] @ plane))])
     return [_row("flatness", 0.0, side, zone)]
 
 
@@ -237,7 +276,7 @@ def _cells(part: HeightMap, xy: Float) -> tuple[Int, Int, Bool]:
     return np.clip(j, 0, ny - 1), np.clip(i, 0, nx - 1), on
 
 
-def _look(part: HeightMap, xy: Float) -> Float:
+def height_at(part: HeightMap, xy: Float) -> Float:
     """Height of the cell under each place, (n,) m; NaN off the map."""
     j, i, on = _cells(part, xy)
     out: Float = np.where(on, part.z[j, i].astype(np.float64), np.nan)

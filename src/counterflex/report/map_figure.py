@@ -107,7 +107,13 @@ def callouts(before: MapPicture, after: MapPicture) -> tuple[Callout, ...]:
     )
 
 
-def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...], limit_mm: float) -> dict[str, Any]:
+def map_figure(
+    before: MapPicture,
+    after: MapPicture,
+    places: tuple[Callout, ...],
+    limit_mm: float,
+    titles: tuple[str, str] = ("Before: original program", "After: compensated program"),
+) -> dict[str, Any]:
     """Plotly specification of both maps with linked zoom and one colour bar."""
     dx = float(before.x_mm[1] - before.x_mm[0])
     width = float(np.ptp(before.x_mm)) + dx
@@ -172,7 +178,7 @@ def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...
                     "text": f"<b>{title}</b>", "x": x, "y": 1.0, "xref": "paper", "yref": "paper", "yshift": 24,
                     "xanchor": "left", "showarrow": False, "font": {"size": 14},
                 }
-                for title, x in (("Before: original program", 0.0), ("After: compensated program", 0.515))
+                for title, x in zip(titles, (0.0, 0.515), strict=True)
             ),
             *(_pointer(place, n, offset) for place, offset in zip(places, offsets, strict=True) for n in (0, 1)),
         ],
@@ -183,6 +189,37 @@ def map_figure(before: MapPicture, after: MapPicture, places: tuple[Callout, ...
         "medium": _short(places, before, width),
         "narrow": _narrow(height / width, limit_mm),
     }
+
+
+def single_map_figure(picture: MapPicture, places: tuple[Callout, ...], limit_mm: float, title: str) -> dict[str, Any]:
+    """Plotly specification of one map alone, over the whole width."""
+    figure = map_figure(picture, picture, (), limit_mm, (title, ""))
+    figure["data"] = figure["data"][:1]
+    layout = figure["layout"]
+    dx = float(picture.x_mm[1] - picture.x_mm[0])
+    width, height = float(np.ptp(picture.x_mm)) + dx, float(np.ptp(picture.y_mm)) + dx
+    pixels = min(max(1090.0 * height / width, 180.0), 620.0)
+    del layout["xaxis2"], layout["yaxis2"]
+    layout["xaxis"]["domain"] = [0.0, 1.0]
+    layout["height"] = round(pixels + 150.0)
+    layout["coloraxis"]["colorbar"]["y"] = -52.0 / pixels
+    offsets = _offsets(places, picture, min(1090.0 / width, pixels / height))
+    pointers = [_pointer(place, 0, offset) for place, offset in zip(places, offsets, strict=True)]
+    layout["annotations"] = [layout["annotations"][0], *pointers]
+    offsets = _offsets(places, picture, 290.0 / width, _NUMBER_PX)
+    figure["medium"] = {}
+    for k, (place, offset) in enumerate(zip(places, offsets, strict=True)):
+        figure["medium"] |= {f"annotations[{1 + k}].text": f"<b>{place.label}</b>"}
+        figure["medium"] |= {f"annotations[{1 + k}].ax": offset[0], f"annotations[{1 + k}].ay": offset[1]}
+    narrow = min(max(300.0 * height / width, 120.0), 420.0)
+    figure["narrow"] = {
+        "height": round(narrow + 170.0),
+        "coloraxis.colorbar.y": -58.0 / narrow,
+        "coloraxis.colorbar.len": 1.0,
+        "coloraxis.colorbar.tickvals": edges_mm(limit_mm)[::3],
+        "coloraxis.colorbar.title.text": "deviation, mm<br><b>+ = material left</b>, − = too much removed",
+    }
+    return figure
 
 
 def _narrow(aspect: float, limit_mm: float) -> dict[str, Any]:

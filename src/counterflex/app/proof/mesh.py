@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.proof import simulate
+from counterflex.app.proof.cut_logs import log_of_path, log_of_run, top_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
@@ -18,15 +18,10 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.columns import ColumnStock
-from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.cutting.tridexel.surface import Surface, surface
-from counterflex.files.cell.cell import Cell
 from counterflex.files.parquet_table import Column, columns, write
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary, write_summary
-from counterflex.path.run import Run
-from counterflex.path.toolpath import ToolPath
-from counterflex.twin.plant.simulate import mounted_tools
 
 NOMINAL, MACHINED, POINTS, SUMMARY = "nominal.stl", "machined.ply", "points.parquet", "summary.json"
 FORMAT = "counterflex-surface-points"
@@ -70,12 +65,12 @@ def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progre
         )
     job = simulate.read_original(source, cell)
     machined, actual = read_run(source / simulate.RUN)[0], HeightMap.load(source / simulate.SURFACE)
-    top = _top(cell, job.path, machined)
-    nominal = _log_of_path(job.path, cell, top)
+    top = top_of(cell, job.path.p_part_tcp, machined.p_part_tcp)
+    nominal = log_of_path(job.path, cell, top)
     progress(0.1)
     should_be = surface(ColumnStock.of(simulate.undisturbed(job, cell)), nominal)
     progress(0.4)
-    made = surface(ColumnStock.of(actual), _log_of_run(machined, job.path, cell, top))
+    made = surface(ColumnStock.of(actual), log_of_run(machined, job.path, cell, top))
     progress(0.7)
     deviation = np.full(len(made.points), np.nan)
     deviation[made.cut] = -nominal.distance(made.points[made.cut])
@@ -93,38 +88,6 @@ def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progre
         write_summary(staging / SUMMARY, summary)
     progress(1.0)
     return summary
-
-
-def _top(cell: Cell, path: ToolPath, machined: Run) -> float:
-    """Height above the tip up to which a tool takes material away: all that stands above its lowest place."""
-    lowest = min(float(path.p_part_tcp[:, 2].min()), float(machined.p_part_tcp[:, 2].min()))
-    return float(cell.stock().z.max()) - lowest + 10.0 * MM
-
-
-def _log_of_path(path: ToolPath, cell: Cell, top_m: float) -> CutLog:
-    """What the program sweeps, each stretch with its tool."""
-    return _log(path.p_part_tcp, mounted_tools(path), np.zeros(len(path), bool), cell, top_m)
-
-
-def _log_of_run(machined: Run, path: ToolPath, cell: Cell, top_m: float) -> CutLog:
-    """What a run swept; stretches of air are left out of it."""
-    step = np.diff(machined.time_s, prepend=machined.time_s[0])
-    broken = step > 1.5 * float(np.median(np.diff(machined.time_s)))
-    last = np.maximum(np.searchsorted(path.motion, machined.motion, side="right") - 1, 0)
-    return _log(machined.p_part_tcp, mounted_tools(path)[last], broken, cell, top_m)
-
-
-def _log(p_part_tcp: Float, tool: Int, broken: Any, cell: Cell, top_m: float) -> CutLog:
-    """Motions of a path that may be broken off and may change its tool; a row is run to with its own."""
-    ends = np.flatnonzero(broken[1:] | (tool[1:] != tool[:-1])) + 1
-    upright = np.array([0.0, 0.0, 1.0])
-    logs = []
-    for first, last in itertools.pairwise([0, *ends.tolist(), len(p_part_tcp)]):
-        begin = first if first == 0 or broken[first] else first - 1
-        if last - begin > 1:
-            p = p_part_tcp[begin:last]
-            logs.append(CutLog.of(p, np.tile(upright, (len(p), 1)), cell.cutter(int(tool[last - 1])), top_m=top_m))
-    return CutLog.joined(logs)
 
 
 def _figures(made: Surface, deviation: Float) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Real parts judged against the program that made them."""

@@ -1,0 +1,235 @@
+"""Scans of real parts laid on the part that their program makes, and measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.inputs import Job, in_working_plane, read_job
+from counterflex.app.inspection.summary import Inspected, summary_of
+from counterflex.app.proof import simulate
+from counterflex.app.proof.cut_logs import log_of_path, top_of
+from counterflex.app.proof.judge import reference_of
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.progress import Progress, silent
+from counterflex.core.units import MM
+from counterflex.evaluate.feature_finding import find_features
+from counterflex.evaluate.features import FeatureRow
+from counterflex.evaluate.inspection.cloud import thinned
+from counterflex.evaluate.inspection.coarse import coarse_pose
+from counterflex.evaluate.inspection.feature_rows import scanned_features
+from counterflex.evaluate.inspection.nominal_part import NominalPart, Shape, nominal_part
+from counterflex.evaluate.inspection.part_deviations import FREE
+from counterflex.evaluate.inspection.registration import aligned, register
+from counterflex.evaluate.inspection.scan_size import scan_unit
+from counterflex.evaluate.inspection.scanned_part import ScannedPart, scanned_part
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.scan.read import read_scan
+from counterflex.files.scan.scan import UNITS, Scan
+from counterflex.geometry import pose
+
+POINTS: int = 600_000
+"""Points that a scan of all six faces is thinned to, about."""
+LEAST_PITCH_M = 0.05 * MM
+OTHER_PART = 0.2
+"""Share of points on no surface of the part above which a scan is of another part."""
+
+
+@dataclass(frozen=True)
+class How:
+    """How a scan is read and laid on the part.
+
+    Attributes:
+        unit: Name of its unit; None: found.
+        datum: Names of the datum faces, separated by commas; None: all that the program leaves alone.
+        datum_points: Table of points of the scan and of the part, or None.
+        aligned: The scan is in the part frame already.
+    """
+
+    unit: str | None = None
+    datum: str | None = None
+    datum_points: Path | None = None
+    aligned: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """One or two parts, judged.
+
+    Attributes:
+        job: The program that made them.
+        cell: Where.
+        parts: ``part``, or ``before`` and ``after``.
+        features: Measured on each.
+        summary: What ``summary.json`` holds.
+    """
+
+    job: Job
+    cell: Cell
+    parts: dict[str, Inspected]
+    features: tuple[FeatureRow, ...]
+    summary: dict[str, Any]
+
+
+def inspect(
+    program: Path,
+    cell_file: Path,
+    scan: Path,
+    *,
+    how: How,
+    before: Path | None = None,
+    nominal: Path | None = None,
+    progress: Progress = silent,
+) -> Inspection:
+    """Judge scans of one or two parts; see :func:`counterflex.app.inspection.inspect.run`."""
+    cell = in_working_plane(program, read_cell(cell_file))
+    job = read_job(program, cell)
+    scans = {"part": read_scan(scan)} if before is None else {"before": read_scan(before), "after": read_scan(scan)}
+    files = {"part": scan} if before is None else {"before": before, "after": scan}
+    progress(0.15)
+    part = nominal_of(job, cell, nominal)
+    progress(0.4)
+    parts: dict[str, Inspected] = {}
+    for k, (name, one) in enumerate(scans.items()):
+        parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]))
+        progress(0.4 + 0.4 * (k + 1) / len(scans))
+    tools = simulate.tools_of(job.path)
+    features: tuple[FeatureRow, ...] = ()
+    if len(tools) == 1:
+        candidates = find_features(job.path, part.surface.cutter.radius_m)
+        features = scanned_features(candidates, {name: one.part for name, one in parts.items()})
+    summary = {
+        "job": "inspect",
+        "program": program.name,
+        "cell": cell.name,
+        "nominal": "program" if nominal is None else nominal.name,
+        **summary_of(parts, features),
+        "counterflex": __version__,
+    }
+    progress(0.9)
+    return Inspection(job, cell, parts, features, summary)
+
+
+def nominal_of(job: Job, cell: Cell, mesh: Path | None = None) -> NominalPart:
+    """The part that a program makes, or the one of a CAD mesh with its floors, walls and datum faces.
+
+    Raises:
+        InputError: The tool turns while it cuts.
+    """
+    surface = reference_of(job, cell).surface
+    if surface is None:
+        raise InputError(
+            "parts that a turning tool cuts have no floors and walls to be inspected",
+            where=job.program.name,
+            limit="a program with one direction of the tool",
+        )
+    shape: Shape = log_of_path(job.path, cell, top_of(cell, job.path.p_part_tcp))
+    if mesh is not None:
+        from counterflex.app.inspection.cad_shape import read_shape
+
+        shape = read_shape(mesh, surface)
+    return nominal_part(surface, shape)
+
+
+def judged(scan: Scan, part: NominalPart, p_part_tcp: Float, how: How, where: str) -> Inspected:
+    """Lay one scan on the nominal part and judge it.
+
+    Args:
+        scan: As read.
+        part: The nominal part.
+        p_part_tcp: (n, 3) m, the undisturbed path, part frame.
+        how: How it is laid.
+        where: For errors.
+
+    Raises:
+        InputError: It does not fit the part.
+    """
+    stated = how.unit
+    if stated is None and scan.unit_m is not None:
+        stated = min(UNITS, key=lambda name: abs(np.log(UNITS[name] / (scan.unit_m or 1.0))))
+    sample = scan.sample(200_000)
+    unit, unit_m = scan_unit(sample, part.diagonal_m, UNITS, stated, where)
+    pitch = max(LEAST_PITCH_M, float(np.sqrt(part.area_m2 / POINTS)))
+    cloud = thinned(scan.chunks, unit_m, pitch)
+    origin = pose.make(p=scan.origin * unit_m)  # points are counted from the first one
+    ball = scan.ball_radius * unit_m
+    names = part.faces.chosen(how.datum)
+    if how.aligned:
+        registration = aligned(part, origin)
+    else:
+        if how.datum_points is not None:
+            T_start = _start(how.datum_points, unit_m) @ origin
+        else:
+            T_start = coarse_pose(cloud, part, where).T_part_scan
+        if how.datum is None:
+            names = _seen(names, cloud.points, part, T_start)
+        registration = register(cloud, part, T_start, names, where, ball)
+    result = scanned_part(cloud, part, registration, p_part_tcp, ball)
+    _check_same(result, where)
+    return Inspected(Path(where).name, scan, unit, result, cloud.outliers)
+
+
+def _seen(names: tuple[str, ...], points: Float, part: NominalPart, T_start: Float) -> tuple[str, ...]:
+    """The faces that the scan shows: at least thirty of its points, or as many as the others in a small cloud."""
+    moved = pose.transform(T_start, points)
+    least = 30 if len(points) > 500 else 1
+    seen = []
+    for name in names:
+        normal, distance = part.faces.plane(name)
+        near = np.flatnonzero(np.abs(moved @ normal - distance) < 3.0 * MM)
+        if np.count_nonzero(part.faces.on(name, moved[near])) >= least:
+            seen.append(name)
+    return tuple(seen) or names
+
+
+def _start(file: Path, unit_m: float) -> Float:
+    """Pose of a scan by points of it and of the part: columns scan x y z in its unit, part x y z in mm."""
+    try:
+        rows = np.atleast_2d(np.loadtxt(file, delimiter="," if "," in file.read_text() else None, comments="#"))
+    except (ValueError, OSError, UnicodeDecodeError) as fault:
+        raise FileFormatError(
+            "datum points are not readable",
+            where=str(file),
+            value=str(fault)[:60],
+            limit="lines of six numbers: scan x, y, z in its unit, part x, y, z in mm",
+        ) from fault
+    if rows.shape[1] != 6 or len(rows) < 3 or not np.all(np.isfinite(rows)):
+        raise FileFormatError(
+            "datum points have another shape",
+            where=str(file),
+            value=f"{rows.shape[0]} lines of {rows.shape[1]} numbers",
+            limit="3 or more lines of six: scan x, y, z in its unit, part x, y, z in mm",
+        )
+    T_part_scan, left = pose.register(rows[:, 3:] * MM, rows[:, :3] * unit_m)
+    worst = float(np.linalg.norm(left, axis=1).max())
+    if worst > 5.0 * MM:
+        raise InputError(
+            "the datum points of the scan are not those of the part",
+            where=str(file),
+            value=f"{worst / MM:.1f} mm apart after the best fit",
+            limit="<= 5 mm",
+        )
+    return T_part_scan
+
+
+def _check_same(part: ScannedPart, where: str) -> None:
+    """Refuse a scan of another part, or one that shows nothing of what was machined."""
+    if part.unmatched_share > OTHER_PART:
+        raise InputError(
+            "the scan is of another part, or much beside it was scanned",
+            where=where,
+            value=f"{100.0 * part.unmatched_share:.0f} % of its points are on no surface of the part within 3 mm",
+            limit=f"<= {100.0 * OTHER_PART:.0f} %",
+            hint="Cut away what was scanned beside the part; is the program the one that made it?",
+        )
+    if not np.any(part.rows.face != FREE):
+        raise InputError(
+            "the scan shows nothing of what the program machines",
+            where=where,
+            value=f"{len(part.rows)} points, all on faces of the blank",
+        )

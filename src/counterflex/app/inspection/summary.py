@@ -1,0 +1,128 @@
+"""Figures of inspected parts, as ``summary.json`` holds them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM, UM, URAD
+from counterflex.evaluate.features import FeatureRow
+from counterflex.evaluate.inspection.part_deviations import FACES
+from counterflex.evaluate.inspection.registration import FREEDOMS, Registration
+from counterflex.evaluate.inspection.scanned_part import ScannedPart
+from counterflex.evaluate.surface import SurfaceDeviation
+from counterflex.files.scan.scan import Scan
+
+
+@dataclass(frozen=True, eq=False)
+class Inspected:
+    """A scan, judged.
+
+    Attributes:
+        file: Its name.
+        scan: As read.
+        unit: Name of its unit.
+        part: Against the nominal part.
+        outliers: Measured points left out as lone ones.
+    """
+
+    file: str
+    scan: Scan
+    unit: str
+    part: ScannedPart
+    outliers: int
+
+
+def summary_of(parts: Mapping[str, Inspected], features: tuple[FeatureRow, ...]) -> dict[str, Any]:
+    """The entries ``parts`` and ``features`` of the summary.
+
+    Args:
+        parts: By name.
+        features: Measured on each.
+    """
+    return {
+        "parts": {
+            name: {
+                "scan": {
+                    "file": one.file,
+                    "kind": one.scan.kind,
+                    "unit": one.unit,
+                    "points": len(one.scan),
+                    "not_numbers": one.scan.dropped,
+                    "outliers": one.outliers,
+                    "unmatched_share": round(one.part.unmatched_share, 4),
+                    "noise_um": round(one.part.noise_m / UM, 2),
+                },
+                "registration": _registration(one.part.registration),
+                **_surface(one.part.surface_deviation()),
+                "measured": {face: int(np.count_nonzero(one.part.rows.face == k)) for k, face in enumerate(FACES)},
+            }
+            for name, one in parts.items()
+        },
+        "features": [
+            {
+                "feature": row.feature,
+                "quantity": row.quantity,
+                "nominal_mm": round(row.nominal_m / MM, 4),
+                "tolerance_mm": round(row.tolerance_m / MM, 4),
+                "tolerance_source": row.tolerance_source,
+                **{
+                    name: {
+                        "worst_mm": round(row.worst_m[name] / MM, 4),
+                        "mean_mm": round(row.mean_m[name] / MM, 4),
+                        "standard_deviation_um": round(row.standard_deviation_m[name] / UM, 2),
+                        "within": row.ok(name),
+                    }
+                    for name in row.worst_m
+                },
+            }
+            for row in features
+        ],
+    }
+
+
+def _registration(registration: Registration) -> dict[str, Any]:
+    sigma = np.sqrt(np.diag(registration.covariance))
+    return {
+        "datum_faces": list(registration.faces),
+        "points": registration.points,
+        "offset_um": {name: round(value / UM, 1) for name, value in registration.offset_m.items()},
+        "residual_um": round(registration.residual_m / UM, 2),
+        "condition": round(registration.condition, 1),
+        "standard_deviation": {
+            name: {"um": round(value / UM, 2)} if k < 3 else {"urad": round(value / URAD, 2)}
+            for k, (name, value) in enumerate(zip(FREEDOMS, sigma.tolist(), strict=True))
+        },
+        "T_part_scan_mm": _matrix(registration.T_part_scan),
+    }
+
+
+def _matrix(T: Float) -> list[list[float]]:
+    """A pose by rows, its position in mm."""
+    scale = np.array([[1.0, 1.0, 1.0, 1.0 / MM]] * 3 + [[1.0] * 4])
+    return [[round(value, 9) for value in row] for row in (T * scale).tolist()]
+
+
+def _surface(deviation: SurfaceDeviation) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for name in ("surface", "floor", "wall"):
+        figures = getattr(deviation, name)
+        out[name] = {
+            "max_mm": _mm(figures.max_m),
+            "p997_mm": _mm(figures.p997_m),
+            "rms_mm": _mm(figures.rms_m),
+            "area_mm2": round(figures.extent / MM**2, 1),
+        }
+    out["surface"]["floor_resolution_mm"] = round(deviation.floor_resolution_m / MM, 3)
+    out["surface"]["wall_resolution_mm"] = round(deviation.wall_resolution_m / MM, 3)
+    out["surface"]["wall_lost_mm2"] = round(deviation.wall_lost_m2 / MM**2, 1)
+    return out
+
+
+def _mm(value_m: float) -> float | None:
+    return None if math.isnan(value_m) else round(value_m / MM, 4)

@@ -1,0 +1,142 @@
+"""A cloud of measured points made small: means of small cubes, lone points left out, normals by their neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Float32, Int, batches
+from counterflex.core.errors import InputError
+
+ALONE: Final = 0.25
+"""A place with fewer neighbours than this share of the median is taken for an outlier."""
+NEIGHBOURS: Final = 16
+"""Points that a normal is estimated from."""
+_HALF: Final = 1 << 20
+"""Cubes on each side of the origin: 21 bits each way."""
+_ROWS: Final = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of a part, some thousand to some million.
+
+    Attributes:
+        points: (n, 3) m, means of the measured points in cubes of side ``pitch_m``.
+        count: (n,) how many measured points each stands for.
+        normals: (n, 3) unit normals of the surface by the neighbours, of either sign; nan where there are too few.
+        pitch_m: Side of the cubes.
+        outliers: How many measured points were left out as lone ones.
+    """
+
+    points: Float
+    count: Int
+    normals: Float
+    pitch_m: float
+    outliers: int
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+
+def thinned(chunks: Iterable[Float32], unit_m: float, pitch_m: float) -> Cloud:
+    """Replace the points in each small cube by their mean, and leave out lone ones.
+
+    Args:
+        chunks: (k, 3) each, in file units.
+        unit_m: SI value of a file unit.
+        pitch_m: Side of the cubes, m.
+
+    Raises:
+        InputError: Too few points are left.
+    """
+    sums, counts = _cubes(chunks, unit_m, pitch_m)
+    points = sums / counts[:, None]
+    kept = crowded(points, pitch_m)
+    outliers = int(counts[~kept].sum())
+    points, counts = points[kept], counts[kept]
+    if len(points) < NEIGHBOURS:
+        raise InputError("the scan has too few points", value=len(points), limit=f">= {NEIGHBOURS}, outliers left out")
+    return Cloud(points, counts, _normals(points), pitch_m, outliers)
+
+
+def _cubes(chunks: Iterable[Float32], unit_m: float, pitch_m: float) -> tuple[Float, Int]:
+    """Sums of coordinates (m) and numbers of points by cube; what is too far off to be of the part is left out."""
+    keys: list[Int] = []
+    values: list[Float] = []
+    rows = 0
+    for chunk in chunks:
+        for some in batches(len(chunk), 1 << 20):
+            points = chunk[some].astype(np.float64) * unit_m
+            place = np.floor(points / pitch_m)
+            near = np.abs(place).max(axis=1) < _HALF
+            cube = place[near].astype(np.int64) + _HALF
+            key = (cube[:, 0] << 42) | (cube[:, 1] << 21) | cube[:, 2]
+            key, value = _merged(key, np.column_stack([points[near], np.ones(len(key))]))
+            keys.append(key)
+            values.append(value)
+            rows += len(key)
+            if rows > _ROWS:
+                key, value = _merged(np.concatenate(keys), np.concatenate(values))
+                keys, values, rows = [key], [value], len(key) // 2
+    key, value = _merged(np.concatenate(keys), np.concatenate(values))
+    return value[:, :3], value[:, 3].astype(np.int64)
+
+
+def _merged(key: Int, value: Float) -> tuple[Int, Float]:
+    """Rows of one key added up."""
+    if len(key) == 0:
+        return key, value
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    return key[first], np.add.reduceat(value[order], first, axis=0)
+
+
+def crowded(points: Float, pitch: float) -> Bool:
+    """Which points (n, 3) have neighbours like the others; all of a cloud too thin to tell.
+
+    The neighbours of a point are the points in its cube and in the 26 about it; the side of the cubes is five times
+    the distance of the points, or the pitch if that is larger. Any unit.
+    """
+    if len(points) < 1000:
+        return np.ones(len(points), np.bool_)
+    low, high = np.percentile(points, [5.0, 95.0], axis=0)
+    size = np.sort(high - low)[::-1]
+    distance = float(np.sqrt(2.0 * size[0] * size[1] / len(points)))
+    side = 5.0 * max(pitch, distance, float(size[0]) / 1e5)
+    place = np.clip(np.floor((points - low) / side), 2 - _HALF, _HALF - 2).astype(np.int64) + _HALF
+    key = (place[:, 0] << 42) | (place[:, 1] << 21) | place[:, 2]
+    cubes, cube, number = np.unique(key, return_inverse=True, return_counts=True)
+    around = np.zeros(len(cubes), np.int64)
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            for dz in (-1, 0, 1):
+                other = cubes + ((dx << 42) + (dy << 21) + dz)
+                at = np.minimum(np.searchsorted(cubes, other), len(cubes) - 1)
+                around += np.where(cubes[at] == other, number[at], 0)
+    neighbours = around[cube]
+    out: Bool = neighbours >= max(4.0, ALONE * float(np.median(neighbours[_dense(neighbours)])))
+    return out
+
+
+def _dense(neighbours: Int) -> Bool:
+    """The better half of the places: where outliers are many, the median of all is theirs."""
+    out: Bool = neighbours >= np.percentile(neighbours, 50.0)
+    return out
+
+
+def _normals(points: Float) -> Float:
+    """Unit normals by the neighbours."""
+    import small_gicp  # heavy
+
+    cloud = small_gicp.PointCloud(points - points.mean(axis=0))
+    small_gicp.estimate_normals(cloud, num_neighbors=min(NEIGHBOURS, len(points)))
+    normals = np.asarray(cloud.normals(), np.float64)[:, :3].copy()
+    length = np.linalg.norm(normals, axis=1)
+    normals[length < 0.5] = np.nan
+    return normals

@@ -1,0 +1,99 @@
+"""Values at places from scattered measured values about them: a plane through the neighbours of each place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from counterflex.core.arrays import Bool, Float, Int, batches
+
+LEAST: Final = 3
+"""Fewer neighbours say nothing about a place."""
+PLANE: Final = 8
+"""Fewer neighbours are averaged; from here on a plane is laid through them."""
+CENTRED: Final = 0.5
+"""The neighbours' mean is nearer to the place than this share of the radius: beside them nothing is extrapolated."""
+_STIFF: Final = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class LocalFit:
+    """How values at places follow from measured values: ``place = smoother @ measured``.
+
+    Attributes:
+        smoother: (m, n) sparse weights; rows of places without neighbours are empty.
+        known: (m,) whether a place has neighbours, and in its middle.
+    """
+
+    smoother: sparse.csr_matrix
+    known: Bool
+
+    def values(self, measured: Float) -> Float:
+        """(m,) at the places from (n,) measured ones; nan where there are no neighbours."""
+        out: Float = np.where(self.known, self.smoother @ measured, np.nan)
+        return out
+
+    def standard_deviation(self, sigma: Float) -> Float:
+        """(m,) of the values at the places from independent ones (n,) of the measured values."""
+        squared = self.smoother.multiply(self.smoother)
+        out: Float = np.where(self.known, np.sqrt(squared @ (sigma * sigma)), np.nan)
+        return out
+
+
+def local_fit(points: Float, places: Float, radius: float, across: Float | None = None) -> LocalFit:
+    """Weights of a least-squares plane over the neighbours of each place, taken at the place.
+
+    Args:
+        points: (n, d) of the measured values, d 2 or 3, m.
+        places: (m, d) m.
+        radius: Neighbours are nearer than this, m.
+        across: (m, d, 2) two directions in the surface at each place, along which the values may slope; None: the axes
+            of a plane (d = 2).
+    """
+    n, m = len(points), len(places)
+    if n == 0 or m == 0:
+        return LocalFit(sparse.csr_matrix((m, n)), np.zeros(m, np.bool_))
+    tree = cKDTree(points)
+    rows, columns, weights = [], [], []
+    known = np.zeros(m, np.bool_)
+    for some in batches(m, 4096):
+        lists = tree.query_ball_point(places[some], radius)
+        count = np.array([len(one) for one in lists])
+        member = np.concatenate([np.asarray(one, np.int64) for one in lists]) if count.sum() else np.empty(0, np.int64)
+        place = np.repeat(np.arange(len(lists)), count)
+        step = points[member] - places[some][place]
+        if across is None:
+            slope = step / radius
+        else:
+            slope = np.einsum("kd,kdt->kt", step, across[some][place]) / radius
+        rows.append(place + some.start)
+        columns.append(member)
+        weights.append(_weights(place, slope, count))
+        total = np.stack([np.bincount(place, slope[:, k], len(lists)) for k in (0, 1)], axis=1)
+        aside = np.linalg.norm(total, axis=1) / np.maximum(count, 1)
+        known[some] = (count >= LEAST) & (aside < CENTRED)
+    row, column, weight = np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
+    smoother = sparse.csr_matrix((weight, (row, column)), shape=(m, n))
+    return LocalFit(smoother, known)
+
+
+def _weights(place: Int, slope: Float, count: Int) -> Float:
+    """Weight of each neighbour in the constant of the plane through the neighbours of its place."""
+    m = len(count)
+    A = np.column_stack([np.ones(len(place)), slope])
+    normal = np.zeros((m, 3, 3))
+    for a in range(3):
+        for b in range(a, 3):
+            normal[:, a, b] = normal[:, b, a] = np.bincount(place, A[:, a] * A[:, b], m)
+    few = count < PLANE
+    normal[few] = np.eye(3) * np.maximum(count[few], 1)[:, None, None]
+    normal[:, 1, 1] += _STIFF * np.maximum(count, 1)  # neighbours in one line: no slope across it
+    normal[:, 2, 2] += _STIFF * np.maximum(count, 1)
+    first = np.linalg.solve(normal, np.tile([[1.0], [0.0], [0.0]], (m, 1, 1)))[:, :, 0]
+    weight: Float = np.einsum("kt,kt->k", A, first[place])
+    weight[few[place]] = 1.0 / np.maximum(count, 1)[place][few[place]]
+    return weight

@@ -1,0 +1,148 @@
+"""The nominal part of an inspection: how far points are off its surface, and on which face they lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.units import MM, UM
+from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.tridexel.cut_log import CutLog
+from counterflex.evaluate.inspection.datum import NAMES, DatumFaces, datum_faces
+from counterflex.evaluate.inspection.part_deviations import FLOOR, FREE, WALL
+from counterflex.evaluate.surface import NominalSurface
+
+REACH_M: Final = 3.0 * MM
+"""Points further from the nominal surface are not of it."""
+STEEP: Final = 0.55
+"""Vertical component of the normal below which a surface is a wall: 56 deg."""
+_STEP_M: Final = 1.0 * UM
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """Points against the nominal surface, row by row.
+
+    Attributes:
+        deviation_m: (n,) along the nominal normal, positive = outside of the nominal part; nan where the point is of
+            no nominal surface within reach.
+        normals: (n, 3) outward unit normals of the nominal surface.
+        face: (n,) floor, wall or free (:data:`~counterflex.evaluate.inspection.part_deviations.FACES`).
+    """
+
+    deviation_m: Float
+    normals: Float
+    face: Int
+
+
+class Shape(Protocol):
+    """What was to be made: distances to the machined surface."""
+
+    def distance(self, points_part: Float) -> Float:
+        """(n,) m, signed distance of points (n, 3) to it, positive inside the material; nan out of reach."""
+
+
+@dataclass(frozen=True, eq=False)
+class NominalPart:
+    """What a program makes of a blank.
+
+    Attributes:
+        surface: Floors and walls of the undisturbed part.
+        shape: Exact distances to the surface that the program makes.
+        faces: Planes of the blank.
+    """
+
+    surface: NominalSurface
+    shape: Shape
+    faces: DatumFaces
+
+    @property
+    def stock(self) -> HeightMap:
+        """The blank."""
+        return self.surface.stock
+
+    @property
+    def diagonal_m(self) -> float:
+        """Of the blank."""
+        return float(np.linalg.norm(self.faces.high - self.faces.low))
+
+    @property
+    def area_m2(self) -> float:
+        """Of the blank's six faces, about that of the part."""
+        x, y, z = self.faces.high - self.faces.low
+        return float(2.0 * (x * y + y * z + z * x))
+
+    def nearest(self, points_part: Float) -> Nearest:
+        """Points (n, 3) m, part frame, against the nearer of what was cut and what was left of the blank."""
+        deviation, normals = self._cut(points_part)
+        face = np.where(normals[:, 2] > STEEP, FLOOR, WALL)
+        for name in NAMES:
+            normal, distance = self.faces.plane(name)
+            off = points_part @ normal - distance
+            closer = (np.abs(off) < REACH_M) & ~(np.abs(off) >= np.abs(deviation))
+            rows = np.flatnonzero(closer)
+            rows = rows[self.faces.on(name, points_part[rows], edges=True)]
+            inner = self.faces.on(name, points_part[rows])  # at its edges a face is not to be told from what is beside
+            deviation[rows], normals[rows], face[rows] = np.where(inner, off[rows], np.nan), normal, FREE
+        return Nearest(deviation, normals, face)
+
+    def _cut(self, points_part: Float) -> tuple[Float, Float]:
+        """Deviation from the cut surface and its normals; nan where the foot of a point is not on the part."""
+        d = self.shape.distance(points_part)
+        normals = np.full((len(d), 3), np.nan)
+        rows = np.flatnonzero(np.abs(d) < REACH_M)
+        for axis in range(3):
+            step = np.zeros(3)
+            step[axis] = _STEP_M
+            normals[rows, axis] = -(self.shape.distance(points_part[rows] + step) - d[rows]) / _STEP_M
+        length = np.linalg.norm(normals[rows], axis=1)
+        smooth = np.abs(length - 1.0) < 1e-2  # at an edge between two sweeps there is no one normal
+        normals[rows] /= np.where(smooth, length, np.nan)[:, None]
+        foot = points_part[rows] + d[rows, None] * normals[rows]
+        on = smooth & self._was_material(foot)
+        deviation = np.full(len(d), np.nan)
+        deviation[rows[on]] = -d[rows[on]]
+        return deviation, normals
+
+    def _was_material(self, foot: Float) -> Bool:
+        """Whether feet of points lie in the blank, off its edges."""
+        margin = 0.3 * MM
+        inset = np.array([margin, margin, 0.0])
+        low, high = self.faces.low + inset, self.faces.high - inset
+        inside = np.all((foot > low) & (foot < high), axis=1)
+        stock = self.stock
+        i = np.clip(np.rint((foot[:, 0] - stock.x0_m) / stock.cell_m), 0, stock.z.shape[1] - 1)
+        j = np.clip(np.rint((foot[:, 1] - stock.y0_m) / stock.cell_m), 0, stock.z.shape[0] - 1)
+        i, j = np.nan_to_num(i).astype(np.int64), np.nan_to_num(j).astype(np.int64)
+        out: Bool = inside & (foot[:, 2] < stock.z[j, i] - margin)
+        return out
+
+    def samples(self, pitch_m: float) -> tuple[Float, Float]:
+        """Points (n, 3) m and outward normals (n, 3) all over the nominal part, about so far from each other."""
+        points, normals = [], []
+        for name in NAMES:
+            some = self.faces.samples(name, pitch_m)
+            points.append(some)
+            normals.append(np.tile(self.faces.plane(name)[0], (len(some), 1)))
+        nominal = self.surface.nominal
+        step = max(1, round(pitch_m / nominal.cell_m))
+        j, i = np.nonzero(self.surface.floor[step // 2 :: step, step // 2 :: step])
+        j, i = step // 2 + j * step, step // 2 + i * step
+        floor = np.column_stack(
+            [nominal.x0_m + i * nominal.cell_m, nominal.y0_m + j * nominal.cell_m, nominal.z[j, i].astype(np.float64)]
+        )
+        points.append(floor)
+        normals.append(np.tile([0.0, 0.0, 1.0], (len(floor), 1)))
+        thin = max(1, round(pitch_m / (0.5 * MM)))
+        wall = self.surface.wall_point[::thin]
+        points.append(wall)
+        normals.append(np.column_stack([-self.surface.wall_normal[::thin], np.zeros(len(wall))]))
+        return np.concatenate(points), np.concatenate(normals)
+
+
+def nominal_part(surface: NominalSurface, log: CutLog | Shape) -> NominalPart:
+    """The nominal part of a program, from its floors and walls and all that it sweeps."""
+    return NominalPart(surface, log, datum_faces(surface.stock, surface.nominal))

@@ -1,0 +1,95 @@
+"""Sections across grooves: the nominal profile and the measured points beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.evaluate.feature_finding import Feature, Groove
+from counterflex.evaluate.features import height_at
+from counterflex.evaluate.inspection.scanned_part import ScannedPart
+
+HALF_M: Final = 1.0 * MM
+"""Points nearer to the plane of a section than this belong to it."""
+BESIDE_M: Final = 5.0 * MM
+"""The section reaches this far beyond the walls."""
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Measured points of one part in a section, in the plane of the section.
+
+    Attributes:
+        across_m: (n,) m, foot on the nominal surface, to the left of the programmed motion.
+        height_m: (n,) m, part z.
+        normal: (n, 2) outward normals, across and up.
+        deviation_m: (n,) m, positive = material left.
+    """
+
+    across_m: Float
+    height_m: Float
+    normal: Float
+    deviation_m: Float
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A section square to a groove.
+
+    Attributes:
+        feature: Name of the groove.
+        place_m: From its start, m.
+        across_m: (k,) of the nominal profile, m, to the left of the programmed motion.
+        height_m: (k,) of the nominal profile, m, part z; nan beside the blank.
+        profiles: By part.
+    """
+
+    feature: str
+    place_m: float
+    across_m: Float
+    height_m: Float
+    profiles: Mapping[str, Profile]
+
+
+def groove_sections(features: Sequence[Feature], parts: Mapping[str, ScannedPart]) -> tuple[Section, ...]:
+    """A section in the middle of each straight groove, as far as it lies in the blank.
+
+    Args:
+        features: Of the program.
+        parts: Name to scanned part; all of one nominal part.
+    """
+    first = next(iter(parts.values()))
+    surface = first.part.surface
+    nominal, radius = surface.nominal, surface.cutter.radius_m
+    out = []
+    for groove in features:
+        if not isinstance(groove, Groove):
+            continue
+        run = (groove.end - groove.start)[:2]
+        length = float(np.linalg.norm(run))
+        u = run / length
+        left = np.array([-u[1], u[0]])
+        s = np.linspace(0.0, length, 401)
+        in_blank = s[np.isfinite(height_at(nominal, groove.start[:2] + s[:, None] * u))]
+        if len(in_blank) == 0:
+            continue
+        place = float(np.median(in_blank))
+        centre = groove.start[:2] + place * u
+        across = np.linspace(-radius - BESIDE_M, radius + BESIDE_M, 801)
+        profiles = {}
+        for name, part in parts.items():
+            rows = part.rows
+            step = rows.points[:, :2] - centre
+            near = np.flatnonzero((np.abs(step @ u) < HALF_M) & (np.abs(step @ left) < radius + BESIDE_M))
+            normal = np.column_stack([rows.normals[near, :2] @ left, rows.normals[near, 2]])
+            near, normal = near[np.linalg.norm(normal, axis=1) > 0.9], normal[np.linalg.norm(normal, axis=1) > 0.9]
+            near_z = rows.points[near, 2]
+            profiles[name] = Profile(step[near] @ left, near_z, normal, rows.deviation_m[near])
+        heights = height_at(nominal, centre + across[:, None] * left)
+        out.append(Section(groove.name, place, across, heights, profiles))
+    return tuple(out)

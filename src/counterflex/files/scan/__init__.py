@@ -1,0 +1,1 @@
+"""Measured points of a part, as scanners, coordinate measuring machines and probes write them."""

@@ -1,0 +1,63 @@
+"""Read a scan, whatever its format: told by its first bytes, by its name where those leave it open."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import missing_file
+from counterflex.files import foreign_file
+from counterflex.files.scan.dmis import is_dmis, read_dmis
+from counterflex.files.scan.mesh import is_binary_stl, read_mesh
+from counterflex.files.scan.ply import read_header, vertex_blocks
+from counterflex.files.scan.qif import read_qif
+from counterflex.files.scan.scan import PointStore, Scan
+from counterflex.files.scan.table import read_table
+
+
+def read_scan(path: Path) -> Scan:
+    """Read the points of a scan.
+
+    Read are PLY, STL (both in text or binary), OBJ, tables of x y z (ASC, XYZ, PTS, TXT, CSV), DMIS output and QIF.
+    Meshes are covered with points of even density.
+
+    Raises:
+        FileFormatError: No such file, an empty or a damaged one, another format, or no valid point in it.
+    """
+    if not path.is_file():
+        raise FileFormatError("no such file", where=str(path), hint=missing_file(path))
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(4096)
+        return _read(path, head)
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+
+
+def _read(path: Path, head: bytes) -> Scan:
+    suffix = path.suffix.lower()
+    if not head:
+        raise FileFormatError("the file is empty", where=str(path))
+    if head[:4].rstrip() == b"ply":
+        header = read_header(path)
+        if header.faces:
+            return read_mesh(path, "ply")
+        kind = f"cloud of points (PLY, {'text' if header.text else 'binary'})"
+        return PointStore(path, kind).extend(vertex_blocks(path, header)).scan()
+    if suffix == ".ply":
+        raise FileFormatError("the file is no PLY file", where=str(path), value=repr(head[:20]), limit="ply")
+    if suffix == ".stl" and not is_binary_stl(path) and not head.lstrip().startswith(b"solid"):
+        raise FileFormatError("the file is no STL file", where=str(path), value=repr(head[:20]))
+    if suffix == ".stl":
+        return read_mesh(path, "stl")
+    if suffix == ".obj" or re.search(rb"^v\s+[-+.\d]", head, re.MULTILINE):
+        return read_mesh(path, "obj")
+    other = foreign_file.of_bytes(head)
+    if other is not None:
+        raise FileFormatError(f"the file is {other}", where=str(path), limit="a cloud of points, a mesh or a table")
+    if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<"):
+        return read_qif(path)
+    if is_dmis(head):
+        return read_dmis(path)
+    return read_table(path)

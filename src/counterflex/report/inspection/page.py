@@ -1,0 +1,183 @@
+"""The page of one inspected part, or of two compared: map, sections, features, histogram, how the scan was placed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.units import MM, UM
+from counterflex.evaluate.features import FeatureRow
+from counterflex.evaluate.inspection.sections import Section
+from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
+from counterflex.report.data import Fact
+from counterflex.report.distribution_figure import area_shares
+from counterflex.report.figure_data import AFTER, BEFORE, edges_mm, numbers, scale_limit_mm
+from counterflex.report.inspection.section_figure import enlarged, section_figure
+from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture, single_map_figure
+from counterflex.report.page import render
+
+TITLES: Final = {"part": "The part", "before": "Before", "after": "After"}
+_MOST_SECTIONS: Final = 6
+
+
+@dataclass(frozen=True, eq=False)
+class InspectionData:
+    """Everything on the page.
+
+    Attributes:
+        title: Headline.
+        subtitle: One line below it.
+        created: Date as printed.
+        surface: Floors and walls of the nominal part.
+        deviations: Map of ``part``, or of ``before`` and ``after``.
+        features: Measured on each.
+        sections: Across grooves.
+        facts: By part, how it was scanned and placed.
+        notes: What the reader must know.
+    """
+
+    title: str
+    subtitle: str
+    created: str
+    surface: NominalSurface
+    deviations: Mapping[str, SurfaceDeviation]
+    features: tuple[FeatureRow, ...]
+    sections: tuple[Section, ...]
+    facts: Mapping[str, Sequence[Fact]]
+    notes: tuple[str, ...] = ()
+
+
+def inspection_page(data: InspectionData) -> str:
+    """The page, as HTML text."""
+    names = list(data.deviations)
+    last = data.deviations[names[-1]]
+    limit = scale_limit_mm(max(max(one.surface.max_m for one in data.deviations.values()) / MM, 1e-3))
+    fine = scale_limit_mm(max(last.surface.p997_m / MM, 1e-3))
+    pictures = [map_picture(data.surface, one) for one in data.deviations.values()]
+    places = callouts(pictures[0], pictures[-1])
+    figures: dict[str, Any] = {
+        "map": map_figure(pictures[0], pictures[1], places, limit, (TITLES["before"], TITLES["after"]))
+        if len(pictures) == 2
+        else single_map_figure(pictures[0], places, limit, TITLES["part"]),
+        "histogram": _histogram(data, limit),
+    }
+    for name, one in data.deviations.items():
+        figures[f"space_{'after' if name == 'part' else name}"] = figure_3d(data.surface, one, limit)
+    sections = data.sections[:_MOST_SECTIONS]
+    for k, section in enumerate(sections):
+        figures[f"section{k}"] = section_figure(section)
+    scales = [
+        {"name": f"±{value:g} mm", "limit": value, "ticks": edges_mm(value)}
+        for value in ([limit, fine] if fine < limit else [limit])
+    ]
+    return render(
+        "inspection.html.j2",
+        figures,
+        scales,
+        data=data,
+        names=[(name, TITLES[name]) for name in names],
+        verdict=_verdict(data),
+        badge=_badge(data),
+        rows=_figure_rows(data),
+        features=_feature_rows(data),
+        places=[
+            (p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", *(_signed(v) for v in (p.before_mm, p.after_mm)[: len(names)]))
+            for p in places
+        ],
+        sections=[(k, s.feature, f"{s.place_m / MM:.1f}", enlarged(s)) for k, s in enumerate(sections)],
+    )
+
+
+def _verdict(data: InspectionData) -> str:
+    """The result in one sentence."""
+    figures = [one.surface.p997_m / MM for one in data.deviations.values()]
+    text = f"99.7 % of the measured machined surface lies within {figures[-1]:.3f} mm of the nominal one"
+    return text + (f"; before, within {figures[0]:.3f} mm." if len(figures) == 2 else ".")
+
+
+def _badge(data: InspectionData) -> tuple[int, int] | None:
+    """How many quantities were measured on the last part, and how many of them are out of tolerance."""
+    name = list(data.deviations)[-1]
+    if not data.features:
+        return None
+    return len(data.features), sum(name not in row.worst_m or not row.ok(name) for row in data.features)
+
+
+def _figure_rows(data: InspectionData) -> list[dict[str, Any]]:
+    rows = []
+    for part, title in (("surface", "Surface, floors and walls"), ("floor", "Floors"), ("wall", "Walls")):
+        cells = []
+        for one in data.deviations.values():
+            figures = getattr(one, part)
+            cells += [f"{v / MM:.3f}" for v in (figures.max_m, figures.p997_m, figures.rms_m)]
+            cells.append(f"{figures.extent / MM**2:.0f}")
+        rows.append({"name": title, "cells": cells})
+    return rows
+
+
+def _feature_rows(data: InspectionData) -> list[dict[str, Any]]:
+    rows, previous = [], ""
+    for row in data.features:
+        cells = []
+        for name in data.deviations:
+            if name not in row.worst_m:
+                cells.append({"value": "not found", "off": "", "sigma": "", "ok": False})
+                continue
+            cells.append(
+                {
+                    "value": f"{row.worst_m[name] / MM:.3f}",
+                    "off": _signed((row.worst_m[name] - row.nominal_m) / MM),
+                    "sigma": f"{2.0 * row.standard_deviation_m.get(name, 0.0) / UM:.0f}",
+                    "ok": row.ok(name),
+                }
+            )
+        sign = "" if row.nominal_m == 0.0 else "±"
+        rows.append(
+            {
+                "feature": row.feature if row.feature != previous else "",
+                "quantity": row.quantity,
+                "nominal": f"{row.nominal_m / MM:.3f}",
+                "tolerance": f"{sign}{row.tolerance_m / MM:g}",
+                "source": row.tolerance_source,
+                "cells": cells,
+            }
+        )
+        previous = row.feature
+    return rows
+
+
+def _histogram(data: InspectionData, limit: float) -> dict[str, Any]:
+    """Share of the measured area in each of 61 classes."""
+    edges = np.linspace(-limit, limit, 62)
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    colours = {"part": AFTER, "before": BEFORE, "after": AFTER}
+    traces = [
+        {
+            "type": "bar",
+            "name": TITLES[name].lower(),
+            "x": numbers(centre, 4),
+            "y": numbers(100.0 * area_shares(data.surface, one, edges), 4),
+            "marker": {"color": colours[name], "opacity": 0.75},
+            "width": round(float(edges[1] - edges[0]), 5),
+            "hovertemplate": "%{x:+.3f} mm: %{y:.2f} % of the area<extra></extra>",
+        }
+        for name, one in data.deviations.items()
+    ]
+    layout = {
+        "height": 300,
+        "barmode": "overlay",
+        "margin": {"l": 60, "r": 14, "t": 24, "b": 46},
+        "xaxis": {"title": {"text": "surface deviation, mm (+ = material left)"}, "tickformat": "+.2~f"},
+        "yaxis": {"title": {"text": "share of area, %"}, "type": "log", "dtick": 1, "range": [-2.5, 2.0]},
+        "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
+        "showlegend": len(traces) > 1,
+    }
+    return {"data": traces, "layout": layout, "narrow": {"xaxis.title.text": "deviation, mm", "margin.l": 52}}
+
+
+def _signed(value_mm: float) -> str:
+    return "n/a" if math.isnan(value_mm) else f"{value_mm:+.3f}".replace("-", "−")
