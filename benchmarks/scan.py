@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -72,11 +72,13 @@ def main() -> None:
     for seed in seeds:
         mesh, rows = machined(given.program, given.cell, seed)
         if given.write is not None:
-            write_ply(given.write, [scan_of(mesh, given.points)])
+            points = scan_of(mesh, given.points)
+            write_ply(given.write, [points], len(points))
             return
         with tempfile.TemporaryDirectory() as folder:
             scan = Path(folder) / "scan.ply"
-            write_ply(scan, [scan_of(mesh, given.points)])
+            points = scan_of(mesh, given.points)
+            write_ply(scan, [points], len(points))
             begin = time.perf_counter()
             measured = inspect(given.program, given.cell, scan, how=How(datum=FACES))
             seconds = time.perf_counter() - begin
@@ -136,25 +138,28 @@ def scan_of(mesh: trimesh.Trimesh, count: int, seed: int = 5) -> Float:
     return out
 
 
-def write_ply(path: Path, blocks: list[Float] | Iterator[Float], count: int | None = None) -> None:
+def write_ply(path: Path, blocks: Iterable[Float], count: int) -> None:
     """Points as a binary PLY file."""
-    parts = list(blocks) if count is None else blocks
-    number = count if count is not None else sum(len(part) for part in parts)  # type: ignore[union-attr]
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {number}\n"
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
     with path.open("wb") as stream:
         stream.write((head + "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n").encode())
-        for part in parts:
-            stream.write(part.astype("<f4").tobytes())
+        for points in blocks:
+            stream.write(points.astype("<f4").tobytes())
 
 
 def memory(count: int, program: Path, cell_file: Path) -> None:
-    """Inspect a scan of so many points by the command itself, and print its time and largest memory."""
+    """Inspect a scan of so many points by the command itself, and print its time and largest memory.
+
+    Every million of them is the same places with noise of its own.
+    """
     mesh, _ = machined(program, cell_file, 1001)
-    size = 1_000_000
+    million = scan_of(mesh, 1_000_000)
+    times = -(-count // len(million))
+    rng = np.random.default_rng(9)
+    blocks = (million + rng.normal(scale=NOISE_MM / INCH_MM, size=million.shape) for _ in range(times))
     with tempfile.TemporaryDirectory() as folder:
         scan = Path(folder) / "scan.ply"
-        blocks = (scan_of(mesh, size, seed)[: int(0.95 * size)] for seed in range(-(-count // int(0.95 * size))))
-        write_ply(scan, blocks, int(0.95 * size) * (-(-count // int(0.95 * size))))
+        write_ply(scan, blocks, times * len(million))
         command = [sys.executable, "-m", "counterflex", "inspect", str(program), "--cell", str(cell_file)]
         command += ["--scan", str(scan), "--datum", FACES, "--out", str(Path(folder) / "out")]
         begin = time.perf_counter()
@@ -162,7 +167,7 @@ def memory(count: int, program: Path, cell_file: Path) -> None:
         seconds = time.perf_counter() - begin
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 / 1e9
     met = "met" if peak <= GOAL_GB else "MISSED"
-    print(f"{count} points: {seconds:.0f} s, {peak:.2f} GB at most (goal {GOAL_GB:g} GB, {met})")
+    print(f"{times * len(million)} points: {seconds:.0f} s, {peak:.2f} GB at most (goal {GOAL_GB:g} GB, {met})")
 
 
 if __name__ == "__main__":

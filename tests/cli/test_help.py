@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 import typer
 
 from counterflex.app import examples
@@ -90,6 +91,16 @@ def test_help_of_the_groups(counterflex: Any) -> None:
     assert counterflex("--version").out.startswith("counterflex ")
 
 
+def scan(folder: Path) -> None:
+    """Points all over the part that the small program makes."""
+    block = trimesh.creation.box(bounds=[[0.0, 0.0, 0.0], [40.0, 30.0, 20.0]])
+    slot = trimesh.creation.box(bounds=[[-1.0, 7.0, 17.0], [10.0, 23.0, 30.0]])
+    end = trimesh.creation.cylinder(8.0, 20.0, sections=128)
+    end.apply_translation([10.0, 15.0, 27.0])
+    points, _ = trimesh.sample.sample_surface(trimesh.boolean.difference([block, slot, end]), 20_000, seed=1)
+    trimesh.PointCloud(points).export(folder / "part.ply")
+
+
 @pytest.mark.parametrize("example", ALONE)
 def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pytest.MonkeyPatch, example: str) -> None:
     """Every example of the help, on the small cell and program, in a folder where what it reads is there."""
@@ -119,6 +130,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] in ("evaluate", "mesh", "report"):
         shutil.copytree(machined.folder / "run", folder / "run-before")
         shutil.copytree(machined.folder / "run", folder / "run-after")
+    if words[0] == "inspect":
+        scan(folder)
     if words[0] == "doctor":
         monkeypatch.setattr("counterflex.app.doctor.probe", good_machine)
         monkeypatch.setattr("counterflex.app.doctor.machine_file", lambda: folder / "machine.json")

@@ -318,3 +318,19 @@ def test_datum_points_give_the_pose_where_the_part_is_alike_from_two_sides(
     assert abs(row(json.loads(ended.out), "width")["mean_mm"] - 16.0) < 0.005
     np.savetxt(work / "points.csv", table[:, :5], delimiter=",")
     assert "3 lines of 5 numbers" in refused(*COMMAND[:-1], "o2", "--scan", "s.ply", "--datum-points", "points.csv")
+
+
+def test_a_few_probed_points_in_the_part_frame_are_judged(work: Path, counterflex: Callable[..., Any]) -> None:
+    """A table of a coordinate measuring machine: names, nominal and measured values, decimals with a comma."""
+    points = measured(noise_mm=0.001)[::150]
+    lines = ["Name;Nom X;Nom Y;Nom Z;Meas X [mm];Meas Y [mm];Meas Z [mm]"]
+    lines += [";".join([f"P{k}", "0", "0", "0", *(f"{v:.4f}" for v in p)]) for k, p in enumerate(points)]
+    (work / "cmm.csv").write_text("\n".join(lines).replace(".", ","))
+    ended = counterflex(*COMMAND, "--scan", "cmm.csv", "--aligned", "--json")
+    assert ended.status == 0, ended.err
+    rows, part = read_part_deviations(Path("out/deep/deviations.parquet"))
+    assert part.datum_faces == ()
+    assert 100 < len(rows) < 400
+    floor = (rows.face == 0) & (rows.points[:, 0] > 1e-3)
+    assert abs(np.median(rows.deviation_m[floor]) + 120e-6) < 2e-6
+    np.testing.assert_allclose(rows.deviation_m[rows.face == 2], 0.0, atol=5e-6)

@@ -200,7 +200,7 @@ def _on_faces(
     for k, name in enumerate(names):
         normal, distance = part.faces.plane(name)
         off = p @ normal - distance - ball_radius_m
-        known = np.isfinite(normals).all(axis=1)
+        known: Bool = np.asarray(np.isfinite(normals).all(axis=1), np.bool_)
         facing: Bool = ~known | np.asarray(np.abs(np.where(known[:, None], normals, 0.0) @ normal) > _ALIGNED)
         rows = np.flatnonzero((np.abs(off - middle[k]) < gate[k]) & (np.abs(off) < np.abs(nearest)) & facing)
         rows = rows[part.faces.on(name, p[rows])]
