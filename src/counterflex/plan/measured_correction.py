@@ -1,8 +1,8 @@
 """A further correction of a plan: what parts made by it were measured to be off is taken back.
 
 The displacement that is taken back is shaped in time as every correction is (:func:`.shaped`), held in holes, and
-begins :data:`LEAD_S` early. ``measured_part`` of the plan is that part of its correction; the plan's own prediction of
-what remains gives way to what the parts showed.
+begins :data:`LEAD_S` early. ``measured_part`` of the plan is that part of its correction; what the parts showed stands
+in the place of the plan's own prediction of what remains.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def correct(
         step = next_step(plan, loaded, [*(part.error for part in history), *(one.error for one in measured)], limit_m)
     next_plan, further, together = step.plan, step.further_m, step.together
     parts[EXPLAINING](0.0)
-    last = measured[-1].found
+    last = measured[-1].estimate
     known = causes_of(plan, cell, nodes.row)
     bent = np.linalg.norm(plan.deflection_part[loaded.cut.contact, :3], axis=1)
     size = max(float(np.sqrt(np.mean(bent**2))) if len(bent) else 0.0, UM)
@@ -188,22 +188,22 @@ def _in_all(seen: Observations, taken: Float) -> Observations:
 
 def _facts(one: Measured) -> dict[str, Any]:
     """Figures of a part, shop units."""
-    found = one.found
-    now = expected(found, one.contacts, np.zeros_like(found.error_m))
+    estimate = one.estimate
+    now = expected(estimate, one.contacts, np.zeros_like(estimate.error_m))
     return {
         "source": one.scan.part.source,
         "simulated": one.scan.simulated,
-        "places": found.places,
-        "other_places": found.others,
-        "noise_um": round(found.noise_m / UM, 1),
-        "variance_of_means": round(found.inflation, 2),
-        "outliers_percent": round(100.0 * found.outliers, 2),
+        "places": estimate.places,
+        "other_places": estimate.others,
+        "noise_um": round(estimate.noise_m / UM, 1),
+        "variance_of_means": round(estimate.inflation, 2),
+        "outliers_percent": round(100.0 * estimate.outliers, 2),
         "surface_p997_um": round(now.now_m / UM, 1),
-        "explained_percent": round(100.0 * found.explained, 1),
-        "log_evidence": round(found.log_evidence, 1),
-        "believed": bool(np.any(found.believed)),
-        "error_rms_um": round(float(np.sqrt(np.mean(np.sum(found.error_m**2, axis=1)))) / UM, 1),
-        "lengths_mm": [round(1e3 * found.prior.narrow_length_m, 1), round(1e3 * found.prior.wide_length_m, 1)],
+        "explained_percent": round(100.0 * estimate.explained, 1),
+        "log_evidence": round(estimate.log_evidence, 1),
+        "believed": bool(np.any(estimate.believed)),
+        "error_rms_um": round(float(np.sqrt(np.mean(np.sum(estimate.error_m**2, axis=1)))) / UM, 1),
+        "lengths_mm": [round(1e3 * estimate.prior.narrow_length_m, 1), round(1e3 * estimate.prior.wide_length_m, 1)],
     }
 
 
@@ -221,7 +221,7 @@ def _not_seen(measured: list[Measured], plan: Plan, loaded: LoadedRobot, nodes: 
     contact = loaded.cut.contact
     shown_rows = (
         nodes.at_rows(
-            np.any([m.found.seen for m in measured], axis=0).astype(np.float64),
+            np.any([m.estimate.seen for m in measured], axis=0).astype(np.float64),
             plan.path,
             np.ones(len(nodes), dtype=np.bool_),
         )

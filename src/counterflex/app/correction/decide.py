@@ -65,11 +65,11 @@ def measured_error(
     part = scan.deviations
     reach = _REACH_M + 2.0 * float(np.quantile(np.abs(part.deviation_m), 0.99)) if len(part) else _REACH_M
     contacts = contacts_of(plan.path, nodes, cell.cutter, part.points, part.normals, reach)
-    found = path_error(part, nodes, contacts, progress=progress)
-    seen = found.seen & found.believed[:, None]
-    support = np.any(found.seen, axis=1)
-    rows = [nodes.at_rows(v, plan.path, support) for v in (found.error_m, found.sigma_m, seen.astype(np.float64))]
-    return Measured(scan, contacts, found, MeasuredError(taken_m, rows[0], np.maximum(rows[1], 1e-9), rows[2] > 0.5))
+    estimate = path_error(part, nodes, contacts, progress=progress)
+    seen = estimate.seen & estimate.believed[:, None]
+    support = np.any(estimate.seen, axis=1)
+    rows = [nodes.at_rows(v, plan.path, support) for v in (estimate.error_m, estimate.sigma_m, seen.astype(np.float64))]
+    return Measured(scan, contacts, estimate, MeasuredError(taken_m, rows[0], np.maximum(rows[1], 1e-9), rows[2] > 0.5))
 
 
 def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], limit_m: float = LIMIT_M) -> Step:
@@ -85,9 +85,9 @@ def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], l
         ModelError: The change, or the whole correction, is beyond its limit.
     """
     together, taken = repeated(parts), parts[-1].taken_m
-    asked = together.total_m - taken
-    further = asked if np.max(np.abs(asked), initial=0.0) > LEAST_M else np.zeros_like(asked)
-    left = asked - further
+    requested = together.total_m - taken
+    further = requested if np.max(np.abs(requested), initial=0.0) > LEAST_M else np.zeros_like(requested)
+    left = requested - further
     seen = np.any([part.seen for part in parts], axis=0)
     return Step(
         with_measured(plan, loaded, further, left, limit_m),

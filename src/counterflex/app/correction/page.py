@@ -12,7 +12,7 @@ from counterflex.report import correction_page as page
 
 def correction_page(result: Corrected) -> str:
     """The page, as HTML text."""
-    nodes, last = result.measured[-1].found.nodes, result.measured[-1].found
+    nodes, last = result.measured[-1].estimate.nodes, result.measured[-1].estimate
     begin = np.diff(nodes.chain, prepend=-1) != 0
     way = np.cumsum(np.where(begin, 0.0, np.diff(nodes.station_m, prepend=0.0)))
     data = page.CorrectionData(

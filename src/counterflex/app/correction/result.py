@@ -23,13 +23,13 @@ class Measured:
     Attributes:
         scan: Deviations.
         contacts: Which stretches may have made its places.
-        found: Error at the nodes of the path.
+        estimate: Error at the nodes of the path.
         error: The same at its rows.
     """
 
     scan: Scan
     contacts: Contacts
-    found: PathError
+    estimate: PathError
     error: MeasuredError
 
 

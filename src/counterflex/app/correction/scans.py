@@ -107,8 +107,8 @@ def _simulated_files(path: Path) -> tuple[Path | None, Path | None]:
 def _check_original(folder: Path, program: Path) -> None:
     """Refuse a simulated part of another original."""
     originals = [folder / simulate.ORIGINAL, *sorted((folder / "original").glob("*"))]
-    found = next((file for file in originals if file.is_file()), None)
-    if found is None or found.read_bytes() != program.read_bytes():
+    source = next((file for file in originals if file.is_file()), None)
+    if source is None or source.read_bytes() != program.read_bytes():
         raise InputError(
             "the simulated part was made by another program",
             where=str(folder),

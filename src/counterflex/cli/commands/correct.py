@@ -94,7 +94,7 @@ def correct(
 
 def show(summary: dict[str, Any], out: Path) -> None:
     """Print what was found."""
-    found = summary["correct"]
+    values = summary["correct"]
     print_table(
         f"Parts of {summary['program']}",
         ["part", "measured in", "places", "noise um", "surface 99.7 % um", "error", "changed um"],
@@ -108,7 +108,7 @@ def show(summary: dict[str, Any], out: Path) -> None:
                 "believed" if row["believed"] else "noise only",
                 f"{row['changed_um']:g}" if "changed_um" in row else "",
             ]
-            for row in found["parts"]
+            for row in values["parts"]
         ],
     )
     print_table(
@@ -124,20 +124,20 @@ def show(summary: dict[str, Any], out: Path) -> None:
                     for one in row["factors"]
                 ),
             ]
-            for row in found["explanations"][:_SHOWN]
+            for row in values["explanations"][:_SHOWN]
         ],
     )
-    if len(found["alike"]) > 1:
-        typer.echo(f"not to be told apart by this part: {'; '.join(found['alike'])}")
-    hidden = found["not_seen"]
+    if len(values["alike"]) > 1:
+        typer.echo(f"not to be told apart by this part: {'; '.join(values['alike'])}")
+    hidden = values["not_seen"]
     if hidden["of_cut_percent"] > 0.0:
         typer.echo(f"no surface shows {hidden['of_cut_percent']:g} % of the cut: run over later, or cut in air")
-    if not found["changed"]:
+    if not values["changed"]:
         typer.echo("the parts show nothing but noise, or less than 5 um: the program stays as it is")
     else:
-        e = found["expected"]
+        e = values["expected"]
         typer.echo(
-            f"largest change of the correction {found['change_um']:g} um; surface, 99.7 %: {e['now_p997_um']:g} um "
+            f"largest change of the correction {values['change_um']:g} um; surface, 99.7 %: {e['now_p997_um']:g} um "
             f"now, {e['next_p997_um']:g} um ({e['next_5_percent_um']:g} to {e['next_95_percent_um']:g}) expected"
         )
     if "applied" in summary:

@@ -207,12 +207,12 @@ def _gap(q: Float, cutter: Cutter) -> tuple[Float, Float]:
     rho = np.hypot(q[:, 0], q[:, 1])
     out = np.stack([q[:, 0], q[:, 1]], axis=1) / np.where(rho > 0.0, rho, 1.0)[:, None]
     corner = cutter.corner_radius_m
-    beside, below = rho - (cutter.radius_m - corner), corner - q[:, 2]
-    length = np.hypot(beside, below)
-    edge = (beside > 0.0) & (below > 0.0)
-    side = beside >= below
-    gap = np.where(edge, length, np.maximum(beside, below)) - corner
+    aside, below = rho - (cutter.radius_m - corner), corner - q[:, 2]
+    length = np.hypot(aside, below)
+    edge = (aside > 0.0) & (below > 0.0)
+    side = aside >= below
+    gap = np.where(edge, length, np.maximum(aside, below)) - corner
     safe = np.where(length > 0.0, length, 1.0)
-    radial = np.where(edge, beside / safe, side.astype(np.float64))
+    radial = np.where(edge, aside / safe, side.astype(np.float64))
     axial = np.where(edge, below / safe, (~side).astype(np.float64))
     return gap, np.column_stack([-radial[:, None] * out, axial])

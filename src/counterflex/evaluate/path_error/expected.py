@@ -34,11 +34,11 @@ class Expected:
     high_m: float
 
 
-def expected(found: PathError, contacts: Contacts, taken_m: Float) -> Expected:
+def expected(estimate: PathError, contacts: Contacts, taken_m: Float) -> Expected:
     """Predict the surface of the next part.
 
     Args:
-        found: Error of the measured part's path.
+        estimate: Error of the measured part's path.
         contacts: Of the places with the path.
         taken_m: (k, 3) m, what the next program takes back of the error.
     """
@@ -47,7 +47,7 @@ def expected(found: PathError, contacts: Contacts, taken_m: Float) -> Expected:
     def figure(error: Float) -> float:
         return float(np.quantile(np.abs(left_on(contacts, error)), _SHARE))
 
-    factors = 1.0 + RESPONSE * rng.standard_normal(len(found.draws_m))
-    after = [figure(draw - factor * taken_m) for draw, factor in zip(found.draws_m, factors, strict=True)]
+    factors = 1.0 + RESPONSE * rng.standard_normal(len(estimate.draws_m))
+    after = [figure(draw - factor * taken_m) for draw, factor in zip(estimate.draws_m, factors, strict=True)]
     low, median, high = np.quantile(after, (0.05, 0.5, 0.95)).tolist()
-    return Expected(figure(np.mean(found.draws_m, axis=0)), median, low, high)
+    return Expected(figure(np.mean(estimate.draws_m, axis=0)), median, low, high)
