@@ -19,6 +19,7 @@ from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.cutting.tridexel.column_file import load_columns
 from counterflex.files.cell.cell import read_cell
 from counterflex.path.toolpath import FEED
+from counterflex.plan.cut import cut
 
 ROOT = Path(__file__).resolve().parents[3]
 LINES = (ROOT / "examples" / "programs" / "twisted_channel.ngc").read_text(encoding="ascii").splitlines()
@@ -111,6 +112,32 @@ def test_simulated_and_evaluated_from_files(cell_file: Path, program: Path, tmp_
     (tmp_path / "run" / simulate.COLUMNS).write_bytes(b"PK")
     with pytest.raises(FileFormatError, match="columns of material cannot be read"):
         compare([tmp_path / "run"])
+
+
+def test_several_tilted_directions_in_one_program(cell_file: Path) -> None:
+    """A groove with the tool upright and one with it tilted by 15 deg: the force of each is that of its own program."""
+    head, upright = (
+        "G17 G54 G21 G90\nM6 T1\nM3 S13000\nG0 B0 C0\nG43.4 H1\n",
+        "G0 X14 Y-10 Z60\nG0 Z37\nG1 Y30 F1500\nG0 Z60\n",
+    )
+    tilted = "G0 B15 C0\nG0 X34 Y-10 Z60\nG0 Z36\nG1 Y30 F1500\nG0 Z60\n"
+    cell, mean = read_cell(cell_file), {}
+    for name, body in (("upright", upright), ("tilted", tilted), ("both", upright + tilted)):
+        file = cell_file.parent / f"{name}.ngc"
+        file.write_text(f"{head}{body}M5\nM2\n", encoding="ascii")
+        seen = in_working_plane(file, cell)
+        path = read_job(file, seen).path
+        force = cut(path, path.p_part_tcp, seen.stock(), seen.cutter, seen.force_law).w_tcp_part[:, :3]
+        R_part_plane = np.eye(3) if seen.R_part_plane is None else seen.R_part_plane
+        p, force = path.p_part_tcp @ R_part_plane.T, force @ R_part_plane.T
+        steady = (path.kind == FEED) & (p[:, 1] > 8e-3) & (p[:, 1] < 18e-3)
+        for groove, side in (("first", p[:, 0] < 24e-3), ("second", p[:, 0] >= 24e-3)):
+            mean[name, groove] = force[steady & side].mean(axis=0) if np.any(steady & side) else np.zeros(3)
+        assert seen.tool_turns == (name == "both")
+    for name, groove in (("upright", "first"), ("tilted", "second")):
+        size = float(np.linalg.norm(mean[name, groove]))
+        assert size > 50.0
+        np.testing.assert_allclose(mean["both", groove], mean[name, groove], atol=0.02 * size)
 
 
 def test_robot_programs_have_the_orientation_of_each_point(cell_file: Path, program: Path) -> None:

@@ -69,7 +69,7 @@ def flute_row(path: ToolPath, volume_m3: Float, cutters: Mapping[int, Cutter]) -
     some = next(iter(cutters.values()))
     tools = [cutters.get(number, some) for number in path.tool.tolist()]
     diameter, flutes = np.array([c.diameter_m for c in tools]), np.array([c.flute_length_m for c in tools])
-    depth = least_depth(path, volume_m3, diameter)
+    depth = least_depth(path, volume_m3, diameter, np.where(np.isfinite(flutes), flutes, 0.0))
     row = int(np.argmax(depth / flutes))
     deep = depth[row] > (1.0 + DEPTH_SHARE) * flutes[row]
     return Row(
