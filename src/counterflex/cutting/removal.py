@@ -179,10 +179,10 @@ def compress(
     return at
 
 
-def runs_of(path: Float, kind: Int, cutter: Cutter) -> Int:
+def runs_of(p_part_tcp: Float, kind: Int, cutter: Cutter) -> Int:
     """Join consecutive collinear level segments of a flat end mill; returns (n_runs, 2) first segment and count."""
-    n = len(path) - 1
-    step = np.diff(path, axis=0)
+    n = len(p_part_tcp) - 1
+    step = np.diff(p_part_tcp, axis=0)
     length = np.hypot(step[:, 0], step[:, 1])
     joined = np.zeros(n, dtype=bool)
     if cutter.is_flat and n > 1:

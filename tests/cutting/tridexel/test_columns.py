@@ -242,7 +242,7 @@ def _posed(cutter: Cutter, tip: Float, axis: Float, around: int = 40) -> Float:
 
 @pytest.mark.parametrize("cutter", [Cutter(0.008), Cutter(0.008, 0.004)], ids=["flat", "ball"])
 def test_an_impeller_has_the_volume_that_a_solid_modeller_gives_it(cutter: Cutter) -> None:
-    tips, axes = _channel(2, 2, 24)
+    tips, axes = _channel(1, 2, 72)
     columns = ColumnStock.of(HeightMap.from_box((-0.036, -0.036, -0.024), (0.036, 0.036, 0.0), 2.5e-4))
     before = columns.volume_m3
     removed = float(remove_turning(columns, tips, axes, _feeds(tips), cutter, top_m=TOP_M).volume_m3.sum())
@@ -252,5 +252,5 @@ def test_an_impeller_has_the_volume_that_a_solid_modeller_gives_it(cutter: Cutte
     swept = [manifold3d.Manifold.hull_points(np.concatenate(pair)) for pair in itertools.pairwise(poses)]
     block = manifold3d.Manifold.cube((72.0, 72.0, 24.0)).translate((-36.0, -36.0, -24.0))
     left = block - manifold3d.Manifold.batch_boolean(swept, manifold3d.OpType.Add)
-    # hulls of poses 1.2 degrees apart, polyhedra of 40 sides
-    assert removed == pytest.approx((block.volume() - left.volume()) * 1e-9, rel=3e-3)
+    # a hull is larger than what a turning flat mill sweeps: 0.8 % at steps of 1.5 mm, 0.1 % at 0.2 mm
+    assert removed == pytest.approx((block.volume() - left.volume()) * 1e-9, rel=4e-3)

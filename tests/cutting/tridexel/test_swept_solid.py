@@ -12,7 +12,8 @@ from counterflex.cutting.tridexel.swept_solid import distance, stretch, tool_sha
 
 FLAT, BALL, BULL = (0.008, 0.0), (0.005, 0.005), (0.008, 0.003)
 TOP_M = 0.03
-TURN_RAD = 0.015
+TURN_RAD, SHORT, TURNED_M = 0.01, 0.1, 2e-6
+"""Turn of a motion at most, its length beside a point's distance, and what a turn may leave out."""
 EXACT_M = 1e-9
 """Distance of an end from the surface; Newton's method ends at 1 pm along the normal."""
 
@@ -46,10 +47,11 @@ def test_a_stretch_is_where_the_distance_is_below_zero(
 ) -> None:
     middle = _axis(*axis)
     change = TURN_RAD * (np.array(turn) - np.dot(turn, middle) * middle)
-    shape, motion = tool_shape(radius, corner, TOP_M), np.concatenate([np.zeros(3), step, middle, change])
-    bulge = 0.1 * float(np.dot(change, change)) / 8.0  # of second order: what a turn leaves out, on a line of 0.1 m
-    if abs(middle[along]) < 0.05:  # a line nearly in a face: that sways through it as the tool goes on
-        bulge += float(np.linalg.norm(change) * np.linalg.norm(step)) / 16.0
+    shape, motion = (
+        tool_shape(radius, corner, TOP_M),
+        np.concatenate([np.zeros(3), SHORT * np.array(step), middle, change]),
+    )
+    bulge = TURNED_M if change.any() else 0.0
     q, line = np.array(point), np.eye(3)[along]
 
     def off(t: float) -> float:

@@ -94,7 +94,7 @@ def _lay_lines(frame: Float, lane: Float32, x: Real, y: Real, line: Float32) -> 
 
 
 @kernel()
-def _cut_row(columns: Columns, j: Whole, i_low: Whole, plain: bool, m: Sweep, begins: bool, tilt: Real,
+def _cut_row(columns: Columns, j: Whole, i_low: Whole, plain: bool, m: Sweep, tool: Float, begins: bool, tilt: Real,
              desk: Desk, gathered: Whole) -> Whole:  # fmt: skip
     """Cut sixteen columns of a row; returns how many events there are now, -1 where a column has no room.
 
@@ -123,6 +123,15 @@ def _cut_row(columns: Columns, j: Whole, i_low: Whole, plain: bool, m: Sweep, be
         return gathered
     if under:
         highest_ends(m, line, work)
+        if 0.0 < m.corner < m.radius:  # above a rounded end: line by line
+            q = desk.point[2:5]
+            q[1], q[2] = columns.y0 + columns.cell * j - desk.motion[1], -desk.motion[2]
+            for k in range(LANES):
+                if low[k] < near[k]:
+                    q[0] = columns.x0 + columns.cell * (i_low + k) - desk.motion[0]
+                    one, two = stretch(q, 2, desk.motion, tool)
+                    if one <= two:
+                        low[k], high[k] = np.float32(one - z_tip), np.float32(two - z_tip)
     floor = np.float32(columns.floor)
     for k in range(LANES):
         if not low[k] < near[k]:
@@ -252,7 +261,7 @@ def cut_motion(columns: Columns, motion: Float, corners: Float, tool: Float, cei
                 if slowly:
                     gathered = _cut_row_slowly(columns, j, i_low, m, tool, desk, tilt, gathered)
                 else:
-                    gathered = _cut_row(columns, j, i_low, desk.point[1] != 0.0, m, begins, tilt, desk, gathered)
+                    gathered = _cut_row(columns, j, i_low, desk.point[1] != 0.0, m, tool, begins, tilt, desk, gathered)
                 if gathered < 0:
                     return False
                 if desk.point[1] == 0.0 and plain:

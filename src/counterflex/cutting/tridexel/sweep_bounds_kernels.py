@@ -108,7 +108,7 @@ def bounds_of(motion: Float, tool: Float, ceiling: float, steep: float, bounds: 
 
 
 @kernel()
-def _beside(bounds: Float, x: Real, y: Real, half_x: Real, half_y: Real, z_top: Real) -> bool:
+def _aside(bounds: Float, x: Real, y: Real, half_x: Real, half_y: Real, z_top: Real) -> bool:
     """Whether the part of a sweep below a height certainly misses a rectangle, seen along z."""
     radius, slack = bounds[_RADIUS], bounds[_SLACK]
     high0 = (z_top - bounds[_TIPS + 2] + radius * bounds[_SINE]) / bounds[_AXES + 2]
@@ -171,7 +171,7 @@ def missed(bounds: Float, x: Real, y: Real, half_x: Real, half_y: Real, z_top: R
         return True
     if slowly:
         return False
-    return bool(_beside(bounds, x, y, half_x, half_y, z_top) or z_top <= _least_height(bounds, x, y, half_x, half_y))
+    return bool(_aside(bounds, x, y, half_x, half_y, z_top) or z_top <= _least_height(bounds, x, y, half_x, half_y))
 
 
 @kernel()

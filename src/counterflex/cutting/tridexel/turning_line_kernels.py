@@ -29,7 +29,7 @@ _NEAR_M: Final = 1.0e-12
 _ROUNDS: Final = 5
 """Times that the share of a turning motion is set right."""
 _SEARCH: Final = 40
-_BESIDE: Final = 0.2
+_NEARLY: Final = 0.2
 """Sine of the angle between a line and a face below which the share at which it crosses the rim is searched for."""
 _GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 
@@ -170,8 +170,8 @@ def turning_stretch(q: Float, along: Whole, motion: Float, shape: Float) -> tupl
         _, _, bh, _, dh, _, _, _ = posed(aw, ae, ah, begin, m)
         h, rim = bh + t * dh, 4.0 * m.omega * radius
         torus = 0.0 < corner < radius and h < corner + rim
-        beside = abs(dh) < _BESIDE and (h < rim or h > top - rim)
-        if not (torus or beside):  # no closed form, or a line nearly in a face: narrow the share down
+        nearly = abs(dh) < _NEARLY and (h < rim or h > top - rim)
+        if not (torus or nearly):  # no closed form, or a line nearly in a face: narrow the share down
             continue
         a, b = max(-0.5, begin - 0.5), min(0.5, begin + 0.5)
         c, d = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
