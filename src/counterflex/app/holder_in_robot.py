@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.app.spindle_mounting import Mounting
+from counterflex.app.placement.spindle_mounting import Mounting
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ReachError
 from counterflex.core.units import MM, UM

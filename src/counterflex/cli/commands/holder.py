@@ -83,7 +83,7 @@ def design(
     keep_inputs(out, holder, *([] if cell is None else [cell]))
     from counterflex.app import holder_design as job
     from counterflex.app.holder_in_robot import Spindle
-    from counterflex.app.spindle_mounting import Mounting
+    from counterflex.app.placement.spindle_mounting import Mounting
 
     spindle = None
     if cell is not None:
