@@ -253,7 +253,7 @@ POSES: dict[str, tuple[Callable[[Float], Float], tuple[str, ...], list[str]]] = 
     "scale": (of_scale(1.004), (), ["scale", "times the size", "2 directions"]),
     "only the top": (lambda p: p[p[:, 2] > 19.95], (), ["one direction only", "three of six freedoms"]),
     "one datum face": (lambda p: p, ("--datum", "top"), ["freedoms", "top", "shift along x", "turn about z"]),
-    "a face that is no face": (lambda p: p, ("--datum", "lid"), ["no such datum face", "lid", "x-, x+"]),
+    "a face that is no face": (lambda p: p, ("--datum", "lid"), ["unknown datum face", "lid", "x-, x+"]),
     "aligned with datum": (lambda p: p, ("--aligned", "--datum", "top"), ["--aligned"]),
     "aligned, but not": (lambda p: p, ("--aligned",), ["another part"]),
     "half of the volume is outliers": (

@@ -37,7 +37,10 @@ FILES = {
     "validation/faults/run_rig.py": "in a temporary folder",
     "validation/soak/replayed_cell.py": "in a temporary folder",
     "validation/soak/soak.py": "in a staging folder",
+    "app/correction/history.py": "in a staging folder",
     "app/identification/history.py": "in a staging folder",
+    "app/robot_tests/iso230.py": "in a staging folder",
+    "app/robot_tests/iso9283.py": "in a staging folder",
     "files/cell/update.py": "a trial in a staging folder",
 }
 

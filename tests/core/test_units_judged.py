@@ -35,6 +35,7 @@ KNOWN = {
     "PERCENT": constants.centi,
     "MICRO": constants.micro,
     "DEG_PER_S": constants.degree,
+    "GON": math.pi / 200.0,
     "STANDARD_GRAVITY": constants.g,
 }
 

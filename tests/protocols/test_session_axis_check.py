@@ -102,6 +102,15 @@ class _Force:
         return 1
 
 
+class _Shown:
+    """The reading is the process wrench, beyond doubt."""
+
+    doubt = 0
+
+    def __call__(self, _q: Float, w: Float, _age: float) -> Float:
+        return w.copy()
+
+
 def nothing(_: int, __: Float) -> None:
     """Telegrams as they should be."""
 
@@ -115,7 +124,7 @@ def session(robot: _Robot, *, checked: bool = True, output: Output = Output.CART
         Loop(CELL.chain, settings, CELL.T_base_part),
         sensing=Sensing(
             force=_Force(robot),  # type: ignore[arg-type]
-            wrench=lambda _q, w, _age: w.copy(),  # type: ignore[arg-type]
+            wrench=_Shown(),  # type: ignore[arg-type]
             angles=AxisCheck(CELL.controller_chain, CELL.T_base_part, settings.period_s) if checked else None,
         ),
         control=control,

@@ -122,6 +122,15 @@ class _Force:
         return self.good
 
 
+class _Shown:
+    """The reading is the process wrench, beyond doubt."""
+
+    doubt = 0
+
+    def __call__(self, _q: Float, w: Float, _age: float) -> Float:
+        return w
+
+
 class _Tracker:
     """Stands for the tracker: noise, pauses, now and then a wrong reflector."""
 
@@ -158,7 +167,7 @@ def recorded(
         chosen,
         sensing=Sensing(
             force=_Force(robot) if sensor else None,  # type: ignore[arg-type]
-            wrench=lambda _q, w, _age: w,  # type: ignore[arg-type]
+            wrench=_Shown(),  # type: ignore[arg-type]
             tracker=_Tracker(robot),  # type: ignore[arg-type]
             T_part_tracker=np.eye(4),
             T_target_tcp=np.eye(4),

@@ -23,6 +23,7 @@ SHARED = (
     "counterflex.protocols.kuka_rsi.kernel",
     "counterflex.protocols.kuka_rsi.telegram",
     "counterflex.protocols.netft.telegram",
+    "counterflex.protocols.strain.telegram",
     "counterflex.protocols.tracker.telegram",
     "counterflex.protocols.wrench.telegram",
     "counterflex.twin",

@@ -13,6 +13,15 @@ from counterflex.cli.output import keep_inputs, print_json, print_table, progres
 from counterflex.core.errors import InputError
 
 _UNITS = ("um", "mm", "cm", "inch", "m")
+_FACES = ("x-", "x+", "y-", "y+", "bottom", "top")
+_one_face = arguments.one_of(_FACES, "datum face")
+
+
+def _faces(param: arguments.Param, value: str | None) -> str | None:
+    """Check the names of faces before anything is read."""
+    if value is not None:
+        _one_face(param, [name.strip() for name in value.split(",")])
+    return value
 
 
 def register(app: typer.Typer) -> None:
@@ -49,6 +58,7 @@ def inspect(
             help="Faces of the blank that place the scan: some of x-,x+,y-,y+,bottom,top; by default all scanned ones "
             "that the program does not machine.",
             metavar="FACES",
+            callback=_faces,
         ),
     ] = None,
     datum_points: Annotated[

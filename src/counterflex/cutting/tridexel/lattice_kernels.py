@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel
-from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, Columns
+from counterflex.cutting.tridexel.column_kernels import STRETCHES, Columns
 from counterflex.cutting.tridexel.swept_solid import distance, stretch
 
 Whole = Any
@@ -28,7 +28,7 @@ GROUP: Final = 16
 
 
 class Tiles(NamedTuple):
-    """Motions (k, 12), the shape of the tool of each (k, 3), boxes about their sweeps (k, 6), and groups by tile.
+    """Motions (k, 9), the shape of the tool of each (k, 3), boxes about their sweeps (k, 6), and groups by tile.
 
     Sixteen motions that follow one another are a group, with a box about their sweeps and one about their tips (g, 12).
     ``members[first[t] : first[t + 1]]`` are the groups near tile ``t = row * columns + column``; tile [0, 0] begins
@@ -210,9 +210,6 @@ def _clear_of(x: float, y: float, z: float, half: float, motion: Float, shape: F
     ux, uy, uz = motion[6], motion[7], motion[8]
     vx, vy, vz = motion[3], motion[4], motion[5]
     h, climb = x * ux + y * uy + z * uz, vx * ux + vy * uy + vz * uz
-    turn = math.sqrt(motion[9] * motion[9] + motion[10] * motion[10] + motion[11] * motion[11])
-    if turn > 0.0:  # what the axis turns through to either side of its middle
-        half += 0.5 * turn * (abs(h) + abs(climb) + half + shape[0])
     height = max(h, h - climb) + half
     if height < 0.0:
         return True

@@ -84,14 +84,14 @@ def placement(
     Example: `counterflex plan placement part.ngc --cell cell.toml --region 900,1800,-400,400,300,1000 --out placement`
     """
     keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    box, axes = arguments.region(region or [], "--region")
+    angles = arguments.numbers(turned, "--turned", 2)
     from counterflex.app.inputs import Reading
     from counterflex.app.placement import placement as job
     from counterflex.app.placement.region import Wish
     from counterflex.app.placement.spindle_mounting import Mounting
     from counterflex.plan.posture.cut_path import Surface
 
-    box, axes = arguments.region(region or [], "--region")
-    angles = arguments.numbers(turned, "--turned", 2)
     with progress_bar(f"searching the place for {program.name}") as progress:
         summary = job.run(
             program,

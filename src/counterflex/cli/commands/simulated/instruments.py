@@ -98,7 +98,7 @@ def wrench(
         ),
     ] = None,
     source_id: Annotated[
-        int, typer.Option("--source", help="Source id of the datagrams.", min=0, max=2**32 - 1, metavar="ID")
+        int, typer.Option("--source", help="Source id of the datagrams.", min=0, max=2**31 - 1, metavar="ID")
     ] = 0,
     seconds: Seconds = None,
     scenario: Layers = None,

@@ -2,15 +2,42 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from counterflex.cli import arguments
+from counterflex.core.errors import InputError
 
 FORMATS = ("counterflex", "spatial-analyzer", "point-table", "dtrack")
 """Names of the formats of exports, as the readers have them; here because the command line loads no reader."""
+
+_NAMED = ("as-measured", "fit")
+
+
+def _frame(param: arguments.Param, value: str) -> str:
+    """Check that it can be a frame, before anything is loaded."""
+    words = value.split(",")
+    if value in _NAMED or value.endswith(".toml") or (len(words) == 6 and all(map(_finite, words))):
+        return value
+    raise InputError(
+        "no frame",
+        where=param.opts[0],
+        value=value,
+        limit="as-measured, fit, a cell file (.toml) or X,Y,Z,A,B,C of the tracker in the frame of the commands, "
+        "mm and deg",
+    )
+
+
+def _finite(text: str) -> bool:
+    """Whether it is a number."""
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
 
 Files = Annotated[
     list[Path],
@@ -27,6 +54,7 @@ FrameOf = Annotated[
         help="Where the tracker stands in the frame of the commands: as-measured, a cell file with [tracker], "
         "X,Y,Z,A,B,C (mm, deg), or fit: found from the readings (accuracies then leave out what a frame absorbs).",
         metavar="FRAME",
+        callback=_frame,
     ),
 ]
 Format = Annotated[
