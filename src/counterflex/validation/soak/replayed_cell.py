@@ -151,7 +151,8 @@ def there_and_back(plan: Plan, ends_part: Float, laps: int) -> Plan:
     step = np.diff(plan.path.time_s, prepend=plan.path.time_s[0])
     step = np.where(np.diff(rows, prepend=rows[0]) < 0, step[np.minimum(rows + 1, len(step) - 1)], step[rows])
     step[0] = 0.0
-    arrays = {f.name: np.ascontiguousarray(getattr(plan, f.name)[rows]) for f in fields(plan) if f.name != "path"}
+    columns = {f.name: getattr(plan, f.name) for f in fields(plan) if f.name != "path"}
+    arrays = {name: np.ascontiguousarray(values[rows]) for name, values in columns.items() if values is not None}
     path = {f.name: np.ascontiguousarray(getattr(plan.path, f.name)[rows]) for f in fields(plan.path)}
     path |= {"time_s": np.cumsum(step), "motion": np.repeat(np.arange(laps), len(there))}
     return Plan(path=ToolPath(**path), **arrays)
