@@ -33,6 +33,7 @@ from counterflex.runtime.plausibility.before_and_after import after_step, before
 from counterflex.runtime.plausibility.force_step import believe_force
 from counterflex.runtime.state.loop_record import LOOP
 from counterflex.runtime.state.planned import PLAN
+from counterflex.runtime.step.axis_pid_kernel import PID, PID_STATE
 from counterflex.runtime.step.axis_play_kernel import PLAY, PLAYED, play_after
 from counterflex.runtime.step.step import step
 
@@ -41,12 +42,12 @@ ARRAYS: Final = addresses(
     *("stations", "surroundings", "regions", "elastic", "frame", "delta", "work"),
     *("low_pass", "measured_memory", "measured_ring", "measured_place"),
     *("predicted_memory", "predicted_ring", "predicted_place"),
-    *("plays", "played", "play_begun"),
+    *("plays", "played", "play_begun", "pids", "pid_states"),
     *("watched_plan", "monitor_settings", "monitor_memory"),
 )
 """Arrays beside the loop's record: the plan; chain, results and work arrays of the elastic step; coefficients of the
 force filter, and its memory, ring and place for the measured wrench and the predicted one; AxisPlay.arrays;
-Monitor.records."""
+AxisPid.arrays; Monitor.records."""
 
 
 @kernel("Plan[::1](Arrays)", Plan=PLAN, Arrays=ARRAYS)
@@ -98,6 +99,18 @@ def _played(table: Record) -> Records:
     return out
 
 
+@kernel("Pid[::1](Arrays)", Pid=PID, Arrays=ARRAYS)
+def _pids(table: Record) -> Records:
+    out: Records = carray(to_pointer(table.pids.place), (table.pids.rows,), PID)
+    return out
+
+
+@kernel("Kept[::1](Arrays)", Kept=PID_STATE, Arrays=ARRAYS)
+def _pid_states(table: Record) -> Records:
+    out: Records = carray(to_pointer(table.pid_states.place), (table.pid_states.rows,), PID_STATE)
+    return out
+
+
 @kernel("void(Loop[::1], Arrays[::1])", Loop=LOOP, Arrays=ARRAYS)
 def cycle(loops: Records, tables: Records) -> None:
     """One cycle; see :class:`counterflex.runtime.loop.Loop`, which owns record and arrays.
@@ -119,7 +132,8 @@ def cycle(loops: Records, tables: Records) -> None:
     low_pass = reals(table.low_pass)
     measured = low_pass, matrix(table.measured_memory), matrix(table.measured_ring), wholes(table.measured_place)
     predicted = low_pass, matrix(table.predicted_memory), matrix(table.predicted_ring), wholes(table.predicted_place)
-    step(given, settings, state, ring, plan, loop.cycle, result, elastic, measured, predicted)
+    pids, kept = _pids(table), _pid_states(table)
+    step(given, settings, state, ring, plan, loop.cycle, result, elastic, measured, predicted, pids, kept)
     play_after(given, result, _plays(table), _played(table), wholes(table.play_begun))
     after_step(given, settings, state, ring, result, limits, swing_kg * monitored.acceleration, tests, work)
     watch(given, result, place, plan, watched, monitors, memories)

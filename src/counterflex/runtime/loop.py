@@ -17,7 +17,7 @@ from counterflex.robot.elasticity.kernels.records import STEP, WORK
 from counterflex.runtime.cycle import ARRAYS, cycle, take_fast
 from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.estimator.fusion import Source
-from counterflex.runtime.loop_constants import SCALE_VARIANCE, pack_limits, pack_settings
+from counterflex.runtime.loop_constants import SCALE_VARIANCE, axis_pid, pack_limits, pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
@@ -28,6 +28,7 @@ from counterflex.runtime.state.loop_record import LOOP
 from counterflex.runtime.state.memory_layout import Layout, layout_before, layout_of, put_words
 from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.step.axis_pid_kernel import PID, PID_STATE
 from counterflex.runtime.step.axis_play import AxisPlay
 from counterflex.runtime.step.axis_play_kernel import PLAY, PLAYED
 from counterflex.signals.filters import Smoother
@@ -131,6 +132,7 @@ class Loop:
         if settings.axis_play:
             own = np.array(settings.own_play_rad)
             self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
+        self._axis_pid = axis_pid(settings)
         self._place: Float = self.step_state.place
         self.state_cycles = max(1, round(_STATE_S / settings.period_s))
         self._table = self._arrays()
@@ -172,12 +174,16 @@ class Loop:
         self.monitor.reset()
         if self._axis_play is not None:
             self._axis_play.reset()
+        if self._axis_pid is not None:
+            self._axis_pid.reset()
 
     def _arrays(self) -> ArrayTable:
         """Arrays of a cycle beside its record."""
         m, p = self.measured_filter, self.predicted_filter
         none = records(PLAY, 0), records(PLAYED, 0), np.zeros(1, dtype=np.int64)
         plays, played, begun = none if self._axis_play is None else self._axis_play.arrays()
+        pid = self._axis_pid
+        pids, kept = (records(PID, 0), records(PID_STATE, 0)) if pid is None else pid.arrays()
         watched_plan, monitor_settings, monitor_memory = self.monitor.records
         return ArrayTable(
             ARRAYS,
@@ -199,6 +205,8 @@ class Loop:
             plays=plays,
             played=played,
             play_begun=begun,
+            pids=pids,
+            pid_states=kept,
             watched_plan=watched_plan,
             monitor_settings=monitor_settings,
             monitor_memory=monitor_memory,
@@ -224,6 +232,8 @@ class Loop:
         }
         if play is not None:
             own |= {"axis_play.memory": play.memory, "axis_play.begun": play.begun}
+        if self._axis_pid is not None:
+            own |= {"axis_pid.memory": self._axis_pid.memory}
         return own | self.monitor.memory()
 
     @property

@@ -23,6 +23,7 @@ from counterflex.runtime.settings import (
 )
 from counterflex.runtime.state.chosen import SUPERVISION
 from counterflex.runtime.state.memory import PAST_ROWS
+from counterflex.runtime.step.axis_pid import AxisPid
 
 SCALE_VARIANCE: Final = 0.25**2
 """Variance of a learnt factor of the force before anything is learnt."""
@@ -161,3 +162,11 @@ def _shaped(settings: OnlineSettings, plan: LoopPlan | None) -> bool:
 def _lead(settings: OnlineSettings, plan: LoopPlan | None) -> float:
     """How much ahead the plan is read, s; what says itself what to command ahead of time is read in place."""
     return 0.0 if _shaped(settings, plan) else settings.lead_s
+
+
+def axis_pid(settings: OnlineSettings) -> AxisPid | None:
+    """Controllers of the axes, where there are any; a plan is read ahead by the answer, a measured force is not."""
+    if settings.axis_pid is None:
+        return None
+    expected = settings.force != ForceMode.MEASURED
+    return AxisPid(settings.axis_pid, settings.period_s, settings.delays.dead_s, expected=expected)

@@ -10,6 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS, UM
+from counterflex.runtime.axis_gains import AxisGains, require_usable
 from counterflex.runtime.estimator.fusion import FusionTuning
 from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.state.supervisor import SupervisorSettings
@@ -166,6 +167,7 @@ class OnlineSettings:
         output: See :class:`Output`.
         axis_play: With output in axes, undo the play of the gears along program and correction together.
         own_play_rad: (6,) half the play that the controller itself adds in the direction of the programmed motion.
+        axis_pid: With output in axes, a controller per axis on the angle in effect; None: what is wanted is sent.
         compensated: The program already contains the correction of the predicted deflection: only the rest is sent.
         normal_only: Leave out the component along the feed (Haehn2020 eq. 10-11).
         orientation: Correct the orientation too.
@@ -205,6 +207,7 @@ class OnlineSettings:
     output: Output = Output.CARTESIAN
     axis_play: bool = False
     own_play_rad: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    axis_pid: tuple[AxisGains, ...] | None = None
     compensated: bool = False
     normal_only: bool = True
     orientation: bool = False
@@ -296,6 +299,8 @@ class OnlineSettings:
                 value=f'output = "{self.output.name.lower()}"',
                 hint='In Cartesian output the controller does it; set output = "axes", or leave axis_play out',
             )
+        if self.axis_pid is not None:
+            require_usable(self.axis_pid, self.output.name, self.tracker.name, axis_play=self.axis_play)
         if self.force == ForceMode.FUSED and self.tracker != TrackerMode.NONE:
             raise InputError(
                 "the estimator takes the tracker itself",
@@ -323,6 +328,7 @@ def require_for_held_part(settings: OnlineSettings) -> None:
         ("force", settings.force.name, "MEASURED, PILOT or SCALE", settings.force in (ForceMode.FUSED, ForceMode.NONE)),
         ("tracker", settings.tracker.name, TrackerMode.NONE.name, settings.tracker != TrackerMode.NONE),
         ("inertia_hz", f"{settings.inertia_hz:g}", "0", settings.inertia_hz > 0.0),
+        ("axis_pid", "a table", "none", settings.axis_pid is not None),
     )
     for key, value, limit, wrong in chosen:
         if wrong:

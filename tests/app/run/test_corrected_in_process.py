@@ -21,6 +21,8 @@ from counterflex.files.cell.sensing import SensorTable, flange_sensor
 from counterflex.files.plan_file import read_plan
 from counterflex.geometry import pose
 from counterflex.runtime.cycle_inputs import CycleInputs
+from counterflex.runtime.design.axis_pid import design
+from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
@@ -86,6 +88,7 @@ def mill(
     sensor: bool = True,
     tracker: Callable[[int], float | None] | None = None,
     change: Callable[[Truth], Truth] = lambda truth: truth,
+    reported: bool = False,
     **live: Any,
 ) -> Milled:
     """Mill with the loop in the same process; the tracker says the age of its sample in a cycle, or None."""
@@ -145,6 +148,7 @@ def mill(
                 w_tcp_part=w if sensor else None,
                 force_age=0 if sensor else 1000,
                 T_part_actual=shown,
+                T_part_reported=report.T_part_actual if reported else None,
                 tracker_late_s=late,
                 arm=k == 90,
                 enable=k > 95,
@@ -200,3 +204,22 @@ def test_fused_with_tracker_or_late_photogrammetry_beats_force_and_plan(setup: S
     left, rest = (np.linalg.norm(m.p[600:790, 1:], axis=1) for m in (blind, seeing))
     assert np.sqrt(np.mean(rest**2)) < 0.5 * np.sqrt(np.mean(left**2))
     assert seeing.loop.result.uncertain < 0.2 * blind.loop.result.uncertain
+
+
+def test_a_pid_per_axis_makes_the_correction_quicker(setup: Setup) -> None:
+    """A controller that answers with 3 Hz, force measured, same truth: corrected sooner, nothing swings."""
+    delays = Delays(dead_s=12e-3, natural_per_s=2.0 * np.pi * 3.0)
+    alone = OnlineSettings(
+        force=ForceMode.MEASURED, output=Output.AXES, delays=delays, translation=WIDE, hard_factor=2.0
+    )
+    plant = TrackerPlant(4e-3, delays.dead_s, delays.natural_per_s, delays.damping, 2.0 * np.pi * 10.0, 0.1, 0.06)
+    helped = replace(alone, axis_pid=(design(plant).gains,) * 6)
+    slow = PathAnswer(12e-3, 3.0, 0.7)
+    before, after = (mill(setup, s, plan=setup.plan, answer=slow, reported=True).p[:, 1:] for s in (alone, helped))
+    entry, middle = slice(100, 300), slice(400, 550)
+    assert rms(after[entry]) < 0.92 * rms(before[entry])
+    assert rms(after[middle]) < rms(before[middle]) + 0.03e-3
+
+
+def rms(p: Float) -> float:
+    return float(np.sqrt(np.mean(np.sum(p**2, axis=1))))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from counterflex.app.axis_controller import require_margins
 from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import lowest_mode
 from counterflex.app.run.holder import carried_load, holder_of, with_uncertainty
@@ -123,6 +124,7 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
         )
     mode = lowest_mode(cell)
     settings = table.settings(cell.tables.timing, compensated=compensated, mode=(mode.hz, mode.damping_ratio))
+    require_margins(cell, settings)
     held = table.force_from == "holder" and table.force != "none"
     if held:
         settings = with_uncertainty(settings, cell)

@@ -34,7 +34,7 @@ from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.runtime.loop import Loop
-from counterflex.runtime.plausibility.axis_check import AxisCheck
+from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.sensing.motor_torque import MotorTorque
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
@@ -177,6 +177,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         )
     compile_kernels()  # before a port is open: what arrives meanwhile would be old
     link = _link(settings, cell, loop, planned)
+    _require_reported(settings, loop, link)
     checks = SessionChecks(
         hold_without_log=table.without_log == "hold",
         job=job_of(read, compensated=settings.compensated),
@@ -213,6 +214,17 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         checks=checks,
         watch=WatchSettings(clock=not settings.lockstep),
     )
+
+
+def _require_reported(settings: RunSettings, loop: Loop, link: RobotLink) -> None:
+    """Refuse controllers of the axes where the robot controller does not say what is in effect."""
+    if loop.settings.axis_pid is not None and link.measured_is == ABSENT:
+        link.close()
+        raise InputError(
+            "a PID per axis needs the measured pose, and the configuration sends none",
+            where=str(settings.rsi or settings.cell),
+            hint="Add DEF_RIst to SEND, or leave out the table [online.axis_pid]",
+        )
 
 
 def _axis_check(cell: Cell, table: OnlineTable, loop: Loop) -> AxisCheck | None:

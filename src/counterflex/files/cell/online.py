@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from counterflex.core.units import DEG, MM, MS, PERCENT, UM, URAD
+from counterflex.files.cell.axis_pid import AxisPidTable
 from counterflex.files.cell.timing import TimingTable
 from counterflex.files.schema import Table
 from counterflex.runtime.design.tracker_plant import TrackerPlant
@@ -49,6 +50,7 @@ class OnlineTable(Table):
     output: Literal["cartesian", "axes"] = "cartesian"
     mode: Literal["absolute", "relative"] = "absolute"
     axis_play: bool = False
+    axis_pid: AxisPidTable | None = None
     own_play_urad: tuple[Level, Level, Level, Level, Level, Level] = (0.0,) * 6
     period_ms: Literal[4, 12, 24, 48, 72, 96] = 4
     along_feed: bool = False
@@ -136,6 +138,7 @@ class OnlineTable(Table):
             output=Output[self.output.upper()],
             axis_play=self.axis_play,
             own_play_rad=tuple(x * URAD for x in self.own_play_urad),  # type: ignore[arg-type]
+            axis_pid=None if self.axis_pid is None else self.axis_pid.gains,
             compensated=compensated,
             normal_only=not self.along_feed,
             orientation=self.orientation,

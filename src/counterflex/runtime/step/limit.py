@@ -7,10 +7,9 @@ import math
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.robot.elasticity.kernels.records import WORK
-from counterflex.robot.elasticity.kernels.step import DAMPED, REFUSED, cholesky_inverse, newton_step
+from counterflex.robot.elasticity.kernels.step import REFUSED
 from counterflex.runtime.estimator.deflection import answered
-from counterflex.runtime.primitives.frames import shorten, turn
-from counterflex.runtime.primitives.hand import BACK, turned_motion
+from counterflex.runtime.primitives.frames import shorten
 from counterflex.runtime.primitives.history import row_back
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
@@ -18,6 +17,7 @@ from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
 from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.step.axis_pid_kernel import to_axes
 from counterflex.signals.limiter import limited_step
 
 _FUSED = 4
@@ -140,19 +140,12 @@ def as_axes(given: Record, settings: Record, state: Record, work: Record, cycle:
         cycle: With the status of the elastic step, to which CLAMPED is added.
         result: The axis correction is written.
     """
-    axes, error, R = result.axes[:], cycle.load[:], cycle.R_base_part[:]
+    axes = result.axes[:]
     for k in range(6):
         axes[k] = state.axes[k]
     if cycle.hard == _NOT_FINITE or cycle.elastic & REFUSED:
         return
-    for k in range(6):
-        error[k] = -state.correction[k]
-    turned_motion(settings, given.nominal[:], error, BACK)
-    turn(R, 0, error, 0)
-    turn(R, 0, error, 3)
-    if cycle.elastic & DAMPED:
-        cholesky_inverse(work.jacobian[:], 0.0, work.factor[:], work.inverse[:])
-    cycle.elastic |= newton_step(work.jacobian[:], work.inverse[:], error, work.half[:], axes)
+    to_axes(given, settings, work, cycle, state.correction[:], axes)
     for k in range(6):
         state.axes[k] = axes[k]
 

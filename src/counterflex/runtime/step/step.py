@@ -17,6 +17,7 @@ from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.memory import PAST, STATE
 from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.step.axis_pid_kernel import PID, PID_STATE, control_axes
 from counterflex.runtime.step.bend import find_deflection
 from counterflex.runtime.step.deviation import find_deviation
 from counterflex.runtime.step.limit import as_axes, limit, remember, report
@@ -27,7 +28,8 @@ from counterflex.runtime.step.supervise import supervise_cycle
 
 
 @kernel(
-    f"void(Given, Settings, State, Past[::1], Plan[::1], Cycle, Result, Elastic, {FILTER}, {FILTER})",
+    f"void(Given, Settings, State, Past[::1], Plan[::1], Cycle, Result, Elastic, {FILTER}, {FILTER}, "
+    "Pid[::1], Kept[::1])",
     Given=GIVEN,
     Settings=SETTINGS,
     State=STATE,
@@ -36,6 +38,8 @@ from counterflex.runtime.step.supervise import supervise_cycle
     Result=RESULT,
     Elastic=ELASTIC,
     Plan=PLAN,
+    Pid=PID,
+    Kept=PID_STATE,
 )
 def step(
     given: Record,
@@ -48,6 +52,8 @@ def step(
     elastic: Elastic,
     measured: Any,
     predicted: Any,
+    pids: Records,
+    pid_states: Records,
 ) -> None:
     """One cycle; see the module and :class:`counterflex.runtime.loop.Loop`, which owns the records.
 
@@ -62,6 +68,8 @@ def step(
         elastic: Chain and arrays of the elastic step; changed.
         measured: Filter of the measured force, :data:`counterflex.runtime.step.load.FILTER`; changed.
         predicted: Likewise of the predicted force.
+        pids: Constants of the controllers of the axes, or none.
+        pid_states: What they remember; changed.
     """
     bending, work = elastic.results[0], elastic.works[0]
     begin(given, settings, state, cycle)
@@ -71,6 +79,7 @@ def step(
     find_deviation(given, settings, state, ring, plan, bending.compliance[:], cycle, result)
     request_correction(settings, state, plan, cycle, result)
     check_reach(settings, result.wanted[:], cycle)
+    control_axes(given, settings, state, ring, plan, work, cycle, result, pids, pid_states)
     share = supervise_cycle(given, settings, state, ring, cycle, result)
     result.limits = limit(share, settings, state, cycle, result)
     remember(given, settings, state, ring, cycle, result)
