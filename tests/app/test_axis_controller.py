@@ -48,9 +48,16 @@ def test_gains_without_a_margin_are_refused(tmp_path: Path) -> None:
         require_margins(cell, table.settings(None, compensated=False))
 
 
-def test_a_cell_without_axis_corrections_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match="corrections of the axes"):
-        tune(cell_with(tmp_path, '\n[online]\noutput = "cartesian"\n'))
+def test_a_cell_without_online_correction_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"no table \[online\]"):
+        tune(cell_with(tmp_path, ""))
+
+
+def test_what_does_not_go_with_it_is_not_written(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, '\n[online]\ntracker = "observer"\n')
+    with pytest.raises(InputError, match="does not go with this"):
+        write(cell, (), tmp_path / "tuned.toml")
+    assert not (tmp_path / "tuned.toml").exists()
 
 
 def test_margins_that_nothing_keeps_are_refused(tmp_path: Path) -> None:

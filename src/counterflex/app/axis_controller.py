@@ -15,13 +15,13 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.units import DEG, MS, URAD
-from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.document import move_paths, new_table, parsed, table_of
 from counterflex.files.cell.online import OnlineTable
 from counterflex.plan.elastic_motion import matrices
 from counterflex.plan.modes import modes
 from counterflex.robot.model.description import Servo
-from counterflex.runtime.axis_gains import AXES, AxisGains
+from counterflex.runtime.axis_gains import AXES, AxisGains, require_usable
 from counterflex.runtime.design.axis_pid import AxisDesign, design, robots, worst_margins
 from counterflex.runtime.design.tracker import DesignGoals
 from counterflex.runtime.design.tracker_plant import TrackerPlant
@@ -106,7 +106,7 @@ def tune(cell: Cell) -> tuple[TunedAxis, ...]:
     """A controller for each axis of a cell, with the margins that ``[online]`` asks for.
 
     Raises:
-        FileFormatError: The cell has no ``[online]`` table, or one without axis corrections.
+        FileFormatError: The cell has no ``[online]`` table.
         ModelError: No axis has a gain that keeps its margins.
     """
     table = _table(cell)
@@ -186,23 +186,24 @@ def shown(axes: tuple[TunedAxis, ...]) -> list[dict[str, Any]]:
 
 
 def write(cell: Cell, axes: tuple[TunedAxis, ...], target: Path) -> None:
-    """Write the cell file with the gains in it; comments, order and all else are kept.
+    """Write the cell file with the gains and corrections of the axes in it; comments, order and all else are kept.
 
     Raises:
-        FileFormatError: The cell cannot be read back.
-        InputError: The target is the cell file.
+        InputError: The target is the cell file, or something in [online] does not go with the gains.
     """
     if target.resolve() == cell.path.resolve():
         raise InputError("the cell file itself is not overwritten", where="--apply", value=target)
+    online = _table(cell)
+    require_usable((AxisGains(),) * AXES, "axes", online.tracker, axis_play=online.axis_play)
     doc = parsed(cell.path)
     table = new_table()
     gains = [AxisGains() if one.design is None else one.design.gains for one in axes]
     for key in ("proportional", "integral_per_s", "derivative_ms", "filter_ms", "most_urad"):
         table[key] = [_keys(one)[key] for one in gains]
+    table_of(doc, "online")["output"] = "axes"
     table_of(doc, "online")["axis_pid"] = table
     move_paths(doc, cell.path.parent, target.parent)
     atomic.write_text(target, tomlkit.dumps(doc))
-    read_cell(target)
 
 
 def _keys(gains: AxisGains) -> dict[str, float]:
@@ -218,11 +219,10 @@ def _keys(gains: AxisGains) -> dict[str, float]:
 
 def _table(cell: Cell) -> OnlineTable:
     table = cell.tables.online
-    if table is None or table.output != "axes":
+    if table is None:
         raise FileFormatError(
-            "controllers of the axes need corrections of the axes",
+            "the cell file has no table [online]",
             where=str(cell.path),
-            value="no table [online]" if table is None else f'output = "{table.output}"',
-            hint='Set output = "axes" in [online]',
+            hint='Add one, for example with output = "axes"',
         )
     return table

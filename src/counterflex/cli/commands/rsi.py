@@ -125,7 +125,7 @@ def tune(
 
     The largest gains with the phase and gain margin of [online] (phase_margin_deg, gain_margin_db), also with delays
     off by 10 % and the mode by 15 %, checked by the poles of the sampled closed loop. An axis without such a gain keeps
-    none. --apply writes the table [online.axis_pid].
+    none. --apply writes the table [online.axis_pid] and output = "axes".
 
     Example: `counterflex rsi tune --cell cell.toml --apply tuned.toml`
     """
@@ -145,7 +145,7 @@ def tune(
     keys = ("dead_ms", "mode_hz", "mode_seen", "proportional", "integral_per_s", "derivative_ms", "filter_ms")
     checked = ("phase_margin_deg", "gain_margin_db", "sensitivity", "largest_pole")
     late = ("error_after_step_ms", "error_alone_ms")
-    names = ("dead ms", "mode Hz", "seen", "P", "I 1/s", "D ms", "filter ms")
+    names: tuple[str, ...] = ("dead ms", "mode Hz", "seen", "P", "I 1/s", "D ms", "filter ms")
     names += ("phase deg", "gain dB", "Ms", "largest pole", "step error ms", "without")
     table = [[f"{row['axis']}", *(f"{row.get(key, '-')}" for key in (*keys, *checked, *late))] for row in rows]
     print_table("PID of the axis corrections", ["axis", *names], table)
