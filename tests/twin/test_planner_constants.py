@@ -41,7 +41,7 @@ COMMON = {
     ("controller.Controller.cycle_s", "proposal.CYCLE_S"): "cycle of KUKA RSI, data sheet",
     ("controller.Controller.acceleration_m_s2", "inputs.Setting.acceleration_m_s2"): "key of the cell file, round",
     ("plant.STEP_S", "elastic_motion.STEP_S"): "step of integration",
-    ("column_material._TINY_M", "column_kernels._TINY_M"): "below it two ends of material are one: rounding",
+    ("column_material._TINY_M", "column_block_kernels._TINY_M"): "below it two ends of material are one: rounding",
     ("column_material._TINY_M", "step_kernels._TINY_M"): "below it two ends of material are one: rounding",
     (
         "column_material._THIN_M",

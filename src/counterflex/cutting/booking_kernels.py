@@ -52,7 +52,7 @@ def phi_bin(ratio: Real) -> Whole:
 
 
 @kernel()
-def _bin_of(q: Real, w: Real) -> Real:
+def bin_of(q: Real, w: Real) -> Real:
     """Bin of phi = atan2(q, w), q >= 0, to be rounded down; within 1e-5 rad (Abramowitz and Stegun 4.4.47)."""
     aside = abs(w)
     x = min(q, aside) / max(max(q, aside), _SMALL)
@@ -157,14 +157,14 @@ def _code_flat(event: Float32, code: Int32, gathered: Whole, radius: Real, per_s
     if count == 1:
         for i in range(gathered):
             q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
-            place_of[i] = np.int32(_bin_of(q, w_of[i]))
+            place_of[i] = np.int32(bin_of(q, w_of[i]))
         return
     last = np.float32(count) - _HALF
     for i in range(gathered):
         q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
         t = s_of[i] - q
         t_of[i] = t
-        place_of[i] = np.int32(_bin_of(q, w_of[i]))
+        place_of[i] = np.int32(bin_of(q, w_of[i]))
         sub_of[i] = np.int32(min(max(t * per_step, _ZERO), last))
 
 
@@ -180,7 +180,7 @@ def _code_flat_descending(
         q = math.sqrt(max(r2 - w_of[i] * w_of[i], _ZERO))
         edge = za + slope * min(max(s_of[i] - q, _ZERO), length)
         side = max(d_of[i] - max(edge - new_of[i], _ZERO), _ZERO)
-        place_of[i] = np.int32(_bin_of(q, w_of[i]))
+        place_of[i] = np.int32(bin_of(q, w_of[i]))
         side_of[i] = np.int32(side * _SCALE + _HALF)
 
 
@@ -228,7 +228,7 @@ def _code_ball(
         entry = shank if rise - slope * shank > _ZERO else entry
         h = max(rise + radius - slope * min(max(entry, _ZERO), length), _ZERO)
         ahead = max(s - entry, _ZERO)
-        spot = np.floor(_bin_of(ahead, w))
+        spot = np.floor(bin_of(ahead, w))
         level = np.floor(top * math.sqrt(min(h * per, _ONE)))
         border = unit * level * level
         width = unit * (level + level + _ONE)

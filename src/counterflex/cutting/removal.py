@@ -44,15 +44,20 @@ def grid_of(stock: HeightMap) -> Grid:
     return Grid(stock.z, stock.tops, stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m)
 
 
-def stamp_workspace(cutter: Cutter) -> Workspace:
-    """Scratch arrays for :func:`~counterflex.cutting.sweep_kernels.stamp_segment` with this cutter."""
+def stamp_workspace(cutter: Cutter, longest: int = 1) -> Workspace:
+    """Scratch arrays for :func:`~counterflex.cutting.sweep_kernels.stamp_segment` with this cutter.
+
+    Args:
+        cutter: The cutter.
+        longest: Segments of the longest run that is stamped as one.
+    """
     scratch = Scratch(
         lane=np.empty(2 * SIDE, np.float32),
         bit=np.empty(LANES, np.int32),
         sums=np.empty(LANES, np.int64),
         out=np.zeros(OUT, np.float32),
         minimiser=np.empty(NODES + 2, np.float32),
-        stations=np.empty(2),
+        stations=np.empty(longest + 1),
         event=np.empty((4, EVENTS), np.float32),
         code=np.empty((5, EVENTS), np.int32),
     )
@@ -174,10 +179,10 @@ def compress(
     return at
 
 
-def _runs(path: Float, kind: Int, cutter: Cutter) -> Int:
+def runs_of(p_part_tcp: Float, kind: Int, cutter: Cutter) -> Int:
     """Join consecutive collinear level segments of a flat end mill; returns (n_runs, 2) first segment and count."""
-    n = len(path) - 1
-    step = np.diff(path, axis=0)
+    n = len(p_part_tcp) - 1
+    step = np.diff(p_part_tcp, axis=0)
     length = np.hypot(step[:, 0], step[:, 1])
     joined = np.zeros(n, dtype=bool)
     if cutter.is_flat and n > 1:
@@ -224,7 +229,7 @@ def remove_segments(
         raise InputError("number of threads is out of range", value=threads, limit=">= 1")
     shape = cutter.kernel_parameters()
     levels = cutter.n_levels
-    runs = _runs(path, kinds, cutter)
+    runs = runs_of(path, kinds, cutter)
     book = (kinds == FEED) & engagement
     length = np.hypot(np.diff(path[:, 0]), np.diff(path[:, 1]))
     per_chunk = max(256, CHUNK_BYTES // (8 * BINS * levels)) if engagement else 65536

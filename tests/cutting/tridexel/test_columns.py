@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+
+import manifold3d
 import numpy as np
 import pytest
 
@@ -14,11 +17,14 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tilted_stock import box_along_tool, working_plane
 from counterflex.cutting.tridexel.column_kernels import STRETCHES
 from counterflex.cutting.tridexel.columns import ColumnStock, motions_of, remove_turning
+from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.path import FEED, RAPID
 
 FLAT, BALL, BULL = Cutter(0.016), Cutter(0.010, 0.005), Cutter(0.016, 0.003)
 KINDS = pytest.mark.parametrize("cutter", [FLAT, BALL, BULL], ids=["flat", "ball", "bull"])
 TOP_M = 0.05
+OFF_M = 2e-6
+"""What the sweep of a turning tool may be off."""
 
 
 def _feeds(points: Float) -> Int:
@@ -158,14 +164,93 @@ def test_a_rapid_into_material_is_named() -> None:
     np.testing.assert_array_equal(found.collisions, [0])
 
 
-def test_a_segment_that_turns_is_divided_by_its_angle() -> None:
+def test_a_segment_that_turns_is_divided_until_it_is_straight_within_2_um() -> None:
     path = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
-    axis = np.array([[0.0, 0.0, 1.0], [np.sin(0.0099), 0.0, np.cos(0.0099)]])
+    axis = np.array([[0.0, 0.0, 1.0], [np.sin(0.0999), 0.0, np.cos(0.0999)]])
     motions, owner = motions_of(path, axis, engaged_m=0.02)
-    assert len(motions) == 50  # 20 mm x 0.0099 rad / (2 x 2 um) = 49.5
+    assert len(motions) == 5  # 40 mm x (0.0999 rad / n)^2 / 8 <= 2 um: n >= 4.99
     assert not owner.any()
     np.testing.assert_allclose(motions[:, 3:6].sum(axis=0), path[1] - path[0])
-    np.testing.assert_allclose(np.linalg.norm(motions[:, 6:], axis=1), 1.0)
-    axis[1] = [1.0, 0.0, 0.0]
+    ends = [motions[:, 6:9] + sign * 0.5 * motions[:, 9:] for sign in (-1.0, 1.0)]
+    one, two = (end / np.linalg.norm(end, axis=1, keepdims=True) for end in ends)
+    np.testing.assert_allclose(one[0], axis[0], atol=1e-15)
+    np.testing.assert_allclose(two[-1], axis[1], atol=1e-15)
+    np.testing.assert_allclose(one[1:], two[:-1], atol=1e-15)
+    axis[1] = [1.0, 0.0, -0.01]
     with pytest.raises(InputError, match="turns too far in one segment"):
         motions_of(path, axis, engaged_m=0.02)
+
+
+@KINDS
+def test_columns_hold_what_the_distance_to_the_cutter_along_its_motion_says(cutter: Cutter) -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(8):
+        path = np.array([[0.0, 0.0, -0.012], [0.004, 0.001, -0.0125]]) + rng.normal(scale=5e-4, size=(2, 3))
+        lean = np.linspace(0.0, 1.0, 2)[:, None] * rng.normal(scale=0.015, size=2) + rng.uniform(-0.4, 0.4, 2)
+        axis = np.concatenate([lean, np.ones((2, 1))], axis=1)
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        columns = ColumnStock.of(_box(5e-4))
+        remove_turning(columns, path, axis, _feeds(path), cutter, top_m=TOP_M)
+        log = CutLog.of(path, axis, cutter, top_m=TOP_M)
+        ny, nx = columns.count.shape
+        y, x = np.meshgrid(columns.y0_m + 5e-4 * np.arange(ny), columns.x0_m + 5e-4 * np.arange(nx), indexing="ij")
+        for z in (-0.001, -0.006, -0.0105, -0.0122, -0.014):
+            off = log.distance(np.stack([x.ravel(), y.ravel(), np.full(x.size, z)], axis=1)).reshape(x.shape)
+            held = columns.holds(np.array([z]))[0]
+            assert np.nanmin(off[held], initial=0.0) > -OFF_M  # no material in the sweep
+            assert np.nanmax(off[~held], initial=0.0) < OFF_M  # nothing gone beyond it
+        cut = (columns.count == 1) & (columns.high[0] < 0.0)
+        ends = np.stack([x[cut], y[cut], columns.high[0][cut]], axis=1)
+        assert len(ends) > 100
+        assert np.abs(log.distance(ends)).max() < OFF_M
+
+
+def _channel(blades: int, passes: int, points: int) -> tuple[Float, Float]:
+    """Channels of a hub, the tool leaning outwards and twisting as it goes out and down; tips and axes."""
+    tips, axes = [], []
+    share = np.linspace(0.0, 1.0, points)
+    for blade in range(blades):
+        for level in range(passes):
+            around = 2.0 * np.pi * blade / blades + 0.9 * share
+            radius, height = 0.012 + 0.018 * share, -0.004 * (level + 1) - 0.006 * share**1.5
+            lean, twist = 0.15 + 0.35 * share, 0.25 * np.sin(np.pi * share)
+            outward = np.stack([np.cos(around), np.sin(around), np.zeros(points)], axis=1)
+            along = np.stack([-np.sin(around), np.cos(around), np.zeros(points)], axis=1)
+            axis = np.tan(lean)[:, None] * outward + np.tan(twist)[:, None] * along + [0.0, 0.0, 1.0]
+            axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+            tip = radius[:, None] * outward + height[:, None] * [0.0, 0.0, 1.0]
+            over = np.array([0.0, 0.0, 0.03])
+            tips.append(np.concatenate([tip[:1] + over, tip, tip[-1:] + over]))
+            axes.append(np.concatenate([axis[:1], axis, axis[-1:]]))
+    return np.concatenate(tips), np.concatenate(axes)
+
+
+def _posed(cutter: Cutter, tip: Float, axis: Float, around: int = 40) -> Float:
+    """Vertices of the cutter as a polyhedron of its volume at a pose, mm."""
+    r = cutter.radius_m if cutter.is_ball else cutter.corner_radius_m
+    psi = np.linspace(0.0, np.pi / 2.0, 12) if r > 0.0 else np.zeros(1)
+    rho, h = cutter.radius_m - r + r * np.sin(psi), r - r * np.cos(psi)
+    rho, h = np.append(rho if r > 0.0 else cutter.radius_m, cutter.radius_m), np.append(h, TOP_M)
+    side = 2.0 * np.pi / around
+    angle = side * np.arange(around)
+    rho *= np.sqrt(side / np.sin(side))
+    e = np.cross(axis, [1.0, 0.0, 0.0])
+    e /= np.linalg.norm(e)
+    ring = np.cos(angle)[:, None] * e + np.sin(angle)[:, None] * np.cross(axis, e)
+    return np.concatenate([tip + b * axis + a * ring for a, b in zip(rho, h, strict=True)]) * 1e3
+
+
+@pytest.mark.parametrize("cutter", [Cutter(0.008), Cutter(0.008, 0.004)], ids=["flat", "ball"])
+def test_an_impeller_has_the_volume_that_a_solid_modeller_gives_it(cutter: Cutter) -> None:
+    tips, axes = _channel(1, 2, 72)
+    columns = ColumnStock.of(HeightMap.from_box((-0.036, -0.036, -0.024), (0.036, 0.036, 0.0), 2.5e-4))
+    before = columns.volume_m3
+    removed = float(remove_turning(columns, tips, axes, _feeds(tips), cutter, top_m=TOP_M).volume_m3.sum())
+    assert columns.count.max() > 1  # undercut
+    assert before - columns.volume_m3 == pytest.approx(removed, rel=1e-5)
+    poses = [_posed(cutter, tip, axis) for tip, axis in zip(tips, axes, strict=True)]
+    swept = [manifold3d.Manifold.hull_points(np.concatenate(pair)) for pair in itertools.pairwise(poses)]
+    block = manifold3d.Manifold.cube((72.0, 72.0, 24.0)).translate((-36.0, -36.0, -24.0))
+    left = block - manifold3d.Manifold.batch_boolean(swept, manifold3d.OpType.Add)
+    # a hull is larger than what a turning flat mill sweeps: 0.8 % at steps of 1.5 mm, 0.1 % at 0.2 mm
+    assert removed == pytest.approx((block.volume() - left.volume()) * 1e-9, rel=4e-3)

@@ -93,6 +93,48 @@ def test_a_hole_from_the_side_is_round_in_the_mesh() -> None:
     assert mesh.body_count == 1
 
 
+def _flanked(tips: Float, axes: Float, cutter: Cutter, side: float, cell: float) -> Float:
+    """Points (n, 3) m of walls that the flank of a turning tool has left in a block of 10 mm about the origin."""
+    columns = ColumnStock.of(HeightMap.from_box((-side, -side, -0.01), (side, side, 0.0), cell))
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    remove_turning(columns, tips, axes, np.full(len(tips) - 1, FEED), cutter, top_m=TOP_M)
+    found = surface(columns, CutLog.of(tips, axes, cutter, top_m=TOP_M))
+    mesh = trimesh.Trimesh(found.vertices, found.triangles, process=False)
+    assert mesh.is_winding_consistent
+    assert mesh.volume == pytest.approx(columns.volume_m3, rel=5e-3)
+    return found.points[found.cut & (found.along < 2)]
+
+
+def test_the_flank_of_a_tool_that_leans_outwards_on_a_circle_leaves_two_cones() -> None:
+    angle, lean, ring, depth = np.linspace(0.0, 2.0 * np.pi, 361), 0.2, 0.012, 0.006
+    around = np.stack([np.cos(angle), np.sin(angle), np.zeros(361)], axis=1)
+    tips, axes = ring * around - [0.0, 0.0, depth], np.sin(lean) * around + [0.0, 0.0, np.cos(lean)]
+    walls = _flanked(tips, axes, Cutter(0.006), 0.02, 5e-4)
+    # distance from the cone that the axis sweeps: radius ring + (z + depth) tan(lean)
+    off = (np.hypot(walls[:, 0], walls[:, 1]) - ring) * np.cos(lean) - (walls[:, 2] + depth) * np.sin(lean)
+    flank = walls[:, 2] > -depth + 0.003 * np.sin(lean) + 1e-4  # above the rim of the end face
+    assert np.count_nonzero(flank & (off > 0.0)) > 500
+    assert np.count_nonzero(flank & (off < 0.0)) > 500
+    chord = (ring + 0.006) * (1.0 - np.cos(np.pi / 360))
+    assert np.abs(np.abs(off[flank]) - 0.003).max() < EXACT_M + chord
+
+
+def test_the_flank_of_a_tool_that_turns_as_it_goes_leaves_the_offset_of_a_ruled_surface() -> None:
+    x, rate, depth, radius = np.linspace(-0.03, 0.03, 61), 8.0, 0.006, 0.003
+    tips = np.stack([x, np.zeros(61), np.full(61, -depth)], axis=1)
+    axes = np.stack([np.zeros(61), rate * x, np.ones(61)], axis=1)  # its lines: y = rate x (z + depth)
+    walls = _flanked(tips, axes, Cutter(2.0 * radius), 0.02, 5e-4)
+    walls = walls[walls[:, 2] > -depth + 1e-3]
+    x, z = walls[:, 0].copy(), walls[:, 2] + depth
+    h = z.copy()
+    for _ in range(60):  # the foot (x, h) on the surface, one coordinate after the other
+        x = (walls[:, 0] + rate * h * walls[:, 1]) / (1.0 + (rate * h) ** 2)
+        h = (z + rate * x * walls[:, 1]) / (1.0 + (rate * x) ** 2)
+    off = np.sqrt((walls[:, 0] - x) ** 2 + (walls[:, 1] - rate * x * h) ** 2 + (z - h) ** 2)
+    assert np.count_nonzero(h > 3e-4) > 1500
+    assert np.abs(off - radius)[h > 3e-4].max() < EXACT_M
+
+
 def test_a_wall_milled_too_deep_is_off_by_what_it_was_moved() -> None:
     found, _, _ = _milled(SLOT + np.array([0.0, 0.0003, 0.0]), FLAT)
     nominal = CutLog.of(SLOT, _upright(SLOT), FLAT, top_m=TOP_M)

@@ -1,225 +1,337 @@
-"""Kernels: take the sweep of a tool out of columns of material and book where on the cutter it was met.
+"""Kernels: take the sweep of a tool out of columns of material, and gather what was taken for the books.
 
-Of every piece taken out of a column, in lengths of at most a cell, the middle is followed back to the place of the
-motion at which the cutter first meets it. There the height on the cutter gives the level, and its distance from the
-axis to the left of the feed the immersion angle; of what a descending motion takes, the share of the end face is that
-of the axial in the normal speed of the surface, as in :mod:`counterflex.cutting.booking_kernels`.
+Columns are worked in the blocks of 8 x 16 of the height map. A block is plain while each of its columns is one stretch
+on the common floor: there an upright tool is the height map's own stamp. Other motions look at a block only where its
+highest material reaches into the bounds of the sweep, and then at sixteen columns of a row at once
+(:mod:`pose_kernels`). What is left for single columns is to cut a stretch in two.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from counterflex.core.arrays import Float, Float32, Int
+from counterflex.core.arrays import Bool, Float, Float32, Int
 from counterflex.core.jit import kernel
-from counterflex.cutting.booking_kernels import BINS, BOTTOM, QUANTUM_M, VISITED, VOLUME
-from counterflex.cutting.tridexel.swept_solid import depth_at, distance, stretch
+from counterflex.cutting.booking_kernels import EVENTS, VISITED
+from counterflex.cutting.envelope_kernels import LANES, Int32, Real, Whole
+from counterflex.cutting.kernel_arrays import Grid, Scratch
+from counterflex.cutting.sweep_kernels import ROWS, stamp_rows
+from counterflex.cutting.tridexel.column_block_kernels import (
+    LOWEST,
+    block_top,
+    empty_columns,
+    free,
+    mark,
+    take,
+)
+from counterflex.cutting.tridexel.column_block_kernels import STRETCHES as STRETCHES
+from counterflex.cutting.tridexel.column_block_kernels import Columns as Columns
+from counterflex.cutting.tridexel.pose_kernels import Sweep
+from counterflex.cutting.tridexel.row_kernels import HIGH, LOW, highest_ends, lowest_ends
+from counterflex.cutting.tridexel.sweep_bounds_kernels import (
+    OMEGA,
+    SPEED,
+    TIP,
+    already_cut,
+    bounds_of,
+    frame_of,
+    missed,
+)
+from counterflex.cutting.tridexel.swept_solid import stretch
+from counterflex.cutting.tridexel.turning_book_kernels import settle_turning
 
-UInt8 = npt.NDArray[np.uint8]
-STRETCHES: Final = 8
-"""Stretches of material that a column can hold."""
-_HALVINGS: Final = 40
-_TINY_M: Final = 1.0e-9
-_NO_FEED: Final = 1.0e-9
-_PIECES: Final = 20.0
-"""Pieces of a column in a radius of the cutter, at least."""
-
-Real = Any
-Whole = Any
+_PIECES: Final = 10.0
+"""Pieces of what is taken out of a column in a radius of the cutter across its axis."""
+_STEEP: Final = 0.25
+"""Cosine of the tilt below which a motion is looked at column by column, with both ends of the tool."""
+_UPRIGHT: Final = 1.0 - 1.0e-13
+_BARE = np.float32(1.0e-9)
 
 
-class Columns(NamedTuple):
-    """Columns of material: (8, ny, nx) lower and upper ends, (ny, nx) stretches held, centre of the first, side (m)."""
+class Desk(NamedTuple):
+    """Scratch arrays: events, their codes, lanes, what was taken out of a column, frame and bounds of a motion."""
 
-    low: Float32
-    high: Float32
-    held: UInt8
-    x0: float
-    y0: float
-    cell: float
-
-
-class Books(NamedTuple):
-    """Where the removal of motions goes: (1, n, levels, bins) quanta, (n, 4) totals, what is booked at all."""
-
-    booked: Int
-    totals: Int
-    book: bool
-    continued: bool
+    event: Float32
+    code: Int32
+    line: Float32
+    work: Float32
+    row: Float32
+    piece: Float
+    frame: Float
+    bounds: Float
+    motion: Float
+    point: Float
 
 
 @kernel()
-def _first_met(x: Real, y: Real, z: Real, motion: Float, shape: Float) -> float:
-    """Share of the motion at which the cutter first meets a point of its sweep (from the start of the tip)."""
-    if depth_at(x, y, z, motion, shape) <= 0.0:
-        return -1.0
-    _, high = distance(x, y, z, motion, shape)
-    low = 0.0
-    for _ in range(_HALVINGS):
-        s = 0.5 * (low + high)
-        if depth_at(x - s * motion[3], y - s * motion[4], z - s * motion[5], motion, shape) > 0.0:
-            low = s
-        else:
-            high = s
-    return high
+def _push(
+    event: Float32, gathered: Whole, line: Float32, k: Whole, m: Sweep, low: Real, high: Real, tilt: Real
+) -> Whole:
+    """Gather what was taken out of a lane between two t, in pieces; returns how many."""
+    parts = 1 + int((high - low) * tilt / (float(m.radius) / _PIECES))
+    parts = min(parts, max(1, (EVENTS - LANES * STRETCHES - gathered) // LANES))
+    step = (high - low) / parts
+    for n in range(parts):
+        t = np.float32(low + (n + 0.5) * step)
+        event[0, gathered + n] = np.float32(step)
+        event[1, gathered + n] = line[0, k] + t * m.d_w
+        event[2, gathered + n] = line[1, k] + t * m.d_e
+        event[3, gathered + n] = line[2, k] + t * m.d_h
+    return parts
 
 
 @kernel()
-def _book(x: Real, y: Real, z: Real, step: Real, motion: Float, shape: Float, books: Books, row: Whole) -> None:
-    """Book a piece of length step about a point (from the start of the tip); shape is that with the levels."""
-    quanta, tall = np.int64(round(step / QUANTUM_M)), step * abs(motion[8])
-    totals = books.totals
-    if not books.book:
-        totals[row, VOLUME] += quanta
-        return
-    s = _first_met(x, y, z, motion, shape)
-    vx, vy, vz = motion[3], motion[4], motion[5]
-    ux, uy, uz = motion[6], motion[7], motion[8]
-    along = vx * ux + vy * uy + vz * uz
-    fx, fy, fz = vx - along * ux, vy - along * uy, vz - along * uz
-    feed = math.sqrt(fx * fx + fy * fy + fz * fz)
-    if feed <= _NO_FEED:
-        totals[row, BOTTOM] += quanta
-        return
-    if s < 0.0:
-        if books.continued:
-            s = 0.0
-        else:
-            totals[row, BOTTOM] += quanta
-            return
-    px, py, pz = x - s * vx, y - s * vy, z - s * vz
-    h = px * ux + py * uy + pz * uz
-    rx, ry, rz = px - h * ux, py - h * uy, pz - h * uz
-    rho = max(math.sqrt(rx * rx + ry * ry + rz * rz), 1.0e-12)
-    ahead = (rx * fx + ry * fy + rz * fz) / (feed * rho)
-    # to the left of the feed: axis x feed
-    left = (rx * (uy * fz - uz * fy) + ry * (uz * fx - ux * fz) + rz * (ux * fy - uy * fx)) / (feed * rho)
-    corner, inner = shape[1], shape[0] - shape[1]
-    radial, axial = 1.0, 0.0
-    if h < corner - _TINY_M or rho < shape[0] - 1.0e-6:
-        radial, axial = max(rho - inner, 0.0), max(corner - h, 0.0)
-        if corner == 0.0 or radial + axial <= 0.0:
-            radial, axial = 0.0, 1.0
-        size = math.hypot(radial, axial)
-        radial, axial = radial / size, axial / size
-    side = max(radial * ahead, 0.0) * feed
-    down = max(-along, 0.0) * axial
-    share = quanta
-    if down > 0.0 or side <= 0.0:
-        share = np.int64(round(quanta * side / max(side + down, 1.0e-30))) if side > 0.0 else np.int64(0)
-    totals[row, BOTTOM] += quanta - share
-    phi = math.acos(min(1.0, max(-1.0, left)))
-    place = min(int(phi * (BINS / math.pi)), BINS - 1)
-    levels, rest = int(shape[3]), share
-    low, high = max(0.0, h - 0.5 * tall), max(0.0, h + 0.5 * tall)
-    for level in range(levels):  # a piece may reach over several levels
-        border = shape[5 + level]
-        if border <= low or rest == 0:
+def _lay_lines(frame: Float, lane: Float32, x: Real, y: Real, line: Float32) -> None:
+    """Points of sixteen columns at the height of the tip, in the tool's frame; x, y of the first."""
+    dx, dy = x - frame[TIP], y - frame[TIP + 1]
+    for c in range(3):
+        base = np.float32(dx * frame[3 * c] + dy * frame[3 * c + 1])
+        for k in range(LANES):
+            line[c, k] = base + lane[c, k]
+
+
+@kernel()
+def _cut_row(columns: Columns, j: Whole, i_low: Whole, plain: bool, m: Sweep, tool: Float, begins: bool, tilt: Real,
+             desk: Desk, gathered: Whole) -> Whole:  # fmt: skip
+    """Cut sixteen columns of a row; returns how many events there are now, -1 where a column has no room.
+
+    The first number of ``desk.point`` tells whether anything was taken, the second whether the block stays plain.
+    """
+    line, work, row, piece = desk.line, desk.work, desk.row, desk.piece
+    z_tip = desk.frame[TIP + 2]
+    if plain:
+        for k in range(LANES):
+            row[k] = columns.high[0, j, i_low + k]
+    else:
+        for k in range(LANES):
+            n = int(columns.held[j, i_low + k])
+            row[k] = columns.high[n - 1, j, i_low + k] if n > 0 else LOWEST
+    low, high, near = work[LOW], work[HIGH], line[3]
+    f_tip = np.float32(z_tip)
+    for k in range(LANES):
+        near[k] = row[k] - f_tip
+    lowest_ends(m, begins, line, work)
+    hit, under = False, False
+    for k in range(LANES):
+        lower = low[k] < near[k]
+        hit = hit | lower
+        under = under | (lower & (high[k] < near[k]))
+    if not hit:
+        return gathered
+    if under:
+        highest_ends(m, line, work)
+        if 0.0 < m.corner < m.radius:  # above a rounded end: line by line
+            q = desk.point[2:5]
+            q[1], q[2] = columns.y0 + columns.cell * j - desk.motion[1], -desk.motion[2]
+            for k in range(LANES):
+                if low[k] < near[k]:
+                    q[0] = columns.x0 + columns.cell * (i_low + k) - desk.motion[0]
+                    one, two = stretch(q, 2, desk.motion, tool)
+                    if one <= two:
+                        low[k], high[k] = np.float32(one - z_tip), np.float32(two - z_tip)
+    floor = np.float32(columns.floor)
+    for k in range(LANES):
+        if not low[k] < near[k]:
             continue
-        part = rest
-        if border < high:
-            part = min(rest, np.int64(round(share * (border - max(low, shape[4 + level])) / (high - low))))
-        books.booked[0, row, level, place] += part
-        rest -= part
-    books.booked[0, row, levels, place] += rest
-
-
-@kernel()
-def _take(columns: Columns, j: Whole, i: Whole, low: Real, high: Real, piece: Float) -> Whole:
-    """Take [low, high] out of a column; piece (8, 2) receives what was taken. Returns how many pieces, -1: no room."""
-    ends_low, ends_high = columns.low[:, j, i], columns.high[:, j, i]
-    n, taken = int(columns.held[j, i]), 0
-    k = 0
-    while k < n:
-        bottom, top = float(ends_low[k]), float(ends_high[k])
-        one, two = max(low, bottom), min(high, top)
-        if two - one <= _TINY_M:
-            k += 1
+        if plain and high[k] >= near[k]:
+            new = max(low[k] + f_tip, floor)
+            if not new < row[k]:
+                continue
+            desk.point[0] = 1.0
+            columns.high[0, j, i_low + k] = new
+            if new <= floor:
+                columns.held[j, i_low + k] = 0
+            gathered += _push(desk.event, gathered, line, k, m, float(new) - z_tip, float(row[k]) - z_tip, tilt)
             continue
-        piece[taken, 0], piece[taken, 1] = one, two
-        taken += 1
-        below, above = one - bottom > _TINY_M, top - two > _TINY_M
-        if below and above:
-            if n == STRETCHES:
-                return -1
-            for m in range(n, k + 1, -1):
-                ends_low[m], ends_high[m] = ends_low[m - 1], ends_high[m - 1]
-            ends_high[k] = one
-            ends_low[k + 1], ends_high[k + 1] = two, top
-            n += 1
-            k += 2
-        elif below:
-            ends_high[k] = one
-            k += 1
-        elif above:
-            ends_low[k] = two
-            k += 1
-        else:
-            for m in range(k, n - 1):
-                ends_low[m], ends_high[m] = ends_low[m + 1], ends_high[m + 1]
-            n -= 1
-    columns.held[j, i] = n
-    return taken
+        n = int(columns.held[j, i_low + k])
+        if high[k] >= near[k] and low[k] + f_tip > columns.low[n - 1, j, i_low + k] + _BARE:
+            new = low[k] + f_tip
+            if not new < row[k]:
+                continue
+            desk.point[0] = 1.0
+            columns.high[n - 1, j, i_low + k] = new
+            gathered += _push(desk.event, gathered, line, k, m, float(new) - z_tip, float(row[k]) - z_tip, tilt)
+            continue
+        taken = take(columns, j, i_low + k, float(low[k]) + z_tip, float(high[k]) + z_tip, piece)
+        if taken < 0:
+            return -1
+        for p in range(taken):
+            gathered += _push(desk.event, gathered, line, k, m, piece[p, 0] - z_tip, piece[p, 1] - z_tip, tilt)
+        if taken > 0:
+            desk.point[0] = 1.0
+            desk.point[1] = 0.0 if plain else desk.point[1]
+    return gathered
 
 
 @kernel()
-def cut_motion(columns: Columns, motion: Float, shape: Float, books: Books, row: Whole) -> bool:
-    """Take the sweep of one straight motion out of the columns; False where a column would need more stretches.
+def _cut_row_slowly(columns: Columns, j: Whole, i_low: Whole, m: Sweep, shape: Float, desk: Desk, tilt: Real,
+                    gathered: Whole) -> Whole:  # fmt: skip
+    """As :func:`_cut_row`, column by column and with both ends of the tool: lying tools, and short ones in material."""
+    motion, q, frame, piece = desk.motion, desk.point[2:5], desk.frame, desk.piece
+    q[1] = columns.y0 + columns.cell * j - motion[1]
+    q[2] = -motion[2]
+    z_tip = frame[TIP + 2]
+    for k in range(LANES):
+        n = int(columns.held[j, i_low + k])
+        if n == 0:
+            continue
+        q[0] = columns.x0 + columns.cell * (i_low + k) - motion[0]
+        low, high = stretch(q, 2, motion, shape)
+        if high <= low or high <= columns.low[0, j, i_low + k] or low >= columns.high[n - 1, j, i_low + k]:
+            continue
+        taken = take(columns, j, i_low + k, low, high, piece)
+        if taken < 0:
+            return -1
+        for p in range(taken):
+            gathered += _push(desk.event, gathered, desk.line, k, m, piece[p, 0] - z_tip, piece[p, 1] - z_tip, tilt)
+        if taken > 0:
+            desk.point[0], desk.point[1] = 1.0, 0.0
+    return gathered
+
+
+@kernel()
+def cut_motion(columns: Columns, motion: Float, corners: Float, tool: Float, ceiling: float, begins: bool, book: bool,
+               booked: Int, totals: Int, desk: Desk) -> bool:  # fmt: skip
+    """Take the sweep of one motion with a tilted or turning tool out of the columns.
 
     Args:
         columns: Changed.
-        motion: (9,) start of the tip in the part frame, displacement, tool axis.
-        shape: Radius, corner radius, top, then number of corner levels and their boundaries.
-        books: What was removed is added to row ``row``.
-        row: Of the books.
+        motion: (12,) start of the tip in the part frame, displacement, axis in the middle, turn; see
+            :mod:`swept_solid`.
+        corners: ``Cutter.kernel_parameters()``.
+        tool: (3,) radius, corner radius, top.
+        ceiling: No material is higher, m.
+        begins: No motion with this tool leads up to its start.
+        book: Book by level and angle.
+        booked: (n_levels, 64) quanta, added to.
+        totals: (4,) quanta, added to.
+        desk: Scratch.
+
+    Returns:
+        False where a column would need more than eight stretches.
     """
+    frame, bounds, line = desk.frame, desk.bounds, desk.line
+    desk.motion[:] = motion
+    frame_of(motion, frame)
+    m = Sweep(
+        np.float32(frame[SPEED]), np.float32(frame[SPEED + 1]), np.float32(frame[SPEED + 2]),
+        np.float32(frame[OMEGA]), np.float32(frame[2]), np.float32(frame[5]), np.float32(frame[8]),
+        np.float32(tool[0]), np.float32(tool[1]),
+    )  # fmt: skip
+    slowly = bounds_of(motion, tool, ceiling, _STEEP, bounds)
+    tilt = math.hypot(frame[2], frame[5]) + (0.5 if tool[1] > 0.0 else 0.0) if book else 0.0
+    lane = desk.work[-3:]
+    cell = columns.cell
+    for c in range(3):
+        for k in range(LANES):
+            lane[c, k] = np.float32(k * cell * frame[3 * c])
     ny, nx = columns.held.shape
-    cell, radius, top = columns.cell, shape[0], shape[2]
-    reach_x, reach_y = top * motion[6], top * motion[7]
-    x_low = motion[0] + min(0.0, motion[3]) + min(0.0, reach_x) - radius
-    x_high = motion[0] + max(0.0, motion[3]) + max(0.0, reach_x) + radius
-    y_low = motion[1] + min(0.0, motion[4]) + min(0.0, reach_y) - radius
-    y_high = motion[1] + max(0.0, motion[4]) + max(0.0, reach_y) + radius
-    i_low = max(0, math.ceil((x_low - columns.x0) / cell))
-    i_high = min(nx - 1, math.floor((x_high - columns.x0) / cell))
-    j_low = max(0, math.ceil((y_low - columns.y0) / cell))
-    j_high = min(ny - 1, math.floor((y_high - columns.y0) / cell))
-    z_low = motion[2] + min(0.0, motion[5]) + min(0.0, top * motion[8]) - radius
-    finest = min(cell, radius / _PIECES)
-    q, piece = np.empty(3), np.empty((STRETCHES, 2))
-    q[2] = 0.0 - motion[2]
-    for j in range(j_low, j_high + 1):
-        q[1] = columns.y0 + cell * j - motion[1]
-        for i in range(i_low, i_high + 1):
-            n = int(columns.held[j, i])
-            if n == 0 or columns.high[n - 1, j, i] <= z_low:
+    half_x, half_y = 0.5 * (LANES - 1) * cell, 0.5 * (ROWS - 1) * cell
+    row_low = max(0, math.floor((bounds[1] - columns.y0) / cell / ROWS))
+    row_high = min(columns.tops.shape[0], math.floor((bounds[3] - columns.y0) / cell / ROWS) + 1)
+    block_low = max(0, math.floor((bounds[0] - columns.x0) / cell / LANES))
+    block_high = min(columns.tops.shape[1], math.floor((bounds[2] - columns.x0) / cell / LANES) + 1)
+    if block_high >= columns.tops.shape[1] - 1:
+        block_high = columns.tops.shape[1]  # the last column of blocks overlaps the one before
+    gathered = 0
+    for block_row in range(row_low, row_high):
+        j_low = block_row * ROWS
+        j_high = min(j_low + ROWS, ny)
+        y_mid = columns.y0 + cell * j_low + half_y
+        for block in range(block_low, block_high):
+            z_top = float(columns.tops[block_row, block])
+            i_low = min(block * LANES, nx - LANES)
+            x_mid = columns.x0 + cell * i_low + half_x
+            if missed(bounds, x_mid, y_mid, half_x, half_y, z_top, slowly):
                 continue
-            q[0] = columns.x0 + cell * i - motion[0]
-            first, last = stretch(q, 2, motion, shape)
-            if last <= first or last <= columns.low[0, j, i] or first >= columns.high[n - 1, j, i]:
+            plain = columns.plain[block_row, block] != 0
+            done = not begins and not slowly
+            if done and already_cut(bounds, motion[9:12], tool[1], x_mid, y_mid, half_x, half_y, z_top):
                 continue
-            books.totals[row, VISITED] += 1
-            taken = _take(columns, j, i, first, last, piece)
-            if taken < 0:
-                return False
-            for k in range(taken):
-                parts = 1 + int((piece[k, 1] - piece[k, 0]) / finest) if books.book else 1
-                step = (piece[k, 1] - piece[k, 0]) / parts
-                for m in range(parts):
-                    z = piece[k, 0] + (m + 0.5) * step
-                    _book(q[0], q[1], z + q[2], step, motion, shape, books, row)
+            desk.point[0], desk.point[1] = 0.0, 1.0 if plain else 0.0
+            for j in range(j_low, j_high):
+                y = columns.y0 + cell * j
+                if missed(bounds, x_mid, y, half_x, 0.0, z_top, slowly):
+                    continue
+                totals[VISITED] += LANES
+                _lay_lines(frame, lane, columns.x0 + cell * i_low, y, line)
+                if slowly:
+                    gathered = _cut_row_slowly(columns, j, i_low, m, tool, desk, tilt, gathered)
+                else:
+                    gathered = _cut_row(columns, j, i_low, desk.point[1] != 0.0, m, tool, begins, tilt, desk, gathered)
+                if gathered < 0:
+                    return False
+                if desk.point[1] == 0.0 and plain:
+                    mark(columns, block_row, block)
+                    plain = False
+                if gathered > EVENTS // 2:
+                    settle_turning(desk.event, desk.code, gathered, m, begins, book, corners, booked, totals)
+                    gathered = 0
+            if desk.point[0] != 0.0:
+                columns.tops[block_row, block] = block_top(columns, block_row, block)
+    if gathered > 0:
+        settle_turning(desk.event, desk.code, gathered, m, begins, book, corners, booked, totals)
     return True
 
 
 @kernel()
-def cut_motions(columns: Columns, motions: Float, owner: Int, shape: Float, books: Books, book: Float) -> int:
-    """Take motions (k, 9) out one after the other; owner (k,) is the row of each. Returns how many were done."""
-    for k in range(len(motions)):
-        of = Books(books.booked, books.totals, book[owner[k]] > 0.0, books.continued or k > 0)
-        if not cut_motion(columns, motions[k], shape, of, owner[k]):
+def cut_motions(
+    columns: Columns,
+    path: Float,
+    motions: Float,
+    owner: Int,
+    upright: Int,
+    corners: Float,
+    tool: Float,
+    ceiling: float,
+    continued: bool,
+    book: Bool,
+    engagement: bool,
+    booked: Int,
+    totals: Int,
+    scratch: Scratch,
+    desk: Desk,
+) -> int:
+    """Take motions out one after the other. Returns how many were done.
+
+    Args:
+        columns: Changed.
+        path: (n + 1, 3) tip, m.
+        motions: (k, 12), see :func:`cut_motion`.
+        owner: (k,) segment of each.
+        upright: (k,) where a run of collinear segments of an upright tool begins, how many they are; 0 elsewhere.
+        corners: ``Cutter.kernel_parameters()``.
+        tool: (3,) radius, corner radius, top.
+        ceiling: No material is higher, m.
+        continued: A motion with this tool leads up to the first.
+        book: (n,) book the segment.
+        engagement: ``booked`` has levels.
+        booked: (n, n_levels, 64) quanta.
+        totals: (n, 4) quanta.
+        scratch: Of the height map's stamp.
+        desk: Of the columns.
+    """
+    grid = Grid(columns.high[0], columns.tops, columns.x0, columns.y0, columns.cell, columns.floor)
+    k = 0
+    while k < len(motions):
+        row, count = owner[k], upright[k]
+        follows = continued or k > 0
+        if count > 0 and free(columns, path, row, count, tool[0], tool[2]):
+            stamp_rows(
+                grid, 0, columns.tops.shape[0], path, row, count, corners, follows, book[row],
+                booked[row : row + count], totals[row : row + count], scratch,
+            )  # fmt: skip
+            if min(path[row, 2], path[row + count, 2]) <= columns.floor + 1.0e-6:
+                empty_columns(columns, path, row, count, tool[0])
+            k += count
+            continue
+        book_of = booked[row] if engagement else booked[0]
+        if not cut_motion(
+            columns, motions[k], corners, tool, ceiling, not follows, book[row], book_of, totals[row], desk
+        ):
             return k
+        k += 1
     return len(motions)

@@ -9,20 +9,35 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Float32, Int, as_float
 from counterflex.core.errors import InputError, ModelError
-from counterflex.core.units import MM, UM
-from counterflex.cutting.booking_kernels import BINS, BOTTOM, QUANTUM_M, VISITED, VOLUME
+from counterflex.core.units import DEG, MM, UM
+from counterflex.cutting.booking_kernels import BINS, BOTTOM, EVENTS, QUANTUM_M, VISITED, VOLUME
 from counterflex.cutting.cutter import Cutter
-from counterflex.cutting.removal import Engagement, RemovalResult, UInt16, compress, unit_widths
-from counterflex.cutting.stock import HeightMap
-from counterflex.cutting.tridexel.column_kernels import STRETCHES, Books, Columns, UInt8, cut_motions
+from counterflex.cutting.envelope_kernels import LANES
+from counterflex.cutting.removal import (
+    Engagement,
+    RemovalResult,
+    UInt16,
+    compress,
+    runs_of,
+    stamp_workspace,
+    unit_widths,
+)
+from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS, HeightMap
+from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, Columns, UInt8, survey
+from counterflex.cutting.tridexel.column_kernels import Desk, cut_motions
+from counterflex.cutting.tridexel.row_kernels import ROWS_OF_WORK
+from counterflex.cutting.tridexel.sweep_bounds_kernels import BOUNDS, FRAME
 from counterflex.cutting.tridexel.swept_solid import tool_shape
+from counterflex.cutting.tridexel.turning_book_kernels import CODE_ROWS, EVENT_ROWS
+from counterflex.cutting.tridexel.turning_line_kernels import MOTION
 from counterflex.path import FEED, RAPID
 
 CHORD_M: Final = 2.0 * UM
 """How far the sweep of a turning tool may be off, at the height of :data:`ENGAGED_M` on the cutter."""
 ENGAGED_M: Final = 10.0 * MM
-MOST_STEPS: Final = 1000
+LARGEST_TURN_RAD: Final = 90.0 * DEG
 CHUNK: Final = 4096
+_UPRIGHT: Final = 1.0 - 1e-15
 
 
 @dataclass
@@ -56,8 +71,14 @@ class ColumnStock:
 
     @property
     def columns(self) -> Columns:
-        """As the kernels take it; it shares the arrays."""
-        return Columns(self.low, self.high, self.count, self.x0_m, self.y0_m, self.cell_m)
+        """As the kernels take it; it shares the arrays. What is known of the blocks is as of now."""
+        ny, nx = self.count.shape
+        blocks = (-(-ny // BLOCK_ROWS), -(-nx // BLOCK_COLUMNS))
+        tops, plain = np.empty(blocks, np.float32), np.empty(blocks, np.uint8)
+        floor = float(self.low[0].min())
+        out = Columns(self.low, self.high, self.count, tops, plain, self.x0_m, self.y0_m, self.cell_m, floor)
+        survey(out)
+        return out
 
     def tops(self) -> HeightMap:
         """The highest material of each column as a height map; empty columns end at the lowest material of all."""
@@ -85,10 +106,14 @@ class ColumnStock:
 
 
 def motions_of(p_part_tcp: Float, axis_part: Float, engaged_m: float = ENGAGED_M) -> tuple[Float, Int]:
-    """Straight motions with the axis held still that stand for a path.
+    """Straight motions, the axis turning evenly in each, that stand for a path.
 
-    A segment in which the axis turns by theta is divided so that a point at ``engaged_m`` above the tip is nowhere
-    off by more than :data:`CHORD_M`: ``engaged theta / (2 n)``; each part has the axis of its middle.
+    In a motion the tip goes straight and the axis turns in the plane of its first and last direction, u0 to u1. Its
+    middle and the turn are ``u0 + u1`` and ``u1 - u0`` over ``|u0 + u1|``, so that it points along
+    ``middle + (s - 1/2) turn``. What the closed forms leave out is of second order: a point at ``engaged_m`` above the
+    tip bulges by ``(engaged + R) theta^2 / 8`` out of its chord. A segment is divided until that is below
+    :data:`CHORD_M` with R = ``engaged_m``; and, where a column is parallel to the flank or to the end face at some
+    moment and these turn about a line within the engaged part, until what the column passes on the way is as little.
 
     Args:
         p_part_tcp: (n + 1, 3) m.
@@ -96,31 +121,58 @@ def motions_of(p_part_tcp: Float, axis_part: Float, engaged_m: float = ENGAGED_M
         engaged_m: Height on the cutter up to which it cuts, m.
 
     Returns:
-        Motions (k, 9) and the segment of each (k,).
+        Motions (k, 12): start of the tip, displacement, axis in the middle, turn; and the segment of each (k,).
 
     Raises:
-        InputError: The axis turns by so much in a segment that it would have to be divided over a thousand times.
+        InputError: The axis turns by more than 90 degrees in a segment.
     """
     a, b = axis_part[:-1], axis_part[1:]
     theta = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
-    steps = np.maximum(1, np.ceil(engaged_m * theta / (2.0 * CHORD_M))).astype(np.int64)
-    if steps.max() > MOST_STEPS:
-        worst = int(np.argmax(steps))
+    if theta.max(initial=0.0) > LARGEST_TURN_RAD:
+        worst = int(np.argmax(theta))
         raise InputError(
             "the tool axis turns too far in one segment",
             where=f"segment {worst}",
-            value=f"{np.degrees(theta[worst]):.2f} deg",
-            limit=f"{np.degrees(2.0 * CHORD_M * MOST_STEPS / engaged_m):.2f} deg",
+            value=f"{theta[worst] / DEG:.2f} deg",
+            limit=f"{LARGEST_TURN_RAD / DEG:g} deg",
             hint="Sample the path more finely",
         )
+    bulge = theta * np.sqrt(2.0 * engaged_m / (8.0 * CHORD_M))
+    waist = _waists(p_part_tcp, axis_part, theta, engaged_m) / CHORD_M
+    steps = np.maximum(1, np.ceil(np.maximum(bulge, waist))).astype(np.int64)
     owner = np.repeat(np.arange(len(steps)), steps)
     place = np.arange(len(owner)) - np.repeat(np.cumsum(steps) - steps, steps)
     n = steps[owner]
     step = (p_part_tcp[1:] - p_part_tcp[:-1])[owner] / n[:, None]
     start = p_part_tcp[:-1][owner] + step * place[:, None]
-    axis = a[owner] + (b - a)[owner] * ((place + 0.5) / n)[:, None]
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    return np.concatenate([start, step, axis], axis=1), owner
+    ends = [a[owner] + (b - a)[owner] * ((place + s) / n)[:, None] for s in (0.0, 1.0)]
+    one, two = (end / np.linalg.norm(end, axis=1, keepdims=True) for end in ends)
+    size = np.linalg.norm(one + two, axis=1, keepdims=True)
+    turn = (two - one) * (2.0 / size)
+    turn[theta[owner] == 0.0] = 0.0
+    return np.concatenate([start, step, (one + two) / size, turn], axis=1), owner
+
+
+def _waists(tips: Float, axes: Float, theta: Float, engaged_m: float) -> Float:
+    """How deep columns may lie in the waist of each segment's sweep, m: of its flank, or amid its end face.
+
+    Points at either end of a length of the tool move by l and h to opposite sides; between them the sweep is narrower by
+    ``l h / (l + h)``.
+    """
+    a, b, step = axes[:-1], axes[1:], np.diff(tips, axis=0)
+    turn = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-300)
+    aside, along = np.sum(step * turn, axis=1), 0.5 * np.sum(step * (a + b), axis=1)
+    reach = theta * engaged_m
+    lean = np.minimum(np.hypot(a[:, 0], a[:, 1]), np.hypot(b[:, 0], b[:, 1]))
+    out = np.zeros(len(theta))
+    for one, two, parallel in (
+        (aside, aside + reach, lean <= theta),
+        (along - reach, along + reach, a[:, 2] * b[:, 2] <= 0.0),
+    ):
+        opposite = parallel & (one * two < 0.0)
+        low, high = np.abs(one[opposite]), np.abs(two[opposite])
+        out[opposite] = np.maximum(out[opposite], low * high / (low + high))
+    return out
 
 
 def shape_of(cutter: Cutter, top_m: float) -> Float:
@@ -129,6 +181,46 @@ def shape_of(cutter: Cutter, top_m: float) -> Float:
     levels = int(parameters[2])
     head = tool_shape(parameters[0], parameters[1], top_m)
     return np.concatenate([head, [float(levels)], parameters[3 : 4 + levels]])
+
+
+def _desk() -> Desk:
+    """Scratch arrays of the kernels."""
+    return Desk(
+        event=np.zeros((EVENT_ROWS, EVENTS), np.float32),
+        code=np.zeros((CODE_ROWS, EVENTS), np.int32),
+        line=np.zeros((4, LANES), np.float32),
+        work=np.zeros((ROWS_OF_WORK + 3, LANES), np.float32),
+        row=np.zeros(LANES, np.float32),
+        piece=np.empty((STRETCHES, 2)),
+        frame=np.zeros(FRAME),
+        bounds=np.zeros(BOUNDS),
+        motion=np.zeros(MOTION),
+        point=np.zeros(5),
+    )
+
+
+def _upright_runs(path: Float, axis: Float, kinds: Int, cutter: Cutter, motions: Float, owner: Int) -> Int:
+    """Of each motion that begins a run of an upright tool, how many segments the run has; 0 of the others."""
+    upright = (axis[:-1, 2] >= _UPRIGHT) & (axis[1:, 2] >= _UPRIGHT)
+    out = np.zeros(len(motions), np.int64)
+    if not upright.any():
+        return out
+    runs = runs_of(path, kinds, cutter)
+    whole = np.logical_and.reduceat(upright, runs[:, 0])
+    count = upright.astype(np.int64)
+    for first, n in runs[whole & (runs[:, 1] > 1)]:
+        count[first : first + n] = 0
+        count[first] = n
+    begins = np.concatenate([[True], owner[1:] != owner[:-1]])
+    out[begins] = count[owner[begins]]
+    return out
+
+
+def _engaged(path: Float, axis: Float, tool: Float, ceiling: float) -> float:
+    """Height on the cutter up to which it can be in material, m."""
+    cosine = np.maximum(axis[:, 2], 0.1)
+    reach = np.max((ceiling - path[:, 2] + tool[0]) / cosine)
+    return float(np.clip(max(reach, tool[0]), 1e-6, tool[2]))
 
 
 def remove_turning(
@@ -169,17 +261,24 @@ def remove_turning(
     step, middle = np.diff(path, axis=0), axis[1:] + axis[:-1]
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     length = np.linalg.norm(step - np.sum(step * middle, axis=1)[:, None] * middle, axis=1)
-    shape, levels, unit = shape_of(cutter, top_m), cutter.n_levels, QUANTUM_M * stock.cell_m**2
-    book = ((kinds == FEED) & engagement).astype(np.float64)
+    levels, unit = cutter.n_levels, QUANTUM_M * stock.cell_m**2
+    corners, columns, desk = cutter.kernel_parameters(), stock.columns, _desk()
+    tool, book = tool_shape(corners[0], corners[1], top_m), (kinds == FEED) & engagement
     totals = np.zeros((n, 4), np.int64)
     parts: list[tuple[Int, Float32, UInt16]] = []
     side = np.zeros(n, np.int64)
     for first in range(0, n, CHUNK):
         last = min(first + CHUNK, n)
-        motions, owner = motions_of(path[first : last + 1], axis[first : last + 1])
-        booked = np.zeros((1, last - first, levels, BINS), np.int64)
-        books = Books(booked, totals[first:last], True, first > 0)
-        done = cut_motions(stock.columns, motions, owner, shape, books, book[first:last])
+        part, turned = path[first : last + 1], axis[first : last + 1]
+        ceiling = float(columns.tops.max())
+        motions, owner = motions_of(part, turned, _engaged(part, turned, tool, ceiling))
+        upright = _upright_runs(part, turned, kinds[first:last], cutter, motions, owner)
+        scratch = stamp_workspace(cutter, int(upright.max(initial=1))).scratch
+        booked = np.zeros((1, last - first, levels if engagement else 0, BINS), np.int64)
+        done = cut_motions(
+            columns, part, motions, owner, upright, corners, tool, ceiling, first > 0, book[first:last], engagement,
+            booked[0], totals[first:last], scratch, desk,
+        )  # fmt: skip
         if done < len(motions):
             raise ModelError(
                 "a column of the stock would hold too many stretches of material",
@@ -187,6 +286,8 @@ def remove_turning(
                 limit=str(STRETCHES),
                 hint="Turn the part frame so that z looks along most cuts",
             )
+        if not engagement:
+            continue
         count = int(np.count_nonzero(booked))
         cell, depth = np.empty(count, np.uint16), np.empty(count, np.float32)
         offsets = np.zeros(last - first + 1, np.int64)

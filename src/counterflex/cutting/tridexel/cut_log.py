@@ -35,7 +35,7 @@ class CutLog:
     """Motions that took material away.
 
     Attributes:
-        motions: (k, 9) start of the tip in the part frame, displacement (m), tool axis.
+        motions: (k, 12) start of the tip in the part frame, displacement (m), tool axis in the middle, its turn.
         shapes: (k, 3) radius, corner radius, top of the tool of each, m.
     """
 
@@ -77,10 +77,15 @@ class CutLog:
     @cached_property
     def boxes(self) -> Float:
         """(k, 6) m: lower and upper corners of boxes about the sweeps."""
-        start, step, axis = np.split(self.motions, 3, axis=1)
+        start, step, middle, turn = np.split(self.motions, 4, axis=1)
         radius, top = self.shapes[:, :1], self.shapes[:, 2:]
-        ends = np.stack([start, start + step, start + top * axis, start + step + top * axis])
-        side = radius * np.sqrt(np.maximum(0.0, 1.0 - axis**2))  # how far a disc square to the axis reaches
+        corners, sides = [], []
+        for tip, axis in ((start, middle - 0.5 * turn), (start + step, middle + 0.5 * turn)):
+            unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+            corners += [tip, tip + top * unit]
+            sides.append(radius * np.sqrt(np.maximum(0.0, 1.0 - unit**2)))  # how far a disc square to the axis reaches
+        bulge = (top + radius) * np.sum(turn**2, axis=1, keepdims=True) / 8.0
+        ends, side = np.stack(corners), np.maximum(*sides) + bulge
         out: Float = np.concatenate([ends.min(axis=0) - side, ends.max(axis=0) + side], axis=1)
         return out
 
@@ -104,7 +109,7 @@ class CutLog:
         begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
         members = np.empty(int(begin[-1]), np.int64)
         fill_members(ranges, columns, begin[:-1].copy(), members)
-        upright = bool(np.all(self.motions[:, 8] >= 1.0 - 1e-12))
+        upright = bool(np.all((self.motions[:, 8] >= 1.0 - 1e-12) & ~np.any(self.motions[:, 9:], axis=1)))
         ceiling = float((tip[:, :, 2].min(axis=0) + self.shapes[:, 2]).min()) if upright else -np.inf
         x0, y0 = float(low[0]), float(low[1])
         return Tiles(self.motions, self.shapes, boxes, groups, begin, members, x0, y0, side, columns, ceiling)
@@ -134,19 +139,20 @@ class CutLog:
 
 def _joined(motions: Float) -> Float:
     """Motions of one axis that follow one another in one straight line as one; without those that stand still."""
-    moves = np.any(motions[:, 3:6] != 0.0, axis=1) | np.any(
-        np.diff(motions[:, 6:], axis=0, prepend=np.nan) != 0.0, axis=1
-    )
-    motions = motions[moves]
+    turns = np.any(motions[:, 9:] != 0.0, axis=1)
+    moves = np.any(motions[:, 3:6] != 0.0, axis=1) | turns
+    moves |= np.any(np.diff(motions[:, 6:9], axis=0, prepend=np.nan) != 0.0, axis=1)
+    motions, turns = motions[moves], turns[moves]
     if len(motions) < 2:
         return motions
-    step, axis = motions[:, 3:6], motions[:, 6:]
+    step, axis = motions[:, 3:6], motions[:, 6:9]
     length = np.linalg.norm(step, axis=1)
     aside = np.linalg.norm(np.cross(step[:-1], step[1:]), axis=1)
     straight = (
         (aside <= 1e-9 * length[:-1] * length[1:] + _STRAIGHT * _STRAIGHT)
         & (np.sum(step[:-1] * step[1:], axis=1) >= 0.0)
         & np.all(axis[:-1] == axis[1:], axis=1)
+        & ~(turns[:-1] | turns[1:])
     )
     first = np.flatnonzero(np.concatenate([[True], ~straight]))
     out = motions[first].copy()

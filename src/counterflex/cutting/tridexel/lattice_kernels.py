@@ -14,8 +14,9 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel
-from counterflex.cutting.tridexel.column_kernels import STRETCHES, Columns
+from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, Columns
 from counterflex.cutting.tridexel.swept_solid import distance, stretch
+from counterflex.cutting.tridexel.turning_line_kernels import MISSED, turning_end
 
 Whole = Any
 _FAR: Final = 1.0e30
@@ -28,7 +29,7 @@ GROUP: Final = 16
 
 
 class Tiles(NamedTuple):
-    """Motions (k, 9), the shape of the tool of each (k, 3), boxes about their sweeps (k, 6), and groups by tile.
+    """Motions (k, 12), the shape of the tool of each (k, 3), boxes about their sweeps (k, 6), and groups by tile.
 
     Sixteen motions that follow one another are a group, with a box about their sweeps and one about their tips (g, 12).
     ``members[first[t] : first[t + 1]]`` are the groups near tile ``t = row * columns + column``; tile [0, 0] begins
@@ -210,6 +211,9 @@ def _clear_of(x: float, y: float, z: float, half: float, motion: Float, shape: F
     ux, uy, uz = motion[6], motion[7], motion[8]
     vx, vy, vz = motion[3], motion[4], motion[5]
     h, climb = x * ux + y * uy + z * uz, vx * ux + vy * uy + vz * uz
+    turn = math.sqrt(motion[9] * motion[9] + motion[10] * motion[10] + motion[11] * motion[11])
+    if turn > 0.0:  # what the axis turns through to either side of its middle
+        half += 0.5 * turn * (abs(h) + abs(climb) + half + shape[0])
     height = max(h, h - climb) + half
     if height < 0.0:
         return True
@@ -255,6 +259,11 @@ def _end_on_line(
             if _clear_of(x_mid - motion[0], y_mid - motion[1], z - motion[2], half, motion, shape):
                 continue
             q[0], q[1], q[2] = x - motion[0], y - motion[1], z - motion[2]
+            if motion[9] != 0.0 or motion[10] != 0.0 or motion[11] != 0.0:
+                low = turning_end(q, along, motion, shape, length, filled)
+                if low != MISSED:
+                    best = min(best, low) if filled else max(best, low)
+                continue
             low, high = stretch(q, along, motion, shape)
             if high <= low or high < 0.0 or low > length:
                 continue

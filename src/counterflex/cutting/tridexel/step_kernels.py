@@ -22,6 +22,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.booking_kernels import BINS
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import unit_widths
+from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, take
 from counterflex.cutting.tridexel.columns import ColumnStock, shape_of
 from counterflex.cutting.tridexel.swept_solid import stretch
 
@@ -239,7 +240,9 @@ def _place(
             one, two = _within(work, dx, dy, radius, corner, top, shape)
             if two <= one:
                 continue
-            taken = _take(columns, j, i, one + pz, two + pz, piece)
+            if n == STRETCHES:
+                _give_up_thinnest(columns, j, i)
+            taken = take(columns, j, i, one + pz, two + pz, piece)
             if taken < 0:
                 return -1.0
             for k in range(taken):
@@ -297,63 +300,18 @@ def _within(
 
 
 @kernel()
-def _take(columns: StepColumns, j: int, i: int, first: float, last: float, piece: Float) -> int:
-    """Take heights [first, last] out of a column; piece (16, 2) gets what was taken. Returns how many, -1: no room."""
-    low, high, held = columns.low, columns.high, columns.held
-    room = low.shape[0]
-    n, k, taken = int(held[j, i]), 0, 0
-    if n == room and _give_up_thinnest(columns, j, i, n):
-        n -= 1
-    while k < n:
-        bottom, top = float(low[k, j, i]), float(high[k, j, i])
-        one, two = max(first, bottom), min(last, top)
-        if two - one <= _TINY_M:
-            k += 1
-            continue
-        piece[taken, 0], piece[taken, 1] = one, two
-        taken += 1
-        below, above = one - bottom > _TINY_M, top - two > _TINY_M
-        if below and above:
-            if n == room:
-                return -1
-            for m in range(n, k + 1, -1):
-                low[m, j, i], high[m, j, i] = low[m - 1, j, i], high[m - 1, j, i]
-            high[k, j, i] = one
-            low[k + 1, j, i], high[k + 1, j, i] = two, top
-            n += 1
-            k += 2
-        elif below:
-            high[k, j, i] = one
-            k += 1
-        elif above:
-            low[k, j, i] = two
-            k += 1
-        else:
-            _drop(columns, j, i, k, n)
-            n -= 1
-    held[j, i] = n
-    return taken
-
-
-@kernel()
-def _give_up_thinnest(columns: StepColumns, j: int, i: int, n: int) -> bool:
-    """Drop the thinnest of n stretches, where it is thin enough for that."""
-    which, least = 0, _FAR
+def _give_up_thinnest(columns: StepColumns, j: int, i: int) -> None:
+    """Drop the thinnest stretch of a column, where it is thin enough for that."""
+    n, which, least = int(columns.held[j, i]), 0, _FAR
     for k in range(n):
         tall = float(columns.high[k, j, i]) - float(columns.low[k, j, i])
         if tall < least:
             which, least = k, tall
     if least >= _THIN_M:
-        return False
-    _drop(columns, j, i, which, n)
-    return True
-
-
-@kernel()
-def _drop(columns: StepColumns, j: int, i: int, k: int, n: int) -> None:
-    """Let stretch k of n be gone."""
-    for m in range(k, n - 1):
+        return
+    for m in range(which, n - 1):
         columns.low[m, j, i], columns.high[m, j, i] = columns.low[m + 1, j, i], columns.high[m + 1, j, i]
+    columns.held[j, i] = n - 1
 
 
 @kernel()

@@ -15,6 +15,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.cutting.tridexel.lattice_kernels import edges_across, edges_up
+from counterflex.cutting.tridexel.surface_nets import CrossedEdges, net
 
 LIMIT_POINTS: Final = 20_000_000
 
@@ -27,7 +28,8 @@ class Surface:
         points: (c, 3) m, part frame: exact ends of material on the lines.
         along: (c,) 0, 1 or 2: along which axis the line of each runs.
         cut: (c,) whether a motion made it; the others are faces of the blank.
-        vertices: (v, 3) m of the mesh: in each cube of the lattice the mean of the points on its edges.
+        vertices: (v, 3) m of the mesh: in each cube of the lattice, for each piece of the surface in it, the mean of
+            the points on its edges.
         triangles: (t, 3) vertices, counterclockwise seen from outside.
         around: (c, 4) vertices about the line of each point.
     """
@@ -98,7 +100,20 @@ def surface(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -> Su
     """
     lattice = _Lattice.of(stock, pitch_m)
     ends = [_across(lattice, 0, stock, log), _across(lattice, 1, stock, log), _up(lattice, stock)]
-    return _net(lattice, ends)
+    points = np.concatenate([one.points for one in ends])
+    vertices, triangles, quads = net(
+        lattice.cubes,
+        [CrossedEdges(one.along, one.edge, one.filled) for one in ends],
+        points,
+    )
+    return Surface(
+        points,
+        np.concatenate([np.full(len(one.edge), one.along) for one in ends]),
+        np.concatenate([one.cut for one in ends]),
+        vertices,
+        triangles,
+        quads,
+    )
 
 
 def wall_points(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -> Float:
@@ -207,36 +222,3 @@ def _up(lattice: _Lattice, stock: ColumnStock) -> _Ends:
     points = np.stack([lattice.x[i], lattice.y[j], np.clip(z, lattice.z[k], lattice.z[k + 1])], axis=1)
     faces = (k == 0) | (k == len(lattice.z) - 2)
     return _Ends(2, edge, filled, points, ~faces)
-
-
-def _net(lattice: _Lattice, ends: list[_Ends]) -> Surface:
-    """Naive surface nets: a vertex in each cube that the surface passes, a quadrilateral about each cut edge."""
-    corners: list[Int] = []
-    for one in ends:
-        axis = 2 - one.along
-        others = [a for a in (0, 1, 2) if a != axis]
-        quad = []
-        for first, second in ((-1, -1), (-1, 0), (0, 0), (0, -1)):
-            cube = one.edge.copy()
-            cube[:, others[0]] += first
-            cube[:, others[1]] += second
-            quad.append(np.ravel_multi_index(tuple(cube.T), lattice.cubes))
-        faces = np.stack(quad, axis=1)
-        # (others, axis) in the order (z, y, x) of the nodes; along y the sense is the other one
-        turned = one.filled if one.along == 1 else ~one.filled
-        faces[turned] = faces[turned][:, ::-1]
-        corners.append(faces)
-    points = np.concatenate([one.points for one in ends])
-    used, quads = np.unique(np.concatenate(corners), return_inverse=True)
-    quads = quads.reshape(-1, 4)
-    weight = np.bincount(quads.ravel(), minlength=len(used))
-    each = np.repeat(points, 4, axis=0)
-    total = np.stack([np.bincount(quads.ravel(), each[:, c], len(used)) for c in range(3)], axis=1)
-    return Surface(
-        points,
-        np.concatenate([np.full(len(one.edge), one.along) for one in ends]),
-        np.concatenate([one.cut for one in ends]),
-        total / weight[:, None],
-        np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]),
-        quads,
-    )

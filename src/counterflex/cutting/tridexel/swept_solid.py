@@ -20,9 +20,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
+from counterflex.cutting.tridexel.turning_line_kernels import MOTION, turning_stretch
 
-AXIS: Final = 6
-"""Place of the tool axis in a motion (9,): start of the tip, displacement, axis from the tip to the spindle."""
 _NOTHING: Final = 1.0e-18
 _EMPTY_LOW: Final = 1.0e30
 _HALVINGS: Final = 48
@@ -214,9 +213,12 @@ def stretch(q: Float, along: Whole, motion: Float, shape: Float) -> tuple[float,
     Args:
         q: (3,) m, a point of the line relative to the start of the tool tip.
         along: 0, 1 or 2: the line runs along x, y or z from there.
-        motion: (9,) start of the tip (not used), its displacement in m, and the unit vector of the tool axis.
+        motion: (12,) start of the tip (not used), its displacement in m, the unit vector of the tool axis in the middle
+            and its turn, see :func:`counterflex.cutting.tridexel.columns.motions_of`; (9,) without a turn.
         shape: (3,) m: radius R, corner radius r, height of the top above the tip.
     """
+    if len(motion) == MOTION and (motion[9] != 0.0 or motion[10] != 0.0 or motion[11] != 0.0):
+        return turning_stretch(q, along, motion, shape)
     radius, corner, top = shape[0], shape[1], shape[2]
     first, last = _cylinder(q, along, motion, radius, corner, top)
     if corner == 0.0:
@@ -233,9 +235,13 @@ def stretch(q: Float, along: Whole, motion: Float, shape: Float) -> tuple[float,
 
 
 @kernel()
-def depth_at(x: Real, y: Real, z: Real, motion: Float, shape: Float) -> float:
-    """Signed distance of a point (from the tip) to the cutter, m: negative inside."""
-    ux, uy, uz = motion[6], motion[7], motion[8]
+def depth_at(x: Real, y: Real, z: Real, share: Real, motion: Float, shape: Float) -> float:
+    """Signed distance of a point (from the start of the tip) to the cutter at a share of its motion, m: inside < 0."""
+    x, y, z = x - share * motion[3], y - share * motion[4], z - share * motion[5]
+    s = share - 0.5
+    ux, uy, uz = motion[6] + s * motion[9], motion[7] + s * motion[10], motion[8] + s * motion[11]
+    per = 1.0 / math.sqrt(ux * ux + uy * uy + uz * uz)
+    ux, uy, uz = ux * per, uy * per, uz * per
     inner, corner = shape[0] - shape[1], shape[1]
     h = x * ux + y * uy + z * uz
     rx, ry, rz = x - h * ux, y - h * uy, z - h * uz
@@ -249,25 +255,24 @@ def depth_at(x: Real, y: Real, z: Real, motion: Float, shape: Float) -> float:
 def distance(x: Real, y: Real, z: Real, motion: Float, shape: Float) -> tuple[float, float]:
     """Signed distance of a point (from the start of the tip) to the swept solid, m, and the share of the motion there.
 
-    The distance to the cutter is convex over the motion: golden section.
+    The distance to the cutter is convex over a motion with a constant axis, and nearly so over one that turns by as
+    little as :func:`counterflex.cutting.tridexel.columns.motions_of` lets it: golden section.
     """
-    vx, vy, vz = motion[3], motion[4], motion[5]
     low, high = 0.0, 1.0
     a, b = 1.0 - _GOLDEN, _GOLDEN
-    fa = depth_at(x - a * vx, y - a * vy, z - a * vz, motion, shape)
-    fb = depth_at(x - b * vx, y - b * vy, z - b * vz, motion, shape)
+    fa, fb = depth_at(x, y, z, a, motion, shape), depth_at(x, y, z, b, motion, shape)
     for _ in range(_HALVINGS):
         if fa <= fb:
             high, b, fb = b, a, fa
             a = high - _GOLDEN * (high - low)
-            fa = depth_at(x - a * vx, y - a * vy, z - a * vz, motion, shape)
+            fa = depth_at(x, y, z, a, motion, shape)
         else:
             low, a, fa = a, b, fb
             b = low + _GOLDEN * (high - low)
-            fb = depth_at(x - b * vx, y - b * vy, z - b * vz, motion, shape)
+            fb = depth_at(x, y, z, b, motion, shape)
     best, at = (fa, a) if fa <= fb else (fb, b)
     for s in (0.0, 1.0):
-        f = depth_at(x - s * vx, y - s * vy, z - s * vz, motion, shape)
+        f = depth_at(x, y, z, s, motion, shape)
         if f < best:
             best, at = f, s
     return best, at
