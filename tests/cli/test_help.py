@@ -27,6 +27,7 @@ from counterflex.protocols.system.machine import Machine
 from counterflex.protocols.system.realtime import Granted
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.cycle_inputs import CycleInputs
+from production_log import cut_of, rows_of, write_rows
 
 HEAVY = ("rich", "numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")
 
@@ -69,6 +70,10 @@ ALONE = [example for example in EXAMPLES if not example.startswith(LIVE + JOBS)]
 
 PLUNGED = "G21 G17 G90 G94\nM6 T1\nM3 S13000\nG0 X10 Y15\nG0 Z22\nG1 Z17 F600\nX50 F1500\nG0 Z40\nM30\n"
 """A slot that begins with a plunge: something to soften."""
+
+
+SLOT = "G21 G17 G90 G94\nM6 T1\nM3 S13000\nG0 X-20 Y15\nG0 Z22\nG1 Z17 F600\nX60 F1500\nG0 Z40\nM30\n"
+"""A slot through the whole blank, with air before and behind it."""
 
 
 def test_all_commands_are_known() -> None:
@@ -127,6 +132,11 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] == "correct":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report").status == 0
         shutil.copytree(machined.folder / "run", folder / "part1")
+    if words[0] == "production":
+        (folder / "part.ngc").write_text(SLOT, encoding="utf-8")
+        assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report").status == 0
+        plan, cell = Path(shutil.move(folder / "out" / "plan.parquet", folder)), folder / "cell.toml"
+        write_rows(folder / "run-log", rows_of(plan, cut_of(cell, plan), read_cell(cell).force_law.terms()), plan, cell)
     if words[0] in ("evaluate", "mesh", "report"):
         shutil.copytree(machined.folder / "run", folder / "run-before")
         shutil.copytree(machined.folder / "run", folder / "run-after")

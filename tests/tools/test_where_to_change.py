@@ -59,4 +59,4 @@ def test_every_recipe_is_kept_from_the_others() -> None:
     contracts = project["tool"]["importlinter"]["contracts"]
     (contract,) = (c for c in contracts if c.get("containers") == ["counterflex.identify"])
     assert contract["exhaustive"] is True
-    assert contract["layers"][0].split(" | ") == sorted(file.parent.name for file in ROOMS.glob("identify/*/recipe.py"))
+    assert " | ".join(sorted(file.parent.name for file in ROOMS.glob("identify/*/recipe.py"))) in contract["layers"]

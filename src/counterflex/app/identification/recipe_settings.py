@@ -15,24 +15,32 @@ Setting = float | int | str | bool
 
 
 def read_settings(recipe: Recipe, values: Mapping[str, Setting], seed: int = 0) -> dict[str, Any]:
+    """Settings of a recipe; see :func:`settings_of`."""
+    return settings_of(recipe.name, recipe.settings, values, seed)
+
+
+def settings_of(
+    name: str, defaults: Mapping[str, Setting], values: Mapping[str, Setting], seed: int = 0
+) -> dict[str, Any]:
     """Settings of a recipe, with what was given in the place of defaults, and the seed.
 
     Args:
-        recipe: Whose settings.
+        name: Of the recipe, for messages.
+        defaults: Its settings.
         values: By key, as text from the command line or as values; ``seed`` is allowed.
         seed: Where none is given.
 
     Raises:
         InputError: An unknown key, or no value of the setting's kind.
     """
-    out: dict[str, Any] = {**recipe.settings, SEED: seed}
-    known = sorted({*recipe.settings, SEED})
+    out: dict[str, Any] = {**defaults, SEED: seed}
+    known = sorted({*defaults, SEED})
     for key, value in values.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
         if key not in out:
             close = close_to(key, known, 1)
             raise InputError(
-                f"the recipe '{recipe.name}' has no such setting",
+                f"the recipe '{name}' has no such setting",
                 where=f"--set {key}={text}",
                 limit=", ".join(known),
                 hint=f"Did you mean '{close[0]}'?" if close else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -35,6 +35,16 @@ Examples:
 """
 
 
+def _recipe(param: arguments.Param, value: Any) -> Any:
+    """A recipe or ``history``; run logs are no data of a recipe."""
+    if value == "production":
+        raise InputError(
+            "production runs have a command of their own",
+            hint="counterflex production RUN... --plan PLAN --cell CELL --out DIR",
+        )
+    return arguments.one_of(RECIPES, "recipe", HISTORY)(param, value)
+
+
 def register(app: typer.Typer) -> None:
     """Add this command."""
     app.command(help=_HELP)(identify)
@@ -43,9 +53,7 @@ def register(app: typer.Typer) -> None:
 def identify(
     recipe: Annotated[
         str,
-        typer.Argument(
-            help="What to find, or history.", metavar="RECIPE", callback=arguments.one_of(RECIPES, "recipe", HISTORY)
-        ),
+        typer.Argument(help="What to find, or history.", metavar="RECIPE", callback=_recipe),
     ],
     data: Annotated[
         list[Path] | None,

@@ -28,6 +28,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, UM
+from counterflex.cutting.arc_force import ArcCuts
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.tooth_force import tooth_forces
@@ -144,19 +145,30 @@ def moved_by(block: SlotResiduals, x: Float, law: ForceLaw, sensor: ForceSensor,
         wear: Standard deviation of the growth of the force from the first piece to the last, share.
         runout_m: Of the offset of the cutter's axis from the spindle's; one of the cell file counts where it is larger.
     """
-    pieces, n = block.pieces, len(block.pieces)
-    scale, cross = sensor.shares(float(np.max(np.linalg.norm(pieces.force, axis=1), initial=0.0)))
-    axes = pieces.axes
-    own = np.einsum("nji,nj->ni", axes, pieces.force)
+    pieces = block.pieces
+    done = pieces.run_m if np.ptp(pieces.run_m) > 0.0 else np.arange(len(pieces), dtype=np.float64)
+    worn = pieces.force * (wear * (done - done.min()) / max(float(np.ptp(done)), 1e-12))[:, None]
+    eccentric = runout_force(block, x, law, max(runout_m, block.cutter.runout_m))
+    shown = shown_by_sensor(pieces.force, pieces.axes, sensor)
+    out: Float = np.concatenate([shown, worn[:, :, None], eccentric[:, :, None]], axis=2)
+    return out
+
+
+def shown_by_sensor(force: Float, axes: Float, sensor: ForceSensor) -> Float:
+    """(n, 3, 12) N, feed frame: what one standard deviation of scale, cross-talk and alignment moves mean forces by.
+
+    Args:
+        force: (n, 3) N in the feed frame.
+        axes: (n, 3, 3) from the axes of the force channel to the feed frame.
+        sensor: How true it is.
+    """
+    n = len(force)
+    scale, cross = sensor.shares(float(np.max(np.linalg.norm(force, axis=1), initial=0.0)))
+    own = np.einsum("nji,nj->ni", axes, force)
     share = np.where(np.eye(3, dtype=np.bool_), scale, cross)
     shown = np.einsum("nai,nj,ij->naij", axes, own, share).reshape(n, 3, 9)
     turned = np.stack([np.cross(e, own) for e in np.eye(3)], axis=2) * sensor.alignment_rad
-    done = pieces.run_m if np.ptp(pieces.run_m) > 0.0 else np.arange(n, dtype=np.float64)
-    worn = pieces.force * (wear * (done - done.min()) / max(float(np.ptp(done)), 1e-12))[:, None]
-    eccentric = runout_force(block, x, law, max(runout_m, block.cutter.runout_m))
-    out: Float = np.concatenate(
-        [shown, np.einsum("nai,nij->naj", axes, turned), worn[:, :, None], eccentric[:, :, None]], axis=2
-    )
+    out: Float = np.concatenate([shown, np.einsum("nai,nij->naj", axes, turned)], axis=2)
     return out
 
 
@@ -172,16 +184,21 @@ def runout_force(block: SlotResiduals, x: Float, law: ForceLaw, runout_m: float)
     Returns:
         Force with less force without it. Descent of the tool is left out.
     """
-    cuts = block.shape(x).cuts
+    return runout_of_arcs(block.shape(x).cuts, law, runout_m)
+
+
+def runout_of_arcs(cuts: ArcCuts, law: ForceLaw, runout_m: float) -> Float:
+    """(n, 3) N: the same for cuts over one arc; see :func:`runout_force`."""
     out = np.zeros((len(cuts), 3))
-    if runout_m <= 0.0 or block.cutter.flutes < 2:
+    cutter = cuts.cutter
+    if runout_m <= 0.0 or cutter.flutes < 2:
         return out
-    cutters = [replace(block.cutter, runout_m=e, runout_angle_rad=0.0) for e in (runout_m, 0.0)]
+    cutters = [replace(cutter, runout_m=e, runout_angle_rad=0.0) for e in (runout_m, 0.0)]
     for i in range(len(cuts)):
         depth, entry, leave = float(cuts.depth_m[i]), float(cuts.entry_rad[i]), float(cuts.exit_rad[i])
         if depth <= 0.0 or leave <= entry:
             continue
-        engaged = engagement_of_arc(block.cutter, depth, entry, leave, _BINS)
+        engaged = engagement_of_arc(cutter, depth, entry, leave, _BINS)
         feed = float(cuts.feed_tooth_m[i])
         with_it, without = (tooth_forces(c, law, engaged, feed, trochoid=False, steps=_STEPS).mean[:3] for c in cutters)
         out[i] = with_it - without

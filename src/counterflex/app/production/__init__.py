@@ -1,0 +1,1 @@
+"""The job ``identify production``: constants and wear from run logs of ordinary cuts."""

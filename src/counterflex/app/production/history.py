@@ -1,0 +1,85 @@
+"""The runs of a tool and material so far: one numbered folder each below ``runs``, so that new runs join the old."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.core import atomic
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.files.production_run_file import read_production_run, write_production_run
+from counterflex.identify.production.stretches import Stretches
+
+RUNS: Final = "runs"
+STRETCHES, FACTS = "stretches.parquet", "run.json"
+_NEEDED: Final = ("run", "sha256", "plan", "tool", "material", "begun_s", "cut_mm", "removed_cm3", "new_tool")
+
+
+@dataclass(frozen=True, eq=False)
+class KeptRun:
+    """A run of the history.
+
+    Attributes:
+        stretches: Its steady stretches.
+        facts: Plain values: run, hashes, tool, material, length cut, delay.
+    """
+
+    stretches: Stretches
+    facts: dict[str, Any]
+
+
+def read_history(folder: Path) -> list[KeptRun]:
+    """Runs that a folder of results has, in their order; none where it has none.
+
+    Raises:
+        FileFormatError: A run is not complete.
+    """
+    out = []
+    for place in sorted((folder / RUNS).glob("[0-9]*")):
+        stretches, _ = read_production_run(place / STRETCHES)
+        try:
+            facts = json.loads((place / FACTS).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as fault:
+            raise FileFormatError("a run of the history cannot be read", where=str(place / FACTS)) from fault
+        lacking = [name for name in _NEEDED if name not in facts]
+        if lacking:
+            raise FileFormatError(
+                "a run of the history is not complete", where=str(place / FACTS), value=f"without {lacking[0]}"
+            )
+        out.append(KeptRun(stretches, facts))
+    return out
+
+
+def require_alike(history: list[KeptRun], tool: int, material: str, where: Path) -> None:
+    """Refuse to go on with a history of another tool or material.
+
+    Raises:
+        InputError: It names both.
+    """
+    for kept in history:
+        if (kept.facts["tool"], kept.facts["material"]) != (tool, material):
+            raise InputError(
+                "the history is of another tool or material",
+                where=str(where / RUNS),
+                value=f"T{kept.facts['tool']} in {kept.facts['material']}",
+                limit=f"T{tool} in {material}",
+                hint="Give each tool and material an --out of its own",
+            )
+
+
+def keep_runs(staging: Path, first: int, new: list[KeptRun]) -> None:
+    """Write new runs behind those that are there.
+
+    Args:
+        staging: Folder that becomes part of the results.
+        first: Number of the first.
+        new: The runs.
+    """
+    for number, kept in enumerate(new, first):
+        folder = staging / RUNS / f"{number:03d}"
+        folder.mkdir(parents=True)
+        about = {name: kept.facts[name] for name in ("run", "sha256", "tool", "material")}
+        write_production_run(folder / STRETCHES, kept.stretches, about)
+        atomic.write_text(folder / FACTS, json.dumps(kept.facts, indent=2) + "\n")

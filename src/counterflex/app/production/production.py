@@ -1,0 +1,284 @@
+"""The job ``identify production``: run logs and their plans in, constants and the drift of the tool out.
+
+read (logs, plans, history) -> maps of the plan -> place and delay -> steady stretches -> constants (``find``) -> factor
+of each run -> drift -> write. Nothing goes into a cell file but with ``apply``.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.identification.recipe_settings import Setting, settings_of
+from counterflex.app.production.apply import apply_constants
+from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike
+from counterflex.app.production.known import known_constants
+from counterflex.app.production.maps import planned_cut
+from counterflex.app.production.result import Produced, identification_of, result_of
+from counterflex.app.production.runs import LoggedRun, plan_of, read_runs
+from counterflex.core import atomic
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import MM, MS, UM
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.identification_file import write_identification
+from counterflex.files.plan_file import read_plan
+from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE, ForceSensor
+from counterflex.identify.data.model import CellModel
+from counterflex.identify.production import TITLE
+from counterflex.identify.production.alignment import aligned
+from counterflex.identify.production.constants import Estimate, find, reference_m
+from counterflex.identify.production.drift import Drift, RunFactor, drift, run_factor
+from counterflex.identify.production.planned import PlannedCut
+from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
+from counterflex.identify.production.stretches import Choice, joined, stretches_of
+
+RESULT, REPORT = "result.json", "report.html"
+NAME: Final = "production"
+SETTINGS: Final[dict[str, Setting]] = {
+    "tool": 0,
+    "constants": "auto",
+    "new_tool": False,
+    "wear_limit": 0.3,
+    "trim_diameters": 0.6,
+    "settle_s": 0.15,
+    "top_sigma_m": TOP_SIGMA_M,
+    "runout_sigma_m": RUNOUT_M,
+    "force_scale_sigma": SCALE,
+    "force_cross_talk_sigma": CROSS_TALK,
+}
+READING, FITTING, WRITING = "reading the runs", "finding constants", "writing the results"
+WORK: Final = {READING: 3.0, FITTING: 5.0, WRITING: 1.0}
+_RANGES: Final = {
+    "wear_limit": (0.01, 3.0),
+    "trim_diameters": (0.0, 10.0),
+    "settle_s": (0.0, 5.0),
+    "top_sigma_m": (1e-6, 5e-3),
+    "runout_sigma_m": (0.0, 1e-4),
+    "force_scale_sigma": (0.0, 0.5),
+    "force_cross_talk_sigma": (0.0, 0.5),
+}
+
+
+def checked_settings(values: Mapping[str, Setting], seed: int) -> dict[str, Any]:
+    """Settings with defaults.
+
+    Raises:
+        InputError: An unknown key, a wrong kind, or out of range.
+    """
+    out = settings_of(NAME, SETTINGS, values, seed)
+    for key, (low, high) in _RANGES.items():
+        if not low <= out[key] <= high:
+            raise InputError(
+                "the setting is out of range",
+                where=f"--set {key}={out[key]}",
+                value=out[key],
+                limit=f"{low:g} .. {high:g}",
+            )
+    return out
+
+
+def run(
+    folders: Sequence[Path],
+    cell_file: Path,
+    plans: Sequence[Path],
+    out: Path,
+    *,
+    settings: Mapping[str, Setting] | None = None,
+    seed: int = 0,
+    apply: Path | None = None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Write ``result.json``, ``report.html`` and the new runs in ``runs/``: all of them or none.
+
+    Args:
+        folders: Run logs; all runs of each.
+        cell_file: Cell file.
+        plans: Plan files of the runs.
+        out: Folder; runs that it has from before go in.
+        settings: Those that differ from :data:`SETTINGS`.
+        seed: Of the folds.
+        apply: New cell file with the constants, or None.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        Content of ``result.json``.
+
+    Raises:
+        CounterflexError: Files do not fit together, or say too little; one line says what and where.
+    """
+    begin, parts = time.perf_counter(), in_parts(progress, WORK)
+    options = checked_settings(settings or {}, seed)
+    cell = read_cell(cell_file)
+    cell.require_milling()
+    parts[READING](0.0)
+    produced = produce(folders, cell, plans, out, options, parts[READING], parts[FITTING])
+    parts[WRITING](0.0)
+    date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    identification = identification_of(produced)
+    result = result_of(produced, identification, date)
+    with atomic.atomic_folder(out) as staging:
+        if apply is not None:
+            result["applied"] = apply_constants(produced, identification, apply, date)
+        result["seconds"] = round(time.perf_counter() - begin, 3)
+        write_identification(staging / RESULT, result)
+        keep_runs(staging, len(produced.runs) - len(produced.new) + 1, list(produced.new))
+        from counterflex.report.identification_page import identification_page
+        from counterflex.report.page import write_page
+
+        write_page(identification_page(identification, result), staging / REPORT)
+    progress(1.0)
+    return result
+
+
+def produce(
+    folders: Sequence[Path],
+    cell: Cell,
+    plans: Sequence[Path],
+    out: Path,
+    options: Mapping[str, Any],
+    reading: Progress = silent,
+    fitting: Progress = silent,
+) -> Produced:
+    """Find constants and drift; see :func:`run`. Nothing is written."""
+    model = model_of(cell)
+    material = cell.material.name or str(cell.material.catalog or "material")
+    history = read_history(out)
+    logged = sorted((one for folder in folders for one in read_runs(folder)), key=lambda one: one.begun_s)
+    digests = {plan: hashlib.sha256(plan.read_bytes()).hexdigest() for plan in plans}
+    known = {kept.facts["sha256"] for kept in history}
+    remarks: list[str] = []
+    new: list[KeptRun] = []
+    cuts: dict[tuple[Path, bool], PlannedCut] = {}
+    tool = int(options["tool"])
+    for number, one in enumerate(logged):
+        reading(number / max(len(logged), 1), one.record.name)
+        if one.sha256 in known:
+            remarks.append(f"{one.record.name} is in the history already and is not taken twice")
+            continue
+        known.add(one.sha256)
+        plan_file = plan_of(one, plans, digests)
+        key = (plan_file, one.compensated)
+        if key not in cuts:
+            plan, about = read_plan(plan_file)
+            cuts[key] = planned_cut(plan, about, cell, plan_file, compensated=one.compensated)
+        tool = _tool(tool, cuts[key], plan_file)
+        require_alike(history, tool, material, out)
+        is_new = bool(options["new_tool"]) and not new
+        new.append(_taken(one, cuts[key], model, tool, material, plan_file, digests[plan_file], is_new, options))
+        if one.cell_sha256 and one.cell_sha256 != hashlib.sha256(cell.path.read_bytes()).hexdigest():
+            remarks.append(
+                f"{one.record.name} was made with another state of the cell file: the weight behind its sensor was "
+                "taken off as identified then; the zero is that of its own air cuts"
+            )
+    runs = sorted([*history, *new], key=lambda kept: kept.facts["begun_s"])
+    if not runs:
+        raise InputError("no run is given and the history is empty", where=str(out))
+    tool = int(runs[0].facts["tool"])
+    estimate, factors, grown = _estimated(runs, model, cell, tool, options, fitting)
+    return Produced(
+        cell, model, tool, material, runs, new, estimate, factors, grown, known_constants(cell), dict(options),
+        tuple(remarks), tuple(plans), TITLE,
+    )  # fmt: skip
+
+
+def _tool(tool: int, plan: PlannedCut, where: Path) -> int:
+    numbers = sorted(set(plan.tool[plan.cutting].tolist()))
+    if tool and tool not in numbers:
+        raise InputError(
+            "the plan does not cut with this tool",
+            where=str(where),
+            value=f"T{tool}",
+            limit=", ".join(f"T{n}" for n in numbers),
+        )
+    if not tool and len(numbers) != 1:
+        raise InputError(
+            "the plan cuts with several tools; constants and wear are those of one",
+            where=str(where),
+            value=", ".join(f"T{n}" for n in numbers),
+            hint=f"Choose one: --set tool={numbers[0]}",
+        )
+    return tool or int(numbers[0])
+
+
+def _taken(
+    one: LoggedRun,
+    plan: PlannedCut,
+    model: CellModel,
+    tool: int,
+    material: str,
+    plan_file: Path,
+    digest: str,
+    is_new: bool,
+    options: Mapping[str, Any],
+) -> KeptRun:
+    at = aligned(one.record, plan)
+    choice = Choice(float(options["trim_diameters"]), float(options["settle_s"]))
+    result = stretches_of(model, one.record, plan, at, tool, choice)
+    facts = {
+        "run": one.record.name,
+        "sha256": one.sha256,
+        "plan": plan_file.name,
+        "plan_sha256": digest,
+        "tool": tool,
+        "material": material,
+        "begun_s": one.begun_s,
+        "compensated": one.compensated,
+        "new_tool": is_new,
+        "stretches": len(result.stretches),
+        "contacts": len(np.unique(result.stretches.cut)),
+        "cut_mm": round(result.cut_m / MM, 3),
+        "removed_cm3": round(result.volume_m3 * 1e6, 4),
+        "contact_s": round(result.contact_s, 3),
+        "delay_ms": round(at.delay_s / MS, 2),
+        "delay_sigma_ms": round(at.delay_sigma_s / MS, 2),
+        "edges": at.edges,
+        "zero_drift_n": [round(float(v), 2) for v in result.zero_drift_n],
+        "largest_online_um": round(result.online_m / UM, 1),
+    }
+    return KeptRun(result.stretches, facts)
+
+
+def _estimated(
+    runs: Sequence[KeptRun], model: CellModel, cell: Cell, tool: int, options: Mapping[str, Any], progress: Progress
+) -> tuple[Estimate, list[RunFactor], Drift]:
+    """Constants as in the first run, the factor of each run, the drift; a significant drift is out of the constants."""
+    every = joined([kept.stretches for kept in runs])
+    number: Int = np.repeat(np.arange(len(runs)), [len(kept.stretches) for kept in runs])
+    geometry = geometry_of(every, number, float(options["top_sigma_m"]))
+    cutter = model.cutter_of(tool)
+    length: Float = np.array([kept.facts["cut_mm"] * MM for kept in runs])
+    is_new = np.array([bool(kept.facts["new_tool"]) for kept in runs])
+    sensor = ForceSensor(float(options["force_scale_sigma"]), float(options["force_cross_talk_sigma"]))
+    known, growth, growth_sigma = known_constants(cell), np.ones(len(every)), np.zeros(len(every))
+    for turn in range(2):
+        block = ProductionResiduals(every, geometry, cutter, MM, every.cut, growth)
+        block.h_ref_m = reference_m(block)[0]
+        estimate = find(
+            block,
+            model.force_law,
+            known,
+            run=number,
+            level=str(options["constants"]),
+            sensor=sensor,
+            runout_m=float(options["runout_sigma_m"]),
+            growth_sigma=growth_sigma,
+            seed=int(options["seed"]),
+        )
+        progress(0.5 * (turn + 1), "constants")
+        factors = [run_factor(block.subset(number == r), estimate.fit.values) for r in range(len(runs))]
+        grown = drift(factors, length, is_new)
+        if not grown.is_significant or turn:
+            break
+        later = (grown.before_m - grown.before_m[0])[number]
+        growth = grown.at(grown.before_m)[number] / float(grown.at(grown.before_m[:1])[0])
+        growth_sigma = later * grown.slope_sigma
+    return estimate, factors, grown
