@@ -19,6 +19,7 @@ from counterflex.runtime.state.supervisor import Cause, State
 _RECEIVED, _SENT, _ELAPSED = 1, 2, 3
 MOST_CHANGES: Final = 10_000
 _SOURCES: Final = 16  # sets of four sources
+_PAIR: Final = 4  # sets of two force sensors
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,23 @@ class SourcesChange:
 
 
 @dataclass(frozen=True)
+class PairChange:
+    """A change of which of two force sensors is used.
+
+    Attributes:
+        cycle: First cycle of the change.
+        time_s: Since the first record.
+        before: Bits before: 1 flange sensor, 2 holder.
+        after: Bits in the cycle.
+    """
+
+    cycle: int
+    time_s: float
+    before: int
+    after: int
+
+
+@dataclass(frozen=True)
 class RunFigures:
     """Figures of one run.
 
@@ -79,6 +97,8 @@ class RunFigures:
         largest_m: Largest correction that was sent, length of its translation.
         largest_step_m: Largest change of it from one record to the next cycle's.
         process: What process monitoring found.
+        pair: Cycles by the force sensors of two that were used; empty where there is one or none.
+        pair_changes: The first :data:`MOST_CHANGES` changes of that.
     """
 
     records: int
@@ -96,6 +116,8 @@ class RunFigures:
     sources: dict[Source, int] = field(default_factory=dict)
     sources_changes: tuple[SourcesChange, ...] = ()
     process: ProcessFigures | None = None
+    pair: dict[int, int] = field(default_factory=dict)
+    pair_changes: tuple[PairChange, ...] = ()
 
 
 class RunRecord:
@@ -112,6 +134,8 @@ class RunRecord:
         self._process = ProcessRecord()
         self._sources: Int = np.zeros(_SOURCES, dtype=np.int64)
         self._sources_changes: list[SourcesChange] = []
+        self._pair: Int = np.zeros(_PAIR, dtype=np.int64)
+        self._pair_changes: list[PairChange] = []
         self._reply: list[Float] = []
         self._last: Float | None = None
         self._begin = self._end = 0.0
@@ -161,6 +185,9 @@ class RunRecord:
         self._sources += np.bincount(
             _numbers(rows[:, record.column("out_sources")], _SOURCES, "set of sources"), minlength=_SOURCES
         )
+        self._pair += np.bincount(
+            _numbers(rows[:, record.column("pair_used")], _PAIR, "set of force sensors"), minlength=_PAIR
+        )
         length = np.linalg.norm(rows[:, record.RESULTS : record.RESULTS + 3], axis=1)
         self._largest = max(self._largest, float(length.max()))
 
@@ -186,6 +213,10 @@ class RunRecord:
                 )
             )
 
+        pair = rows[:, record.column("pair_used")].astype(np.int64)
+        for k in np.flatnonzero(np.diff(pair))[: MOST_CHANGES - len(self._pair_changes)]:
+            cycle, time_s = int(rows[k + 1, record.CYCLE]), (float(rows[k + 1, _RECEIVED]) - self._begin) * 1e-9
+            self._pair_changes.append(PairChange(cycle, time_s, int(pair[k]), int(pair[k + 1])))
         sources = rows[:, record.column("out_sources")].astype(np.int64)
         for k in np.flatnonzero(np.diff(sources)):
             if len(self._sources_changes) >= MOST_CHANGES:
@@ -225,6 +256,8 @@ class RunRecord:
             largest_m=self._largest,
             largest_step_m=self._largest_step,
             sources=self._rested(),
+            pair={k: int(n) for k, n in enumerate(self._pair) if n} if self._pair[1:].any() else {},
+            pair_changes=tuple(self._pair_changes),
             sources_changes=tuple(self._sources_changes),
             process=self._process.figures(),
         )

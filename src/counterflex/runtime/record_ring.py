@@ -44,6 +44,7 @@ def _columns() -> tuple[str, ...]:
     names = ["counter_ms", "received_ns", "sent_ns", "elapsed", "w_good"]
     names += [f"fast_{f}" for f in ("samples", "residual", "turn", "tooth", "ready", "separate", "slower")]
     names += [f"sensor_{a}" for a in wrench]
+    names += [f"second_{a}" for a in wrench] + ["pair_used", "pair_gap"]
     names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]
     names += [f"wrench_{a}" for a in wrench] + [f"actual_{p}" for p in pose]
     names += ["tracker_late", "tracker_sigma"] + [f"torque_{i}" for i in range(1, 7)] + [f"reported_{p}" for p in pose]
@@ -92,7 +93,7 @@ def _columns() -> tuple[str, ...]:
 COLUMNS: Final = _columns()
 """Names of a record's numbers: SI, part axes, angles in rad."""
 _PLACES: Final = {name: place for place, name in enumerate(COLUMNS)}
-_WHOLE: Final = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "slowed", "cycle")
+_WHOLE: Final = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "pair_used", "slowed", "cycle")
 
 
 def column(name: str) -> int:
@@ -108,7 +109,9 @@ def is_whole(column: str) -> bool:
 FAST: Final = 5
 """Place of what the force sensor's own samples said: given."""
 SENSOR: Final = FAST + count_of(monitor.FAST)
-GIVEN: Final = SENSOR + 6
+SECOND: Final = SENSOR + 6
+"""Place of what a second force sensor shows: six numbers, bits of those used, and by how much both differ in N."""
+GIVEN: Final = SECOND + 8
 FLAGS: Final = GIVEN + reals_and_words(records(_GIVEN))[0].size
 RESULTS: Final = GIVEN + count_of(_GIVEN)
 OUTCOME: Final = RESULTS + reals_and_words(records(_RESULT))[0].size

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import polars
@@ -33,6 +33,9 @@ from counterflex.runtime.estimator.fusion import level
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole
 from counterflex.runtime.replay import Difference, Gap, Replay
 from counterflex.runtime.state.memory_layout import words_of
+
+FORCE_SENSORS: Final = ("none", "flange sensor", "holder", "both")
+"""What of two force sensors is used, by its bits."""
 
 
 def show(folder: str | Path) -> dict[str, Any]:
@@ -129,6 +132,17 @@ def _shown(figures: RunFigures) -> dict[str, Any]:
                 "cause": change.cause.name.lower(),
             }
             for change in figures.sources_changes
+        ],
+        "force_sensors": {FORCE_SENSORS[k]: cycles for k, cycles in figures.pair.items()},
+        "force_sensors_changes": [
+            {
+                "cycle": change.cycle,
+                "time_s": round(change.time_s, 3),
+                "from": FORCE_SENSORS[change.before],
+                "to": FORCE_SENSORS[change.after],
+                "cause": "force_stale" if change.after < change.before else "none",
+            }
+            for change in figures.pair_changes
         ],
         **shown_process(figures.process),
         "reply_us": None if figures.reply is None else micro(figures.reply),

@@ -13,6 +13,7 @@ from counterflex.app.compliance_window import require_plausible
 from counterflex.app.run.holder import open_holder
 from counterflex.app.run.job_check import cell_of_run, check_job, job_of
 from counterflex.app.run.loop import load_behind, loop_plan, online_loop, tcp_target
+from counterflex.app.run.pair import open_pair
 from counterflex.app.run.robot_links import egm_link, rsi_link
 from counterflex.app.run.tools import tools_of
 from counterflex.core.arrays import Float, Int
@@ -28,7 +29,7 @@ from counterflex.protocols.force.sensors import Opening, link_values, opened
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.senses import Sensing, tracker_frames
+from counterflex.protocols.session.senses import ProcessWrench, Sensing, tracker_frames
 from counterflex.protocols.session.session import OnlineSession, SessionChecks, compile_kernels
 from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import WatchSettings
@@ -39,7 +40,6 @@ from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.sensing.motor_torque import MotorTorque
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
-from counterflex.runtime.sensing.strain_wrench import StrainWrench
 
 QUIET_S = 2.0
 """Without a telegram for so long, a run has ended."""
@@ -152,6 +152,8 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     fused = table.force == "fused"
     _one_force(settings, table)
     measured_at = settings.strain_port if held else settings.force
+    if table.force_from == "both" and (settings.force is None or settings.strain_port is None):
+        measured_at = None
     if fused and measured_at is None and settings.tracker_port is None and plan is None:
         raise InputError(
             "the estimator has nothing to estimate from",
@@ -160,9 +162,9 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             hint="Give force_sensor.address or tracker.address (--scenario), --plan FILE, or several of them",
         )
     motors = _motors(settings, cell, table, plan is not None)
-    unreached = measured_at is None and (held or not settings.egm)
+    unreached = measured_at is None and (held or table.force_from == "both" or not settings.egm)
     if table.force != "none" and (unreached or sensor is None) and not (fused and measured_at is None):
-        source = f', force_from = "{table.force_from}"' if held else ""
+        source = f', force_from = "{table.force_from}"' if table.force_from != "sensor" else ""
         raise _no_sensor(settings, f'force = "{table.force}"{source}', unreached=unreached, unknown=sensor is None)
     tracked = table.tracker != "none" or (fused and settings.tracker_port is not None)
     if tracked and (settings.tracker_port is None or cell.tables.tracker is None):
@@ -283,7 +285,7 @@ def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool
 
 def _open_force(
     settings: RunSettings, cell: Cell, table: OnlineTable, link: RobotLink, plan: Plan | None, checks: SessionChecks
-) -> tuple[ForceSource | None, SensorWrench | StrainWrench | None, Tare | None]:
+) -> tuple[ForceSource | None, ProcessWrench | None, Tare | None]:
     """What measures the force, what makes a process wrench of it, and how its zero is taken where that is special."""
     if table.force_from == "holder":
         if table.force == "none" or settings.strain_port is None:
@@ -294,7 +296,11 @@ def _open_force(
         return None, None, None
     if settings.force is not None:
         force = opened(measured.protocol, _opening(settings, settings.force, measured))
-        return force, SensorWrench(cell.chain, sensor, None if cell.holds_part else cell.T_base_part), None
+        wrench = SensorWrench(cell.chain, sensor, None if cell.holds_part else cell.T_base_part)
+        if table.force_from == "both" and settings.strain_port is not None:
+            strains = settings.host, settings.strain_port
+            return open_pair(cell, table, plan, (force, wrench), strains, checks.force_n, checks.moment_nm)
+        return force, wrench, None
     if isinstance(link, EgmLink) and table.force != "none":
         own = EgmForce(link, range_n=measured.range_n, range_nm=measured.range_nm)
         return own, SensorWrench(cell.chain, sensor, cell.T_base_part), None
@@ -307,6 +313,8 @@ def _one_force(settings: RunSettings, table: OnlineTable) -> None:
     Raises:
         InputError: Strains for a cell that takes its force from a flange sensor, or the other way round.
     """
+    if table.force_from == "both":
+        return
     held = table.force_from == "holder"
     unused = settings.strain_port if not held else settings.force
     if unused is not None:
@@ -321,6 +329,8 @@ def _one_force(settings: RunSettings, table: OnlineTable) -> None:
 def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: bool) -> InputError:
     """What of the force sensor is lacking: where it is, or how it sits in the robot."""
     address = "strain.address" if "holder" in value else "force_sensor.address"
+    if '"both"' in value:
+        address = "force_sensor.address or strain.address"
     lacking = [f"{address} (--scenario)"] if unreached else []
     lacking += ["a table [sensor], which counterflex identify payload finds,"] if unknown else []
     return InputError(

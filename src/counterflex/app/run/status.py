@@ -158,6 +158,8 @@ def force_message(status: Status) -> str:
         return ""
     if Cause.FORCE_OFFSET in (status.cause, status.degraded):
         return "  FORCE STEPPED: look for another zero of the sensor, a hit, deeper stock, harder material"
+    if Cause.FORCE_DISAGREES in (status.cause, status.degraded):
+        return "  THE TWO FORCE SENSORS DIFFER: look for a zero that moved, a loose cable, a bridge, a wrong matrix"
     if status.degraded == Cause.FORCE_DIFFERS:
         return (
             "  FORCE OFF THE PLAN otherwise than in such cuts before, and followed: deeper stock or harder material;"

@@ -11,8 +11,9 @@ from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.plan.plan import Plan
+from counterflex.protocols.session.senses import ProcessWrench
 from counterflex.protocols.session.tool_change import ToolChange
-from counterflex.runtime.sensing.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.pair_wrench import PairWrench
 from counterflex.runtime.sensing.strain_wrench import StrainWrench
 from counterflex.sensing.carrier import carrier_to_tcp
 from counterflex.sensing.flange_sensor import FlangeSensor
@@ -46,7 +47,7 @@ def tool_loads(cell: Cell, sensor: FlangeSensor) -> Mapping[int, tuple[float, Fl
 
 
 def tools_of(
-    plan: Plan | None, cell: Cell, sensor: FlangeSensor | None, wrench: SensorWrench | StrainWrench | None
+    plan: Plan | None, cell: Cell, sensor: FlangeSensor | None, wrench: ProcessWrench | None
 ) -> ToolChange | None:
     """What follows the tools of a plan that cuts with several; None where one cuts all.
 
@@ -61,12 +62,12 @@ def tools_of(
     return ToolChange(plan.path.tool.astype(np.int64), plan.cutting, user(cell, sensor, wrench))
 
 
-def user(cell: Cell, sensor: FlangeSensor | None, wrench: SensorWrench | StrainWrench | None) -> Callable[[int], None]:
+def user(cell: Cell, sensor: FlangeSensor | None, wrench: ProcessWrench | None) -> Callable[[int], None]:
     """What takes the constants of a tool by its number: weight, and with the holder its matrix and lever."""
     loads = {} if sensor is None else tool_loads(cell, sensor)
 
     def use(number: int) -> None:
-        if wrench is None or number not in loads:
+        if wrench is None or isinstance(wrench, PairWrench) or number not in loads:
             return
         wrench.carry(*loads[number])
         if isinstance(wrench, StrainWrench):

@@ -91,6 +91,7 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
             "The estimate rested on", ["sources", "cycles"], [[name, str(n)] for name, n in run["sources"].items()]
         )
     _show_changes("Changes of its sources", run["sources_changes"])
+    _show_changes("Changes of the force sensors", run["force_sensors_changes"])
     _show_changes("Changes", run["changes"])
     _show_incidents(run["incidents"], run["incidents_total"])
     show_process(run)

@@ -229,7 +229,7 @@ def cell(
         peer=host_port(trial.controller.peer),
         egm=None if egm is None else address(egm, "--egm"),
         own_force=own_force,
-        netft_port=None if own_force or strained or terminals else force_port,
+        netft_port=None if own_force or ((strained or terminals) and not force_port) else force_port,
         netft_http_port=sensor.http_port or 0,
         force_host=force_host,
         tracker_peer=host_port(trial.tracker.address),

@@ -9,6 +9,7 @@ from pydantic import Field, field_validator
 
 from counterflex.core.units import DEG, MM, MS, PERCENT, UM, URAD
 from counterflex.files.cell.axis_pid import AxisPidTable
+from counterflex.files.cell.pair import PairTable
 from counterflex.files.cell.timing import TimingTable
 from counterflex.files.schema import Table
 from counterflex.runtime.design.tracker_plant import TrackerPlant
@@ -43,7 +44,8 @@ class OnlineTable(Table):
     """Which signals correct, through which filters, within which limits."""
 
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
-    force_from: Literal["sensor", "holder"] = "sensor"
+    force_from: Literal["sensor", "holder", "both"] = "sensor"
+    pair: PairTable = PairTable()
     tracker: Literal["none", "integrator", "observer", "designed"] = "none"
     tracker_lost: Literal["hold", "fallback"] = "hold"
     force_offset: Literal["hold", "plan", "tell"] = "hold"

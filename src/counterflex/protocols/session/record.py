@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
+from counterflex.protocols.session.pair import PairSource
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import RecordRing
@@ -26,7 +27,10 @@ def write_record(
     row[0], row[1], row[2] = link.counter, received, sent
     row[3] = link.elapsed
     row[4] = 0.0 if force is None else force.good
-    row[record.SENSOR : record.GIVEN] = 0.0 if force is None else force.w_sensor
+    row[record.SENSOR : record.SECOND] = 0.0 if force is None else force.w_sensor
+    row[record.SECOND : record.GIVEN] = 0.0
+    if isinstance(force, PairSource):
+        row[record.SECOND : record.SECOND + 6], row[record.GIVEN - 2], row[record.GIVEN - 1] = force.record
     row[record.GIVEN : record.FLAGS] = loop.inputs[0]
     row[record.FLAGS : record.RESULTS] = loop.inputs[1]
     row[record.RESULTS : record.OUTCOME] = loop.answers[0]

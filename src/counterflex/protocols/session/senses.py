@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility.axis_check import AxisCheck
 from counterflex.runtime.sensing.motor_torque import MotorTorque
+from counterflex.runtime.sensing.pair_wrench import PairWrench
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.runtime.sensing.strain_wrench import StrainWrench
@@ -32,6 +34,10 @@ _READY = int(State.READY)
 _SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 _TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
 _SCATTERED = int(Cause.TELEGRAMS_SCATTERED)
+
+
+ProcessWrench: TypeAlias = SensorWrench | StrainWrench | PairWrench
+"""What makes a process wrench of a reading."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +58,7 @@ class Sensing:
     """
 
     force: ForceSource | None = None
-    wrench: SensorWrench | StrainWrench | None = None
+    wrench: ProcessWrench | None = None
     tare: Tare | None = None
     tools: ToolChange | None = None
     inertia: SpindleInertia | None = None

@@ -250,6 +250,12 @@ class StrainWrench:
         self.observed.gain[: self._bridges] = self._gains[self.tool] / MICRO
         self._carried.p_sensor_tcp = self._points[self.tool]
 
+    @property
+    def R_base_holder(self) -> Float:
+        """(3, 3) of the last cycle."""
+        out: Float = self._carried.R_base_sensor.reshape(3, 3).copy()
+        return out
+
     def carry(self, mass_kg: float, p_sensor_com: Float) -> None:
         """Take another load behind the holder: that of the tool in use.
 

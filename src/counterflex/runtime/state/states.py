@@ -82,3 +82,5 @@ class Cause(IntEnum):
     FORCE_DIFFERS = 40
     """In a calm cut the force is off the plan otherwise than in such cuts before: deeper stock, another material, or
     the sensor's zero. Told only: the next way in air tells which."""
+    FORCE_DISAGREES = 41
+    """Two force sensors differ by more than noise, zeros and delays explain, for longer than they may."""
