@@ -9,6 +9,7 @@ import pytest
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
+from counterflex.programs.reading import read_program_file
 
 HEAD = "G21 G90 F100\n"
 CASES = {
@@ -131,8 +132,8 @@ def test_empty_text(text: str) -> None:
 
 
 def test_unknown_dialect() -> None:
-    with pytest.raises(InputError, match="dialect"):
-        read_gcode("M2", dialect="fanuc")
+    with pytest.raises(InputError, match="language"):
+        read_program_file("part.ngc", dialect="fanuc")
 
 
 @pytest.mark.parametrize(

@@ -25,10 +25,10 @@ from counterflex.plan.feed_schedule import FeedGroups
 from counterflex.plan.inputs import Setting, with_settling
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
-from counterflex.programs.gcode.read.reader import read_gcode_file
-from counterflex.programs.limits import DIALECTS
+from counterflex.programs.limits import BY_ENDING
 from counterflex.programs.motion_rows import single_straight
 from counterflex.programs.program import Program
+from counterflex.programs.reading import read_program_file
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
 from counterflex.programs.rotary.poses import Words, turned_path
@@ -72,12 +72,12 @@ class Reading:
     """How a program is read.
 
     Attributes:
-        dialect: Of the language.
+        dialect: Language, one of :data:`~counterflex.programs.limits.DIALECTS`.
         parameters: LinuxCNC parameter file of the machine that the program was written for, or None.
         complete: Refuse a program that stops without M2, M30 or a closing ``%``.
     """
 
-    dialect: str = DIALECTS[0]
+    dialect: str = BY_ENDING
     parameters: Path | None = None
     complete: bool = True
 
@@ -89,7 +89,7 @@ class Reading:
             FileFormatError: The parameter file cannot be used.
         """
         machine = MillingMachine(known=False) if self.parameters is None else read_parameter_file(self.parameters)
-        return read_gcode_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
+        return read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
 
 
 AS_IT_IS: Final = Reading()

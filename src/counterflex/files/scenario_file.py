@@ -19,7 +19,7 @@ from counterflex.core.similar import close_to, missing_file
 from counterflex.files import fault_file
 from counterflex.files.fault_file import FaultTable
 from counterflex.files.schema import Table, Versioned, check_header, parse, read_toml
-from counterflex.programs.limits import DIALECTS, GcodeDialect
+from counterflex.programs.limits import BY_ENDING, ProgramDialect
 
 KIND: Final = "counterflex-scenario"
 VERSION: Final = 1
@@ -36,7 +36,7 @@ _ZERO: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class CompensationTable(Table):
     """How ``compensate`` corrects."""
 
-    dialect: GcodeDialect = DIALECTS[0]
+    dialect: ProgramDialect = BY_ENDING
     tolerance_um: Annotated[float, Field(ge=0.1, le=1000.0)] = 5.0
     normal_only: bool = False
     feed_for_tolerance_um: Annotated[float, Field(ge=0.1, le=10000.0)] | None = None

@@ -34,9 +34,12 @@ class Limits:
     source: str
 
 
-GcodeDialect = Literal["linuxcnc"]
-DIALECTS: Final[tuple[GcodeDialect, ...]] = get_args(GcodeDialect)
-"""Dialects of G-code that can be read; the first is taken where none is named."""
+ProgramDialect = Literal["ending", "linuxcnc"]
+DIALECTS: Final[tuple[ProgramDialect, ...]] = get_args(ProgramDialect)
+"""Languages of programs that can be read; the first is taken where none is named: that of the file's ending."""
+BY_ENDING: Final = DIALECTS[0]
+ENDINGS: Final[dict[str, tuple[str, ...]]] = {}
+"""Endings of the files of each language, lower case, the usual one first; any other file is ``linuxcnc``."""
 
 LINUXCNC: Final = Limits(
     line_characters=252,

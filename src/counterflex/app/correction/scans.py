@@ -106,7 +106,7 @@ def _simulated_files(path: Path) -> tuple[Path | None, Path | None]:
 
 def _check_original(folder: Path, program: Path) -> None:
     """Refuse a simulated part of another original."""
-    originals = [folder / simulate.ORIGINAL, *sorted((folder / "original").glob("*"))]
+    originals = [simulate.kept(folder, simulate.ORIGINAL), *sorted((folder / "original").glob("*"))]
     source = next((file for file in originals if file.is_file()), None)
     if source is None or source.read_bytes() != program.read_bytes():
         raise InputError(

@@ -223,9 +223,10 @@ def _check_same(paths: Sequence[Path]) -> None:
     ):
         hashes = set()
         for path in paths:
-            files = sorted(path.glob(pattern))
+            name = simulate.kept(path, pattern).name if pattern == simulate.ORIGINAL else pattern
+            files = sorted(path.glob(name))
             if not files and pattern != simulate.BLANKS:
-                raise FileFormatError("a file of the run is missing", where=str(path / pattern))
+                raise FileFormatError("a file of the run is missing", where=str(path / name))
             try:
                 hashes.add(tuple(file.read_bytes() for file in files))
             except OSError as fault:

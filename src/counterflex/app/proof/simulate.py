@@ -6,7 +6,7 @@ import itertools
 import time
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,15 +27,19 @@ from counterflex.files.run_file import write_run
 from counterflex.files.schema import write_toml
 from counterflex.files.summary_file import write_summary
 from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.programs.limits import ENDINGS
+from counterflex.programs.reading import dialect_of
 from counterflex.twin.plant.controller import Controller, controller_of
 from counterflex.twin.plant.record import Record
 from counterflex.twin.plant.simulate import mounted_tools, simulate
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
 
-PROGRAM, ORIGINAL, CELL, TRUTH = "program.ngc", "original.ngc", "cell.toml", "truth.toml"
+PROGRAM, ORIGINAL, CELL, TRUTH = "program", "original", "cell.toml", "truth.toml"
 RUN, SURFACE, COLUMNS, SUMMARY, BLANKS = "run.parquet", "surface.npz", "columns.npz", "summary.json", "blank.*"
 PARAMETERS = "parameters.var"
+_GCODE: Final = ".ngc"
+"""Ending of programs as LinuxCNC reads them."""
 
 
 OTHER_CELL_M = 20.0 * MM
@@ -196,14 +200,22 @@ def keep_inputs(
     """Copy the program, the one it stands for, the machine's parameters and the cell file into a run folder."""
     if reading.parameters is not None:
         atomic.write_bytes(folder / PARAMETERS, _source(reading.parameters))
-    atomic.write_bytes(folder / PROGRAM, _source(program))
-    atomic.write_bytes(folder / ORIGINAL, _source(original))
+    for name, source in ((PROGRAM, program), (ORIGINAL, original)):
+        ending = ENDINGS.get(dialect_of(source, reading.dialect), (_GCODE,))[0]
+        atomic.write_bytes(folder / f"{name}{ending}", _source(source))
     _keep_cell(cell, folder)
 
 
 def read_original(folder: Path, cell: Cell) -> Job:
     """The program that a run is judged against, read as it was for the run."""
-    return read_job(folder / ORIGINAL, cell, reading=reading_of(folder))
+    return read_job(kept(folder, ORIGINAL), cell, reading=reading_of(folder))
+
+
+def kept(folder: Path, name: str) -> Path:
+    """The program of a run folder, :data:`PROGRAM` or :data:`ORIGINAL`; its ending tells the language."""
+    endings = [ending for own in ENDINGS.values() for ending in own[:1]]
+    files = (folder / f"{name}{ending}" for ending in endings)
+    return next((file for file in files if file.is_file()), folder / f"{name}{_GCODE}")
 
 
 def reading_of(folder: Path) -> Reading:
@@ -214,7 +226,7 @@ def reading_of(folder: Path) -> Reading:
 
 def read_cell_of(folder: Path) -> Cell:
     """The cell of a run, its part seen along the tool of the original program."""
-    return in_working_plane(folder / ORIGINAL, read_cell(folder / CELL), reading_of(folder))
+    return in_working_plane(kept(folder, ORIGINAL), read_cell(folder / CELL), reading_of(folder))
 
 
 def _keep_cell(cell: Cell, folder: Path) -> None:

@@ -27,6 +27,7 @@ from counterflex.plan.cut import Cut, cut
 from counterflex.plan.inputs import part_compliance, solve_joints
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.programs.program import Motion
+from counterflex.programs.reading import require_linuxcnc
 
 READING, CHECKING, JUDGING = "finding the entries", "checking by removal", "force and error"
 STEP_M: Final = 0.25 * MM
@@ -70,6 +71,7 @@ def run(
     cell = read_cell(cell_file)
     parts = in_parts(progress, {READING: 1.0, CHECKING: 2.0, JUDGING: 4.0})
     job = read_job(program, cell, reading=reading)
+    require_linuxcnc(job.program, "plan entry")
     parts[READING](0.0)
     entries = _entries(job, cell, moves)
     name = Path(program).name

@@ -23,6 +23,7 @@ from counterflex.path.toolpath import FEED
 from counterflex.plan.cut import Cut, cut
 from counterflex.plan.strategy.trochoid import Loop, loop_for, pieces
 from counterflex.programs.program import Block, Program
+from counterflex.programs.reading import require_linuxcnc
 
 _TANGENT_RAD: Final = 0.25
 _SHARE: Final = 0.3
@@ -258,6 +259,7 @@ def run(
     cell = read_cell(cell_file)
     parts = in_parts(progress, {READING: 1.0, WRITING: 0.2, CHECKING: 4.0})
     job = read_job(program, cell, reading=reading)
+    require_linuxcnc(job.program, "plan trochoid")
     result, before = rewrite(job, cell, requested, parts[READING])
     name = Path(program).name
     with atomic.atomic_folder(out) as staging:

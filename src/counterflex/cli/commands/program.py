@@ -13,7 +13,7 @@ from counterflex.cli import arguments
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
-from counterflex.programs.limits import DIALECTS
+from counterflex.programs.limits import BY_ENDING, DIALECTS
 
 Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)]
 CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)]
@@ -27,7 +27,7 @@ Dialect = Annotated[
     str,
     typer.Option(
         "--dialect",
-        help=f"Dialect of the program: {', '.join(DIALECTS)}.",
+        help=f"Language of the program: {', '.join(DIALECTS)} (that of the file's ending).",
         callback=arguments.one_of(DIALECTS, "dialect"),
     ),
 ]
@@ -69,7 +69,7 @@ def path(
             callback=arguments.output_file,
         ),
     ] = None,
-    dialect: Dialect = DIALECTS[0],
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the motions as JSON.")] = False,
@@ -82,11 +82,12 @@ def path(
     if csv is not None:
         keep_inputs(csv, *inputs, option="--csv")
     from counterflex.programs.gcode.read.parameter_file import read_parameter_file
-    from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, doubtful_readings, read_gcode_file
+    from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, doubtful_readings
     from counterflex.programs.listing import listing, write_listing
+    from counterflex.programs.reading import read_program_file
 
     machine = COORDINATES_OF_THE_PART if parameters is None else read_parameter_file(parameters)
-    toolpath = read_gcode_file(program, dialect=dialect, complete=not without_end, machine=machine)
+    toolpath = read_program_file(program, dialect=dialect, complete=not without_end, machine=machine)
     for warning in doubtful_readings(toolpath):
         typer.echo(f"warning: {warning}", err=True)
     if as_json:

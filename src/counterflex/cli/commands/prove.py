@@ -11,9 +11,10 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS
-from counterflex.cli.commands.program import AssumeClass, CellFile, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.units import UM
+from counterflex.programs.limits import BY_ENDING
 from counterflex.twin.truth.family import FAMILIES
 
 Seeds = Annotated[
@@ -95,6 +96,7 @@ def simulate(
             callback=arguments.file,
         ),
     ] = None,
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
@@ -109,7 +111,7 @@ def simulate(
     from counterflex.app.inputs import Reading
     from counterflex.app.proof import simulate as job
 
-    reading = Reading(parameters=parameters, complete=not without_end)
+    reading = Reading(dialect, parameters, complete=not without_end)
     with progress_bar(f"machining {program.name}") as progress:
         summary = job.run(program, cell, truth, out, original=original, reading=reading, progress=progress)
     if as_json:
@@ -237,6 +239,7 @@ def prove(
     ] = True,
     assume_class: AssumeClass = False,
     workers: Workers = None,
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
@@ -251,7 +254,7 @@ def prove(
     from counterflex.app.proof import prove as job
     from counterflex.twin.truth.family import family_of
 
-    reading = Reading(parameters=parameters, complete=not without_end)
+    reading = Reading(dialect, parameters, complete=not without_end)
     with progress_bar(f"proving {program.name}") as progress:
         summary = job.run(
             program,

@@ -10,7 +10,7 @@ import typer
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.units import DEG, MM
-from counterflex.programs.limits import DIALECTS
+from counterflex.programs.limits import BY_ENDING
 
 
 def register(app: typer.Typer) -> None:
@@ -35,7 +35,7 @@ def entry(
     edges: Annotated[
         bool, typer.Option("--edges", help="Slots that begin over an edge of the blank get a ramp, too.")
     ] = False,
-    dialect: Dialect = DIALECTS[0],
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,

@@ -10,7 +10,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.units import DEG
-from counterflex.programs.limits import DIALECTS
+from counterflex.programs.limits import BY_ENDING
 
 _SURFACES: Final = ("both", "wall", "floor")
 
@@ -45,7 +45,7 @@ def posture(
             max=360.0,
         ),
     ] = 0.0,
-    dialect: Dialect = DIALECTS[0],
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,

@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
-from counterflex.programs.limits import DIALECTS
+from counterflex.programs.limits import BY_ENDING
 
 
 def register(app: typer.Typer) -> None:
@@ -61,7 +61,7 @@ def stability(
             callback=arguments.between(0.001, 0.7),
         ),
     ] = None,
-    dialect: Dialect = DIALECTS[0],
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,

@@ -11,7 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import print_json, print_table, progress_bar
 from counterflex.core.units import DEG, MM, PERCENT, RPM
-from counterflex.programs.limits import DIALECTS
+from counterflex.programs.limits import BY_ENDING
 
 
 def _range(option: str, what: str) -> Any:
@@ -74,7 +74,7 @@ def strategy(
     ] = 100.0,
     rows: Annotated[int, typer.Option("--rows", help="Length of the table.", min=1, max=100)] = 8,
     assume_class: AssumeClass = False,
-    dialect: Dialect = DIALECTS[0],
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,

@@ -11,7 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.units import DEG, MM
-from counterflex.programs.limits import DIALECTS
+from counterflex.programs.limits import BY_ENDING
 
 _SIDES = ("up", "down")
 
@@ -50,7 +50,7 @@ def trochoid(
     milling: Annotated[
         str, typer.Option("--milling", help="up or down.", callback=arguments.one_of(_SIDES, "side"))
     ] = "up",
-    dialect: Dialect = DIALECTS[0],
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,

@@ -9,7 +9,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
-from counterflex.programs.limits import DIALECTS
+from counterflex.programs.limits import BY_ENDING
 
 
 def register(app: typer.Typer) -> None:
@@ -40,7 +40,7 @@ def working_space(
             callback=arguments.one_of(("both", "wall", "floor"), "surface"),
         ),
     ] = "both",
-    dialect: Dialect = DIALECTS[0],
+    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
 ) -> None:

@@ -22,7 +22,6 @@ from counterflex.programs.gcode.read.flow import Source, line_end, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.state import State, work_offset_table
-from counterflex.programs.limits import DIALECTS
 from counterflex.programs.program import Block, Motion, Program
 
 Point = tuple[float, float, float]
@@ -36,7 +35,6 @@ def read_gcode(
     text: str,
     *,
     name: str = "program",
-    dialect: str = DIALECTS[0],
     machine: MillingMachine = COORDINATES_OF_THE_PART,
     step_limit: int = 2_000_000,
     includes: Callable[[str], str | None] | None = None,
@@ -52,7 +50,6 @@ def read_gcode(
     Args:
         text: The program.
         name: Its name, for errors.
-        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`.
         machine: What is known of the machine that the program was written for.
         step_limit: Largest number of lines executed.
         includes: Given the name of a subroutine that the text does not define, returns the text of its file or None.
@@ -70,8 +67,6 @@ def read_gcode(
 
     Source: LinuxCNC, G-code overview, G-codes, M-codes, O-codes.
     """
-    if dialect not in DIALECTS:
-        raise InputError("an unknown dialect of G-code", value=dialect, limit=" ".join(DIALECTS))
     if step_limit < 1:
         raise InputError("the step limit is out of range", value=step_limit, limit=">= 1")
     for tool, length in (machine.tool_lengths or {}).items():
@@ -101,7 +96,7 @@ def read_gcode(
         raise _named(fault, name, lines) from fault
     return Program(
         name=name,
-        dialect=dialect,
+        dialect="linuxcnc",
         lines=(*source.lines, "") if text.endswith(("\n", "\r")) else source.lines,
         newline=newline,
         blocks=tuple(_moved_block(block, zero) for block in interpreter.blocks),
@@ -161,7 +156,6 @@ def _moved(motion: Motion, zero: Point) -> Motion:
 def read_gcode_file(
     path: str | os.PathLike[str],
     *,
-    dialect: str = DIALECTS[0],
     machine: MillingMachine = COORDINATES_OF_THE_PART,
     step_limit: int = 2_000_000,
     block_delete: bool = False,
@@ -171,7 +165,6 @@ def read_gcode_file(
 
     Args:
         path: The file, UTF-8 or Latin-1 (comments only may hold more than ASCII).
-        dialect: As for :func:`read_gcode`, and so are the others.
         machine: See :func:`read_gcode`.
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
@@ -194,7 +187,6 @@ def read_gcode_file(
     program = read_gcode(
         text,
         name=file.name,
-        dialect=dialect,
         machine=machine,
         step_limit=step_limit,
         includes=include,

@@ -1,0 +1,87 @@
+"""Which language a program file is in, and its reader: the one place where a language to read is added.
+
+A language has a name in :data:`~counterflex.programs.limits.DIALECTS`, the endings of its files in
+:data:`~counterflex.programs.limits.ENDINGS`, and a line in :data:`_READERS`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
+from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
+from counterflex.programs.limits import BY_ENDING, DIALECTS, ENDINGS
+from counterflex.programs.program import Program
+
+LINUXCNC: Final = "linuxcnc"
+_READERS: Final[dict[str, str]] = {
+    LINUXCNC: "counterflex.programs.gcode.read.reader:read_gcode_file",
+}
+"""``module:function`` of each language; the function takes the file and, by name, ``machine`` and ``complete``."""
+
+
+def dialect_of(file: str | os.PathLike[str], dialect: str = BY_ENDING) -> str:
+    """Return the language that a file is read in.
+
+    Args:
+        file: The program.
+        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`; :data:`~counterflex.programs.limits.BY_ENDING`
+            takes the language of the file's ending, and G-code as LinuxCNC reads it where the ending tells none.
+
+    Raises:
+        InputError: There is no such language.
+    """
+    if dialect not in DIALECTS:
+        raise InputError("an unknown language of programs", value=dialect, limit=" ".join(DIALECTS))
+    if dialect != BY_ENDING:
+        return dialect
+    ending = Path(file).suffix.lower()
+    return next((name for name, endings in ENDINGS.items() if ending in endings), LINUXCNC)
+
+
+def read_program_file(
+    file: str | os.PathLike[str],
+    *,
+    dialect: str = BY_ENDING,
+    machine: MillingMachine = COORDINATES_OF_THE_PART,
+    complete: bool = True,
+) -> Program:
+    """Read a program in the language it is written in.
+
+    Args:
+        file: The program.
+        dialect: See :func:`dialect_of`.
+        machine: What is known of the machine that it was written for.
+        complete: Refuse a program that stops without the end that its language requires.
+
+    Returns:
+        The program as executed; :attr:`~counterflex.programs.program.Program.dialect` is the language.
+
+    Raises:
+        ProgramError: It cannot be read exactly.
+        InputError: There is no such language.
+    """
+    module, _, name = _READERS[dialect_of(file, dialect)].partition(":")
+    read: Callable[..., Program] = getattr(importlib.import_module(module), name)
+    return read(file, machine=machine, complete=complete)
+
+
+def require_linuxcnc(program: Program, command: str) -> None:
+    """Refuse a program that a command cannot change, because it writes G-code as LinuxCNC reads it.
+
+    Raises:
+        ProgramError: It is in another language.
+    """
+    if program.dialect != LINUXCNC:
+        raise ProgramError(
+            f"{command} writes G-code as LinuxCNC reads it",
+            where=Path(program.name).name,
+            value=program.dialect,
+            limit=LINUXCNC,
+            hint="Post the tool path for LinuxCNC",
+        )
