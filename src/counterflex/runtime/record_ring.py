@@ -44,7 +44,7 @@ def _columns() -> tuple[str, ...]:
     names = ["counter_ms", "received_ns", "sent_ns", "elapsed", "w_good"]
     names += [f"fast_{f}" for f in ("samples", "residual", "turn", "tooth", "ready", "separate", "slower")]
     names += [f"sensor_{a}" for a in wrench]
-    names += [f"second_{a}" for a in wrench] + ["pair_used", "pair_gap"]
+    names += [f"second_{a}{b}" for a in "fs" for b in "xyz"] + ["pair_used", "pair_gap"]
     names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]
     names += [f"wrench_{a}" for a in wrench] + [f"actual_{p}" for p in pose]
     names += ["tracker_late", "tracker_sigma"] + [f"torque_{i}" for i in range(1, 7)] + [f"reported_{p}" for p in pose]

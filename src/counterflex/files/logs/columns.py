@@ -99,6 +99,7 @@ _UNITS: Final = (
     (r"fast_(residual|turn|tooth)", "N"),
     (r"(sensor|wrench|used|predicted|filtered)_f[xyz]", "N"),
     (r"(sensor|wrench|used|predicted|filtered)_m[xyz]|torque_\d", "N m"),
+    (r"second_[fs][xyz]|pair_gap", "N"),
     (r"(force|expected)_(feed|across|tool|size|least|most)", "N"),
     (r"(nominal|actual|reported|correction|deflection|wanted|deviation|offset)_[xyz]", "m"),
     (r"(correction|deflection|wanted|deviation|offset)_r[xyz]|q\d|axis_\d", "rad"),
