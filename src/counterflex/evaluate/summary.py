@@ -18,6 +18,7 @@ from counterflex.evaluate.figures import Figures, reduction
 from counterflex.evaluate.path_deviation import PathFigures
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.evaluate.truth_level import TruthLevel
+from counterflex.evaluate.turned_surface import TurnedDeviation
 
 FORMAT: Final = "counterflex-summary"
 VERSION: Final = 2
@@ -36,7 +37,7 @@ class Variant:
     """
 
     path: PathFigures
-    surface: SurfaceDeviation | None = None
+    surface: SurfaceDeviation | TurnedDeviation | None = None
     peak_force_n: float | None = None
 
 

@@ -69,8 +69,17 @@ def _values(data: Any, column: Column) -> Any:
     return np.asarray(values, dtype=np.int64) if column.whole else np.asarray(values, dtype=np.float64) / column.unit
 
 
-def read(path: Path, kind: str, version: int, layout: tuple[Column, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+def read(
+    path: Path, kind: str, version: int, layout: tuple[Column, ...], optional: tuple[Column, ...] = ()
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Read a table back as attributes.
+
+    Args:
+        path: The file.
+        kind: Format name.
+        version: Newest format version that is read.
+        layout: Columns.
+        optional: Further columns, all of them or none.
 
     Returns:
         Arrays by attribute name (components joined along the last axis), SI; and the metadata.
@@ -88,6 +97,8 @@ def read(path: Path, kind: str, version: int, layout: tuple[Column, ...]) -> tup
     if not isinstance(meta, dict) or "format" not in meta:
         raise FileFormatError(f"not a {kind} file", where=str(path), hint="It was not written by counterflex")
     check_header(meta, kind=kind, version=version, where=str(path))
+    if any(column.name in frame.columns for column in optional):
+        layout = layout + optional
     names = [column.name for column in layout]
     wrong = sorted(set(names) ^ set(frame.columns))
     if wrong:

@@ -1,4 +1,7 @@
-"""The record of a machined program (``counterflex-run``, version 1): one row per controller cycle, Parquet."""
+"""The record of a machined program (``counterflex-run``, version 2): one row per controller cycle, Parquet.
+
+Version 1 had no direction of the tool.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from counterflex.files.parquet_table import Column, columns, read, write
 from counterflex.path.run import Run
 
 KIND = "counterflex-run"
-VERSION = 1
+VERSION = 2
 
 LAYOUT = (
     Column("time_s", "time_s"),
@@ -29,12 +32,16 @@ LAYOUT = (
 )
 
 
+AXIS = columns("axis_x axis_y axis_z", "axis_part")
+"""Direction of the tool, from the tip to the spindle: of runs that have it."""
+
+
 def write_run(path: Path, run: Run, about: Mapping[str, Any]) -> None:
     """Write a run."""
-    write(path, KIND, VERSION, LAYOUT, run, about)
+    write(path, KIND, VERSION, LAYOUT if run.axis_part is None else LAYOUT + AXIS, run, about)
 
 
 def read_run(path: Path) -> tuple[Run, dict[str, Any]]:
     """Read a run and its metadata. Raises FileFormatError as :func:`counterflex.files.parquet_table.read`."""
-    data, about = read(path, KIND, VERSION, LAYOUT)
+    data, about = read(path, KIND, VERSION, LAYOUT, AXIS)
     return Run(**data), about

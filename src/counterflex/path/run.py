@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from counterflex.core.arrays import Float, Int
 
@@ -24,6 +24,7 @@ class Run:
         force_peak_n: (n,) N.
         depth_m: (n,) m, engaged axial depth, 0 in air.
         q_motor: (n, 6) rad.
+        axis_part: (n, 3) unit vectors from the tip to the spindle, as the tool was held; None in records of before.
     """
 
     time_s: Float
@@ -38,3 +39,4 @@ class Run:
     force_peak_n: Float
     depth_m: Float
     q_motor: Float
+    axis_part: Float | None = field(default=None, kw_only=True)

@@ -12,17 +12,20 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import Job
 from counterflex.app.proof import simulate
+from counterflex.app.proof.cut_logs import log_of_path, log_of_run, top_of, undisturbed_columns
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.columns import ColumnStock
+from counterflex.cutting.tridexel.surface import surface as surface_of
 from counterflex.evaluate.feature_finding import find_features
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
 from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
 from counterflex.evaluate.summary import SeedResult, Variant, summary
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
 from counterflex.evaluate.truth_level import TruthLevel
+from counterflex.evaluate.turned_surface import TurnedDeviation, TurnedSurface, turned_deviation, turned_surface
 from counterflex.files.cell.cell import Cell
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary
@@ -42,12 +45,14 @@ class Reference:
         cell: Where it is machined.
         widest: The tool; of several the widest.
         surface: Floors and walls of the undisturbed part; None where the tool turns.
+        turned: Where the undisturbed part is judged when the tool turns.
     """
 
     job: Job
     cell: Cell
     widest: Cutter
     surface: NominalSurface | None
+    turned: TurnedSurface | None = None
 
     @property
     def radius_m(self) -> float:
@@ -73,6 +78,7 @@ class Judged:
         deviation: Of the path.
         surface: Of the part; None where the tool turned.
         columns: Columns of material where the tool turned.
+        turned: Deviation of the part where the tool turned.
     """
 
     run: Run
@@ -80,12 +86,14 @@ class Judged:
     deviation: PathDeviation
     surface: SurfaceDeviation | None
     columns: ColumnStock | None = None
+    turned: TurnedDeviation | None = None
 
     @property
     def variant(self) -> Variant:
         """Its figures."""
         force = np.linalg.norm(self.run.force_part, axis=1)
-        return Variant(path_figures(self.deviation), self.surface, float(np.max(force, initial=0.0)))
+        surface = self.turned if self.surface is None else self.surface
+        return Variant(path_figures(self.deviation), surface, float(np.max(force, initial=0.0)))
 
     @property
     def joined(self) -> Bool:
@@ -99,7 +107,9 @@ def reference_of(job: Job, cell: Cell) -> Reference:
     tools = simulate.tools_of(job.path)
     widest = max((cell.cutter(number) for number in tools), key=lambda cutter: cutter.radius_m)
     if cell.tool_turns:
-        return Reference(job, cell, widest, None)
+        left = undisturbed_columns(job.path, cell)
+        nominal_part = turned_surface(surface_of(left, log_of_path(job.path, cell, top_of(cell))), left.cell_m)
+        return Reference(job, cell, widest, None, nominal_part)
     outline = None if len(tools) < 2 else _outlines(mounted_tools(job.path), cell)
     nominal = simulate.undisturbed(job, cell)
     surface = nominal_surface(cell.stock(), nominal, job.path.p_part_tcp, widest, outline=outline)
@@ -133,7 +143,10 @@ def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStoc
         command_part_tcp=run.p_part_command,
         progress=run.progress,
     )
-    surface = None
+    surface, turned = None, None
+    if reference.turned is not None:
+        cell = reference.cell
+        turned = turned_deviation(reference.turned, log_of_run(run, reference.job.path, cell, top_of(cell)))
     if reference.surface is not None:
         surface = surface_deviation(
             reference.surface,
@@ -142,7 +155,7 @@ def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStoc
             ~deviation.broken,
             reference.outline_at(deviation.motion),
         )
-    return Judged(run, actual, deviation, surface, columns)
+    return Judged(run, actual, deviation, surface, columns, turned)
 
 
 def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[FeatureRow, ...]:

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.inputs import Job
 from counterflex.app.proof import simulate
-from counterflex.app.proof.cut_logs import log_of_path, log_of_run, top_of
+from counterflex.app.proof.cut_logs import log_of_path, log_of_run, top_of, undisturbed_columns
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, UM
-from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.surface import Surface, surface
+from counterflex.files.cell.cell import Cell
 from counterflex.files.parquet_table import Column, columns, write
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary, write_summary
@@ -56,21 +57,14 @@ def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progre
             hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
         )
     cell = simulate.read_cell_of(source)
-    if cell.tool_turns:
-        raise InputError(
-            "the tool turns while it cuts: no mesh is made of such a part",
-            where=str(source),
-            limit="a tool with one direction in all cuts",
-            hint="counterflex evaluate judges the path of the tool",
-        )
     job = simulate.read_original(source, cell)
-    machined, actual = read_run(source / simulate.RUN)[0], HeightMap.load(source / simulate.SURFACE)
+    machined, (tops, columns_left) = read_run(source / simulate.RUN)[0], simulate.read_part(source)
     top = top_of(cell, job.path.p_part_tcp, machined.p_part_tcp)
-    nominal = log_of_path(job.path, cell, top)
+    nominal, actual = log_of_path(job.path, cell, top), log_of_run(machined, job.path, cell, top)
     progress(0.1)
-    should_be = surface(ColumnStock.of(simulate.undisturbed(job, cell)), nominal)
+    should_be = surface(undisturbed_part(job, cell), nominal)
     progress(0.4)
-    made = surface(ColumnStock.of(actual), log_of_run(machined, job.path, cell, top))
+    made = surface(ColumnStock.of(tops) if columns_left is None else columns_left, actual)
     progress(0.7)
     deviation = np.full(len(made.points), np.nan)
     deviation[made.cut] = -nominal.distance(made.points[made.cut])
@@ -88,6 +82,13 @@ def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progre
         write_summary(staging / SUMMARY, summary)
     progress(1.0)
     return summary
+
+
+def undisturbed_part(job: Job, cell: Cell) -> ColumnStock:
+    """The part that a program would give if nothing bent, as columns."""
+    if cell.tool_turns:
+        return undisturbed_columns(job.path, cell)
+    return ColumnStock.of(simulate.undisturbed(job, cell))
 
 
 def _figures(made: Surface, deviation: Float) -> dict[str, Any]:

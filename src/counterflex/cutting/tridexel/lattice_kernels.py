@@ -15,7 +15,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel
 from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, Columns
-from counterflex.cutting.tridexel.swept_solid import distance, stretch
+from counterflex.cutting.tridexel.swept_solid import depth_at, distance, stretch
 from counterflex.cutting.tridexel.turning_line_kernels import MISSED, turning_end
 
 Whole = Any
@@ -330,6 +330,18 @@ def ends_on_lines(tiles: Tiles, along: Whole, start: Float, length: float, fille
 
 
 @kernel()
+def _least_possible(x: float, y: float, z: float, motion: Float, shape: Float) -> float:
+    """What the distance of a point (from the tip's start) to a sweep is at least: that in the middle, less the way.
+
+    In the tool's frame a point goes by at most ``(|v| + turn |p - tip|) / 2`` from there to either end.
+    """
+    way = math.sqrt(motion[3] * motion[3] + motion[4] * motion[4] + motion[5] * motion[5])
+    turn = math.sqrt(motion[9] * motion[9] + motion[10] * motion[10] + motion[11] * motion[11])
+    away = math.sqrt(x * x + y * y + z * z) + way
+    return float(depth_at(x, y, z, 0.5, motion, shape) - 0.5 * (way + turn * away))
+
+
+@kernel()
 def distances(tiles: Tiles, points: Float, reach: float, out: Float) -> None:
     """Signed distance (n,) m of points (n, 3) to what was cut: negative inside; nan where it is more than reach."""
     for n in range(len(points)):
@@ -344,6 +356,8 @@ def distances(tiles: Tiles, points: Float, reach: float, out: Float) -> None:
                 if _gap(tiles.boxes[k], x, y, z) > min(best, reach):
                     continue
                 motion = tiles.motions[k]
+                if _least_possible(x - motion[0], y - motion[1], z - motion[2], motion, tiles.shapes[k]) >= best:
+                    continue
                 size, _ = distance(x - motion[0], y - motion[1], z - motion[2], motion, tiles.shapes[k])
                 best = min(best, size)
         out[n] = best if math.fabs(best) <= reach else np.nan

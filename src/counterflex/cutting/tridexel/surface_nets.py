@@ -67,14 +67,14 @@ def _around(one: CrossedEdges, cubes: tuple[int, int, int]) -> tuple[Int, Int, B
     """Cubes about each edge (m, 4), which of their twelve edges it is, and whether its lower node is filled."""
     axis = 2 - one.along
     others = [a for a in (0, 1, 2) if a != axis]
-    found, places = [], []
+    around, places = [], []
     for first, second in ((-1, -1), (-1, 0), (0, 0), (0, -1)):
         cube = one.edge.copy()
         cube[:, others[0]] += first
         cube[:, others[1]] += second
-        found.append(np.ravel_multi_index(tuple(cube.T), cubes))
+        around.append(np.ravel_multi_index(tuple(cube.T), cubes))
         places.append(np.full(len(cube), 4 * axis - 2 * first - second))
-    return np.stack(found, axis=1), np.stack(places, axis=1), one.filled
+    return np.stack(around, axis=1), np.stack(places, axis=1), one.filled
 
 
 @cache

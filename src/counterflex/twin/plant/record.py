@@ -111,6 +111,7 @@ def record_of(
         p_part_command=reference.p_part_command[k],
         p_part_tcp=p_part,
         tilt_part=tilt,
+        axis_part=-Rs_part_tcp[:, :, 2],
         force_part=sums[:, :3] / calls,
         moment_part=sums[:, 3:6] / calls,
         force_peak_n=sums[:, 6],

@@ -1,0 +1,99 @@
+"""Deviation of a part that a tool cut which turned, from the simulated undisturbed one; positive = material left.
+
+Both parts are in columns. Points of the undisturbed part lie exactly where lines along x, y and z leave what its tool
+swept; the deviation of each is its signed distance to what the tool really swept, along the normal of that sweep. As
+with walls of upright tools, both sweeps take the cutter as the cell file has it: what wear of its radius leaves is not
+in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.units import UM
+from counterflex.cutting.tridexel.cut_log import CutLog
+from counterflex.cutting.tridexel.surface import Surface
+from counterflex.evaluate.figures import Figures, weighted_figures
+
+JUDGED_POINTS: Final = 20_000
+"""Points that a part is judged at, at most; of more every second, third ... is taken."""
+STEEP: Final = 1.5
+"""Slope from which on a face is a wall, as on the height map."""
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedSurface:
+    """Where an undisturbed part is judged.
+
+    Attributes:
+        points: (n, 3) m, part frame.
+        area_m2: (n,) area that each stands for.
+        wall: (n,) whether the face is steeper than 56 degrees; the others are floor.
+        cell_m: Of the lattice whose lines the points lie on.
+    """
+
+    points: Float
+    area_m2: Float
+    wall: Bool
+    cell_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedDeviation:
+    """Deviation of one machined part; m, positive = material left.
+
+    Attributes:
+        deviation_m: (n,) of the points of :class:`TurnedSurface`; nan beyond 5 mm.
+        surface: Figures over floors and walls, by area.
+        floor: Over floors.
+        wall: Over walls.
+        floor_resolution_m: Points are exact sections of the sweep; stated as 0.1 um.
+        wall_resolution_m: Likewise.
+        wall_lost_m2: Area of walls and floors with no result.
+    """
+
+    deviation_m: Float
+    surface: Figures
+    floor: Figures
+    wall: Figures
+    floor_resolution_m: float
+    wall_resolution_m: float
+    wall_lost_m2: float
+
+
+def turned_surface(nominal: Surface, cell_m: float) -> TurnedSurface:
+    """Points of an undisturbed part that its program made, with the area of the mesh about each.
+
+    Args:
+        nominal: Of the undisturbed part.
+        cell_m: Of its columns.
+    """
+    corners = nominal.vertices[nominal.around]
+    normal = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    area = np.linalg.norm(normal, axis=1)
+    made = np.flatnonzero(nominal.cut & (area > 0.0))
+    stride = max(1, -(-len(made) // JUDGED_POINTS))
+    some = made[::stride]
+    wall = np.hypot(normal[some, 0], normal[some, 1]) > STEEP * np.abs(normal[some, 2])
+    return TurnedSurface(nominal.points[some], area[some] * (area[made].sum() / area[some].sum()), wall, cell_m)
+
+
+def turned_deviation(surface: TurnedSurface, swept: CutLog) -> TurnedDeviation:
+    """Compare what a tool swept with the undisturbed part.
+
+    Args:
+        surface: See :func:`turned_surface`.
+        swept: All motions of the machining.
+    """
+    deviation = swept.distance(surface.points)
+    known = ~np.isnan(deviation)
+    all_of, floor, wall = (
+        weighted_figures(deviation[known & which], surface.area_m2[known & which])
+        for which in (known, ~surface.wall, surface.wall)
+    )
+    lost = float(surface.area_m2[~known].sum())
+    return TurnedDeviation(deviation, all_of, floor, wall, 0.1 * UM, 0.1 * UM, lost)
