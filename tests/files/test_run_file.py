@@ -17,18 +17,21 @@ from hypothesis import strategies as st
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.summary import FORMAT
 from counterflex.evaluate.summary import VERSION as SUMMARY_VERSION
-from counterflex.files.run_file import KIND, LAYOUT, VERSION, read_run, write_run
+from counterflex.files.run_file import AXIS, KIND, LAYOUT, VERSION, read_run, write_run
 from counterflex.files.summary_file import read_summary, write_summary
 from counterflex.path.run import Run
+
+
+COLUMNS = LAYOUT + AXIS
 
 
 def a_run(n: int, seed: int) -> Run:
     """A run of n rows, every number different."""
     rng = np.random.default_rng(seed)
-    width = Counter(column.field for column in LAYOUT)
-    single = {column.field for column in LAYOUT if column.index is None}
+    width = Counter(column.field for column in COLUMNS)
+    single = {column.field for column in COLUMNS if column.index is None}
     fields: dict[str, Any] = {}
-    for column in LAYOUT:
+    for column in COLUMNS:
         shape = (n,) if column.field in single else (n, width[column.field])
         fields[column.field] = rng.integers(0, 9, n) if column.whole else rng.normal(size=shape)
     return Run(**fields)
@@ -48,8 +51,22 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, n: int, seed: int)
 
 
 def test_every_number_of_a_run_has_a_column() -> None:
-    assert {column.field for column in LAYOUT} == {field.name for field in dataclasses.fields(Run)}
-    assert len({column.name for column in LAYOUT}) == len(LAYOUT)
+    assert {column.field for column in COLUMNS} == {field.name for field in dataclasses.fields(Run)}
+    assert len({column.name for column in COLUMNS}) == len(COLUMNS)
+
+
+def test_version_1_has_no_direction_of_the_tool(tmp_path: Path) -> None:
+    path, run = tmp_path / "run.parquet", dataclasses.replace(a_run(4, 2), axis_part=None)
+    write_run(path, run, {})
+    meta = json.dumps({"format": KIND, "version": 1})
+    pl.read_parquet(path).write_parquet(path, metadata={"counterflex": meta})
+    again, about = read_run(path)
+    assert about["version"] == 1
+    assert again.axis_part is None
+    np.testing.assert_allclose(again.p_part_tcp, run.p_part_tcp, rtol=1e-14)
+    pl.read_parquet(path).with_columns(axis_x=pl.lit(1.0)).write_parquet(path, metadata={"counterflex": meta})
+    with pytest.raises(FileFormatError, match="missing or unknown.*axis_y"):
+        read_run(path)
 
 
 def test_units_are_those_of_the_column_names(tmp_path: Path) -> None:
