@@ -21,7 +21,6 @@ from counterflex.files.run_file import AXIS, KIND, LAYOUT, VERSION, read_run, wr
 from counterflex.files.summary_file import read_summary, write_summary
 from counterflex.path.run import Run
 
-
 COLUMNS = LAYOUT + AXIS
 
 
