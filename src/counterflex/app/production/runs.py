@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.run.missing import LogMissing
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS
 from counterflex.files.logs.segments import segments
@@ -26,6 +26,7 @@ _Q: Final = [column(f"q{i}") for i in range(1, 7)]
 _NEEDED: Final = (*_WRENCH, *_PLACE, *_SENT, *_Q)
 _SATURATED: Final = int(Cause.FORCE_SATURATED)
 _LEAST_CYCLES: Final = 250
+_STALE_CYCLES: Final = 25
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ def _logged(folder: Path, number: int, rows: Float, about: Mapping[str, Any]) ->
         w_part=np.ascontiguousarray(rows[:, _WRENCH]),
         q=np.ascontiguousarray(rows[:, _Q]),
         online_part=np.ascontiguousarray(rows[:, _SENT]),
-        good=(rows[:, column("flag_force_age")] == 0) & np.all(np.isfinite(rows[:, _WRENCH]), axis=1),
+        good=_fresh(rows) & np.all(np.isfinite(rows[:, _WRENCH]), axis=1),
         saturated=soft == _SATURATED,
         period_s=float(np.median(np.diff(time))),
     )
@@ -134,6 +135,17 @@ def _logged(folder: Path, number: int, rows: Float, about: Mapping[str, Any]) ->
         bool(about.get("compensated", True)),
         (float(rows[0, column("received_ns")]) + float(about.get("wall_minus_monotonic_ns", 0))) * 1e-9,
     )
+
+
+def _fresh(rows: Float) -> Bool:
+    """(m,) cycles with a reading that is new, or next to new: a loop that needs no force does not count its age."""
+    fresh = rows[:, column("flag_force_age")] == 0
+    samples = rows[:, column("w_good")] > 0
+    if np.any(samples):
+        cycle = np.arange(len(rows))
+        last = np.maximum.accumulate(np.where(samples, cycle, -_STALE_CYCLES - 1))
+        fresh &= cycle - last <= _STALE_CYCLES
+    return np.array(fresh, dtype=np.bool_)
 
 
 def plan_of(run: LoggedRun, plans: Sequence[Path], digests: Mapping[Path, str]) -> Path:

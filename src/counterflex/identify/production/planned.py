@@ -21,6 +21,10 @@ EXPONENTS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 CHIP_M: Final = 50.0 * UM
 """h0, a chip thickness in the middle of those that milling has."""
 
+_ORDERS: Final = np.arange(len(EXPONENTS), dtype=np.float64)
+_BASIS: Final = np.linalg.inv(np.vander(np.array(EXPONENTS), increasing=True))
+"""Row j: share of the monomial p^j in the polynomial that is 1 at each node and 0 at the others."""
+
 
 @dataclass(frozen=True, eq=False)
 class PlannedCut:
@@ -97,15 +101,9 @@ class RunRecord:
 
 def weights_at(p: float) -> tuple[Float, Float]:
     """(k,) Lagrange weights of the nodes :data:`EXPONENTS` at an exponent, and their derivatives by it."""
-    nodes = np.array(EXPONENTS)
-    k = len(nodes)
-    value, slope = np.ones(k), np.zeros(k)
-    for i in range(k):
-        others = np.delete(nodes, i)
-        factors = (p - others) / (nodes[i] - others)
-        value[i] = float(np.prod(factors))
-        slope[i] = sum(float(np.prod(np.delete(factors, j))) / (nodes[i] - others[j]) for j in range(k - 1))
-    return value, slope
+    power = p**_ORDERS
+    slope = np.concatenate([[0.0], _ORDERS[1:] * power[:-1]])
+    return power @ _BASIS, slope @ _BASIS
 
 
 def force_of(maps_m: Float, terms: Float) -> Float:
