@@ -142,6 +142,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         shutil.copytree(machined.folder / "run", folder / "run-after")
     if words[0] == "inspect":
         scan(folder)
+    if words[0] == "thermal":
+        shutil.copy(Path(__file__).parents[2] / "examples" / "touches.csv", folder)
     if words[0] == "doctor":
         monkeypatch.setattr("counterflex.app.doctor.probe", good_machine)
         monkeypatch.setattr("counterflex.app.doctor.machine_file", lambda: folder / "machine.json")

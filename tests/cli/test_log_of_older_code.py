@@ -28,7 +28,8 @@ NEWER = ("wear_trend", "wear_trend_sigma", "fast_samples", "slowed", "surprise_t
 def rows() -> Float:
     out = np.random.default_rng(1).standard_normal((CYCLES, WIDTH))
     for name in COLUMNS:
-        if name.startswith(("out_", "flag_", "event_", "fast_")) or name in ("elapsed", "w_good", "pair_used", "slowed"):
+        counts = ("elapsed", "w_good", "pair_used", "slowed")
+        if name.startswith(("out_", "flag_", "event_", "fast_")) or name in counts:
             out[:, COLUMNS.index(name)] = 0.0
     k = np.arange(CYCLES)
     out[:, COLUMNS.index("counter_ms")] = 4 * k

@@ -39,6 +39,7 @@ from counterflex.cli.commands import (
     reproduce,
     rsi,
     soak,
+    thermal,
     tracker,
     twin,
 )
@@ -97,7 +98,7 @@ PANELS: Final = {
     "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate", "correct"),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect"),
     "Identify": ("identify", "production", "dataset", "holder", "campaign"),
-    "Measure": ("iso9283", "iso230"),
+    "Measure": ("iso9283", "iso230", "thermal"),
     "Online": ("run", "operator", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
     "Tools": ("doctor", "extensions", "soak", "faults", "reproduce"),
@@ -176,7 +177,7 @@ for room in (
     room.register(app)
 for room in (plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
-for room in (iso9283, iso230):
+for room in (iso9283, iso230, thermal):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)

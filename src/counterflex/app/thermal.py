@@ -1,0 +1,154 @@
+"""The job ``thermal``: growth of spindle and arm from touches between cuts, and when something has to be done."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import MINUTE, RPM, UM
+from counterflex.evaluate.thermal.growth import GrowthCourse, GrowthModel, Touches, follow, micro
+from counterflex.files.touches_file import read_touches
+
+KIND, VERSION = "counterflex thermal", 1
+_SIGMAS: Final = 2.0
+_KEYS: Final = ("reference_rpm", "end_um", "end_sigma_um", "weights")
+
+
+@dataclass(frozen=True)
+class ThermalSettings:
+    """What is asked.
+
+    Attributes:
+        touches: File of touches.
+        axis_part: (3,) direction from the spindle to the tip, part axes.
+        limit_m: Largest growth or drift that is tolerated.
+        per_kelvin_m: Growth per kelvin of the spindle's temperature, or None.
+        model: Written by an earlier call, or None.
+    """
+
+    touches: Path
+    axis_part: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    limit_m: float = 30.0 * UM
+    per_kelvin_m: float | None = None
+    model: Path | None = None
+
+
+def run(settings: ThermalSettings, out: Path | None = None) -> dict[str, Any]:
+    """Follow growth and drift through the touches, and judge them.
+
+    Args:
+        settings: See there.
+        out: File for what was learnt of this machine; None writes none.
+
+    Returns:
+        Summary: a row per touch, the model, alerts; :attr:`alert` is whether there are any.
+
+    Raises:
+        FileFormatError: A file cannot be used.
+        InputError: Values that cannot be.
+    """
+    touches = read_touches(settings.touches)
+    before = _read(settings.model, settings.per_kelvin_m)
+    course = follow(touches, np.array(settings.axis_part), before)
+    alerts = _alerts(course, settings.limit_m, known=settings.model is not None)
+    summary = {
+        "touches": [_row(touches, course, k) for k in range(len(touches.time_s))],
+        "time_constant_min": round(course.tau_s / MINUTE, 1),
+        "time_constant_sigma_min": round(course.tau_sigma_s / MINUTE, 1),
+        "end_um": micro(course.model.end_m),
+        "end_sigma_um": micro(course.model.end_sigma_m),
+        "reference_rpm": round(course.model.reference_rad_s / RPM),
+        "limit_um": micro(settings.limit_m),
+        "alerts": alerts,
+    }
+    if out is not None:
+        _write(out, course.model)
+    return summary
+
+
+def _row(touches: Touches, course: GrowthCourse, k: int) -> dict[str, Any]:
+    return {
+        "minutes": round(float(touches.time_s[k] - touches.time_s[0]) / MINUTE, 2),
+        "rpm": round(float(touches.speed_rad_s[k]) / RPM),
+        "growth_um": micro(course.growth_m[k]),
+        "growth_sigma_um": micro(course.growth_sigma_m[k]),
+        "arm_um": [micro(v) for v in course.arm_m[k]],
+        "arm_sigma_um": [micro(v) for v in course.arm_sigma_m[k]],
+        "total_um": micro(float(np.linalg.norm(course.total_m[k]))),
+        "total_sigma_um": micro(_along(course.total_m[k], course.total_sigma_m[k])),
+        "surprise": None if np.isnan(course.surprise_ratio[k]) else round(float(course.surprise_ratio[k]), 2),
+        "holds": bool(course.holds[k]),
+    }
+
+
+def _along(d: Float, sigma: Float) -> float:
+    """Standard deviation of the length of a vector whose components have these."""
+    length = float(np.linalg.norm(d))
+    return float(np.linalg.norm(d * sigma) / length) if length > 0.0 else float(sigma.max())
+
+
+def _alerts(course: GrowthCourse, limit_m: float, *, known: bool) -> list[str]:
+    """What has to be done after the last touch, in words."""
+    d, sigma = course.total_m[-1], course.total_sigma_m[-1]
+    size, spread = float(np.linalg.norm(d)), _along(d, sigma)
+    alerts = []
+    if size - _SIGMAS * spread > limit_m:
+        alerts.append(
+            f"growth and drift of {micro(size):g} +- {micro(spread):g} um are beyond {micro(limit_m):g} um: touch the "
+            "part again (datum points) before the next cut"
+        )
+    elif size + _SIGMAS * spread > limit_m:
+        alerts.append(
+            f"growth and drift may be beyond {micro(limit_m):g} um ({micro(size):g} +- {micro(spread):g} um): touch "
+            "once more, or touch the part again"
+        )
+    if not course.holds[-1]:
+        whose = "the model of this machine" if known else "what machines do when they warm up"
+        alerts.append(
+            f"the last touches are not what {whose} foretells: identify again; counterflex identify tracker-frame "
+            "where a tracker shows the place, else touch the part, and counterflex identify kinematics where it stays"
+        )
+    return alerts
+
+
+def _write(out: Path, model: GrowthModel) -> None:
+    content = {
+        "format": KIND,
+        "version": VERSION,
+        "reference_rpm": model.reference_rad_s / RPM,
+        "end_um": model.end_m / UM,
+        "end_sigma_um": model.end_sigma_m / UM,
+        "weights": [float(w) for w in model.weights],
+    }
+    atomic.write_text(out, json.dumps(content, indent=1) + "\n")
+
+
+def _read(path: Path | None, per_kelvin_m: float | None) -> GrowthModel:
+    if path is None:
+        return GrowthModel(per_kelvin_m=per_kelvin_m)
+    where = str(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValueError) as fault:
+        raise FileFormatError("the model cannot be read", where=where, value=str(fault)[:80]) from fault
+    if not isinstance(content, dict) or content.get("format") != KIND:
+        raise FileFormatError("not a model of thermal growth", where=where, hint="counterflex thermal --out writes one")
+    if content.get("version") != VERSION or set(content) != {"format", "version", *_KEYS}:
+        raise FileFormatError("a model of another version", where=where, value=content.get("version"), limit=VERSION)
+    try:
+        return GrowthModel(
+            reference_rad_s=float(content["reference_rpm"]) * RPM,
+            end_m=float(content["end_um"]) * UM,
+            end_sigma_m=float(content["end_sigma_um"]) * UM,
+            weights=np.array(content["weights"], dtype=np.float64),
+            per_kelvin_m=per_kelvin_m,
+        )
+    except (TypeError, ValueError, InputError) as fault:
+        raise FileFormatError("a model with numbers that cannot be", where=where, value=str(fault)[:120]) from fault

@@ -1,0 +1,104 @@
+"""Command thermal: growth of spindle and arm from touches between cuts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.arguments import numbers
+from counterflex.cli.output import keep_inputs, print_json, print_table
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(thermal)
+
+
+def thermal(
+    touches: Annotated[
+        Path,
+        typer.Argument(
+            help="CSV: time_s,x_mm,y_mm,z_mm; where known spindle_rpm,sigma_um,temperature_c.",
+            metavar="TOUCHES",
+            callback=arguments.file,
+        ),
+    ],
+    axis: Annotated[
+        str,
+        typer.Option(
+            "--axis",
+            help="Direction from spindle to tip, part axes.",
+            metavar="X,Y,Z",
+            callback=arguments.numbers_of(3),
+        ),
+    ] = "0,0,-1",
+    limit_um: Annotated[
+        float, typer.Option("--limit-um", help="Growth and drift that are tolerated.", min=1.0, max=10_000.0)
+    ] = 30.0,
+    um_per_k: Annotated[
+        float | None,
+        typer.Option(
+            "--um-per-k", help="Growth per kelvin of temperature_c; without it that is not used.", min=0.01, max=100.0
+        ),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", help="What an earlier call learnt of this machine.", metavar="FILE", callback=arguments.file
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="File for what was learnt of this machine (.json).", metavar="FILE")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+) -> None:
+    """Follow the thermal growth of spindle and arm through touches of one place between cuts.
+
+    The spindle warms up towards a growth that rises with its speed, the arm drifts. Both are stated with their standard
+    deviation. Exit status 1 with an alert: growth or drift beyond the limit, or touches that were not foretold.
+
+    Example: `counterflex thermal touches.csv --limit-um 100 --out growth.json`
+    """
+    from counterflex.app import thermal as job
+    from counterflex.core.units import UM
+
+    if out is not None:
+        keep_inputs(out, touches, *([] if model is None else [model]))
+    x, y, z = numbers(axis, "--axis", 3) or (0.0, 0.0, -1.0)
+    per_kelvin_m = None if um_per_k is None else um_per_k * UM
+    summary = job.run(job.ThermalSettings(touches, (x, y, z), limit_um * UM, per_kelvin_m, model), out)
+    if as_json:
+        print_json(summary)
+    else:
+        print_table(
+            "Thermal growth, um",
+            ["minutes", "rpm", "spindle", "+-", "arm x", "y", "z", "+-", "together", "+-", "surprise"],
+            [
+                [
+                    f"{row['minutes']:g}",
+                    f"{row['rpm']}",
+                    f"{row['growth_um']:.1f}",
+                    f"{row['growth_sigma_um']:.1f}",
+                    *(f"{v:.1f}" for v in row["arm_um"]),
+                    f"{max(row['arm_sigma_um']):.1f}",
+                    f"{row['total_um']:.1f}",
+                    f"{row['total_sigma_um']:.1f}",
+                    "-" if row["surprise"] is None else f"{row['surprise']:.1f}" + ("" if row["holds"] else " !"),
+                ]
+                for row in summary["touches"]
+            ],
+        )
+        typer.echo(
+            f"spindle: {summary['end_um']:.0f} +- {summary['end_sigma_um']:.0f} um in the end at "
+            f"{summary['reference_rpm']} rpm, time constant {summary['time_constant_min']:g} +- "
+            f"{summary['time_constant_sigma_min']:g} min"
+        )
+        for alert in summary["alerts"]:
+            typer.echo(f"alert: {alert}")
+        if out is not None:
+            typer.echo(f"wrote {out}")
+    if summary["alerts"]:
+        raise typer.Exit(1)

@@ -1,0 +1,152 @@
+"""Thermal growth from touches: a filter that states its own error, against its own law and the simulated cell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterflex.app.proof.truth import truth_of
+from counterflex.app.thermal import ThermalSettings, run
+from counterflex.app.unknown_stiffness import corner_of_blank
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import UM
+from counterflex.evaluate.thermal.growth import GrowthModel, Touches, follow
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.touches_file import read_touches
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.truth.family import OTHER
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+AXIS: Float = np.array([0.0, 0.0, -1.0])
+U = GrowthModel().reference_rad_s
+SIGMA = 4.0 * UM
+
+
+def touched(
+    rng: np.random.Generator, speeds: Float, end_m: float, tau_s: float, step_s: float = 300.0
+) -> tuple[Touches, Float, Float]:
+    """Touches of a spindle and an arm that do as the filter thinks, with true growth (n,) and drift (n, 3)."""
+    usual, n = GrowthModel(), len(speeds)
+    grown, arm = np.zeros(n), np.zeros((n, 3))
+    for k in range(1, n):
+        kept, root = np.exp(-step_s / tau_s), np.sqrt(step_s / 3600.0)
+        target = end_m * speeds[k] / U
+        grown[k] = kept * grown[k - 1] + (1.0 - kept) * target + usual.growth_walk_m * root * rng.standard_normal()
+        arm[k] = arm[k - 1] + usual.arm_walk_m * root * rng.standard_normal(3)
+    place = grown[:, None] * AXIS + arm + SIGMA * rng.standard_normal((n, 3))
+    time_s: Float = step_s * np.arange(n, dtype=np.float64)
+    return Touches(time_s, place - place[0], speeds, np.full(n, SIGMA), np.full(n, np.nan)), grown, arm
+
+
+SPEEDS: Float = U * np.array([0.0, *[1.0] * 9, *[0.0] * 5, *[0.6] * 6])
+
+
+def test_its_errors_are_as_large_as_it_states() -> None:
+    """A of any machine, time constant between the ends of the grid, speed that changes: normalised errors about one."""
+    rng = np.random.default_rng(5)
+    growth, total, unforeseen = [], [], 0
+    for _ in range(60):
+        end_m, tau_s = 80.0 * UM * rng.standard_normal(), float(np.exp(rng.uniform(np.log(300.0), np.log(5000.0))))
+        touches, grown, arm = touched(rng, SPEEDS, end_m, tau_s)
+        course = follow(touches, AXIS)
+        growth.append((course.growth_m[-1] - grown[-1]) / course.growth_sigma_m[-1])
+        error = course.total_m[-1] - (grown[-1] * AXIS + arm[-1])
+        total.append(error / course.total_sigma_m[-1])
+        unforeseen += not course.holds.all()
+    assert np.mean(np.square(growth)) == pytest.approx(1.0, abs=0.45)
+    assert np.mean(np.square(total)) == pytest.approx(1.0, abs=0.35)
+    assert unforeseen <= 3
+
+
+def test_a_speed_that_changes_tells_growth_from_drift() -> None:
+    rng = np.random.default_rng(2)
+    changing = follow(touched(rng, SPEEDS, 60.0 * UM, 1200.0)[0], AXIS)
+    still = follow(touched(rng, np.zeros(len(SPEEDS)), 60.0 * UM, 1200.0)[0], AXIS)
+    assert changing.model.end_sigma_m < 0.5 * still.model.end_sigma_m
+    assert changing.model.end_m == pytest.approx(60.0 * UM, abs=3.0 * changing.model.end_sigma_m)
+
+
+def test_a_temperature_makes_it_surer() -> None:
+    touches, grown, _ = touched(np.random.default_rng(4), SPEEDS, 60.0 * UM, 1200.0)
+    model = GrowthModel(per_kelvin_m=3.0 * UM)
+    warm = replace(touches, warmer_k=grown / (3.0 * UM))
+    without, with_it = follow(touches, AXIS, model), follow(warm, AXIS, model)
+    assert with_it.growth_sigma_m[-1] < 0.8 * without.growth_sigma_m[-1]
+    assert abs(with_it.growth_m[-1] - grown[-1]) < 3.0 * with_it.growth_sigma_m[-1]
+
+
+def test_a_place_that_was_moved_is_unforeseen() -> None:
+    """The target of a tracker knocked by 0.1 mm between two touches."""
+    touches = touched(np.random.default_rng(8), SPEEDS, 60.0 * UM, 1200.0)[0]
+    moved = touches.deviation_m.copy()
+    moved[-2:, 0] += 100.0 * UM
+    assert follow(touches, AXIS).holds.all()
+    course = follow(replace(touches, deviation_m=moved), AXIS)
+    assert course.holds[:-2].all()
+    assert not course.holds[-2:].any()
+
+
+@pytest.mark.parametrize("seed", [1002, 1003, 1004, 1006])
+def test_the_simulated_cell_within_what_is_stated(seed: int) -> None:
+    """Spindle and arm that warm up by a law that nothing here knows the constants of; the arm is no random walk."""
+    cell = read_cell(EXAMPLES / "cells" / "kr300_d16_small.toml")
+    truth, q = truth_of(cell, seed, OTHER), corner_of_blank(cell)
+    assert truth.other.thermal is not None
+    plant, p_base = Plant(truth), []
+    time_s: Float = 240.0 * np.arange(16, dtype=np.float64)
+    for t in time_s:
+        plant.program_time(float(t), 1)
+        plant.reset(q)
+        p_base.append(plant.p_base_tcp.copy())
+    true = (np.array(p_base) - p_base[0]) @ cell.T_base_part[:3, :3]
+    assert np.linalg.norm(true[-1]) > 10.0 * UM
+    rng = np.random.default_rng(seed)
+    noisy = true + SIGMA * rng.standard_normal(true.shape)
+    speeds = np.where(time_s > 0.0, U, 0.0)
+    course = follow(Touches(time_s, noisy - noisy[0], speeds, np.full(16, SIGMA), np.full(16, np.nan)), AXIS)
+    error = course.total_m[1:] - true[1:]
+    common = error.mean(axis=0)  # what the first touch itself was off by, which no later one shows
+    assert np.sqrt(np.mean((error - common) ** 2)) < SIGMA
+    assert np.all(np.abs(common) < 3.0 * SIGMA)
+    assert np.mean(np.abs(error) < 3.0 * course.total_sigma_m[1:]) > 0.95
+    assert course.holds.all()
+
+
+ROWS = "time_s,x_mm,y_mm,z_mm,spindle_rpm\n0,0,0,0,0\n600,0,0,-0.02,12000\n1200,0,0,{last},12000\n"
+
+
+def test_alerts_and_a_model_that_comes_back(tmp_path: Path) -> None:
+    file, learnt = tmp_path / "touches.csv", tmp_path / "growth.json"
+    file.write_text(ROWS.format(last=-0.03), encoding="utf-8")
+    assert run(ThermalSettings(file, limit_m=100.0 * UM), learnt)["alerts"] == []
+    file.write_text(ROWS.format(last=-0.2), encoding="utf-8")
+    later = run(ThermalSettings(file, limit_m=100.0 * UM, model=learnt))
+    assert any("touch the part again" in alert for alert in later["alerts"])
+    assert any("identify tracker-frame" in alert for alert in later["alerts"])
+    learnt.write_text("{}", encoding="utf-8")
+    with pytest.raises(FileFormatError, match="not a model"):
+        run(ThermalSettings(file, model=learnt))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "other columns"),
+        ("time_s,x_mm\n0,0\n1,0\n", "other columns"),
+        ("time_s,x_mm,y_mm,z_mm\n0,0,0,0\n", ">= 2"),
+        ("time_s,x_mm,y_mm,z_mm\n0,0,0,0\n0,0,0,0\n", "do not rise"),
+        ("time_s,x_mm,y_mm,z_mm\n0,0,0,0\n1,0,0\n", "another length"),
+        ("time_s,x_mm,y_mm,z_mm\n0,0,0,0\n1,0,0,high\n", "z_mm is no number"),
+        ("time_s,x_mm,y_mm,z_mm\n0,0,0,0\n1,0,nan,0\n", "y_mm is not finite"),
+        ("time_s,x_mm,y_mm,z_mm,sigma_um\n0,0,0,0,1\n1,0,0,0,-1\n", "uncertainty"),
+    ],
+)
+def test_bad_files_are_one_clear_line(tmp_path: Path, text: str, says: str) -> None:
+    file = tmp_path / "touches.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises((FileFormatError, InputError), match=says):
+        read_touches(file)
