@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import production as benchmark
 import pytest
+
+import production as benchmark
 
 SEED = 1
 
@@ -19,7 +20,7 @@ def row(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 def test_constants_of_the_truth_are_within_their_interval(row: dict[str, Any]) -> None:
-    """The truth has ploughing that the law of the cell lacks; its specific force at the thickness of the cuts counts."""
+    """The truth has ploughing that the law of the cell lacks; compared is its specific force at their thickness."""
     for name in ("kc", "kr", "ka"):
         assert abs(row[f"{name}_percent"]) < 2.0 * row[f"{name}_sigma_percent"]
     assert row["kr_sigma_percent"] < 10.0
