@@ -117,7 +117,9 @@ def tune(
     cell: CellFile,
     apply: Annotated[
         Path | None,
-        typer.Option("--apply", help="Write a new cell file with the gains.", metavar="FILE"),
+        typer.Option(
+            "--apply", help="Write a new cell file with the gains.", metavar="FILE", callback=arguments.output_file
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
 ) -> None:
@@ -134,7 +136,7 @@ def tune(
 
     read = read_cell(cell)
     if apply is not None:
-        keep_inputs(apply, cell)
+        keep_inputs(apply, cell, option="--apply")
     axes = job.tune(read)
     rows = job.shown(axes)
     if apply is not None:

@@ -51,7 +51,13 @@ def thermal(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="File for what was learnt of this machine (.json).", metavar="FILE")
+        Path | None,
+        typer.Option(
+            "--out",
+            help="File for what was learnt of this machine (.json).",
+            metavar="FILE",
+            callback=arguments.output_file,
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
 ) -> None:
