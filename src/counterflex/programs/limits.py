@@ -34,11 +34,11 @@ class Limits:
     source: str
 
 
-ProgramDialect = Literal["ending", "linuxcnc"]
+ProgramDialect = Literal["ending", "linuxcnc", "sinumerik"]
 DIALECTS: Final[tuple[ProgramDialect, ...]] = get_args(ProgramDialect)
 """Languages of programs that can be read; the first is taken where none is named: that of the file's ending."""
 BY_ENDING: Final = DIALECTS[0]
-ENDINGS: Final[dict[str, tuple[str, ...]]] = {}
+ENDINGS: Final[dict[str, tuple[str, ...]]] = {"sinumerik": (".mpf", ".spf")}
 """Endings of the files of each language, lower case, the usual one first; any other file is ``linuxcnc``."""
 
 LINUXCNC: Final = Limits(
@@ -49,6 +49,14 @@ LINUXCNC: Final = Limits(
     angle_decimals=5,
     source="line length, comments included: the RS274/NGC interpreter refuses 253 as too long (measured); number of "
     "lines: none known (cautious)",
+)
+SINUMERIK: Final = Limits(
+    line_characters=512,
+    name_characters=24,
+    points_per_file=10_000_000,
+    position_decimals=4,
+    angle_decimals=5,
+    source="block length 512 characters, program names 24 (SINUMERIK 840D sl, Programming Manual Fundamentals)",
 )
 KRL: Final = Limits(
     line_characters=255,

@@ -29,6 +29,8 @@ class Word:
         start: Index of the letter in the block's text.
         end: Index just behind the value.
         literal: False when the value was an expression or a parameter.
+        absolute: True or False where the word says so itself (``X=AC(5)``, ``X=IC(5)``); None where the mode of the
+            block decides.
     """
 
     letter: str
@@ -36,6 +38,7 @@ class Word:
     start: int
     end: int
     literal: bool = True
+    absolute: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,9 @@ class Modal:
         tool: Number of the tool in the spindle.
         spindle_rpm: Signed: M3 positive, M4 negative, 0 when stopped.
         tool_centre: :data:`TOOL_CENTRE`, :data:`TOOL_VECTOR`, or 0 for none.
+        feed_unit_m: Length of one unit of F in m; 0 where it is ``unit_m``.
+        R_part_work: Rows of the rotation from the programmed axes to those of the part, or None where they are
+            parallel: ``p_part = p_part_origin + R_part_work @ value * unit_m``.
     """
 
     motion: str
@@ -65,6 +71,13 @@ class Modal:
     tool: int
     spindle_rpm: float
     tool_centre: int = 0
+    feed_unit_m: float = 0.0
+    R_part_work: tuple[tuple[float, float, float], ...] | None = None
+
+    @property
+    def unit_of_feed_m(self) -> float:
+        """Length of one unit of F, m."""
+        return self.feed_unit_m or self.unit_m
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from counterflex.programs.program import Program
 LINUXCNC: Final = "linuxcnc"
 _READERS: Final[dict[str, str]] = {
     LINUXCNC: "counterflex.programs.gcode.read.reader:read_gcode_file",
+    "sinumerik": "counterflex.programs.gcode.sinumerik.reader:read_sinumerik_file",
 }
 """``module:function`` of each language; the function takes the file and, by name, ``machine`` and ``complete``."""
 

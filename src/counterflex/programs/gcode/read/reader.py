@@ -181,9 +181,9 @@ def read_gcode_file(
 
     def include(label: str) -> str | None:
         neighbour = folder / f"{label}.ngc"
-        return _text(neighbour)[0] if neighbour.parent == folder and neighbour.is_file() else None
+        return program_text(neighbour)[0] if neighbour.parent == folder and neighbour.is_file() else None
 
-    text, encoding = _text(file)
+    text, encoding = program_text(file)
     program = read_gcode(
         text,
         name=file.name,
@@ -196,7 +196,7 @@ def read_gcode_file(
     return replace(program, encoding=encoding)
 
 
-def _text(file: Path) -> tuple[str, str]:
+def program_text(file: Path) -> tuple[str, str]:
     """Text of a file and its encoding."""
     try:
         if file.is_file() and file.stat().st_size > _LARGEST_FILE:

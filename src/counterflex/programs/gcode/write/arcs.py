@@ -10,12 +10,15 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, radii_agree, radius_centre, written_turn
 from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
-from counterflex.programs.gcode.write.machine import WrittenMachine
+from counterflex.programs.gcode.write.machine import WrittenMachine, work_axes
 from counterflex.programs.gcode.write.written_line import WrittenLine, number
 from counterflex.programs.program import Block, Motion
 
 _ROUNDINGS = 3.0
 """Last decimals that start, end and centre together may shift a written arc by."""
+
+
+_CENTRE_WORDS = ("I", "J", "K", "R", "AR")
 
 
 @dataclass(frozen=True)
@@ -56,10 +59,11 @@ def emit_arc(machine: WrittenMachine, block: Block, line: WrittenLine, index: in
     axes = list(PLANE_AXES[modal.plane])
     first, last = int(rows.first[index]), int(rows.last[index])
     turn = math.copysign(motion.turn_rad, -1.0 if modal.motion == "G2" else 1.0)
-    centre = np.asarray(motion.p_start if motion.p_centre is None else motion.p_centre)[axes]
-    nominal = np.vstack([motion.p_start, rows.nominal[first : last + 1]])[:, axes]
+    centre = work_axes(modal, np.asarray(motion.p_start if motion.p_centre is None else motion.p_centre))[axes]
+    nominal = work_axes(modal, np.vstack([motion.p_start, rows.nominal[first : last + 1]]))[:, axes]
     p_part = np.vstack([machine.here(), rows.command[first : last + 1]])
-    points = _Commanded(p_part, np.ascontiguousarray(p_part[:, axes]), nominal_share(nominal, centre, turn))
+    plane = np.ascontiguousarray(work_axes(modal, p_part)[:, axes])
+    points = _Commanded(p_part, plane, nominal_share(nominal, centre, turn))
     machine.completed_blocks += not corrected
     _emit_pieces(machine, block, line, points, turn, first)
     machine.off = [machine.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
@@ -97,7 +101,7 @@ def _emit_pieces(
             machine.go(line, modal, target)
             machine.lines.append(line.render())
         else:
-            centre = "".join(f" {letter}{text}" for letter, text in words.items())
+            centre = "".join(" " + machine.spelling.word(letter, text) for letter, text in words.items())
             machine.lines.append(f"{code}{machine.added(modal, target)}{centre} {time}".rstrip())
         machine.written_motion = code if code != modal.motion else None
         row = first - 1 + piece.last
@@ -120,7 +124,7 @@ def _edit_words(line: WrittenLine, code: str, words: dict[str, str], keep_turns:
     """Put centre or radius words on the source's line, or turn it into a straight move."""
     reserved = line.taken_elsewhere()
     for word in line.words:
-        stale = word.letter in "IJKR" and word.letter not in words
+        stale = word.letter in _CENTRE_WORDS and word.letter not in words
         if stale or (word.letter == "P" and word.letter not in reserved and not (keep_turns and words)):
             line.remove(word)
         elif word.letter == "G" and word.value in (2.0, 3.0) and not words:
@@ -139,8 +143,8 @@ def _arc_words(
     axes = PLANE_AXES[modal.plane]
     digits, unit = machine.digits(modal), modal.unit_m
     own = line if piece.first == 0 else None
-    here = machine.here()
-    end = np.array([machine.reach(own, modal, axis, float(points.p_part[piece.last, axis])) for axis in range(3)])
+    here = work_axes(modal, machine.here())
+    end = work_axes(modal, machine.reached(own, modal, points.p_part[piece.last]))
     sense = math.copysign(1.0, piece.turn_rad)
     turns = line.find("P") if points.whole(piece) and "P" not in line.taken_elsewhere() else None
     part = points.plane[piece.first : piece.last + 1].copy()

@@ -50,11 +50,11 @@ class Emitter(WrittenMachine):
                 self.lines.extend(source[at : block.line - 1])
                 at = block.line
                 text, words = evaluated(block, self.digits(block.modal)) if self._freeze else (block.text, block.words)
-                self._block(block, WrittenLine(text, words))
+                self._block(block, WrittenLine(text, words, self.spell(block.modal)))
             else:
                 text, words = flatten(block, self.digits(block.modal))
                 if text or not block.text.strip():
-                    self._block(block, WrittenLine(text, words))
+                    self._block(block, WrittenLine(text, words, self.spell(block.modal)))
         if self.program.straight:
             self.lines.extend(source[at:])
         return self.lines
@@ -161,7 +161,7 @@ class Emitter(WrittenMachine):
         """One straight motion as several blocks; the first is the source's own line."""
         modal, rows = block.modal, self.rows
         first, last = int(rows.first[index]), int(rows.last[index])
-        stop = self.stop_word(line)
+        stop, exact = self.stop_word(line), self.exact_stop_word(line)
         steps = [*inner, last]
         travel = np.linalg.norm(np.diff(rows.command[[first - 1, *steps]], axis=0), axis=1)
         factors = feed_factor(np.diff(rows.way[[first - 1, *steps]]), travel)
@@ -177,6 +177,7 @@ class Emitter(WrittenMachine):
             else:
                 feed_word = self.hold_feed(None, modal, motion.feed_m_s, float(factors[step]))
                 words = self.added(modal, rows.command[row]) + self.turns.added(modal, row)
+                prefix = exact + prefix if row == last else prefix
                 self.lines.append(prefix + words + feeds[step] + feed_word)
             self.written[row] = self.here()
         self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
@@ -250,7 +251,7 @@ class Emitter(WrittenMachine):
         rest = line.render().strip()
         if rest:
             self.lines.append(rest)
-        self.lines.append(f"({block.modal.motion} written out)")
+        self.lines.append(self.spelling.remark(f"{block.modal.motion} written out"))
         turning = block.modal.spindle_rpm != 0.0
         for i in indices:
             motion = self.program.motions[i]

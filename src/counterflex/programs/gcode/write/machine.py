@@ -10,17 +10,28 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH
+from counterflex.programs.gcode.write.spelling import SPELLINGS, Spell
 from counterflex.programs.gcode.write.turn_words import TurnWords
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, number
 from counterflex.programs.motion_rows import MotionRows
-from counterflex.programs.program import Block, Modal, Motion, Program, Word
+from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program, Word
 
 MOTION_CODES: Final = frozenset(
     (0.0, 1.0, 2.0, 3.0, 33.0, 38.2, 38.3, 38.4, 38.5, 73.0, 76.0, 80.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 87.0, 88.0)
 ) | {89.0}
 LEAST_FEED_CHANGE: Final = 0.01
 """Change of feed that is worth a word."""
-_STOPS: Final = frozenset((0.0, 1.0, 2.0, 30.0, 60.0))
+_STOPS: Final = frozenset((0.0, 1.0, 2.0, 17.0, 30.0, 60.0))
+
+
+def counts_from_zero(word: Word, modal: Modal) -> bool:
+    """Whether an axis word is absolute, by itself or by the mode of its block."""
+    return modal.absolute if word.absolute is None else word.absolute
+
+
+def work_axes(modal: Modal, points: Float) -> Float:
+    """Points (..., 3) of the part along the programmed axes, from the zero of the part."""
+    return points if modal.R_part_work is None else points @ np.array(modal.R_part_work)
 
 
 class WrittenMachine:
@@ -53,9 +64,15 @@ class WrittenMachine:
         self.arcs_kept = self.arcs_split = self.arcs_as_lines = self.radius_replaced = 0
         self.completed_blocks = self.cycles_expanded = 0
         self.feed_written = 1.0
-        self.turns = TurnWords(rows.angles, decimals)
+        self.spelling = SPELLINGS[program.dialect]
+        self.turns = TurnWords(rows.angles, decimals, self.spelling.vector_word)
 
     # ---- positions and numbers -------------------------------------------------------------------------------
+
+    def spell(self, modal: Modal) -> Spell:
+        """How words are spelled in a block."""
+        vector = modal.tool_centre == TOOL_VECTOR and modal.motion in ("G0", "G1")
+        return self.spelling.vector_word if vector else self.spelling.word
 
     def digits(self, modal: Modal) -> int:
         """Decimals of a written word in the units of a block."""
@@ -110,11 +127,11 @@ class WrittenMachine:
     def check_words(self, block: Block, motion: Motion) -> None:
         """Corrected blocks must lead to their target by their own words, else an edit would go elsewhere."""
         modal = block.modal
-        ends = motion.p_end.tolist()
-        bases = modal.p_part_origin if modal.absolute else motion.p_start.tolist()
+        zero, starts, ends = work_axes(modal, np.array([modal.p_part_origin, motion.p_start, motion.p_end])).tolist()
         for word in block.words:
             axis = AXES.find(word.letter)
-            if axis >= 0 and abs(bases[axis] + word.value * modal.unit_m - ends[axis]) > 1e-7:
+            base = (zero if counts_from_zero(word, modal) else starts)[axis]
+            if axis >= 0 and abs(base + word.value * modal.unit_m - ends[axis]) > 1e-7:
                 raise ProgramError(
                     "a corrected block does not lead to its target by its own words",
                     where=f"{self.program.name}:{block.line}:{word.start + 1}",
@@ -130,19 +147,25 @@ class WrittenMachine:
 
     def keep(self, line: WrittenLine, modal: Modal) -> None:
         """A line that stays as it is: absolute words lead to the nominal position, everything else keeps its offset."""
-        if modal.absolute:
-            for axis in range(3):
-                if self.off[axis] != 0.0 and line.find(AXES[axis]) is not None:
-                    self.off[axis] = 0.0
+        words = [line.find(letter) for letter in AXES]
+        settled = [word is not None and counts_from_zero(word, modal) for word in words]
+        if modal.R_part_work is not None and not all(settled):
+            return
+        self.off = [0.0 if named else off for named, off in zip(settled, self.off, strict=True)]
 
     def set_end(self, line: WrittenLine, block: Block, motion: Motion, shift: Float) -> None:
         """Edit the axis words of a line so that it leads to the end of a motion plus ``shift``."""
         modal = block.modal
+        if modal.R_part_work is not None:
+            self.go(line, modal, motion.p_end + shift)
+            self.off = (self.here() - motion.p_end).tolist()
+            self.stand(motion.p_end)
+            return
         ends, moves = motion.p_end.tolist(), shift.tolist()
         for axis in range(3):
             word = line.find(AXES[axis])
             end, move = ends[axis], moves[axis]
-            if word is not None and move == 0.0 and (modal.absolute or self.off[axis] == 0.0):
+            if word is not None and move == 0.0 and (counts_from_zero(word, modal) or self.off[axis] == 0.0):
                 reached = end
             elif word is None and not self.changes(modal, axis, end + move):
                 reached = self.current(axis)
@@ -154,6 +177,8 @@ class WrittenMachine:
 
     def added(self, modal: Modal, p: Float) -> str:
         """Words of an added block to ``p``; only axes that move. The position is there afterwards."""
+        if modal.R_part_work is not None:
+            return "".join(f" {AXES[axis]}{text}" for axis, text in self._go_turned(None, modal, p))
         words = []
         for axis in range(3):
             if self.changes(modal, axis, float(p[axis])):
@@ -164,11 +189,41 @@ class WrittenMachine:
 
     def go(self, line: WrittenLine, modal: Modal, p: Float) -> None:
         """Edit the axis words of a line so that it leads to ``p``. The position is there afterwards."""
+        if modal.R_part_work is not None:
+            for axis, text in self._go_turned(line, modal, p):
+                line.set(AXES[axis], text)
+            return
         for axis in range(3):
             if line.find(AXES[axis]) is not None or self.changes(modal, axis, float(p[axis])):
                 text, reached = self.target(modal, axis, float(p[axis]))
                 line.set(AXES[axis], text)
                 self.off[axis] += reached - self.current(axis)
+
+    def _go_turned(self, line: WrittenLine | None, modal: Modal, p: Float) -> list[tuple[int, str]]:
+        """Axis words that lead to ``p`` in turned axes, and the position there; words that fit already are left."""
+        words, reached = self._turned_words(line, modal, p)
+        self.off = (reached - np.array(self.nominal)).tolist()
+        return words
+
+    def _turned_words(self, line: WrittenLine | None, modal: Modal, p: Float) -> tuple[list[tuple[int, str]], Float]:
+        """The words for :meth:`_go_turned`, and the point in the part that they lead to."""
+        R, zero = np.array(modal.R_part_work), np.array(modal.p_part_origin)
+        digits, unit = self.digits(modal), modal.unit_m
+        at, goal = ((self.here() - zero) @ R).tolist(), ((p - zero) @ R).tolist()
+        half = 0.5000001 * unit * 10.0**-digits
+        words = []
+        for axis in range(3):
+            word = line.find(AXES[axis]) if line is not None else None
+            if word is None and abs(goal[axis] - at[axis]) <= half:
+                continue
+            if word is not None and counts_from_zero(word, modal) and abs(goal[axis] - word.value * unit) <= half:
+                at[axis] = word.value * unit
+                continue
+            base = 0.0 if modal.absolute else at[axis]
+            value = round((goal[axis] - base) / unit, digits)
+            words.append((axis, number(value, digits)))
+            at[axis] = base + value * unit
+        return words, zero + R @ np.array(at)
 
     # ---- modal motion ----------------------------------------------------------------------------------------
 
@@ -188,6 +243,15 @@ class WrittenMachine:
             line.lead(code)
         self.written_motion = None
         return missing
+
+    @staticmethod
+    def exact_stop_word(line: WrittenLine) -> str:
+        """Take an exact stop for one block (G9) out of a line that gets followers; the last of them gets it."""
+        for word in line.words:
+            if word.letter == "G" and word.value == 9.0:
+                line.remove(word)
+                return "G9 "
+        return ""
 
     def stop_word(self, line: WrittenLine) -> str | None:
         """Take a program stop out of a line that gets followers; it acts behind the motion."""
@@ -229,7 +293,7 @@ class WrittenMachine:
         if feed_m_s <= 0.0 or abs(factor / self.feed_written - 1.0) <= LEAST_FEED_CHANGE:
             return ""
         self.feed_written = factor
-        text = number(feed_m_s * 60.0 / modal.unit_m * factor, 4 if factor == 1.0 else 1)
+        text = number(feed_m_s * 60.0 / modal.unit_of_feed_m * factor, 4 if factor == 1.0 else 1)
         if line is not None:
             line.set("F", text)
         return " F" + text
@@ -251,8 +315,13 @@ class WrittenMachine:
         pieces = np.diff(np.concatenate([[start], ways]))
         return [max(float(d if d > 0.0 else step) / total, 1e-6) for d, step in zip(pieces, steps, strict=True)]
 
-    def reach(self, line: WrittenLine | None, modal: Modal, axis: int, target: float) -> float:
-        """Position that :meth:`go` (with its line) or :meth:`added` (None) leads to on one axis."""
+    def reached(self, line: WrittenLine | None, modal: Modal, p: Float) -> Float:
+        """Position (3,) m that :meth:`go` (with its line) or :meth:`added` (None) leads to."""
+        if modal.R_part_work is not None:
+            return self._turned_words(line, modal, p)[1]
+        return np.array([self._reach(line, modal, axis, float(p[axis])) for axis in range(3)])
+
+    def _reach(self, line: WrittenLine | None, modal: Modal, axis: int, target: float) -> float:
         if self.changes(modal, axis, target) or (line is not None and line.find(AXES[axis]) is not None):
             return self.target(modal, axis, target)[1]
         return self.current(axis)

@@ -12,8 +12,8 @@ from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.emit import Emitter
+from counterflex.programs.gcode.write.spelling import SPELLINGS
 from counterflex.programs.gcode.write.written_line import without_comments
-from counterflex.programs.limits import LINUXCNC
 from counterflex.programs.motion_rows import MotionRows, motion_rows
 from counterflex.programs.program import Program
 from counterflex.programs.rotary.poses import CommandedWords
@@ -134,11 +134,12 @@ def write_gcode(
             largest_dwell_error_m=rows.dwell_error_m,
             largest_dropped_rotation_rad=dropped,
         )
+    spelling = SPELLINGS[program.dialect]
     emitter = Emitter(program, rows, tolerance_m, decimals)
     lines = [part for line in emitter.run() for part in _short_enough(line, program)]
     if header:
-        place = 1 if lines and lines[0].strip() == "%" else 0
-        lines[place:place] = _header(program, tolerance_m, cell, job)
+        place = spelling.first_line(lines)
+        lines[place:place] = [spelling.remark(text) for text in _header(program, tolerance_m, cell, job)]
     return GcodeText(
         text=program.newline.join(lines),
         moved_motions=int(rows.moved.sum()),
@@ -161,15 +162,16 @@ def write_gcode(
 
 def _short_enough(line: str, program: Program) -> list[str]:
     """A line that added words made too long for the interpreter, with its comments on lines of their own before it."""
-    if len(line) <= LINUXCNC.line_characters or line in program.lines:
+    most = SPELLINGS[program.dialect].line_characters
+    if len(line) <= most or line in program.lines:
         return [line]
     code, comments = without_comments(line)
-    if len(code) > LINUXCNC.line_characters:
+    if len(code) > most:
         raise ProgramError(
             "a corrected block is longer than the interpreter takes",
             where=program.name,
             value=f"{len(code)} characters",
-            limit=f"<= {LINUXCNC.line_characters}",
+            limit=f"<= {most}",
             hint="Shorten the expressions of the block",
         )
     return [*comments, code]
@@ -181,13 +183,13 @@ def _header(program: Program, tolerance_m: float, cell: str, job: str) -> list[s
         return printable[:120]
 
     lines = [
-        f"(made by counterflex {__version__} from {plain(program.name)})",
-        f"(compensated targets, path tolerance {tolerance_m / MM:.4f} mm{', cell ' + plain(cell) if cell else ''})",
+        f"made by counterflex {__version__} from {plain(program.name)}",
+        f"compensated targets, path tolerance {tolerance_m / MM:.4f} mm{', cell ' + plain(cell) if cell else ''}",
     ]
     if job:
-        lines.append(f"({mark(job)})")
+        lines.append(mark(job))
     if not program.straight:
-        lines.append("(loops, calls and expressions written out in the order of execution)")
+        lines.append("loops, calls and expressions written out in the order of execution")
     return lines
 
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from counterflex.programs.gcode.read.codes import WORDS_OF_M
+from counterflex.programs.gcode.write.spelling import SPELLINGS, Spell
 from counterflex.programs.program import Block, Word
 
 AXES = "XYZ"
@@ -28,10 +29,12 @@ class WrittenLine:
     Args:
         text: The line without line end.
         words: Its words with their places in ``text``.
+        spell: Spells a word that is put in.
     """
 
-    def __init__(self, text: str, words: Sequence[Word]) -> None:
+    def __init__(self, text: str, words: Sequence[Word], spell: Spell = SPELLINGS["linuxcnc"].word) -> None:
         self.text = text
+        self._spell = spell
         self.words = words
         self._edits: list[tuple[int, int, str]] = []
         self._added: list[tuple[int, str]] = []
@@ -64,9 +67,9 @@ class WrittenLine:
         """Replace the word with this letter, or add one in its usual place (X Y Z A B C I J K R F)."""
         word = self.find(letter)
         if word is None:
-            self._added.append((_ORDER.index(letter), letter + text))
+            self._added.append((_ORDER.index(letter), self._spell(letter, text)))
         else:
-            self.replace(word, letter + text)
+            self.replace(word, self._spell(letter, text))
 
     def lead(self, text: str) -> None:
         """Put a word at the head of the line, behind the block number if there is one."""
@@ -102,6 +105,9 @@ class WrittenLine:
             return smaller[-1], smaller[-1], " " + text
         larger = [w.start for w in self.words if _ORDER.find(w.letter) > place]
         if larger:
+            before = larger[0] - 1
+            if any(start == before and not new for start, _, new in self._edits):  # taken out with its blank
+                return before, before, " " + text
             return larger[0], larger[0], text + " "
         end = max((w.end for w in self.words), default=len(self.text))
         return end, end, " " + text

@@ -1,0 +1,1 @@
+"""Reads the Sinumerik dialect of G-code."""

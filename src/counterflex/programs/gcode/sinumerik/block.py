@@ -1,0 +1,192 @@
+"""The words of one Sinumerik block: which codes it names, and which words nothing has used yet."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Final
+
+from counterflex.core.errors import ProgramError
+from counterflex.core.similar import close_to
+from counterflex.programs.gcode.sinumerik.scanner import Address, Line, Name
+from counterflex.programs.gcode.sinumerik.words import (
+    AXES,
+    CARRIED,
+    CARRIED_VALUES,
+    GROUP,
+    M_CODES,
+    REFUSED,
+    REFUSED_CALL,
+    REFUSED_CYCLE,
+    ROTARY,
+    VECTOR,
+)
+from counterflex.programs.program import Word
+
+DIALECT: Final = "Sinumerik"
+Fault = Callable[[str, int, object, str | None], ProgramError]
+_ROLES: Final = {"CR": "R", "TURN": "P", "A3": "I", "B3": "J", "C3": "K", "S1": "S"}
+_TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNH", "CR", "AR", "TURN", "RPL", "S1"))
+
+
+class Block:
+    """Words of a block, checked against the tables.
+
+    Args:
+        line: As scanned.
+        fault: Makes an error on this line from what, column, value and hint.
+        text: The line, for errors.
+
+    Raises:
+        ProgramError: A word that is unknown, refused, or there twice.
+
+    Attributes:
+        groups: Code of each modal group named.
+        m: M codes.
+        given: Addresses by name.
+        parameters: R parameters that the block sets.
+    """
+
+    def __init__(self, line: Line, fault: Fault, text: str) -> None:
+        self._fault, self._text = fault, text
+        self.groups: dict[str, str] = {}
+        self.m: list[int] = []
+        self.given: dict[str, Address] = {}
+        self.parameters: dict[int, float] = {}
+        self._codes: list[Word] = []
+        self._columns: dict[str, int] = {}
+        for name in line.names:
+            self._name(name)
+        for address in line.addresses:
+            self._address(address)
+        self._unused = set(self.given) - {"N"} - CARRIED_VALUES
+
+    def _shown(self, start: int, end: int) -> str:
+        return self._text[start:end].strip()[:40]
+
+    def _name(self, name: Name) -> None:
+        shown = self._shown(name.start, name.end)
+        if name.name in REFUSED or name.name.startswith(("CYCLE", "HOLES", "SLOT", "POCKET", "LONGHOLE", "ORI")):
+            if name.name not in CARRIED:
+                what, hint = REFUSED.get(name.name, REFUSED_CYCLE)
+                raise self._fault(f"{what}: {name.name}", name.start, shown, hint)
+            return
+        if name.name in GROUP:
+            self._group(name.name, name.start)
+        elif name.name == "RET":
+            self.m.append(17)
+        elif name.name not in CARRIED:
+            close = close_to(name.name, [*GROUP, *CARRIED], 1)
+            if name.called:
+                raise self._fault(REFUSED_CALL[0], name.start, shown, REFUSED_CALL[1])
+            what, hint = f"an unknown word of the {DIALECT} dialect", f"Did you mean {close[0]}?" if close else None
+            raise self._fault(what, name.start, shown, hint)
+
+    def _group(self, code: str, start: int) -> None:
+        group = GROUP[code]
+        if group in self.groups:
+            raise self._fault(
+                f"two words of the group '{group}' in one block", start, f"{self.groups[group]} and {code}",
+                "Put them on two lines",
+            )  # fmt: skip
+        self.groups[group] = code
+        self._columns[code] = start
+
+    def _address(self, address: Address) -> None:
+        shown = self._shown(address.start, address.end)
+        if address.name == "G" and address.value is not None:
+            code = f"G{address.value:g}"
+            if code in REFUSED:
+                what, hint = REFUSED[code]
+                raise self._fault(what, address.start, shown, hint)
+            if code not in GROUP:
+                raise self._fault(f"an unknown G code of the {DIALECT} dialect", address.start, shown, None)
+            self._group(code, address.start)
+            self._codes.append(Word("G", address.value, address.start, address.end))
+            return
+        if address.name in ("M", "M1") and address.value is not None:
+            if address.value not in M_CODES:
+                raise self._fault(f"an unknown M code of the {DIALECT} dialect", address.start, shown,
+                                  "M functions of the machine builder are not read")  # fmt: skip
+            self.m.append(int(address.value))
+            self._codes.append(Word("M", address.value, address.start, address.end))
+            return
+        parameter = re.fullmatch(r"R(\d+)", address.name)
+        if parameter is not None and address.value is not None:
+            self.parameters[int(parameter[1])] = address.value
+            return
+        if address.name in REFUSED:
+            what, hint = REFUSED[address.name]
+            raise self._fault(what, address.start, shown, hint)
+        if address.name == "L":
+            raise self._fault(REFUSED_CALL[0], address.start, shown, REFUSED_CALL[1])
+        if address.name not in _TAKEN and address.name not in CARRIED_VALUES:
+            raise self._fault(f"an unknown word of the {DIALECT} dialect", address.start, shown, None)
+        if address.name in self.given:
+            raise self._fault("the word appears twice in one block", address.start, shown, None)
+        self.given[address.name] = address
+
+    def fault(self, what: str, name: str = "", value: object = None, hint: str | None = None) -> ProgramError:
+        """Make an error at a word, a code, or the line's beginning."""
+        address = self.given.get(name)
+        column = address.start if address is not None else self._columns.get(name, 0)
+        if value is None and address is not None:
+            value = self._shown(address.start, address.end)
+        return self._fault(what, column, value, hint)
+
+    def has(self, *names: str) -> bool:
+        """Whether one of the words is there and nothing has used it yet."""
+        return any(name in self._unused for name in names)
+
+    def take(self, name: str) -> float | None:
+        """Use a word; None where the block has none.
+
+        Raises:
+            ProgramError: It is a string.
+        """
+        if name not in self._unused:
+            return None
+        self._unused.discard(name)
+        value = self.given[name].value
+        if value is None:
+            raise self.fault(f"{name} needs a number", name)
+        return value
+
+    def take_text(self, name: str) -> str | None:
+        """Use a word that may be a string."""
+        if name not in self._unused:
+            return None
+        self._unused.discard(name)
+        address = self.given[name]
+        return address.string if address.string is not None else f"{address.value:g}"
+
+    def absolute(self, name: str, default: bool) -> bool:
+        """Whether a word counts from zero, by AC or IC or the mode given."""
+        mode = self.given[name].mode
+        return default if not mode else mode == "AC"
+
+    def words(self, dwell: bool, axes: bool) -> tuple[Word, ...]:
+        """The words in the roles that writers know: CR as R, A3 B3 C3 as I J K, F of a dwell as P.
+
+        Args:
+            dwell: F is a time.
+            axes: The block moves: its axis words are targets.
+        """
+        words = list(self._codes)
+        for address in self.given.values():
+            if address.value is None or (not axes and address.name in (*AXES, *ROTARY, *VECTOR, *"IJK")):
+                continue
+            role = "P" if dwell and address.name == "F" else _ROLES.get(address.name, address.name)
+            absolute = None if not address.mode else address.mode == "AC"
+            words.append(Word(role, address.value, address.start, address.end, address.literal, absolute))
+        return tuple(sorted(words, key=lambda word: word.start))
+
+    def finish(self) -> None:
+        """Refuse words that nothing used.
+
+        Raises:
+            ProgramError: There is one.
+        """
+        if self._unused:
+            name = min(self._unused, key=lambda key: self.given[key].start)
+            raise self.fault("nothing in this block uses the word", name)

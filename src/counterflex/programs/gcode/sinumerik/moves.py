@@ -1,0 +1,300 @@
+"""Motions of a Sinumerik block: straight moves, arcs, dwells."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import DEG, MINUTE, RPM
+from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre, by_radius
+from counterflex.programs.gcode.read.motion import FARTHEST_M
+from counterflex.programs.gcode.sinumerik.block import Block
+from counterflex.programs.gcode.sinumerik.state import PLANE_AXES, State
+from counterflex.programs.gcode.sinumerik.words import AXES, ROTARY, VECTOR
+from counterflex.programs.program import TOOL_VECTOR, Motion, MotionKind
+
+_CENTRE: Final = "IJK"
+_SHORTEST_VECTOR: Final = 1e-3
+_LONGEST_DWELL_S: Final = 1e6
+_ARC_ENDS: Final = "Write I J K, CR= or AR="
+
+
+class MoveMaker:
+    """Turns the motion words of blocks into motions and moves the state along.
+
+    Args:
+        state: Moved along.
+
+    Attributes:
+        motions: Everything made so far.
+        away: Where the tool went to a place that is not known (``SUPA in line 12``); empty while it is known.
+    """
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self.motions: list[Motion] = []
+        self.away = ""
+
+    def _append(
+        self,
+        number: int,
+        kind: MotionKind,
+        p_end: Float,
+        angles: tuple[float, float, float],
+        feed: tuple[float, float] = (0.0, 0.0),
+        duration_s: float = 0.0,
+        arc: tuple[Float, Float, float] | None = None,
+    ) -> None:
+        state = self._state
+        centre, normal, turn = arc if arc is not None else (None, None, 0.0)
+        self.motions.append(
+            Motion(
+                block=number,
+                kind=kind,
+                p_start=state.p_part,
+                p_end=p_end,
+                feed_m_s=feed[0],
+                spindle_rad_s=state.spindle_rpm * RPM,
+                tool=state.tool,
+                duration_s=duration_s,
+                abc_start=state.angles,
+                abc_end=angles,
+                p_centre=centre,
+                normal=normal,
+                turn_rad=turn,
+                feed_rad_s=feed[1],
+            )
+        )
+        state.p_part, state.angles = p_end, angles
+
+    def _feed(self, block: Block, length_m: float, angle_deg: float) -> tuple[float, float]:
+        """Feed of a motion of that length in m/s and, where the tool only turns, in rad/s."""
+        state = self._state
+        if state.feed_mode == 93 and "F" not in block.given:
+            raise block.fault("inverse time (G93) needs F in every block that feeds", "", "no F")
+        if not state.feed:
+            raise block.fault("a feed move without a feed", "F", "F0" if state.feed == 0.0 else "no F",
+                              "Write F on this line or before")  # fmt: skip
+        if state.feed_mode == 93:
+            time_s = MINUTE / state.feed
+            return length_m / time_s, 0.0 if length_m > 0.0 else angle_deg * DEG / time_s
+        per_minute = state.feed
+        if state.feed_mode == 95:
+            if state.spindle_rpm == 0.0:
+                raise block.fault("feed per revolution (G95) with the spindle stopped", "F", "0 rpm")
+            per_minute *= abs(state.spindle_rpm)
+        if length_m == 0.0 and angle_deg > 0.0:
+            return 0.0, per_minute * DEG / MINUTE
+        return per_minute * state.feed_unit_m / MINUTE, 0.0
+
+    def require_place(self, block: Block) -> None:
+        """Refuse a motion from a place that is not known.
+
+        Raises:
+            ProgramError: It begins at one.
+        """
+        if self.away:
+            raise block.fault(
+                f"the program moves on after {self.away}, and where that leads is not known", "", None,
+                "Retract with a plain G0 in the coordinates of the part",
+            )  # fmt: skip
+
+    def target(self, block: Block) -> Float:
+        """End point of a block in the part frame, from its axis words; axes without a word stay bit for bit."""
+        state, p_part = self._state, self._state.p_part.copy()
+        p_work = state.to_work(state.p_part)
+        named = []
+        for axis, letter in enumerate(AXES):
+            value = block.take(letter)
+            if value is None:
+                continue
+            absolute = block.absolute(letter, state.absolute)
+            p_work[axis] = value * state.unit_m + (0.0 if absolute else p_work[axis])
+            named.append(axis)
+            if absolute:
+                state.named.add(axis)
+        if state.R_part_work is None:
+            p_part[named] = state.p_part_origin[named] + p_work[named]
+        elif named:
+            if len(state.named) < 3:
+                raise block.fault("a motion in a rotated frame before X, Y and Z have all been named", "XYZ"[named[0]],
+                                  hint="Name X, Y and Z in the first motion")  # fmt: skip
+            p_part = state.to_part(p_work)
+        far = int(np.argmax(np.abs(p_part)))
+        if not abs(p_part[far]) <= FARTHEST_M:
+            raise block.fault("the target is beyond any machine", AXES[far], hint="At most 1000 m")
+        p_part.flags.writeable = False
+        return p_part
+
+    def _angles(self, block: Block) -> tuple[float, float, float]:
+        """Rotary positions, or the tool axis in the part frame, at the end of a block."""
+        state = self._state
+        if state.tool_centre == TOOL_VECTOR:
+            for letter in ROTARY:
+                if block.has(letter):
+                    raise block.fault("a rotary word beside A3 B3 C3 of the same program", letter,
+                                      hint="Give the tool axis in one way")  # fmt: skip
+            if not block.has(*VECTOR):
+                return state.angles
+            vector = np.array([block.take(name) or 0.0 for name in VECTOR])
+            if float(np.linalg.norm(vector)) < _SHORTEST_VECTOR:
+                raise block.fault("the tool axis A3 B3 C3 has no length", next(n for n in VECTOR if n in block.given))
+            x, y, z = map(float, state.turned(vector))
+            return (x, y, z)
+        for name in VECTOR:
+            if block.has(name):
+                raise block.fault("a tool axis A3 B3 C3 without TRAORI", name, hint="Write TRAORI before")
+        angles = list(state.angles)
+        for axis, letter in enumerate(ROTARY):
+            value = block.take(letter)
+            if value is not None:
+                if state.R_part_work is not None:
+                    raise block.fault("rotary words in a rotated frame are not read", letter, hint="Post A3= B3= C3=")
+                base = 0.0 if block.absolute(letter, state.absolute) else angles[axis]
+                angles[axis] = base + value * DEG
+        return (angles[0], angles[1], angles[2])
+
+    def straight(self, block: Block, number: int, rapid: bool) -> None:
+        """Execute G0 or G1."""
+        self.require_place(block)
+        state = self._state
+        p_end, angles = self.target(block), self._angles(block)
+        if rapid:
+            self._append(number, "rapid", p_end, angles)
+            return
+        turned = math.dist(state.angles, angles) / DEG
+        self._append(number, "feed", p_end, angles, self._feed(block, math.dist(state.p_part, p_end), turned))
+
+    def dwell(self, block: Block, number: int) -> None:
+        """Execute G4: F in seconds or S in revolutions of the spindle."""
+        time_s, turns = block.take("F"), block.take("S")
+        if time_s is None and turns is not None and self._state.spindle_rpm != 0.0:
+            time_s = turns * MINUTE / abs(self._state.spindle_rpm)
+        if time_s is None or not 0.0 <= time_s <= _LONGEST_DWELL_S:
+            raise block.fault("G4 needs its time F in seconds, 0 to 1e6, or S in revolutions of a running spindle",
+                              "F" if "F" in block.given else "G4")  # fmt: skip
+        if not self.away:
+            self._append(number, "dwell", self._state.p_part, self._state.angles, duration_s=time_s)
+
+    def arc(self, block: Block, number: int, clockwise: bool) -> None:
+        """Execute G2 or G3 with I J K, CR= or AR=, and TURN=."""
+        self.require_place(block)
+        state = self._state
+        first, second, third = PLANE_AXES[state.plane]
+        before = state.to_work(state.p_part)
+        in_plane = block.has(AXES[first], AXES[second])
+        p_part = self.target(block)
+        end = state.to_work(p_part)
+        turns = 1 + self._whole(block, "TURN")
+        a, b = (float(before[first]), float(before[second])), (float(end[first]), float(end[second]))
+        try:
+            arc, b = self._plane_arc(block, a, b, in_plane, clockwise, turns)
+        except ArcFault as fault:
+            name = next((n for n in ("CR", "AR", _CENTRE[first], _CENTRE[second]) if n in block.given), "")
+            raise block.fault(fault.what, name, fault.value) from fault
+        if b != (float(end[first]), float(end[second])):  # AR with a centre tells the end
+            end[first], end[second] = b
+            p_part = state.to_part(end)
+        centre = before.copy()
+        centre[first], centre[second] = arc.first, arc.second
+        normal = np.zeros(3)
+        normal[third] = 1.0
+        length = math.hypot(arc.radius_m * arc.turn_rad, float(end[third] - before[third]))
+        feed = self._feed(block, length, 0.0)
+        shape = (state.to_part(centre), state.turned(normal), arc.turn_rad)
+        self._append(number, "arc", p_part, self._angles(block), feed, arc=shape)
+
+    def _whole(self, block: Block, name: str) -> int:
+        value = block.take(name)
+        if value is None:
+            return 0
+        if value != int(value) or not 0 <= value < 1000:
+            raise block.fault(f"{name} needs a whole number from 0 to 999", name)
+        return int(value)
+
+    def _plane_arc(
+        self,
+        block: Block,
+        a: tuple[float, float],
+        b: tuple[float, float],
+        in_plane: bool,
+        clockwise: bool,
+        turns: int,
+    ) -> tuple[Arc, tuple[float, float]]:
+        """The arc from ``a`` in its plane, m, and its end: ``b``, or what AR with a centre says."""
+        state = self._state
+        first, second, third = PLANE_AXES[state.plane]
+        radius, opening = block.take("CR"), block.take("AR")
+        if block.has(_CENTRE[third]):
+            raise block.fault(f"{_CENTRE[third]} has no place in an arc of plane G{state.plane}", _CENTRE[third])
+        centre = self._centre(block, a, first, second)
+        given = [name for name, value in (("CR", radius), ("AR", opening)) if value is not None]
+        if len(given) + (centre is not None) != 1 and not (given == ["AR"] and not in_plane):
+            what = "an arc has neither a centre nor CR= nor AR=" if not given else "an arc is given in two ways"
+            raise block.fault(what, given[0] if given else "", None, _ARC_ENDS)
+        if opening is not None and not 0.0 < opening < 360.0:
+            raise block.fault("the opening angle AR is out of range", "AR", hint="Above 0 and below 360 deg")
+        if (radius is not None or (opening is not None and centre is None)) and not in_plane:
+            raise block.fault("an arc without a centre needs an end point in its plane", given[0])
+        if radius is not None:
+            return by_radius(a, b, radius * state.unit_m, clockwise, turns, state.unit_m), b
+        if centre is None and opening is not None:
+            size = 0.5 * math.dist(a, b) / math.sin(0.5 * opening * DEG)
+            return by_radius(a, b, math.copysign(size, 180.0 - opening), clockwise, turns, state.unit_m), b
+        assert centre is not None
+        if opening is not None:
+            turn = opening * DEG * (-1.0 if clockwise else 1.0)
+            u, v = a[0] - centre[0], a[1] - centre[1]
+            b = (
+                centre[0] + u * math.cos(turn) - v * math.sin(turn),
+                centre[1] + u * math.sin(turn) + v * math.cos(turn),
+            )
+        return by_centre(a, b, centre, clockwise, turns, state.unit_m), b
+
+    def _centre(self, block: Block, a: tuple[float, float], first: int, second: int) -> tuple[float, float] | None:
+        """Centre from I J K, which count from the start unless AC says otherwise; None where the block has none."""
+        if not block.has(_CENTRE[first], _CENTRE[second]):
+            return None
+        out = []
+        for axis, start in ((first, a[0]), (second, a[1])):
+            value = block.take(_CENTRE[axis]) or 0.0
+            absolute = _CENTRE[axis] in block.given and block.absolute(_CENTRE[axis], False)
+            out.append(value * self._state.unit_m + (0.0 if absolute else start))
+        return (out[0], out[1])
+
+
+def frame_of(block: Block, name: str, state: State) -> tuple[Float, Float]:
+    """Shift (3,) m and rotation vector (3,) rad of a TRANS, ATRANS, ROT or AROT.
+
+    Raises:
+        ProgramError: Words that it does not take, or rotations about several axes: their order is a machine datum.
+    """
+    values = {axis: block.take(letter) for axis, letter in enumerate(AXES)}
+    given = {axis: value for axis, value in values.items() if value is not None}
+    in_plane = block.take("RPL")
+    shift, rotvec = np.zeros(3), np.zeros(3)
+    if name in ("TRANS", "ATRANS"):
+        if in_plane is not None:
+            raise block.fault(f"RPL has no place beside {name}", "RPL")
+        for axis, value in given.items():
+            shift[axis] = value * state.unit_m
+        return shift, rotvec
+    if in_plane is not None:
+        given[PLANE_AXES[state.plane][2]] = given.get(PLANE_AXES[state.plane][2], 0.0) + in_plane
+    turned = [axis for axis, value in given.items() if value != 0.0]
+    if len(turned) > 1:
+        raise _several(block, name, turned)
+    for axis in turned:
+        rotvec[axis] = given[axis] * DEG
+    return shift, rotvec
+
+
+def _several(block: Block, name: str, turned: list[int]) -> ProgramError:
+    return block.fault(
+        f"{name} turns about several axes: the order is a machine datum that is not known here", AXES[turned[0]], None,
+        "Write one angle per block: ROT, then AROT",
+    )  # fmt: skip

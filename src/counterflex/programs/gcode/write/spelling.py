@@ -1,0 +1,58 @@
+"""How the dialects of G-code spell what a writer adds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.programs.limits import LINUXCNC, SINUMERIK
+
+Spell = Callable[[str, str], str]
+"""Letter (the role of a word) and value to the word as written."""
+
+
+@dataclass(frozen=True)
+class Spelling:
+    """Words of a dialect where they differ from RS274/NGC.
+
+    Attributes:
+        radius: Before the radius of an arc.
+        vector: Before the components of the tool axis.
+        comment: Before and behind the text of a comment.
+        line_characters: Longest line.
+        head: Lines that stay first in a file.
+    """
+
+    radius: str
+    vector: tuple[str, str, str]
+    comment: tuple[str, str]
+    line_characters: int
+    head: re.Pattern[str]
+
+    def word(self, letter: str, text: str) -> str:
+        """A word of a block that moves on an arc or straight with a tool that does not turn."""
+        return (self.radius if letter == "R" else letter) + text
+
+    def vector_word(self, letter: str, text: str) -> str:
+        """A word of a straight block whose I J K is the tool axis."""
+        return (self.vector["IJK".index(letter)] if letter in "IJK" else letter) + text
+
+    def remark(self, text: str) -> str:
+        """A comment on a line of its own."""
+        return f"{self.comment[0]}{text}{self.comment[1]}"
+
+    def first_line(self, lines: Sequence[str]) -> int:
+        """Index of the first line that something may be put before."""
+        return next((index for index, line in enumerate(lines) if not self.head.match(line)), len(lines))
+
+
+SPELLINGS: Final[dict[str, Spelling]] = {
+    "linuxcnc": Spelling("R", ("I", "J", "K"), ("(", ")"), LINUXCNC.line_characters, re.compile(r"\s*%\s*$")),
+    "sinumerik": Spelling(
+        "CR=", ("A3=", "B3=", "C3="), ("; ", ""), SINUMERIK.line_characters,
+        re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE),
+    ),
+}  # fmt: skip
+"""By :attr:`~counterflex.programs.program.Program.dialect`."""
