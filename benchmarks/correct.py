@@ -119,7 +119,9 @@ def one(name: str, family: str, seed: int, out: str) -> list[dict[str, Any]]:
         measured = measured_error(Scan(scan, _NONE, simulated=True), plan, nodes, cell, taken)
         parts.append(measured.error)
         step = next_step(plan, loaded, parts)
-        predicted = expected(measured.estimate, measured.contacts, step.further_m[nodes.row])
+        predicted = expected(
+            measured.estimate, measured.contacts, step.further_m[nodes.row], step.unsure_m[:, nodes.row]
+        )
         plan, taken = step.plan, step.taken.taken_m
     return rows
 

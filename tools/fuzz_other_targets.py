@@ -1,4 +1,4 @@
-"""Further readers of what comes from outside: ADS, requests to a force sensor, tracker logs, contexts of RSI."""
+"""Further readers of what comes from outside: ADS, force sensors, tracker logs, contexts of RSI."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from counterflex.protocols.kuka_rsi.setup import OnlineLimits
 from counterflex.protocols.netft import telegram as netft
 from counterflex.protocols.wrench import telegram as wrenches
 from counterflex.twin.devices.ads import AdsServer, PlcVariable
+from fuzz_frame_targets import FRAMES
 from fuzz_target import Finding, Target
 
 _ROOT = Path(__file__).resolve().parents[1]
@@ -245,4 +246,5 @@ OTHERS: dict[str, Callable[..., Target]] = {
     "wrench": wrench,
     "tracker-log": tracker_log,
     "rsi-context": rsi_context,
+    **FRAMES,
 }

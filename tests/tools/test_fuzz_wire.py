@@ -101,7 +101,7 @@ def test_compiled_and_plain_tracker_read_the_corpus_alike(tools: dict[str, Modul
         np.testing.assert_allclose(found[0][1], found[1][1], rtol=0.0, atol=1e-15)
 
 
-OTHERS = ["ads", "netft-request", "wrench", "tracker-log", "rsi-context"]
+OTHERS = ["ads", "netft-request", "wrench", "tracker-log", "rsi-context", "frame", "frame-stream"]
 
 
 @pytest.mark.parametrize(

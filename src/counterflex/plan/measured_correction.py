@@ -1,8 +1,8 @@
 """A further correction of a plan: what parts made by it were measured to be off is taken back.
 
 The displacement that is taken back is shaped in time as every correction is (:func:`.shaped`), held in holes, and
-begins :data:`LEAD_S` early. ``measured_part`` of the plan is that part of its correction; what the parts showed stands
-in the place of the plan's own prediction of what remains.
+begins early, see :func:`lead_s`. ``measured_part`` of the plan is that part of its correction; what the parts showed
+stands in the place of the plan's own prediction of what remains.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ModelError
 from counterflex.core.units import UM
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.sag_and_play import corrected_joints
 from counterflex.plan.static_correction import (
+    APPROACH_S,
     Command,
     LoadedRobot,
     check_corrections,
@@ -29,15 +30,54 @@ LEAD_S: Final = 0.03
 """Time by which a further correction is sent earlier than it is wanted, beside ``correction_lead_ms`` of the cell: axes
 that stand are held by friction until their integrators have answered. Of 0, 20, 30, 40, 80 and 120 ms the one
 that left least in the mean of the tuning seeds 1 to 6 of the family ``wide``."""
+ENTRY_LEAD_S: Final = 0.25
+"""The same while the tool enters the cut. There the plan's own correction has just driven the axes one way, and a
+further one turns them back: they stand until the friction has turned round. Of 30, 80, 130, 180, 250 and 350 ms the
+one that left least in the mean of tuning seeds of ``wide``; in the rest of the cut no longer lead was better, nor
+along other directions, nor in later corrections, which find the axes turned round already."""
+ENTRY_S: Final = (0.7, 1.1)
+"""From contact on the lead of the entry holds for the first time, and is that of the rest at the second."""
 
 
-def earlier(displacement_m: Float, time_s: Float, group: Int, lead_s: float = LEAD_S) -> Float:
-    """A displacement (n, 3) as it is ``lead_s`` later within its group of rows, (n, 3) m."""
+DELAY_S: Final = 0.02
+ENTRY_DELAY_S: Final = 0.05
+LOST_M: Final = 25.0 * UM
+"""Standard deviations of how the tool follows beside what is asked for, see :func:`unsure`: calibrated on tuning seeds
+of ``wide``, ``mild`` and ``other`` so that nine of ten of their next parts lie in the interval."""
+_STEP_S: Final = 0.04
+
+
+def lead_s(time_s: Float, group: Int, contact: Bool) -> Float:
+    """(n,) s, by how much earlier a further correction is sent.
+
+    :data:`ENTRY_LEAD_S` from :data:`.APPROACH_S` before the tool meets the part, from there falling as
+    :data:`ENTRY_S` says, :data:`LEAD_S` otherwise. The tool meets the part where it cuts and has not for
+    :data:`.APPROACH_S`, or where a run begins.
+
+    Args:
+        time_s: (n,) s, non-decreasing.
+        group: (n,) number of the run of feed.
+        contact: (n,) True where the segment that ends here cuts.
+    """
+    out = np.full(len(time_s), LEAD_S)
+    for number in np.unique(group[contact]):
+        rows = np.flatnonzero(group == number)
+        cuts = rows[contact[rows]]
+        meets = cuts[np.diff(time_s[cuts], prepend=-np.inf) > APPROACH_S]
+        for at in time_s[meets]:
+            since = time_s[rows] - at
+            own = np.interp(since, ENTRY_S, (ENTRY_LEAD_S, LEAD_S))
+            out[rows] = np.where(since < -APPROACH_S, out[rows], np.maximum(out[rows], own))
+    return out
+
+
+def earlier(displacement_m: Float, time_s: Float, group: Int, lead: Float) -> Float:
+    """A displacement (n, 3) as it is ``lead`` (n,) s later within its group of rows, (n, 3) m."""
     out = displacement_m.copy()
     for number in np.unique(group):
         rows = np.flatnonzero(group == number)
         for axis in range(3):
-            out[rows, axis] = np.interp(time_s[rows] + lead_s, time_s[rows], displacement_m[rows, axis])
+            out[rows, axis] = np.interp(time_s[rows] + lead[rows], time_s[rows], displacement_m[rows, axis])
     return out
 
 
@@ -60,7 +100,10 @@ def with_measured(plan: Plan, loaded: LoadedRobot, further_m: Float, remaining_m
     setting, inputs = loaded.inputs.setting, loaded.inputs
     if setting.normal_only:
         further_m = across(further_m, inputs.path.p_part_tcp)
-    ahead = earlier(further_m, inputs.path.time_s, loaded.feed_run)
+    time_s, run = inputs.path.time_s, loaded.feed_run
+    before, driven = _measured(plan), _driven(plan, loaded, further_m)
+    lead = lead_s(time_s, run, loaded.cut.contact)
+    ahead = earlier(further_m - driven, time_s, run, np.full(len(time_s), LEAD_S)) + earlier(driven, time_s, run, lead)
     change = -shaped(loaded, np.pad(ahead, ((0, 0), (0, 3))), np.zeros((len(ahead), 6)))[:, :3]
     change, turn = held_in_holes(inputs.path, loaded.cut.contact, change, plan.rotvec_part)
     size = np.linalg.norm(change, axis=1)
@@ -77,10 +120,68 @@ def with_measured(plan: Plan, loaded: LoadedRobot, further_m: Float, remaining_m
     q = corrected_joints(setting.controller_chain, loaded.robot.relative, inputs.q, correction, turn)
     check_corrections(Command(correction, turn, q), plan.line, setting.limits)
     predicted = not np.all(np.isnan(plan.deviation_nominal_part))
-    before = np.zeros_like(change) if plan.measured_part is None else plan.measured_part
     return replace(
         plan,
         correction_part=correction,
         measured_part=before + change,
         deviation_compensated_part=remaining_m if predicted else plan.deviation_compensated_part,
     )
+
+
+def _measured(plan: Plan) -> Float:
+    """(n, 3) m, the part of a plan's correction that came from parts."""
+    return np.zeros_like(plan.correction_part) if plan.measured_part is None else plan.measured_part
+
+
+def _driven(plan: Plan, loaded: LoadedRobot, displacement_m: Float) -> Float:
+    """The part of a displacement along what the plan's own correction drives the tool by in each run.
+
+    None once parts have changed the plan: its axes have turned round, and a further change goes on from there.
+
+    Args:
+        plan: The plan.
+        loaded: The robot under load along its path.
+        displacement_m: (n, 3) m.
+
+    Returns:
+        (n, 3) m.
+    """
+    run, contact, out = loaded.feed_run, loaded.cut.contact, np.zeros_like(displacement_m)
+    if plan.measured_part is not None:
+        return out
+    for number in np.unique(run[contact]):
+        along = np.sum(plan.correction_part[contact & (run == number)], axis=0)
+        along /= max(float(np.linalg.norm(along)), 1e-30)
+        out[run == number] = (displacement_m[run == number] @ along)[:, None] * along
+    return out
+
+
+def unsure(plan: Plan, loaded: LoadedRobot, further_m: Float) -> Float:
+    """What the tool may do other than a further correction asks for, as patterns of one standard deviation each.
+
+    Axes that turn back are held by friction and play until their integrators have answered: the tool follows earlier or
+    later than the lead counts on, by :data:`DELAY_S` and in the entry along the plan's own correction by
+    :data:`ENTRY_DELAY_S`, and it may stay aside by :data:`LOST_M`.
+
+    Args:
+        plan: That the measured part was made by.
+        loaded: The robot under load along its path.
+        further_m: (n, 3) m, what is taken back besides; where nothing is, every pattern is zero.
+
+    Returns:
+        (5, n, 3) m: delay, delay in the entry, and lost motion along each axis of the part.
+    """
+    time_s, run = loaded.inputs.path.time_s, loaded.feed_run
+    entering = ((lead_s(time_s, run, loaded.cut.contact) - LEAD_S) / (ENTRY_LEAD_S - LEAD_S))[:, None]
+    driven, aside = _driven(plan, loaded, further_m), LOST_M * float(np.any(further_m))
+    slow = _rate(further_m - driven * entering, time_s, run) * DELAY_S
+    entry = _rate(driven, time_s, run) * entering * ENTRY_DELAY_S
+    lost = [np.tile(aside * axis, (len(time_s), 1)) for axis in np.eye(3)]
+    return np.stack([slow, entry, *lost])
+
+
+def _rate(values_m: Float, time_s: Float, group: Int) -> Float:
+    """(n, 3) m/s, over :data:`_STEP_S` within a group of rows."""
+    half = np.full(len(time_s), 0.5 * _STEP_S)
+    out: Float = (earlier(values_m, time_s, group, half) - earlier(values_m, time_s, group, -half)) / _STEP_S
+    return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,6 +82,28 @@ def test_the_next_plan_goes_on_from_the_history(shop: Shop, tmp_path: Path) -> N
     assert second.measured_part is not None
     assert third.measured_part is not None
     assert np.max(np.abs(third.measured_part - second.measured_part)) < np.max(np.abs(second.measured_part))
+
+
+def test_constants_go_into_a_new_cell_file_with_which_a_new_plan_is_better(shop: Shop, tmp_path: Path) -> None:
+    new = tmp_path / "cell.toml"
+    summary = correct.run(shop.program, CELL, shop.plan, [shop.part], tmp_path / "out", apply=new, report=False)
+    best, before, cell = summary["correct"]["explanations"][0], read_cell(CELL), read_cell(new)
+    entry = cell.tables.identified[-1]
+    assert summary["applied"] == {"explanation": best["explanation"], "cell": "cell.toml"}
+    assert (entry.recipe, entry.data) == ("correct", (shop.part.name,))
+    assert entry.data_sha256 == (hashlib.sha256((shop.part / simulate.SURFACE).read_bytes()).hexdigest(),)
+    assert [one.name for one in entry.values] == [factor["name"] for factor in best["factors"]]
+    assert len(cell.tables.identified) == len(before.tables.identified) + 1
+    compensate.run(shop.program, new, tmp_path / "plan", report=False, predict=False)
+    truth = shop.part.parent / "truth.toml"
+    simulate.run(tmp_path / "plan" / "part.ngc", CELL, truth, tmp_path / "part", original=shop.program)
+    assert surface_mm(shop, tmp_path / "part") < 0.7 * surface_mm(shop, shop.part)
+    text = new.read_bytes()
+    for target, match in ((new, "already there"), (CELL, "itself is not overwritten")):
+        with pytest.raises(InputError, match=match):
+            correct.run(shop.program, CELL, shop.plan, [shop.part], tmp_path / "again", apply=target, report=False)
+    assert new.read_bytes() == text
+    assert not (tmp_path / "again").exists()
 
 
 def test_wrong_inputs_are_named_in_one_line_and_nothing_is_written(shop: Shop, tmp_path: Path) -> None:

@@ -34,11 +34,14 @@ def apply_constants(result: Corrected, cell: Cell, target: Path, scans: list[Pat
         What was taken over, plain values.
 
     Raises:
-        InputError: The target is the cell file, or the likeliest explanation has no place in a cell file.
+        InputError: The target is the cell file or any file that is there, or what is likeliest has no place in a
+            cell file.
         ModelError: No explanation is likelier than none, or the new cell is no possible one.
     """
     if target.resolve() == cell.path.resolve():
         raise InputError("the cell file itself is not overwritten", where="--apply", value=target)
+    if target.exists():
+        raise InputError("this file is already there", where="--apply", value=target, hint="Name a new cell file")
     best = result.explained[0]
     if best.log_evidence < EVIDENCE:
         raise ModelError(

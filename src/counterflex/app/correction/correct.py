@@ -123,7 +123,7 @@ def correct(
     summary = summary_of(job, next_plan, cell, language, files=files, written=facts, tolerance_m=5.0 * UM)
     change = next_plan.correction_part - plan.correction_part
     new_parts = [Part(one.error, _facts(one)) for one in measured]
-    prediction = expected(last, measured[-1].contacts, further[nodes.row])
+    prediction = expected(last, measured[-1].contacts, further[nodes.row], step.unsure_m[:, nodes.row])
     summary |= in_plane_of(cell)
     summary["job"] = "correct"
     summary["correct"] = {

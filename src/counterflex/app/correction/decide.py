@@ -17,7 +17,7 @@ from counterflex.evaluate.path_error.contacts import Nodes, contacts_of
 from counterflex.evaluate.path_error.estimate import path_error
 from counterflex.evaluate.path_error.repeated import MeasuredError, Repeated, repeated
 from counterflex.files.cell.cell import Cell
-from counterflex.plan.measured_correction import with_measured
+from counterflex.plan.measured_correction import unsure, with_measured
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot
 
@@ -36,12 +36,14 @@ class Step:
     Attributes:
         plan: For it.
         further_m: (n, 3) m, displacement that it takes back besides what the plan before took back.
+        unsure_m: (j, n, 3) m, what the tool may do besides, see :func:`.unsure`.
         together: What all parts say.
         taken: What the next program takes back in all, and the error that it is expected to leave.
     """
 
     plan: Plan
     further_m: Float
+    unsure_m: Float
     together: Repeated
     taken: MeasuredError
 
@@ -92,6 +94,7 @@ def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], l
     return Step(
         with_measured(plan, loaded, further, left, limit_m),
         further,
+        unsure(plan, loaded, further),
         together,
         MeasuredError(taken + further, left, together.sigma_m, seen),
     )

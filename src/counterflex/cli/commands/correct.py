@@ -49,7 +49,7 @@ def correct(
         Path | None,
         typer.Option(
             "--apply",
-            help="Write a new cell file with the constants of the likeliest explanation.",
+            help="Write a new cell file with the constants of the likeliest explanation; no file is overwritten.",
             metavar="CELL",
             callback=arguments.output_file,
         ),

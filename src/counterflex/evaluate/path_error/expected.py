@@ -13,6 +13,8 @@ from counterflex.evaluate.path_error.estimate import PathError
 
 RESPONSE: Final = 0.1
 """Standard deviation of the factor by which the tool follows a further correction: force and drives answer to it."""
+SPREAD: Final = 1.5
+"""Factor within which the size of what the tool may do besides is known (log-normal): friction differs among robots."""
 _SHARE: Final = 0.997
 _SEED: Final = 21
 
@@ -34,13 +36,14 @@ class Expected:
     high_m: float
 
 
-def expected(estimate: PathError, contacts: Contacts, taken_m: Float) -> Expected:
+def expected(estimate: PathError, contacts: Contacts, taken_m: Float, unsure_m: Float | None = None) -> Expected:
     """Predict the surface of the next part.
 
     Args:
         estimate: Error of the measured part's path.
         contacts: Of the places with the path.
         taken_m: (k, 3) m, what the next program takes back of the error.
+        unsure_m: (j, k, 3) m, independent patterns of what the tool may do besides, one standard deviation each.
     """
     rng = np.random.default_rng(_SEED)
 
@@ -48,6 +51,13 @@ def expected(estimate: PathError, contacts: Contacts, taken_m: Float) -> Expecte
         return float(np.quantile(np.abs(left_on(contacts, error)), _SHARE))
 
     factors = 1.0 + RESPONSE * rng.standard_normal(len(estimate.draws_m))
-    after = [figure(draw - factor * taken_m) for draw, factor in zip(estimate.draws_m, factors, strict=True)]
+    patterns = np.zeros((0, *taken_m.shape)) if unsure_m is None else unsure_m
+    scale = SPREAD ** rng.standard_normal((len(factors), 1))
+    sizes = scale * rng.standard_normal((len(factors), len(patterns)))
+    besides = np.einsum("dj,jkc->dkc", sizes, patterns)
+    after = [
+        figure(draw - factor * taken_m + other)
+        for draw, factor, other in zip(estimate.draws_m, factors, besides, strict=True)
+    ]
     low, median, high = np.quantile(after, (0.05, 0.5, 0.95)).tolist()
     return Expected(figure(np.mean(estimate.draws_m, axis=0)), median, low, high)
