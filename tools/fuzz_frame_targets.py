@@ -78,7 +78,9 @@ def frame_stream(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing 
             if good:
                 samples.append((number, status, tuple(w)))
             at = data.find(b"\xaa\x55", at + (size if good else 1))
-        accepted = [_same(stream(data, step), samples, 16, invalid=5, saturated=2) for step in (1 << 16, 7 + len(data) // 40)]
+        accepted = [
+            _same(stream(data, step), samples, 16, invalid=5, saturated=2) for step in (1 << 16, 7 + len(data) // 40)
+        ]
         return accepted[0]
 
     return Target(seeds, False, check, lambda data: stream(data, 1 << 16))
