@@ -71,13 +71,13 @@ def lead_s(time_s: Float, group: Int, contact: Bool) -> Float:
     return out
 
 
-def earlier(displacement_m: Float, time_s: Float, group: Int, lead: Float) -> Float:
-    """A displacement (n, 3) as it is ``lead`` (n,) s later within its group of rows, (n, 3) m."""
+def earlier(displacement_m: Float, time_s: Float, group: Int, early_s: Float) -> Float:
+    """A displacement (n, 3) as it is ``early_s`` (n,) s later within its group of rows, (n, 3) m."""
     out = displacement_m.copy()
     for number in np.unique(group):
         rows = np.flatnonzero(group == number)
         for axis in range(3):
-            out[rows, axis] = np.interp(time_s[rows] + lead[rows], time_s[rows], displacement_m[rows, axis])
+            out[rows, axis] = np.interp(time_s[rows] + early_s[rows], time_s[rows], displacement_m[rows, axis])
     return out
 
 
