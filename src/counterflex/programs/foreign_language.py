@@ -13,6 +13,7 @@ from typing import Final
 _LOOKED_AT: Final = 120
 """Lines that are not empty, from the first one on."""
 _POST: Final = "Post the tool path as three-axis G-code (a post for LinuxCNC fits)"
+_LANGUAGE: Final = "Read it as what it is: --dialect {0}, or give the file the ending {1}"
 _UNROLL: Final = "Post it without macros, cycles and frames of this control, as plain three-axis G-code"
 
 
@@ -114,7 +115,7 @@ _LANGUAGES: Final = (
     ),
     _Signs(
         "Sinumerik",
-        _UNROLL,
+        _LANGUAGE.format("sinumerik", ".mpf"),
         (
             r"^;\$PATH=",
             r"^%_N_",
@@ -151,7 +152,7 @@ _LANGUAGES: Final = (
     _Signs("NUM", _UNROLL, (r"\bG7[79]\s*[NH]\d", r"\bG997\b"), (r"\bL\d+\s*=", r"\bE\d{5}\s*=")),
     _Signs(
         "an APT or CL file of a CAM system",
-        _POST,
+        _LANGUAGE.format("apt", ".apt"),
         (
             r"^(PARTNO|PPRINT|MACHIN|FEDRAT|CUTTER|LOADTL|SPINDL|COOLNT|MULTAX|TOOL PATH|TLDATA|CUTCOM|UNITS|CATIA0)"
             r"(\s*/|\s|$)",

@@ -25,6 +25,7 @@ from counterflex.path.toolpath import tool_orientation
 from counterflex.path.turning import TurnedPath
 from counterflex.plan.feed_schedule import at_feed, share_between
 from counterflex.plan.plan import Plan, job_hash
+from counterflex.programs.apt.writer import write_apt
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
@@ -124,7 +125,7 @@ def _gcode(order: WritingOrder) -> Written:
     words = None
     if job.turned is not None and job.words is not None:
         words = commanded_words(job.turned, job.words, correction, rotvec)
-    text = write_gcode(
+    text = (write_apt if job.program.dialect == "apt" else write_gcode)(
         job.program,
         commanded,
         tolerance_m=order.tolerance_m,
@@ -206,7 +207,7 @@ def _payload(cell: Cell) -> tuple[float, list[float]]:
     return total, [float(value) for value in moment / total]
 
 
-GCODE: Final = LanguageKind("the same G-code", _gcode, orientation=False)
+GCODE: Final = LanguageKind("the language of the program itself", _gcode, orientation=False)
 KRL: Final = LanguageKind("KUKA KRL", _krl, dialect="krl")
 RAPID: Final = LanguageKind("ABB RAPID", _rapid, dialect="rapid")
 

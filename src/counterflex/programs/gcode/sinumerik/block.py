@@ -79,8 +79,8 @@ class Block:
             close = close_to(name.name, [*GROUP, *CARRIED], 1)
             if name.called:
                 raise self._fault(REFUSED_CALL[0], name.start, shown, REFUSED_CALL[1])
-            what, hint = f"an unknown word of the {DIALECT} dialect", f"Did you mean {close[0]}?" if close else None
-            raise self._fault(what, name.start, shown, hint)
+            what, hint = f"an unknown word of the {DIALECT} dialect", f"Did you mean {close[0]}?" if close else ""
+            raise self._fault(what, name.start, shown, hint or None)
 
     def _group(self, code: str, start: int) -> None:
         group = GROUP[code]

@@ -139,7 +139,7 @@ def write_gcode(
     lines = [part for line in emitter.run() for part in _short_enough(line, program)]
     if header:
         place = spelling.first_line(lines)
-        lines[place:place] = [spelling.remark(text) for text in _header(program, tolerance_m, cell, job)]
+        lines[place:place] = [spelling.remark(text) for text in header_lines(program, tolerance_m, cell, job)]
     return GcodeText(
         text=program.newline.join(lines),
         moved_motions=int(rows.moved.sum()),
@@ -154,7 +154,7 @@ def write_gcode(
         unrolled=not program.straight,
         tolerance_m=tolerance_m,
         resolution_m=resolution,
-        largest_written_error_m=max(_line_error(rows, emitter.written, emitter.checked), emitter.arc_error_m),
+        largest_written_error_m=max(line_error(rows, emitter.written, emitter.checked), emitter.arc_error_m),
         largest_dwell_error_m=rows.dwell_error_m,
         largest_dropped_rotation_rad=dropped,
     )
@@ -177,7 +177,9 @@ def _short_enough(line: str, program: Program) -> list[str]:
     return [*comments, code]
 
 
-def _header(program: Program, tolerance_m: float, cell: str, job: str) -> list[str]:
+def header_lines(program: Program, tolerance_m: float, cell: str, job: str) -> list[str]:
+    """Text of the comments that say what made a program: see :func:`write_gcode`."""
+
     def plain(text: str) -> str:
         printable = "".join(c for c in text if 32 <= ord(c) < 127 and c not in "()%;")
         return printable[:120]
@@ -193,7 +195,7 @@ def _header(program: Program, tolerance_m: float, cell: str, job: str) -> list[s
     return lines
 
 
-def _line_error(rows: MotionRows, written: Float, checked: Bool) -> float:
+def line_error(rows: MotionRows, written: Float, checked: Bool) -> float:
     """Largest distance of the checked commanded rows from the written polyline at the same length of the way."""
     at = np.flatnonzero(np.isfinite(written[:, 0]))
     k = np.flatnonzero(checked)

@@ -1,0 +1,1 @@
+"""Reads cutter location files in APT (ISO 4343) and writes them back with only their targets replaced."""

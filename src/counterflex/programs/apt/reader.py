@@ -1,0 +1,402 @@
+"""Read cutter location files: APT as ISO 4343 has it and CAM systems write it."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.similar import close_to
+from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
+from counterflex.programs.apt.statements import FREE_TEXT, Argument, Statement, place, statements
+from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
+from counterflex.programs.gcode.read.flow import line_end, split_lines
+from counterflex.programs.gcode.read.motion import FARTHEST_M
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
+from counterflex.programs.gcode.read.reader import program_text
+from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Program, Word
+
+CARRIED: Final = FREE_TEXT | frozenset(
+    ("CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "CLEARP", "OPSKIP", "SEQNO", "SELCTL", "TOOLNO",
+     "TPRINT", "END-OF-PATH", "MSYS", "NOPOST", "CLPRNT", "DISPLY", "MODE", "HEAD", "CLRSRF", "ARCSLP", "FIXTURE")
+)  # fmt: skip
+"""Words that change no target."""
+READ: Final = (
+    "GOTO", "GODLTA", "FROM", "CIRCLE", "MOVARC", "RAPID", "FEDRAT", "SPINDL", "COOLNT", "LOADTL", "TLAXIS", "MULTAX",
+    "UNITS", "MM", "INCH", "INCHES", "DELAY", "STOP", "OPSTOP", "CUTCOM", "CYCLE", "FINI",
+)  # fmt: skip
+_POST: Final = "Let the CAM system write GOTO"
+REFUSED: Final[dict[str, tuple[str, str]]] = {
+    **dict.fromkeys(("INDIRV", "INDIRP", "TLON", "TLLFT", "TLRGT", "GOFWD", "GOLFT", "GORGT", "GOBACK", "GO"),
+                    ("geometry that a post processor must solve is not read", "Write the file with CIRCLE or GOTO")),
+    **dict.fromkeys(("GOHOME", "RETRCT", "ORIGIN", "TRANS", "ROTATE", "ROTABL", "ROTHED", "COPY", "TRACUT"),
+                    ("motions and frames of the machine are not read", _POST)),
+    **dict.fromkeys(("AUXFUN", "PREFUN"), ("functions of the machine are not read", "Use SPINDL, COOLNT, LOADTL")),
+    **dict.fromkeys(("MACRO", "CALL", "TERMAC", "JUMPTO", "IF", "LOOPST"), ("macros and jumps are not read", _POST)),
+    **dict.fromkeys(("SPLINE", "NURBS", "POLYN"), ("splines are not read", _POST)),
+}  # fmt: skip
+"""Words that the reader knows and does not take."""
+_FEEDS: Final = {"MMPM": (94, MM), "IPM": (94, INCH), "MMPR": (95, MM), "IPR": (95, INCH), "PERMIN": (94, 0.0),
+                 "PERREV": (95, 0.0)}  # fmt: skip
+_COOLANT: Final = {"ON": 8, "FLOOD": 8, "MIST": 7, "OFF": 9}
+_AXIS_OFF: Final = 1e-9
+
+
+def read_apt(text: str, *, name: str = "program", complete: bool = False) -> Program:
+    """Execute a file's text and return the statements passed and the motions made.
+
+    The coordinates of the file are those of the part. GOTO is the tool tip; where the tool axis is anywhere else than
+    along z, the axis of each point is given as I J K of
+    :data:`~counterflex.programs.program.TOOL_VECTOR`.
+
+    Args:
+        text: The file.
+        name: Its name, for errors.
+        complete: Refuse a text that stops without FINI or END-OF-PATH.
+
+    Returns:
+        The program as executed, a block for each statement.
+
+    Raises:
+        ProgramError: With ``name:line:column``, at the first thing that is unknown, refused or contradictory.
+
+    Source: ISO 4343, numerical control of machines, processor output.
+    """
+    lines = split_lines(text)
+    if not any(line.strip() for line in lines):
+        raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a cutter location file")
+    parts = list(statements(lines, name))
+    run = _Run(name, turning=any(_tilts(part) for part in parts))
+    ended = False
+    for part in parts:
+        if ended:
+            break
+        run.statement(part)
+        ended = part.major == "FINI"
+    if complete and not ended and not any(part.major == "END-OF-PATH" for part in parts):
+        raise ProgramError(
+            "the program stops without FINI or END-OF-PATH", where=f"{name}:{len(lines)}:1",
+            hint="The file may be truncated. If it is complete, add --without-end",
+        )  # fmt: skip
+    return Program(
+        name=name,
+        dialect="apt",
+        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
+        newline=line_end(text),
+        blocks=tuple(run.blocks),
+        motions=tuple(run.motions),
+        straight=True,
+    )
+
+
+def read_apt_file(
+    file: str | os.PathLike[str], *, machine: MillingMachine | None = None, complete: bool = True
+) -> Program:
+    """Read a cutter location file.
+
+    Args:
+        file: UTF-8 or Latin-1.
+        machine: A parameter file of LinuxCNC says nothing about such a file.
+        complete: See :func:`read_apt`.
+
+    Raises:
+        ProgramError: The file cannot be read, or is no program that can be executed exactly.
+    """
+    if machine is not None and machine.part_at_g54:
+        raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for APT", where=str(file))
+    text, encoding = program_text(Path(file))
+    return replace(read_apt(text, name=Path(file).name, complete=complete), encoding=encoding)
+
+
+def _tilts(part: Statement) -> bool:
+    """Whether a statement gives a tool axis other than z."""
+    values = [argument.value or 0.0 for argument in part.numbers()]
+    axis = values[3:6] if part.major in ("GOTO", "FROM") else values[:3] if part.major == "TLAXIS" else []
+    if len(axis) != 3:
+        return False
+    return axis[2] < 0.0 or math.hypot(axis[0], axis[1]) > _AXIS_OFF * abs(axis[2])
+
+
+class _Run:
+    """One pass through a file."""
+
+    def __init__(self, name: str, turning: bool) -> None:
+        self._name, self._turning = name, turning
+        self.blocks: list[Block] = []
+        self.motions: list[Motion] = []
+        self._p: Float = np.zeros(3)
+        self._axis = (0.0, 0.0, 1.0) if turning else (0.0, 0.0, 0.0)
+        self._unit_m, self._mode, self._feed_unit_m = MM, 94, MM
+        self._feed: float | None = None
+        self._rpm, self._turns, self._tool = 0.0, 0, 0
+        self._rapid = False
+        self._arc: Statement | None = None
+        self._msys: tuple[float | None, ...] | None = None
+        self._motion, self._plane = "G1", 17
+
+    def _fault(self, part: Statement, what: str, at: Argument | None = None, hint: str | None = None) -> ProgramError:
+        column = at.start if at is not None else len(part.text) - len(part.text.lstrip())
+        value = at.text if at is not None else part.text.split("\n")[0].strip()[:40]
+        return ProgramError(what, where=place(self._name, part.line, part.text, column), value=value, hint=hint)
+
+    def statement(self, part: Statement) -> None:
+        """Execute a statement and append its block."""
+        first, words = len(self.motions), self._execute(part)
+        modal = Modal(
+            motion=self._motion,
+            plane=self._plane,
+            unit_m=self._unit_m,
+            absolute=True,
+            arc_absolute=True,
+            feed_mode=self._mode,
+            p_part_origin=(0.0, 0.0, 0.0),
+            tool=self._tool,
+            spindle_rpm=self._turns * self._rpm,
+            tool_centre=TOOL_VECTOR if self._turning else 0,
+            feed_unit_m=self._feed_unit_m,
+        )
+        count = len(self.motions) - first
+        self.blocks.append(Block(part.line, part.text, tuple(words), modal, first, count))
+
+    def _execute(self, part: Statement) -> list[Word]:
+        major = part.major
+        if major in REFUSED:
+            raise self._fault(part, f"{REFUSED[major][0]}: {major}", hint=REFUSED[major][1])
+        if major in ("GOTO", "GODLTA"):
+            return self._goto(part)
+        if major in ("SPINDL", "COOLNT", "LOADTL", "STOP", "OPSTOP", "FINI"):
+            return self._machine(part)
+        if major == "FEDRAT":
+            return self._feedrate(part)
+        if major == "DELAY":
+            return self._delay(part)
+        if major in ("CIRCLE", "MOVARC"):
+            return self._circle(part)
+        self._settings(part)
+        return []
+
+    def _settings(self, part: Statement) -> None:
+        """Statements that stand for no word of a machine."""
+        major = part.major
+        if major in ("UNITS", "MM", "INCH", "INCHES"):
+            self._units(part)
+        elif major == "RAPID":
+            self._rapid = True
+        elif major == "FROM":
+            self._p, self._axis = self._point(part)
+        elif major == "TLAXIS":
+            self._axis = self._direction(part, part.numbers())
+        elif major == "MULTAX":
+            self._allow(part, ("ON", "OFF"))
+        elif major in ("CUTCOM", "CYCLE"):
+            if part.words()[:1] != ["OFF"]:
+                what = "cutter radius compensation is" if major == "CUTCOM" else "machining cycles are"
+                raise self._fault(part, f"{what} not read: {major}", hint=_POST)
+        elif major == "MSYS":
+            self._system(part)
+        elif major and major not in CARRIED:
+            close = close_to(major, [*READ, *CARRIED], 1)
+            hint = f"Did you mean {close[0]}?" if close else None
+            raise self._fault(part, f"an unknown word of APT: {major}", hint=hint)
+
+    def _allow(self, part: Statement, words: tuple[str, ...]) -> None:
+        for argument in part.arguments:
+            if argument.value is None and argument.text not in words:
+                raise self._fault(
+                    part, f"an unknown word of APT in {part.major}", argument, "One of: " + " ".join(words)
+                )
+
+    def _values(self, part: Statement, counts: tuple[int, ...]) -> list[float]:
+        numbers = part.numbers()
+        if len(numbers) not in counts or len(numbers) != len(part.arguments):
+            shown = " or ".join(map(str, counts))
+            raise self._fault(part, f"{part.major} needs {shown} numbers")
+        return [argument.value or 0.0 for argument in numbers]
+
+    def _point(self, part: Statement) -> tuple[Float, tuple[float, float, float]]:
+        """The point and the tool axis of GOTO, GODLTA or FROM."""
+        counts = (3,) if part.major == "GODLTA" else (3, 6)
+        values = self._values(part, counts)
+        p = np.array(values[:3]) * self._unit_m + (self._p if part.major == "GODLTA" else 0.0)
+        if not np.all(np.abs(p) <= FARTHEST_M):
+            raise self._fault(part, "the target is beyond any machine", hint="At most 1000 m")
+        axis = self._direction(part, part.numbers()[3:]) if len(values) == 6 else self._axis
+        p.flags.writeable = False
+        return p, axis
+
+    def _direction(self, part: Statement, numbers: list[Argument]) -> tuple[float, float, float]:
+        values = [argument.value or 0.0 for argument in numbers]
+        if len(values) != 3 or abs(math.hypot(*values) - 1.0) > 1e-3:
+            raise self._fault(part, "the tool axis needs three numbers of length 1", numbers[0] if numbers else None)
+        return (values[0], values[1], values[2]) if self._turning else (0.0, 0.0, 0.0)
+
+    def _goto(self, part: Statement) -> list[Word]:
+        p, axis = self._point(part)
+        kind: MotionKind = "rapid" if self._rapid else "feed"
+        shape = None
+        length = math.dist(self._p, p)
+        self._motion = "G0" if self._rapid else "G1"
+        if self._arc is not None:
+            kind, (shape, length) = "arc", self._arc_to(part, self._arc, p)
+        feed = (0.0, 0.0) if kind == "rapid" else self._speed(part, length, math.dist(self._axis, axis))
+        centre, normal, turn = shape if shape is not None else (None, None, 0.0)
+        self._append(kind, p, axis, feed, centre=centre, normal=normal, turn_rad=turn)
+        self._rapid, self._arc = False, None
+        letters = zip("XYZIJK", part.numbers(), strict=False)
+        increment = False if part.major == "GODLTA" else None
+        return [Word(letter, a.value or 0.0, a.start, a.end, True, increment) for letter, a in letters
+                if self._turning or letter in "XYZ"]  # fmt: skip
+
+    def _append(
+        self,
+        kind: MotionKind,
+        p: Float,
+        axis: tuple[float, float, float],
+        feed: tuple[float, float] = (0.0, 0.0),
+        duration_s: float = 0.0,
+        centre: Float | None = None,
+        normal: Float | None = None,
+        turn_rad: float = 0.0,
+    ) -> None:
+        self.motions.append(
+            Motion(
+                block=len(self.blocks),
+                kind=kind,
+                p_start=self._p,
+                p_end=p,
+                feed_m_s=feed[0],
+                spindle_rad_s=self._turns * self._rpm * RPM,
+                tool=self._tool,
+                duration_s=duration_s,
+                abc_start=self._axis,
+                abc_end=axis,
+                p_centre=centre,
+                normal=normal,
+                turn_rad=turn_rad,
+                feed_rad_s=feed[1],
+            )
+        )
+        self._p, self._axis = p, axis
+
+    def _speed(self, part: Statement, length_m: float, angle_rad: float) -> tuple[float, float]:
+        if not self._feed:
+            raise self._fault(part, "a feed move without a feed", hint="Write FEDRAT, or RAPID, before")
+        per_minute = self._feed
+        if self._mode == 95:
+            if self._turns * self._rpm == 0.0:
+                raise self._fault(part, "feed per revolution with the spindle stopped", hint="Write SPINDL before")
+            per_minute *= self._rpm
+        if length_m == 0.0 and angle_rad > 0.0:
+            return 0.0, per_minute * DEG / MINUTE
+        return per_minute * self._feed_unit_m / MINUTE, 0.0
+
+    def _circle(self, part: Statement) -> list[Word]:
+        """CIRCLE or MOVARC: centre, axis, radius of the arc that the next GOTO ends; the turn is right-handed."""
+        numbers = part.numbers()
+        if len(numbers) < 7:
+            raise self._fault(part, f"{part.major} needs centre, axis and radius: 7 numbers",
+                              hint="As NX writes it: CIRCLE/x,y,z,i,j,k,r")  # fmt: skip
+        self._allow(part, ("TIMES", "ANGLE"))
+        axis = [argument.value or 0.0 for argument in numbers[3:6]]
+        if sorted(abs(value) for value in axis)[:2] != [0.0, 0.0] or abs(math.hypot(*axis) - 1.0) > 1e-6:
+            raise self._fault(part, "an arc about a slanted axis is not read", numbers[3], _POST)
+        if "TIMES" in part.words():
+            raise self._fault(part, "an arc of several turns is not read", None, _POST)
+        self._arc = part
+        places = [*numbers[:3], numbers[6]]
+        return [Word(letter, a.value or 0.0, a.start, a.end) for letter, a in zip("IJKR", places, strict=True)]
+
+    def _arc_to(self, part: Statement, arc: Statement, p: Float) -> tuple[tuple[Float, Float, float], float]:
+        """Centre, normal and turn of the arc that ends at ``p``, and its length."""
+        if self._rapid:
+            raise self._fault(part, "a rapid on an arc", hint="Write GOTO without CIRCLE, or without RAPID")
+        values = [argument.value or 0.0 for argument in arc.numbers()]
+        third = int(np.argmax(np.abs(values[3:6])))
+        self._plane = {2: 17, 1: 18, 0: 19}[third]
+        first, second, _ = PLANE_AXES[self._plane]
+        clockwise = values[3 + third] < 0.0
+        middle = np.array(values[:3]) * self._unit_m
+        ends = [(float(q[first]), float(q[second])) for q in (self._p, p, middle)]
+        try:
+            found = by_centre(ends[0], ends[1], ends[2], clockwise, 1, self._unit_m)
+        except ArcFault as fault:
+            raise self._fault(arc, f"{fault.what} ({fault.value})") from fault
+        if abs(found.radius_m - values[6] * self._unit_m) > 1e-3 * found.radius_m + 1e-5:
+            raise self._fault(arc, "the radius is not that of the arc's start and end", arc.numbers()[6])
+        middle[third] = self._p[third]
+        normal = np.zeros(3)
+        normal[third] = 1.0
+        self._motion = "G2" if clockwise else "G3"
+        length = math.hypot(found.radius_m * found.turn_rad, float(p[third] - self._p[third]))
+        return (middle, normal, found.turn_rad), length
+
+    def _units(self, part: Statement) -> None:
+        words = part.words() if part.major == "UNITS" else [part.major]
+        if words not in (["MM"], ["INCH"], ["INCHES"]):
+            raise self._fault(part, "an unknown unit of length", hint="UNITS/MM or UNITS/INCHES")
+        if self.motions:
+            raise self._fault(part, "the unit changes after the first motion", hint="State it at the head of the file")
+        self._unit_m = self._feed_unit_m = MM if words == ["MM"] else INCH
+
+    def _feedrate(self, part: Statement) -> list[Word]:
+        self._allow(part, tuple(_FEEDS))
+        numbers, words = part.numbers(), part.words()
+        if len(numbers) != 1 or len(words) > 1 or not 0.0 <= (numbers[0].value or 0.0) <= 1e6:
+            raise self._fault(part, "FEDRAT needs one number from 0 to 1e6 and its unit",
+                              hint="FEDRAT/1500,MMPM; units: " + " ".join(_FEEDS))  # fmt: skip
+        self._mode, unit_m = _FEEDS[words[0]] if words else (94, 0.0)
+        self._feed_unit_m = unit_m or self._unit_m
+        self._feed, self._rapid = numbers[0].value, False
+        return [Word("F", numbers[0].value or 0.0, numbers[0].start, numbers[0].end)]
+
+    def _machine(self, part: Statement) -> list[Word]:
+        """SPINDL, COOLNT, LOADTL, STOP, OPSTOP, FINI as the M codes, S and T that they stand for."""
+        numbers, words = part.numbers(), part.words()
+        value = numbers[0].value if numbers else None
+        out: list[tuple[str, float]] = []
+        if part.major == "SPINDL":
+            self._allow(part, ("RPM", "CLW", "CCLW", "ON", "OFF"))
+            if len(numbers) > 1 or (value is not None and not 0.0 <= value <= 1e6):
+                raise self._fault(part, "SPINDL takes one speed, 0 to 1e6 rpm")
+            if value is not None:
+                self._rpm = value
+                out.append(("S", value))
+            turns = 0 if "OFF" in words else -1 if "CCLW" in words else 1
+            self._turns = turns
+            out.append(("M", {0: 5, 1: 3, -1: 4}[turns]))
+        elif part.major == "COOLNT":
+            self._allow(part, tuple(_COOLANT))
+            if len(words) != 1 or numbers:
+                raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(_COOLANT))
+            out.append(("M", _COOLANT[words[0]]))
+        elif part.major == "LOADTL":
+            self._allow(part, ("ADJUST", "LENGTH", "OSETNO", "ZOFF"))
+            if value is None or value != int(value) or not 0 <= value <= 99_999:
+                raise self._fault(part, "LOADTL needs the number of a tool first", hint="LOADTL/1")
+            self._tool, self._turns = int(value), 0
+            out += [("T", value), ("M", 6)]
+        else:
+            out.append(("M", {"STOP": 0, "OPSTOP": 1, "FINI": 30}[part.major]))
+        at = len(part.text) - len(part.text.lstrip())
+        return [Word(letter, number, at, at, False) for letter, number in out]
+
+    def _delay(self, part: Statement) -> list[Word]:
+        self._allow(part, ())
+        time_s = self._values(part, (1,))[0]
+        if not 0.0 <= time_s <= 1e6:
+            raise self._fault(part, "DELAY is out of range", hint="0 to 1e6 s")
+        self._append("dwell", self._p, self._axis, duration_s=time_s)
+        return [Word("G", 4.0, 0, 0, False)]
+
+    def _system(self, part: Statement) -> None:
+        """MSYS: the coordinates that the points are in; one for the whole file is that of the part."""
+        values = tuple(argument.value for argument in part.arguments)
+        if self._msys not in (None, values):
+            raise self._fault(part, "a second coordinate system MSYS", hint="Write the file in one system")
+        self._msys = values

@@ -1,0 +1,121 @@
+"""The statements of an APT or CL file: major word, arguments with their places, comments and continued lines."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.core.errors import ProgramError
+
+FREE_TEXT: Final = frozenset(("PARTNO", "PPRINT", "REMARK", "INSERT", "TOOL PATH", "MACHIN", "PLABEL", "PAINT"))
+"""Words whose rest of the line is text."""
+_MAJOR: Final = re.compile(r"\s*([A-Z][A-Z0-9_\- ]*?)\s*(/|$)", re.IGNORECASE)
+_TEXT: Final = re.compile(r"\s*(PARTNO|PPRINT|REMARK|INSERT|TOOL PATH|MACHIN|PLABEL|PAINT)\b", re.IGNORECASE)
+_ARGUMENT: Final = re.compile(r"\s*([^,\s]+)\s*(,|$)")
+_NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[ED][+-]?\d+)?", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """A word or number behind the slash; ``start`` and ``end`` are places in the statement's text."""
+
+    text: str
+    value: float | None
+    start: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One statement, perhaps over several lines.
+
+    Attributes:
+        line: 1-based first line.
+        text: Its lines, joined by line feeds.
+        major: Major word, upper case; empty for blank lines and comments.
+        arguments: Behind the slash; none for words with free text.
+    """
+
+    line: int
+    text: str
+    major: str
+    arguments: tuple[Argument, ...] = ()
+
+    def words(self) -> list[str]:
+        """Arguments that are no numbers, upper case."""
+        return [argument.text for argument in self.arguments if argument.value is None]
+
+    def numbers(self) -> list[Argument]:
+        """Arguments that are numbers."""
+        return [argument for argument in self.arguments if argument.value is not None]
+
+
+def place(name: str, line: int, text: str, column: int) -> str:
+    """``name:line:column`` of a place in a statement's text, 1-based."""
+    before = text[:column]
+    return f"{name}:{line + before.count(chr(10))}:{column - before.rfind(chr(10))}"
+
+
+def statements(lines: Sequence[str], name: str) -> Iterator[Statement]:
+    """Yield the statements of a file.
+
+    ``$$`` begins a comment; a single ``$`` says that the statement goes on in the next line, what follows it is no part
+    of it.
+
+    Args:
+        lines: Without line ends.
+        name: Of the file, for errors.
+
+    Raises:
+        ProgramError: A line that is no statement, or a file that ends within one.
+    """
+    index = 0
+    while index < len(lines):
+        first, code = index, []
+        while True:
+            line, goes_on = _code(lines[index])
+            code.append(line)
+            index += 1
+            if not goes_on:
+                break
+            if index == len(lines):
+                raise ProgramError("the file ends within a statement", where=f"{name}:{index}:1", value=lines[-1][:40])
+        yield _statement("\n".join(code), "\n".join(lines[first:index]), first + 1, name)
+
+
+def _code(line: str) -> tuple[str, bool]:
+    """The line with comment and continuation sign blanked, in its own length, and whether the statement goes on."""
+    if _TEXT.match(line):
+        return line, False
+    at = line.find("$")
+    if at < 0:
+        return line, False
+    return line[:at].ljust(len(line)), line[at : at + 2] != "$$"
+
+
+def _statement(code: str, text: str, line: int, name: str) -> Statement:
+    if not code.strip():
+        return Statement(line, text, "")
+    free = _TEXT.match(code)
+    if free is not None:
+        return Statement(line, text, free[1].upper())
+    major = _MAJOR.match(code.replace("\n", " ").rstrip())
+    if major is None:
+        where = place(name, line, text, len(code) - len(code.lstrip()))
+        raise ProgramError("this is no statement of APT", where=where, value=code.strip()[:40])
+    arguments: list[Argument] = []
+    flat, at = code.replace("\n", " ").rstrip(), major.end()
+    while at < len(flat):
+        match = _ARGUMENT.match(flat, at)
+        if match is None:
+            raise ProgramError(
+                "an argument is missing or stands without a comma", where=place(name, line, text, at),
+                value=flat[at : at + 30].strip(),
+            )  # fmt: skip
+        number = _NUMBER.fullmatch(match[1])
+        value = float(match[1].upper().replace("D", "E")) if number else None
+        arguments.append(Argument(match[1].upper(), value, match.start(1), match.end(1)))
+        at = match.end()
+    return Statement(line, text, major[1].upper(), tuple(arguments))

@@ -1,0 +1,329 @@
+"""The same cutter location file back with only its targets replaced."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, as_positive
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.units import INCH, MINUTE
+from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, written_turn
+from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
+from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
+from counterflex.programs.gcode.write.writer import GcodeText, header_lines, line_error
+from counterflex.programs.gcode.write.written_line import number
+from counterflex.programs.motion_rows import feed_factor, motion_rows
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
+from counterflex.programs.rotary.poses import CommandedWords
+
+_AXIS_DIGITS: Final = 3
+"""A component of the tool axis has three decimals more than a length: 1e-7."""
+_ROUNDINGS: Final = 3.0
+_PER_MINUTE: Final = 94
+_SAME_M: Final = 1e-12
+
+
+def write_apt(
+    program: Program,
+    compensated: CompensatedPath,
+    *,
+    tolerance_m: float = 5e-6,
+    decimals: int = 4,
+    cell: str = "",
+    header: bool = True,
+    job: str = "",
+    words: CommandedWords | None = None,
+) -> GcodeText:
+    """Write a file back with its targets replaced by the commanded ones.
+
+    Statements whose motions are not corrected stay byte for byte. A corrected GOTO gets its numbers edited in place and
+    further GOTO before it where one straight line is not enough; a corrected CIRCLE stays one, or becomes several, or
+    GOTO, within the tolerance. FEDRAT is put before pieces whose feed changes, and back behind them.
+
+    Args:
+        program: As read.
+        compensated: Commanded rows for the path sampled from ``program``.
+        tolerance_m: Largest distance of a commanded sample from the written path at the same place, > 0, m.
+        decimals: Of written coordinates in mm, 2 to 6; inch files get one more.
+        cell: Name of the cell, for the comment at the head.
+        header: Write comments that say what made the file; never where nothing changed.
+        job: Hash of the plan, for the comment.
+        words: Of a file that turns the tool, what to command; ``compensated`` is not asked then.
+
+    Returns:
+        Text and counts.
+
+    Raises:
+        InputError: Path and program do not belong together, or an option is out of range.
+        ProgramError: A corrected motion cannot be written.
+    """
+    as_positive("tolerance_m", tolerance_m)
+    if not 2 <= decimals <= 6:
+        raise InputError("decimals is out of range", value=decimals, limit="2 .. 6")
+    writer = _Writer(program, compensated, tolerance_m, decimals, words)
+    rows = writer.rows
+    changed = bool(rows.moved.any() or np.any(rows.share != 1.0))
+    lines = writer.run() if changed else list(program.lines)
+    if changed and header:
+        lines[:0] = [f"$$ {text}" for text in header_lines(program, tolerance_m, cell, job)]
+    dropped = float(np.max(np.linalg.norm(compensated.rotvec_part_command, axis=1), initial=0.0))
+    return GcodeText(
+        text=program.newline.join(lines),
+        moved_motions=int(rows.moved.sum()) if changed else 0,
+        split_motions=writer.split_motions,
+        vertices_added=writer.vertices_added,
+        arcs_kept=writer.arcs_kept,
+        arcs_split=writer.arcs_split,
+        arcs_as_lines=writer.arcs_as_lines,
+        radius_replaced=0,
+        completed_blocks=0,
+        cycles_expanded=0,
+        unrolled=False,
+        tolerance_m=tolerance_m,
+        resolution_m=writer.resolution_m,
+        largest_written_error_m=max(line_error(rows, writer.written, writer.checked), writer.arc_error_m)
+        if changed else 0.0,
+        largest_dwell_error_m=rows.dwell_error_m,
+        largest_dropped_rotation_rad=dropped if words is None else words.dropped_rad,
+    )  # fmt: skip
+
+
+class _Writer:
+    """Walks through the statements of a file."""
+
+    def __init__(
+        self,
+        program: Program,
+        compensated: CompensatedPath,
+        tolerance_m: float,
+        decimals: int,
+        words: CommandedWords | None,
+    ) -> None:
+        angles = None
+        if words is not None:
+            compensated = CompensatedPath(words.path, words.p_command, np.zeros_like(words.p_command))
+            angles = (words.angle_rad, words.angle_command_rad)
+        self.program, self.tolerance_m = program, tolerance_m
+        self.rows = motion_rows(program, compensated, tolerance_m, angles)
+        units = {block.modal.unit_m for block in program.blocks if block.motion_count}
+        self._unit_m = min(units, default=1e-3)
+        self._digits = decimals + (self._unit_m == INCH)
+        self.resolution_m = self._unit_m * 10.0**-self._digits
+        self.lines: list[str] = []
+        self.written: Float = np.full((len(self.rows.way), 3), np.nan)
+        self.checked: Bool = np.zeros(len(self.rows.way), dtype=np.bool_)
+        self.arc_error_m = 0.0
+        self.split_motions = self.vertices_added = 0
+        self.arcs_kept = self.arcs_split = self.arcs_as_lines = 0
+        self._here: Float = np.array(program.motions[0].p_start if program.motions else np.zeros(3))
+        self._feed_written = 1.0
+        self._feed_block: Block | None = None
+        self._circle: Block | None = None
+
+    def run(self) -> list[str]:
+        """All lines of the written file."""
+        if len(self.written):
+            self.written[0] = self.rows.nominal[0]
+        at = 0
+        for block in self.program.blocks:
+            count = block.text.count("\n") + 1
+            at = block.line - 1 + count
+            if any(word.letter == "F" for word in block.words):
+                self._feed_block, self._feed_written = block, 1.0
+            if block.motion_count:
+                self._motion(block, block.first_motion)
+            elif self._is_circle(block):
+                self._circle = block
+            else:
+                self._copy(block)
+        self.lines.extend(self.program.lines[at:])
+        return self.lines
+
+    def _copy(self, block: Block) -> None:
+        self.lines.extend(block.text.split("\n"))
+
+    @staticmethod
+    def _is_circle(block: Block) -> bool:
+        return block.text.lstrip().upper().startswith(("CIRCLE", "MOVARC"))
+
+    def _motion(self, block: Block, index: int) -> None:
+        motion, rows = self.program.motions[index], self.rows
+        first, last = int(rows.first[index]), int(rows.last[index])
+        follows = bool(np.any(np.abs(self._here - motion.p_start) > _SAME_M))
+        inherits = follows and (motion.kind == "arc" or any(word.absolute is False for word in block.words))
+        if motion.kind == "dwell":
+            self._dwell(block, first, last)
+        elif not rows.moved[index] and not inherits:
+            if motion.kind != "rapid":
+                self._feed(block, motion, rows.share_of(first, last) if motion.kind == "arc" else 1.0)
+            if self._circle is not None:
+                self._copy(self._circle)
+            self._copy(block)
+            self._here = np.array(motion.p_end)
+        elif motion.kind == "arc":
+            self._arc(block, index, motion)
+        else:
+            self._straight(block, index, motion)
+        self._circle = None
+        if last >= 0:
+            self.written[last], self.checked[last] = self._here, True
+            if motion.kind == "feed":
+                self.checked[first : last + 1] = True
+
+    def _dwell(self, block: Block, first: int, last: int) -> None:
+        """Before a dwell, go to where it is planned, straight along the tool axis."""
+        planned = self.rows.command[last] if last >= first >= 1 else None
+        if planned is not None and float(np.linalg.norm(planned - self.rows.command[first - 1])) > 0.0:
+            self.lines.append("GOTO/" + self._numbers(block, planned, last))
+            self.vertices_added += 1
+        self._copy(block)
+
+    # ---- words ---------------------------------------------------------------------------------------------------
+
+    def _coordinate(self, value: float) -> str:
+        return number(round(value / self._unit_m, self._digits), self._digits)
+
+    def _numbers(self, block: Block, p: Float, row: int) -> str:
+        """Coordinates of a point, and the tool axis where the file turns the tool; the written place is there then."""
+        texts = [self._coordinate(float(value)) for value in p]
+        self._here = np.array([float(text) * self._unit_m for text in texts])
+        if block.modal.tool_centre == TOOL_VECTOR:
+            texts += self._axis(row)
+        return ",".join(texts)
+
+    def _axis(self, row: int) -> list[str]:
+        angles = self.rows.angles
+        if angles is None:
+            return []
+        length = float(np.linalg.norm(angles[row])) or 1.0
+        return [number(float(value) / length, self._digits + _AXIS_DIGITS) for value in angles[row]]
+
+    def _edited(self, block: Block, p: Float, row: int) -> None:
+        """The source's GOTO with its numbers replaced; GODLTA becomes one."""
+        places = {word.letter: word for word in block.words if word.letter in "XYZIJK"}
+        numbers = self._numbers(block, p, row).split(",")
+        if any(word.absolute is False for word in places.values()):
+            self.lines.append("GOTO/" + ",".join(numbers))
+            return
+        text, end = block.text, max(word.end for word in places.values())
+        if len(numbers) == 6 and "I" not in places:
+            text = text[:end] + "," + ",".join(numbers[3:]) + text[end:]
+        for letter, new in sorted(zip("XYZIJK", numbers, strict=False), key=lambda pair: -"XYZIJK".index(pair[0])):
+            word = places.get(letter)
+            if word is not None:
+                text = text[: word.start] + new + text[word.end :]
+        self.lines.extend(text.split("\n"))
+
+    def _feed(self, block: Block, motion: Motion, factor: float) -> None:
+        """FEDRAT where the feed of a piece differs from the one that is written."""
+        source = self._feed_block
+        if source is None or block.modal.feed_mode != _PER_MINUTE or motion.feed_m_s <= 0.0:
+            return
+        if abs(factor / self._feed_written - 1.0) <= LEAST_FEED_CHANGE:
+            return
+        self._feed_written = factor
+        value = motion.feed_m_s * MINUTE / block.modal.unit_of_feed_m * factor
+        word = next(word for word in source.words if word.letter == "F")
+        new = number(value, 4 if factor == 1.0 else 1)
+        self.lines.append((source.text[: word.start] + new + source.text[word.end :]).split("$")[0].rstrip())
+
+    # ---- motions -------------------------------------------------------------------------------------------------
+
+    def _straight(self, block: Block, index: int, motion: Motion) -> None:
+        rows = self.rows
+        first, last = int(rows.first[index]), int(rows.last[index])
+        if last < first:
+            self._edited(block, np.asarray(motion.p_end), max(last, 0))
+            return
+        inner: Sequence[int] = []
+        if motion.kind == "feed":
+            inner = [int(row) for row in np.flatnonzero(rows.vertex[first:last]) + first]
+        before = first - 1
+        for row in [*inner, last]:
+            if motion.kind == "feed":
+                step = float(np.linalg.norm(rows.command[row] - rows.command[before]))
+                way = float(rows.way[row] - rows.way[before])
+                factor = float(feed_factor(np.array([way]), np.array([step]))[0]) * rows.share_of(before + 1, row)
+                self._feed(block, motion, factor)
+            if row == last:
+                self._edited(block, rows.command[row], row)
+            else:
+                self.lines.append("GOTO/" + self._numbers(block, rows.command[row], row))
+            self.written[row] = self._here
+            before = row
+        self.split_motions += bool(inner)
+        self.vertices_added += len(inner)
+
+    def _arc(self, block: Block, index: int, motion: Motion) -> None:
+        circle, rows = self._circle, self.rows
+        if circle is None or motion.p_centre is None or motion.normal is None:
+            raise ProgramError(
+                "an arc without its CIRCLE cannot be corrected", where=f"{self.program.name}:{block.line}"
+            )
+        axes = list(PLANE_AXES[block.modal.plane])
+        first, last = int(rows.first[index]), int(rows.last[index])
+        self._feed(block, motion, rows.share_of(first, last))
+        nominal = np.vstack([motion.p_start, rows.nominal[first : last + 1]])[:, axes]
+        command = np.vstack([self._here, rows.command[first : last + 1]])
+        points = np.ascontiguousarray(command[:, axes])
+        share = nominal_share(nominal, np.asarray(motion.p_centre)[axes], motion.turn_rad)
+        waiting = arc_pieces(points, share, motion.turn_rad, self.tolerance_m)[::-1]
+        arcs = lines = 0
+        while waiting:
+            piece = waiting.pop()
+            row = first - 1 + piece.last
+            if piece.centre is not None:
+                centre = self._fitted(piece, points, share, axes)
+                if centre is None:
+                    waiting += straight_pieces(points, share, piece.first, piece.last, self.tolerance_m)[::-1]
+                    continue
+                self._write_circle(circle, axes, centre)
+                arcs += 1
+            else:
+                self.checked[first + piece.first : row + 1] = True
+                lines += 1
+            if row == last:
+                self._edited(block, rows.command[row], row)
+            else:
+                self.lines.append("GOTO/" + self._numbers(block, rows.command[row], row))
+            self.written[row] = self._here
+        self.arcs_kept += arcs == 1 and lines == 0
+        self.arcs_split += arcs + lines > 1 and arcs > 0
+        self.arcs_as_lines += arcs == 0
+        self.split_motions += arcs + lines > 1
+        self.vertices_added += arcs + lines - 1
+
+    def _fitted(
+        self, piece: ArcPiece, points: Float, share: Float, axes: list[int]
+    ) -> tuple[float, float, float, float] | None:
+        """Centre (u, v, w) and radius as they are written; None where rounding breaks the arc."""
+        assert piece.centre is not None
+        part = points[piece.first : piece.last + 1].copy()
+        part[0] = self._here[axes]
+        part[-1] = [float(self._coordinate(float(value))) * self._unit_m for value in part[-1]]
+        at = share[piece.first : piece.last + 1]
+        at = (at - at[0]) / (at[-1] - at[0])
+        u, v = (float(self._coordinate(value)) * self._unit_m for value in piece.centre)
+        turned = written_turn(part[0], part[-1], (u, v), math.copysign(1.0, piece.turn_rad), 1)
+        error = arc_error(part, at, (u, v), turned)
+        if error > self.tolerance_m + _ROUNDINGS * self.resolution_m:
+            return None
+        self.arc_error_m = max(self.arc_error_m, error)
+        return u, v, float(part[0][2]), math.hypot(part[0][0] - u, part[0][1] - v)
+
+    def _write_circle(self, circle: Block, axes: list[int], fitted: tuple[float, float, float, float]) -> None:
+        """The source's CIRCLE with centre and radius replaced."""
+        values = [0.0, 0.0, 0.0]
+        for axis, value in zip(axes, fitted[:3], strict=True):
+            values[axis] = value
+        text = circle.text
+        for word, value in sorted(
+            zip(circle.words, [*values, fitted[3]], strict=True), key=lambda pair: -pair[0].start
+        ):
+            text = text[: word.start] + self._coordinate(value) + text[word.end :]
+        self.lines.extend(text.split("\n"))
