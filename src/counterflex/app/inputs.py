@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.robot_programs import held_as_programmed, krl_cell
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, ProgramError
@@ -27,8 +28,8 @@ from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.limits import BY_ENDING
 from counterflex.programs.motion_rows import single_straight
-from counterflex.programs.program import Program
-from counterflex.programs.reading import read_program_file
+from counterflex.programs.program import KRL_DIALECT, Program
+from counterflex.programs.reading import dialect_of, read_program_file
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
 from counterflex.programs.rotary.poses import Words, turned_path
@@ -81,13 +82,19 @@ class Reading:
     parameters: Path | None = None
     complete: bool = True
 
-    def program(self, file: str | Path) -> Program:
+    def program(self, file: str | Path, cell: Cell | None = None) -> Program:
         """Read a program.
+
+        Args:
+            file: The program.
+            cell: That frames and process words of a robot program are held against.
 
         Raises:
             ProgramError: It cannot be read exactly.
             FileFormatError: The parameter file cannot be used.
         """
+        if cell is not None and dialect_of(file, self.dialect) == KRL_DIALECT:
+            return read_program_file(file, dialect=self.dialect, complete=self.complete, cell=krl_cell(cell))
         machine = MillingMachine(known=False) if self.parameters is None else read_parameter_file(self.parameters)
         return read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
 
@@ -104,7 +111,7 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
         ProgramError: The program cannot be read exactly, or makes no motion.
     """
     cell.require_milling()
-    program = reading.program(file)
+    program = reading.program(file, cell)
     if len(program.motions) == 0:
         raise ProgramError("the program moves nothing", where=str(file))
     job = _turned_job(program, cell, step_m) if turns(program) else _job(program, cell, step_m)
@@ -208,7 +215,12 @@ def in_working_plane(program: str | Path, cell: Cell, reading: Reading = AS_IT_I
     Raises:
         ProgramError: The program cannot be read, or its words do not fit the machine.
     """
-    read = reading.program(program)
+    read = reading.program(program, cell)
+    return held_as_programmed(read, _in_plane_of(read, cell))
+
+
+def _in_plane_of(read: Program, cell: Cell) -> Cell:
+    """The cell with its part seen along the tool of a program."""
     if not turns(read):
         return cell
     known = fitted(read, machine_of(cell))

@@ -57,7 +57,7 @@ _LANGUAGES: Final = (
     ),
     _Signs(
         "KUKA KRL",
-        _robot("KRL", "krl"),
+        "KRL is read by its suffix: name the file NAME.src, with NAME.dat beside it",
         (
             r"^&(ACCESS|REL|PARAM|COMMENT)\b",
             r"^;FOLD\b",

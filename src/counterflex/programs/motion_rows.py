@@ -222,3 +222,23 @@ def _shares(program: Program, path: ToolPath) -> Float:
     ratio = np.where(feed, path.feed_m_s / np.where(feed, programmed, 1.0), 1.0)
     out: Float = np.where(np.abs(ratio - 1.0) < 1e-9, 1.0, ratio)
     return out
+
+
+def written_error(rows: MotionRows, p_written: Float, checked: Bool) -> float:
+    """Largest distance of the checked commanded rows from the written polyline at the same length of the way, m.
+
+    Args:
+        rows: The compensated path by motion.
+        p_written: (n, 3) m, written points at their rows; nan elsewhere.
+        checked: (n,) True where a row counts.
+    """
+    at = np.flatnonzero(np.isfinite(p_written[:, 0]))
+    k = np.flatnonzero(checked)
+    if len(at) == 0 or len(k) == 0:
+        return 0.0
+    b = at[np.minimum(np.searchsorted(at, k), len(at) - 1)]
+    a = at[np.maximum(np.searchsorted(at, k, side="right") - 1, 0)]
+    span = rows.along[b] - rows.along[a]
+    share = np.where(span > 0.0, (rows.along[k] - rows.along[a]) / np.where(span > 0.0, span, 1.0), 0.0)
+    gap = p_written[a] + share[:, None] * (p_written[b] - p_written[a]) - rows.command[k]
+    return float(np.sqrt(np.sum(gap * gap, axis=1)).max())

@@ -16,6 +16,9 @@ TOOL_CENTRE: Final = 434
 TOOL_VECTOR: Final = 435
 """The same with the tool axis in the part as I J K: G43.5."""
 
+KRL_DIALECT: Final = "krl"
+"""Dialect of a program in KUKA KRL, see :class:`counterflex.programs.krl.program.KrlProgram`."""
+
 MotionKind = Literal["rapid", "feed", "arc", "dwell"]
 
 
@@ -149,7 +152,7 @@ class Program:
 
     Attributes:
         name: File name.
-        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`.
+        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`, or :data:`KRL_DIALECT`.
         lines: The source, without line ends.
         newline: Line end of the source.
         blocks: Executed blocks in order (comment and empty lines included where they are passed).

@@ -1,7 +1,7 @@
 """Which language a program file is in, and its reader: the one place where a language to read is added.
 
 A language has a name in :data:`~counterflex.programs.limits.DIALECTS`, the endings of its files in
-:data:`~counterflex.programs.limits.ENDINGS`, and a line in :data:`_READERS`.
+:data:`~counterflex.programs.limits.ENDINGS`, and a line in :data:`_READERS`, or in :data:`_ROBOT_READERS`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Final
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
+from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.limits import BY_ENDING, DIALECTS, ENDINGS
 from counterflex.programs.program import Program
 
@@ -25,6 +26,8 @@ _READERS: Final[dict[str, str]] = {
     "apt": "counterflex.programs.apt.reader:read_apt_file",
 }
 """``module:function`` of each language; the function takes the file and, by name, ``machine`` and ``complete``."""
+_ROBOT_READERS: Final[dict[str, str]] = {"krl": "counterflex.programs.krl.read.reader:read_krl_file"}
+"""The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
 
 
 def dialect_of(file: str | os.PathLike[str], dialect: str = BY_ENDING) -> str:
@@ -52,6 +55,7 @@ def read_program_file(
     dialect: str = BY_ENDING,
     machine: MillingMachine = COORDINATES_OF_THE_PART,
     complete: bool = True,
+    cell: KrlCell | None = None,
 ) -> Program:
     """Read a program in the language it is written in.
 
@@ -60,6 +64,7 @@ def read_program_file(
         dialect: See :func:`dialect_of`.
         machine: What is known of the machine that it was written for.
         complete: Refuse a program that stops without the end that its language requires.
+        cell: What frames and process words of a robot program are held against.
 
     Returns:
         The program as executed; :attr:`~counterflex.programs.program.Program.dialect` is the language.
@@ -68,9 +73,16 @@ def read_program_file(
         ProgramError: It cannot be read exactly.
         InputError: There is no such language.
     """
-    module, _, name = _READERS[dialect_of(file, dialect)].partition(":")
+    language = dialect_of(file, dialect)
+    if language in _ROBOT_READERS:
+        return _reader(_ROBOT_READERS[language])(file, cell=cell, complete=complete)
+    return _reader(_READERS[language])(file, machine=machine, complete=complete)
+
+
+def _reader(place: str) -> Callable[..., Program]:
+    module, _, name = place.partition(":")
     read: Callable[..., Program] = getattr(importlib.import_module(module), name)
-    return read(file, machine=machine, complete=complete)
+    return read
 
 
 def require_linuxcnc(program: Program, command: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.app.campaign.axes import CHOSEN, PRESENT, branch_and_rotation
 from counterflex.app.campaign.parameter_errors import parameter_errors
 from counterflex.app.compensation.compensate import compensate
-from counterflex.app.compensation.languages import write
+from counterflex.app.compensation.languages import own_language, write
 from counterflex.app.inputs import in_working_plane, read_job
 from counterflex.app.posture import posture_of
 from counterflex.app.proof import simulate
@@ -98,7 +98,7 @@ def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str
     job = read_job(program, cell)
     setting = exact_setting(job, cell, read_truth(truth_file))
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
-    for name, text in write(job, plan, cell, "gcode")[0].items():
+    for name, text in write(job, plan, cell, own_language(job.program))[0].items():
         atomic.write_bytes(Path(folder) / name, text.encode(job.program.encoding, errors="replace"))
     return {}
 

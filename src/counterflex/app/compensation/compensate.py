@@ -16,7 +16,7 @@ from counterflex import __version__
 from counterflex.app.compensation.feed_for_tolerance import lowered_plan, shown_feed
 from counterflex.app.compensation.feed_limits import limited_feed, shown_limits
 from counterflex.app.compensation.language_names import LANGUAGES
-from counterflex.app.compensation.languages import require_tolerance, write
+from counterflex.app.compensation.languages import own_language, require_tolerance, write
 from counterflex.app.compensation.prediction import calm_feed, prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
@@ -65,7 +65,7 @@ def compensate(
     program: str | Path,
     cell: Cell,
     *,
-    language: str = "gcode",
+    language: str | None = None,
     reading: Reading = AS_IT_IS,
     tolerance_m: float = 5.0 * UM,
     normal_only: bool = False,
@@ -77,9 +77,10 @@ def compensate(
     """Plan and write a compensated program.
 
     Args:
-        program: G-code file.
+        program: G-code or KRL file.
         cell: The cell.
-        language: Of the output, one of :data:`counterflex.app.compensation.language_names.LANGUAGES`.
+        language: Of the output, one of :data:`counterflex.app.compensation.language_names.LANGUAGES`; None is that of
+            the program.
         reading: How the program is read.
         tolerance_m: Largest distance between the written path and the planned one.
         normal_only: Correct square to the feed only.
@@ -91,7 +92,6 @@ def compensate(
     Raises:
         CounterflexError: The program, the cell or the reach does not allow it; one line says what and where.
     """
-    kind = LANGUAGES[language]
     require_tolerance(tolerance_m)
     if feed is not None and not predict:
         raise InputError("without a prediction no feed can be found for a tolerance", where="--no-predict")
@@ -100,7 +100,10 @@ def compensate(
     cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
     refuse_compensated(job.program)
-    if kind.dialect is not None:
+    own = own_language(job.program)
+    language = own if language is None else language
+    kind = LANGUAGES[language]
+    if kind.dialect is not None and language != own:
         check_machine(job, cell, kind.dialect)
     require_stiffness_for(job, cell, parts[PLANNING])
     setting = setting_of(
@@ -147,7 +150,7 @@ def run(
     """Write program files, ``plan.parquet``, ``summary.json`` and ``report.html`` into ``out``: all or none of them.
 
     Args:
-        program: G-code file.
+        program: G-code or KRL file.
         cell_file: Cell file.
         out: Folder; made when missing.
         assume_class: Give axes that no stiffness is known of the median of the robot's class, and say so.

@@ -28,7 +28,10 @@ from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.apt.writer import write_apt
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.writer import write_gcode
+from counterflex.programs.krl.in_place import write_krl_in_place
+from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
+from counterflex.programs.program import KRL_DIALECT, Program
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import Dialect
 from counterflex.programs.rotary.poses import commanded_words
@@ -120,6 +123,14 @@ def written(name: str, order: WritingOrder) -> Written:
 
 def _gcode(order: WritingOrder) -> Written:
     job, plan = order.job, order.plan
+    if own_language(job.program) != "gcode":
+        raise InputError(
+            "a robot program is not written as G-code",
+            where=Path(job.program.name).name,
+            value="gcode",
+            limit=own_language(job.program),
+            hint="Leave --as out: the same language comes out",
+        )
     correction, rotvec = order.corrections
     commanded = CompensatedPath.from_correction(job.sampled, correction, rotvec)
     words = None
@@ -137,7 +148,28 @@ def _gcode(order: WritingOrder) -> Written:
     return {Path(job.program.name).name: text.text}, facts
 
 
+def own_language(program: Program) -> str:
+    """Name of the language that a program is written in: what it is written back in unless another one is asked for."""
+    return "krl" if program.dialect == KRL_DIALECT else "gcode"
+
+
+def _krl_in_place(order: WritingOrder, program: KrlProgram) -> Written:
+    correction, rotvec = order.corrections
+    commanded = CompensatedPath.from_correction(order.job.sampled, correction, rotvec)
+    text = write_krl_in_place(
+        program,
+        commanded,
+        tolerance_m=order.tolerance_m,
+        cycle_s=order.cell.tables.controller.cycle_s,
+        cell=order.cell.label,
+        job=job_hash(order.plan),
+    )
+    return text.files, {key: value for key, value in dataclasses.asdict(text).items() if key != "files"}
+
+
 def _krl(order: WritingOrder) -> Written:
+    if isinstance(order.job.program, KrlProgram):
+        return _krl_in_place(order, order.job.program)
     job, plan, cell = order.job, order.plan, order.cell
     controller, data = cell.tables.controller, tool_data(order.job, order.cell, "krl")
     settings = KrlSettings(

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.compensation.feed_limits import limited_feed
-from counterflex.app.compensation.languages import write
+from counterflex.app.compensation.languages import own_language, write
 from counterflex.app.compensation.prediction import calm_feed, figures
 from counterflex.app.cost_of_unknown_stiffness import assumed, remarks, require_stiffness_for
 from counterflex.app.inputs import (
@@ -36,6 +36,7 @@ from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
+from counterflex.app.robot_programs import companions
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -123,7 +124,7 @@ def prove(
             where=Path(program).name,
             hint="Check the part frame, the blank and the program's zero",
         )
-    files, written = write(job, plan, cell, "gcode")
+    files, written = write(job, plan, cell, own_language(job.program))
     timing = {"planning": time.perf_counter() - begin}
     truths = {seed: truth_of(cell, seed, family) for seed in seeds}
     compensated = _program(scratch / "compensated", files, job.program.encoding)
@@ -212,9 +213,9 @@ def run(
             for file in folder.iterdir():
                 file.unlink()
             folder.rmdir()
-        name = Path(program).name
         (staging / "original").mkdir()
-        atomic.write_bytes(staging / "original" / name, Path(program).read_bytes())
+        for file in (Path(program), *companions(Path(program))):
+            atomic.write_bytes(staging / "original" / file.name, file.read_bytes())
         atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}
@@ -261,7 +262,7 @@ def _exact_program(job: Job, path: ToolPath, cell: Cell, truth: Truth, folder: P
     """The program compensated with the truth's exact constants."""
     setting = exact_setting(job, cell, truth)
     plan = make_plan(path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False, progress=progress)
-    return _program(folder, write(job, plan, cell, "gcode")[0], job.program.encoding)
+    return _program(folder, write(job, plan, cell, own_language(job.program))[0], job.program.encoding)
 
 
 def _machine_one(

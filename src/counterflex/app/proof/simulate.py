@@ -13,6 +13,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, in_working_plane, read_job
 from counterflex.app.proof.truth import truth_of
+from counterflex.app.robot_programs import companions
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -152,7 +153,7 @@ def run(
     them or none.
 
     Args:
-        program: G-code to machine.
+        program: G-code or KRL to machine.
         cell_file: Cell file: what the controller believes.
         truth_file: Truth file: how the cell really is.
         out: Folder.
@@ -200,9 +201,11 @@ def keep_inputs(
     """Copy the program, the one it stands for, the machine's parameters and the cell file into a run folder."""
     if reading.parameters is not None:
         atomic.write_bytes(folder / PARAMETERS, _source(reading.parameters))
-    for name, source in ((PROGRAM, program), (ORIGINAL, original)):
+    for name, source in ((PROGRAM, Path(program)), (ORIGINAL, Path(original))):
         ending = ENDINGS.get(dialect_of(source, reading.dialect), (_GCODE,))[0]
         atomic.write_bytes(folder / f"{name}{ending}", _source(source))
+        for file in companions(source):
+            atomic.write_bytes(folder / f"{name}{file.suffix.lower()}", _source(file))
     _keep_cell(cell, folder)
 
 

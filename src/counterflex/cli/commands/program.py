@@ -15,7 +15,9 @@ from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING, DIALECTS
 
-Program = Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)]
+Program = Annotated[
+    Path, typer.Argument(help="G-code file, or KRL (.src).", metavar="PROGRAM", callback=arguments.file)
+]
 CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)]
 Out = Annotated[
     Path,
@@ -108,13 +110,14 @@ def compensate(
     cell: CellFile,
     out: Out,
     language: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--as",
-            help="Language of the output: gcode, krl, rapid, or one of another package (`counterflex extensions`).",
+            help="Language of the output: gcode, krl, rapid, or one of another package (`counterflex extensions`); "
+            "without it that of the program.",
             callback=arguments.one_of(LANGUAGES, "language"),
         ),
-    ] = "gcode",
+    ] = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     scenario: Layers = None,

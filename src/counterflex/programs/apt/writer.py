@@ -15,9 +15,9 @@ from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, written_turn
 from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
 from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
-from counterflex.programs.gcode.write.writer import GcodeText, header_lines, line_error
+from counterflex.programs.gcode.write.writer import GcodeText, header_lines
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.motion_rows import feed_factor, motion_rows
+from counterflex.programs.motion_rows import feed_factor, motion_rows, written_error
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
 from counterflex.programs.rotary.poses import CommandedWords
 
@@ -86,7 +86,7 @@ def write_apt(
         unrolled=False,
         tolerance_m=tolerance_m,
         resolution_m=writer.resolution_m,
-        largest_written_error_m=max(line_error(rows, writer.written, writer.checked), writer.arc_error_m)
+        largest_written_error_m=max(written_error(rows, writer.written, writer.checked), writer.arc_error_m)
         if changed else 0.0,
         largest_dwell_error_m=rows.dwell_error_m,
         largest_dropped_rotation_rad=dropped if words is None else words.dropped_rad,

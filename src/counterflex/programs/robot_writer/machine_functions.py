@@ -34,6 +34,8 @@ TIMER: Final = 20
 SPEED, TOOL, DATA = "{s}", "{t}", "{d}"
 WORDS: Final = ("{p}", "{q}", "{e}", "{r}")
 """What stands for a word of an M-code in its statements."""
+_NOT_AT_SPEED: Final = "the spindle is not at speed"
+_NOT_STANDING: Final = "the spindle does not stand"
 _CARRIED: Final = re.compile(r"(?:[A-Z]\s*[-+]?[\d.]+\s*)+", re.IGNORECASE)
 _STARTED: Final = re.compile(r"\bM0?[346](?!\d)", re.IGNORECASE)
 _NO_DEED: Final = re.compile(
@@ -81,6 +83,25 @@ class MachineFunctions:
         for code in sorted(_codes(block), key=lambda item: _ORDER.index(item) if item in _ORDER else len(_ORDER)):
             out += self._function(code, block)
         return [*self._in_place(), *out] if out else []
+
+    def templates(self) -> dict[int, tuple[list[str], list[str]]]:
+        """Lines by M-code as :meth:`lines` writes them, ``{s}`` and the like left in, for who reads such a program.
+
+        Returns:
+            By M-code: the statements that do it (one that is done by hand: those that stop for a person), and the
+            pause and the wait behind them, which may be missing.
+        """
+        out: dict[int, tuple[list[str], list[str]]] = {}
+        for code, statements in self.statements.items():
+            lines = list(statements) or (self._stop(_by_hand(code, SPEED, TOOL)) if code in _BY_HAND else [])
+            behind: list[str] = []
+            if code in (3, 4):
+                behind = self._pause() + self._until(self.ready, _NOT_AT_SPEED)
+            elif code == 5:
+                behind = self._until(self.standing, _NOT_STANDING)
+            if lines:
+                out[code] = (lines, behind)
+        return out
 
     def check(self, blocks: Iterable[Block]) -> None:
         """Refuse blocks that :meth:`lines` would refuse; every M-code that is not mapped is named at once.
@@ -175,11 +196,11 @@ class MachineFunctions:
         words = {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or "", **own}
         out = [_filled(line, words) for line in statements]
         if not out and code in _BY_HAND:
-            out = self._stop(_by_hand(code, rpm, tool))
+            out = self._stop(_by_hand(code, f"{rpm:.0f}", f"{tool}"))
         if code in (3, 4):
-            out += self._pause() + self._until(self.ready, "the spindle is not at speed")
+            out += self._pause() + self._until(self.ready, _NOT_AT_SPEED)
         elif code == 5:
-            out += self._until(self.standing, "the spindle does not stand")
+            out += self._until(self.standing, _NOT_STANDING)
         return out
 
     def _example(self, key: str) -> str:
@@ -301,12 +322,12 @@ def stop_under_correction(line: str, where: str, statement: str) -> ProgramError
     )
 
 
-def _by_hand(code: int, rpm: float, tool: int) -> str:
+def _by_hand(code: int, rpm: str, tool: str) -> str:
     if code == 6:
         return f"change to tool T{tool}, then press start"
     if code == 5:
         return "stop the spindle, then press start"
-    return f"start the spindle{' counter-clockwise' if code == 4 else ''}, {rpm:.0f} rpm, then press start"
+    return f"start the spindle{' counter-clockwise' if code == 4 else ''}, {rpm} rpm, then press start"
 
 
 def _filled(line: str, words: Mapping[str, str]) -> str:

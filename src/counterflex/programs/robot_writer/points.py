@@ -182,7 +182,7 @@ def choose_points(
     travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     spacing = np.where(rapid | dwells, 0.0, point_spacing(1.0, cycle_s) * path.feed_m_s)
     vertices = simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)
-    fine = _Fine(refined(travel, spacing, vertices))
+    fine = FineRows(refined(travel, spacing, vertices))
     way, p, travel = fine.between(way), fine.between(p), fine.between(travel)
     turned_fine, spacing = fine.between(turned), spacing[fine.row]
     chosen = spaced(way, p, turned_fine, travel, spacing, fine.at_rows(stays), tolerance_m, tolerance_rad)
@@ -244,7 +244,7 @@ def _in_cycle(program: Program) -> Bool:
     return out
 
 
-class _Fine:
+class FineRows:
     """A path with more rows: each segment cut into equal pieces.
 
     Args:

@@ -6,7 +6,6 @@ in milliseconds, as many controls read it; lines that begin with a slash, which 
 
 from __future__ import annotations
 
-import codecs
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,7 +13,6 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.core.similar import missing_file
 from counterflex.core.units import MINUTE
 from counterflex.programs.foreign_language import foreign_language
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
@@ -23,10 +21,10 @@ from counterflex.programs.gcode.read.interpreter import Interpreter
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.state import State, work_offset_table
 from counterflex.programs.program import Block, Motion, Program
+from counterflex.programs.source_text import read_text
 
 Point = tuple[float, float, float]
 _HERE: Final[Point] = (0.0, 0.0, 0.0)
-_LARGEST_FILE: Final = 500_000_000
 COORDINATES_OF_THE_PART: Final = MillingMachine()
 """A machine whose coordinates are those of the part, with nothing else known."""
 
@@ -181,9 +179,9 @@ def read_gcode_file(
 
     def include(label: str) -> str | None:
         neighbour = folder / f"{label}.ngc"
-        return program_text(neighbour)[0] if neighbour.parent == folder and neighbour.is_file() else None
+        return read_text(neighbour)[0] if neighbour.parent == folder and neighbour.is_file() else None
 
-    text, encoding = program_text(file)
+    text, encoding = read_text(file)
     program = read_gcode(
         text,
         name=file.name,
@@ -194,30 +192,6 @@ def read_gcode_file(
         complete=complete,
     )
     return replace(program, encoding=encoding)
-
-
-def program_text(file: Path) -> tuple[str, str]:
-    """Text of a file and its encoding."""
-    try:
-        if file.is_file() and file.stat().st_size > _LARGEST_FILE:
-            raise ProgramError("the file is too large", where=str(file), value=file.stat().st_size, limit=_LARGEST_FILE)
-        data = file.read_bytes()
-    except FileNotFoundError as fault:
-        raise ProgramError("cannot read the program: no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise ProgramError(f"cannot read the program: {fault.strerror or fault}", where=str(file)) from fault
-    head = data[:64]
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or 3 * head.count(b"\0") > len(head) > 0:
-        raise ProgramError("the file is in UTF-16 or UTF-32", where=str(file), hint="Save it as ASCII or UTF-8")
-    if b"\0" in data:
-        line = data[: data.index(b"\0")].count(b"\n") + 1
-        hint = "G-code is plain text. Give the program itself, or write it again with the postprocessor"
-        raise ProgramError("not a text file: it contains zero bytes", where=f"{file}:{line}", hint=hint)
-    encoding = "utf-8-sig" if data.startswith(codecs.BOM_UTF8) else "utf-8"
-    try:
-        return data.decode(encoding), encoding
-    except UnicodeDecodeError:
-        return data.decode("latin-1"), "latin-1"
 
 
 LONG_S: Final = 60.0

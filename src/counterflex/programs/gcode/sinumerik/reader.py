@@ -11,7 +11,6 @@ from typing import Any, Final
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.reader import program_text
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.block import Block
 from counterflex.programs.gcode.sinumerik.moves import MoveMaker, frame_of
@@ -20,6 +19,7 @@ from counterflex.programs.gcode.sinumerik.state import State
 from counterflex.programs.gcode.sinumerik.words import AXES, M_END, ROTARY, VECTOR
 from counterflex.programs.program import Block as ReadBlock
 from counterflex.programs.program import Modal, Program
+from counterflex.programs.source_text import read_text
 
 _HEADER: Final = re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE)
 _VECTOR_WORD: Final = re.compile(r"^[^;]*\b[ABC]3\s*=", re.IGNORECASE)
@@ -86,7 +86,7 @@ def read_sinumerik_file(
     """
     if machine is not None and machine.part_at_g54:
         raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for Sinumerik", where=str(file))
-    text, encoding = program_text(Path(file))
+    text, encoding = read_text(Path(file))
     return replace(read_sinumerik(text, name=Path(file).name, complete=complete), encoding=encoding)
 
 

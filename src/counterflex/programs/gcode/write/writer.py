@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex import __version__
-from counterflex.core.arrays import Bool, Float, as_positive
+from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.emit import Emitter
 from counterflex.programs.gcode.write.spelling import SPELLINGS
 from counterflex.programs.gcode.write.written_line import without_comments
-from counterflex.programs.motion_rows import MotionRows, motion_rows
+from counterflex.programs.motion_rows import motion_rows, written_error
 from counterflex.programs.program import Program
 from counterflex.programs.rotary.poses import CommandedWords
 
@@ -154,7 +154,7 @@ def write_gcode(
         unrolled=not program.straight,
         tolerance_m=tolerance_m,
         resolution_m=resolution,
-        largest_written_error_m=max(line_error(rows, emitter.written, emitter.checked), emitter.arc_error_m),
+        largest_written_error_m=max(written_error(rows, emitter.written, emitter.checked), emitter.arc_error_m),
         largest_dwell_error_m=rows.dwell_error_m,
         largest_dropped_rotation_rad=dropped,
     )
@@ -193,17 +193,3 @@ def header_lines(program: Program, tolerance_m: float, cell: str, job: str) -> l
     if not program.straight:
         lines.append("loops, calls and expressions written out in the order of execution")
     return lines
-
-
-def line_error(rows: MotionRows, written: Float, checked: Bool) -> float:
-    """Largest distance of the checked commanded rows from the written polyline at the same length of the way."""
-    at = np.flatnonzero(np.isfinite(written[:, 0]))
-    k = np.flatnonzero(checked)
-    if len(at) == 0 or len(k) == 0:
-        return 0.0
-    b = at[np.minimum(np.searchsorted(at, k), len(at) - 1)]
-    a = at[np.maximum(np.searchsorted(at, k, side="right") - 1, 0)]
-    span = rows.along[b] - rows.along[a]
-    share = np.where(span > 0.0, (rows.along[k] - rows.along[a]) / np.where(span > 0.0, span, 1.0), 0.0)
-    gap = written[a] + share[:, None] * (written[b] - written[a]) - rows.command[k]
-    return float(np.sqrt(np.sum(gap * gap, axis=1)).max())

@@ -1,0 +1,119 @@
+"""Programs that are written for the robot itself: what the cell says of them, and how they hold the tool."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.units import DEG, MM
+from counterflex.files.cell.cell import Cell
+from counterflex.path.toolpath import tool_orientation
+from counterflex.programs.krl.program import KrlProgram
+from counterflex.programs.krl.read.data_list import data_file_of
+from counterflex.programs.krl.read.frames import KrlCell
+from counterflex.programs.program import Program
+
+_SAME_DEG: Final = 0.01
+_APART_M: Final = 1e-6
+
+
+def companions(file: Path) -> tuple[Path, ...]:
+    """Files that belong to a program and are read with it: the ``.dat`` beside a ``.src``."""
+    data = data_file_of(file) if file.suffix.lower() == ".src" else None
+    return () if data is None else (data,)
+
+
+def krl_cell(cell: Cell) -> KrlCell:
+    """What a KRL program is held against.
+
+    Raises:
+        InputError: The robot holds the part: KRL programs for such cells are not read.
+    """
+    if cell.holds_part:
+        raise InputError(
+            "KRL programs of a robot that holds the part are not read",
+            where=str(cell.path),
+            value='part_on = "flange"',
+            limit='part_on = "table"',
+            hint="Give the G-code that it was made from",
+        )
+    controller, tools = cell.tables.controller, cell.tables.tools
+    return KrlCell(
+        where=str(cell.path),
+        tool_number=controller.tool_number,
+        base_number=controller.base_number,
+        tools=[tool.number for tool in tools],
+        tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
+        T_flange_tcp=cell.controller_chain.T_flange_tcp,
+        T_base_part=replace(cell, R_part_plane=None).T_base_part,
+        functions=cell.machine_functions("krl"),
+        external_axes={int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
+    )
+
+
+def held_as_programmed(program: Program, cell: Cell) -> Cell:
+    """The cell with the rotation about the tool axis that a robot program states; others leave it as it is.
+
+    Args:
+        program: As read.
+        cell: With its working plane, if it has one.
+
+    Raises:
+        ProgramError: The program turns the tool about its axis in one place.
+    """
+    if not isinstance(program, KrlProgram) or program.Rs_part_tcp is None:
+        return cell
+    R = program.Rs_part_tcp
+    R = R if cell.R_part_plane is None else cell.R_part_plane.T @ R
+    angle = np.unwrap(rotation_about_tool(R)) / DEG
+    angle -= 360.0 * np.round(angle[0] / 360.0)
+    posture = cell.tables.posture
+    if float(np.ptp(angle)) <= _SAME_DEG:
+        change = {"rotation_about_tool_deg": float(angle[0]), "turning_mm_deg": (), "turning_at_mm": ()}
+    else:
+        change = _turning(program, cell, angle)
+    tables = cell.tables.model_copy(update={"posture": posture.model_copy(update=change)})
+    return replace(cell, tables=tables)
+
+
+def rotation_about_tool(Rs_part_tcp: Float) -> Float:
+    """Free angle (n,) rad of orientations (n, 3, 3), see :func:`counterflex.path.toolpath.tool_orientation`."""
+    zero = tool_orientation(-Rs_part_tcp[:, :, 2], 0.0)
+    x0, x = zero[:, :, 0], Rs_part_tcp[:, :, 0]
+    y0 = np.cross(-Rs_part_tcp[:, :, 2], x0)
+    out: Float = np.arctan2(np.sum(x * y0, axis=1), np.sum(x * x0, axis=1))
+    return out
+
+
+def _turning(program: KrlProgram, cell: Cell, angle_deg: Float) -> dict[str, object]:
+    """Tables of a rotation that changes along the program, linear between the targets."""
+    ends = np.array([motion.p_end for motion in program.motions])
+    way = np.cumsum(np.linalg.norm(np.diff(ends, axis=0, prepend=ends[:1]), axis=1))
+    same = np.diff(way) <= _APART_M
+    jumps = np.flatnonzero(same & (np.abs(np.diff(angle_deg)) > _SAME_DEG))
+    if len(jumps):
+        motion = program.motions[int(jumps[0]) + 1]
+        raise ProgramError(
+            "the tool turns about its own axis in one place, which is not planned",
+            where=f"{program.name}:{program.blocks[motion.block].line}",
+            value=f"{np.diff(angle_deg)[jumps[0]]:.3g} deg",
+            hint="Turn it along a motion, or hold it as it is",
+        )
+    stays = np.concatenate([[True], ~same])
+    if any(motion.kind == "arc" for motion in program.motions):
+        raise ProgramError(
+            "the tool turns about its own axis in a program with circles, which is not planned",
+            where=program.name,
+            hint="Hold the rotation about the tool axis, or post straight moves",
+        )
+    points = ends if cell.R_part_plane is None else ends @ cell.R_part_plane
+    return {
+        "rotation_about_tool_deg": float(angle_deg[0]),
+        "turning_mm_deg": tuple((float(w / MM), float(a)) for w, a in zip(way[stays], angle_deg[stays], strict=True)),
+        "turning_at_mm": tuple((float(x / MM), float(y / MM), float(z / MM)) for x, y, z in points[stays]),
+    }

@@ -1,0 +1,469 @@
+"""Executes a KRL program line by line: motions, frames, speeds and process words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import MM, RPM
+from counterflex.programs.krl.program import KrlMotion
+from counterflex.programs.krl.read import statements as form
+from counterflex.programs.krl.read.data_list import Named, key_of
+from counterflex.programs.krl.read.frames import Frames, KrlCell
+from counterflex.programs.krl.read.literals import code_of, components, frame, number_of
+from counterflex.programs.krl.read.process_words import ProcessWord, ProcessWords
+from counterflex.programs.krl.read.targets import Targets
+from counterflex.programs.program import Block, Modal, Motion, Word
+
+_LARGEST_VELOCITY: Final = 20.0
+_NO_WORDS: Final[tuple[Word, ...]] = ()
+
+
+class Interpreter:
+    """State of the controller while a program runs.
+
+    Args:
+        name: Of the ``.src`` file, for errors.
+        lines: Of it.
+        named: Literals of the ``.dat`` file.
+        data_name: Its name; empty where there is none.
+        cell: See :class:`KrlCell`.
+        complete: Refuse a text without END.
+
+    Attributes:
+        moves: What stands behind each motion in the text.
+        rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
+        frames: The active frames.
+        loose: See :class:`~counterflex.programs.krl.program.KrlProgram`.
+        speed_lines: Lines that set the path speed.
+        extra_text: External axes of the targets, as text.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        lines: Sequence[str],
+        named: Mapping[str, Named],
+        data_name: str,
+        cell: KrlCell | None,
+        *,
+        complete: bool,
+    ) -> None:
+        self.name, self.lines, self.named, self.complete = name, lines, named, complete
+        self.frames = Frames(cell)
+        self.targets = Targets(name, lines, named, data_name, cell)
+        self.process = None if cell is None else ProcessWords(cell.functions)
+        self.moves: list[KrlMotion] = []
+        self.rotations: list[Float] = []
+        self.loose: dict[int, int] = {}
+        self.speed_lines: list[int] = []
+        self._blocks: list[Block] = []
+        self._motions: list[Motion] = []
+        self._statements = [line for line in lines if code_of(line).strip()]
+        self._at = 0
+        self._feed_m_s: float | None = None
+        self._rpm = 0.0
+        self._flow: list[tuple[str, int]] = []
+        self._away: int | None = None
+        self._trigger: int | None = None
+        self._actual: dict[str, str] = {}
+        self._begun = self._ended = False
+        self._swallow = 0
+        self._pending_frames = ""
+        self._words: tuple[Word, ...] = _NO_WORDS
+        self.line = 0
+
+    @property
+    def extra_text(self) -> str:
+        """``,E1 0.0`` of the targets; empty where they have no external axes."""
+        return self.targets.extra_text
+
+    def run(self) -> None:
+        """Execute the first routine.
+
+        Raises:
+            ProgramError: See :func:`~counterflex.programs.krl.read.reader.read_krl`.
+        """
+        for number, line in enumerate(self.lines, start=1):
+            self.line, self._words = number, _NO_WORDS
+            code = code_of(line)
+            first, before = len(self._motions), self._modal("G1")
+            if code.strip():
+                self._statement(code)
+                self._at += 1
+            modal = self._modal("G1")
+            if self._words or len(self._motions) > first or modal != before:
+                modal = self._modal(self._motion_code(first))
+            self._blocks.append(Block(number, line, self._words, modal, first, len(self._motions) - first))
+            if self._ended:
+                break
+        self._check_end()
+
+    def blocks(self, tool_centre: int) -> Iterator[Block]:
+        """The lines passed, with a meaning of their rotary words."""
+        for block in self._blocks:
+            yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
+
+    def motions_of(self, axes: Float | None) -> Iterator[Motion]:
+        """The motions; ``axes`` (n, 3) of the tool at their ends are written as I J K."""
+        before = None if axes is None or not len(axes) else axes[0]
+        for index, motion in enumerate(self._motions):
+            if axes is None or before is None:
+                yield motion
+                continue
+            start, end = (tuple(float(value) for value in axis) for axis in (before, axes[index]))
+            yield replace(motion, abc_start=(start[0], start[1], start[2]), abc_end=(end[0], end[1], end[2]))
+            before = axes[index]
+
+    # ---- statements ------------------------------------------------------------------------------------------
+
+    def _statement(self, code: str) -> None:
+        if self._swallow:
+            self._swallow -= 1
+            return
+        if form.HEADER.match(code):
+            return
+        if not self._begun:
+            self._begin(code)
+            return
+        if form.END.fullmatch(code):
+            self._ended = True
+            return
+        if self._process(code) or self._flow_statement(code):
+            return
+        for reads in (self._motion, self._speed, self._frame, self._basic, self._wait, self._trigger_statement):
+            if reads(code):
+                return
+        self._other(code)
+
+    def _begin(self, code: str) -> None:
+        if form.ROUTINE.fullmatch(code):
+            self._begun = True
+        elif not form.PASSED.match(code):
+            raise self._fault(
+                "the program does not begin with DEF", code, limit="DEF NAME ( )",
+                hint="Give the whole .src file; functions (DEFFCT) are not read",
+            )  # fmt: skip
+
+    def _process(self, code: str) -> bool:
+        """A statement of ``[controller.spindle.krl]``."""
+        if self.process is None:
+            return False
+        function = self.process.find(self._statements, self._at, f"{self.name}:{self.line}")
+        if function is None:
+            return False
+        self._refuse_in_flow(code, "the spindle, coolant or tool is switched")
+        self._do(function)
+        self._swallow = function.lines - 1
+        return True
+
+    def _do(self, function: ProcessWord) -> None:
+        values, words = function.values, [Word("M", float(function.code), 0, 0)]
+        if function.code in (3, 4):
+            speed = values.get("S", abs(self._rpm))
+            self._rpm = speed if function.code == 3 else -speed
+        elif function.code == 5:
+            self._rpm = 0.0
+        elif function.code == 6:
+            self._change_tool(values)
+        words += [Word(letter, value, 0, 0) for letter, value in values.items() if letter in "SPQER"]
+        words += [Word("T", float(self.frames.tool), 0, 0)] if function.code == 6 else []
+        self._words = (*self._words, *words)
+
+    def _change_tool(self, values: Mapping[str, float]) -> None:
+        if "T" in values:
+            self.frames.tool = int(values["T"])
+        elif "D" in values:
+            self.frames.set_tool_data(int(values["D"]), f"{self.name}:{self.line}")
+
+    def _flow_statement(self, code: str) -> bool:
+        if (match := form.OPENS.match(code)) is not None:
+            self._flow.append((match[1].upper(), self.line))
+        elif (match := form.CLOSES.match(code)) is not None:
+            word = match[1].upper()
+            if not self._flow or form.CLOSED_BY[self._flow[-1][0]] != word:
+                raise self._fault(f"{word} closes nothing", code, hint="The file may be damaged: post it again")
+            self._flow.pop()
+        elif form.BETWEEN.match(code):
+            if not self._flow:
+                raise self._fault("this belongs into IF, SWITCH or a loop", code, hint="Post the program again")
+        elif form.JUMP.match(code):
+            if not self._flow or not code.strip().upper().startswith("RETURN"):
+                raise self._fault(
+                    "jumps are not read: what is executed would not be known", code,
+                    hint="Post the path as one routine without GOTO, labels, RESUME and RETURN",
+                )  # fmt: skip
+        else:
+            return False
+        return True
+
+    def _refuse_in_flow(self, code: str, what: str) -> None:
+        if self._flow:
+            word, line = self._flow[-1]
+            raise self._fault(
+                f"{what} inside {word} (line {line}): whether and how often is not known", code,
+                limit="straight through, each line once", hint="Post the path without loops and conditions",
+            )  # fmt: skip
+
+    def _motion(self, code: str) -> bool:
+        if form.SPLINE.match(code):
+            raise self._fault(
+                "spline blocks are not read", code, limit="PTP LIN CIRC SPTP SLIN SCIRC",
+                hint="Post the path as LIN or SLIN",
+            )  # fmt: skip
+        match = form.MOTION.match(code)
+        if match is None:
+            return False
+        word = match[1].upper()
+        if match[2]:
+            raise self._fault(
+                f"{word}_REL counts from where the robot is: relative targets are not read", code,
+                hint="Post absolute targets",
+            )  # fmt: skip
+        self._refuse_in_flow(code, "a motion")
+        read = self.targets.motion(code, match.start(1), match.end(), word, self.line)
+        if read is None:
+            self._away = self.line
+            return True
+        if self._away is not None and self._motions:
+            raise self._fault(
+                "the robot comes from a place that is not known, by axes or by a name of the controller "
+                f"(line {self._away})", code, limit="such places before the first target and behind the last one",
+                hint="Give that place as a Cartesian target, or post each part as a program of its own",
+            )  # fmt: skip
+        self.frames.require(f"{self.name}:{self.line}:{match.start(1) + 1}")
+        self._require_frame_data(code)
+        if word.endswith("PTP") or not self._motions:
+            feed = 0.0
+        elif self._feed_m_s is None:
+            raise self._fault(
+                "a motion along the path before $VEL.CP is set", code, limit="$VEL.CP=0.025 (m/s)",
+                hint="Set it in the program: the speed decides about the force",
+            )  # fmt: skip
+        else:
+            feed = self._feed_m_s
+        made, rotation, words = self.targets.made(
+            read, self._motions[-1] if self._motions else None, self.frames.R_tcp_tool
+        )
+        self._away = None
+        self._words = (*self._words, *words)
+        kind = "rapid" if feed == 0.0 else made.kind
+        self._motions.append(
+            replace(
+                made,
+                block=len(self._blocks),
+                kind=kind,
+                feed_m_s=feed,
+                spindle_rad_s=self._rpm * RPM,
+                tool=self.frames.tool,
+            )
+        )
+        self.moves.append(read)
+        self.rotations.append(rotation)
+        if self._trigger is not None:
+            self.loose[self.line] = self._trigger
+            self._trigger = None
+        return True
+
+    def _speed(self, code: str) -> bool:
+        if (match := form.VELOCITY.fullmatch(code)) is not None:
+            self._refuse_in_flow(code, "the speed is set")
+            self._set_speed(match[1], code)
+            return True
+        if (match := form.VELOCITIES.fullmatch(code)) is not None:
+            self._refuse_in_flow(code, "the speed is set")
+            parts, _ = components(self.lines[self.line - 1], match.start(1), f"{self.name}:{self.line}")
+            if "CP" in parts:
+                self._set_speed(str(parts["CP"].value), code)
+            return True
+        return False
+
+    def _set_speed(self, text: str, code: str) -> None:
+        value = number_of(text)
+        if value is None or not 0.0 < value <= _LARGEST_VELOCITY:
+            raise self._fault(
+                "the path speed is no number in range", code,
+                limit=f"$VEL.CP above 0, at most {_LARGEST_VELOCITY:g} m/s",
+                hint="Write the number itself, in m/s",
+            )  # fmt: skip
+        self._feed_m_s = value
+        self.speed_lines.append(self.line)
+
+    def _frame(self, code: str) -> bool:
+        if (match := form.MODE.fullmatch(code)) is not None:
+            if match[1].upper() == "TCP":
+                raise self._fault(
+                    "the robot holds the part against a tool that stands ($IPO_MODE=#TCP), which is not read", code,
+                    limit="$IPO_MODE=#BASE", hint="Give the G-code that it was made from",
+                )  # fmt: skip
+            return True
+        match = form.FRAME.fullmatch(code)
+        if match is None:
+            return False
+        self._refuse_in_flow(code, f"${match[1].upper()} is set")
+        self._set_frame(match[1].upper(), match[2], match.start(2), code)
+        return True
+
+    def _set_frame(self, word: str, text: str, start: int, code: str) -> None:
+        where = f"{self.name}:{self.line}:{start + 1}"
+        if (number := form.BY_NUMBER.fullmatch(text)) is not None and number[1].upper() == word:
+            (self.frames.set_tool_data if word == "TOOL" else self.frames.set_base_data)(int(number[2]), where)
+        elif text.startswith("{"):
+            parts, close = components(self.lines[self.line - 1], start, f"{self.name}:{self.line}")
+            if code[close + 1 :].strip():
+                raise self._fault("computed frames are not read", code, hint="Write the frame itself")
+            (self.frames.set_tool if word == "TOOL" else self.frames.set_base)(frame(parts), where)
+        elif (named := self.named.get(key_of(text))) is not None:
+            parts, _ = named.components(self.targets.data_name)
+            (self.frames.set_tool if word == "TOOL" else self.frames.set_base)(frame(parts), where)
+        elif form.NO_FRAME.fullmatch(text):
+            (self.frames.set_tool if word == "TOOL" else self.frames.set_base)(np.eye(4), where)
+        else:
+            raise self._fault(
+                f"which frame ${word} gets is not known", code,
+                limit=f"{word}_DATA[n], a frame in braces, or a name of the .dat file", hint="Write the frame itself",
+            )  # fmt: skip
+
+    def _basic(self, code: str) -> bool:
+        if (match := form.ACTUAL.fullmatch(code)) is not None:
+            self._actual[match[1].upper()] = match[2].strip()
+            return True
+        match = form.BASIC.fullmatch(code)
+        if match is None:
+            return False
+        word, argument = match[1].upper(), match[2] or ""
+        if word in form.BASIC_PASSED:
+            return True
+        self._refuse_in_flow(code, "speed or frames are set")
+        if word in ("VEL_CP", "CP_PARAMS"):
+            self._set_speed(argument, code)
+        elif word == "CP_DAT":
+            self._set_speed(str(self._component_of("LDAT_ACT", "VEL", code)), code)
+        elif word in ("TOOL", "BASE"):
+            number = number_of(argument)
+            if number is None or number != int(number):
+                raise self._fault(f"{word} needs a number", code, hint="Write the number itself")
+            self._set_frame(word, f"{word}_DATA[{int(number)}]", match.start(), code)
+        elif word not in ("FRAMES", "PTP_PARAMS"):
+            raise self._fault(
+                f"BAS with #{word} is not read", code,
+                limit="INITMOV VEL_CP CP_PARAMS PTP_PARAMS CP_DAT PTP_DAT TOOL BASE FRAMES VEL_PTP ACC_PTP ACC_CP",
+                hint="Write out what it sets",
+            )  # fmt: skip
+        if word in ("CP_PARAMS", "PTP_PARAMS", "FRAMES") and "FDAT_ACT" in self._actual:
+            self.frames.tool_known = self.frames.base_known = True
+            self._pending_frames = self._actual["FDAT_ACT"]
+        return True
+
+    def _require_frame_data(self, code: str) -> None:
+        """Check the frame data that BAS took, where a Cartesian motion uses them."""
+        if self._pending_frames:
+            self._actual["FDAT_ACT"] = self._pending_frames
+            self._pending_frames = ""
+            for word in ("TOOL", "BASE"):
+                number = int(self._component_of("FDAT_ACT", f"{word}_NO", code))
+                self._set_frame(word, f"{word}_DATA[{number}]", 0, code)
+
+    def _component_of(self, variable: str, component: str, code: str) -> float:
+        text = self._actual.get(variable, "")
+        if text.startswith("{"):
+            parts, _ = components(text, 0, f"{self.name}:{self.line}")
+        elif (named := self.named.get(key_of(text))) is not None:
+            parts, _ = named.components(self.targets.data_name)
+        else:
+            parts = {}
+        if component not in parts:
+            raise self._fault(
+                f"{component} of {text or variable} is not known", code, limit="given in the .dat file beside the .src",
+                hint="Give .src and .dat together, or write the frame itself",
+            )  # fmt: skip
+        return parts[component].value
+
+    def _wait(self, code: str) -> bool:
+        match = form.WAIT_TIME.fullmatch(code)
+        if match is None:
+            return False
+        time_s = number_of(match[1])
+        if time_s is None:
+            if self._flow:
+                return True
+            raise self._fault("the time of a wait is no number", code, hint="Write the number itself, in s")
+        if time_s > 0.0 and self._motions and not self._flow:
+            last = self._motions[-1]
+            self._motions.append(
+                Motion(
+                    len(self._blocks), "dwell", last.p_end, last.p_end, 0.0, self._rpm * RPM, self.frames.tool, time_s
+                )
+            )
+            self.moves.append(KrlMotion(self.line, "WAIT"))
+            self.rotations.append(self.rotations[-1])
+        return True
+
+    def _trigger_statement(self, code: str) -> bool:
+        match = form.TRIGGER.fullmatch(code)
+        if match is None:
+            return False
+        if not form.AT_START.fullmatch(match[1]):
+            self._trigger = self._trigger or self.line
+        elif self._trigger is not None:
+            self._trigger = -1
+        if self.process is not None:
+            function = self.process.find([match[2]], 0, f"{self.name}:{self.line}")
+            if function is not None:
+                self._refuse_in_flow(code, "the spindle, coolant or tool is switched")
+                self._do(function)
+        return True
+
+    def _other(self, code: str) -> None:
+        if form.PASSED.match(code):
+            return
+        if (match := form.ASSIGNMENT.fullmatch(code)) is not None:
+            self.targets.assigned.add(key_of(match[1]))
+            return
+        if form.ROUTINE.fullmatch(code) or form.FUNCTION.match(code):
+            raise self._fault("a routine begins before END", code, hint="The file may be damaged: post it again")
+        if form.CALL.fullmatch(code):
+            raise self._fault(
+                "a subprogram is called, which may move the robot", code,
+                limit="one routine; or a statement of [controller.spindle.krl] in the cell file",
+                hint="Post the path as one routine, or name the call in the table (m_codes) if it moves nothing",
+            )  # fmt: skip
+        raise self._fault("an unknown statement", code, hint="docs/krl.md lists what is read; post the path without it")
+
+    # ---- end -------------------------------------------------------------------------------------------------
+
+    def _check_end(self) -> None:
+        if not self._begun:
+            raise ProgramError(
+                "the program does not begin with DEF", where=f"{self.name}:1:1", hint="Give the whole .src file"
+            )
+        if self._flow:
+            word, line = self._flow[-1]
+            raise ProgramError(f"{word} is not closed", where=f"{self.name}:{line}", hint="The file may be cut off")
+        if not self._ended and self.complete:
+            raise ProgramError(
+                "the program stops without END: it may be cut off", where=f"{self.name}:{self.line}",
+                value=self.lines[-1].strip()[:60],
+                hint="Post it again, or say --without-end if it is complete",
+            )  # fmt: skip
+
+    def _motion_code(self, first: int) -> str:
+        if len(self._motions) == first:
+            return "G1"
+        motion = self._motions[first]
+        if motion.kind == "arc":
+            up = motion.normal is not None and float(motion.normal[2]) * motion.turn_rad >= 0.0
+            return "G3" if up else "G2"
+        return "G0" if motion.kind == "rapid" else "G1"
+
+    def _modal(self, motion: str) -> Modal:
+        return Modal(motion, 17, MM, True, False, 94, (0.0, 0.0, 0.0), self.frames.tool, self._rpm)
+
+    def _fault(self, what: str, code: str, **more: str) -> ProgramError:
+        column = len(code) - len(code.lstrip()) + 1
+        return ProgramError(what, where=f"{self.name}:{self.line}:{column}", value=code.strip()[:60], **more)

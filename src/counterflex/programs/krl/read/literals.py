@@ -1,0 +1,122 @@
+"""Literals of KRL, ``{X 1.0,Y 2.0,...}``, with the place of every number; code and comment of a line."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import pose, rotation
+from counterflex.programs.krl.program import LETTERS, Component
+
+NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?"
+_FULL: Final = re.compile(NUMBER)
+_COMPONENT: Final = re.compile(rf"\s*([A-Za-z_]\w*)\s*(?:({NUMBER})|'([BH]?)([0-9A-Fa-f]+)')\s*")
+_TYPE: Final = re.compile(r"\s*(\w+)\s*:")
+CARTESIAN: Final = frozenset((*LETTERS, "S", "T", *(f"E{i}" for i in range(1, 7))))
+_LARGEST_MM: Final = 100_000.0
+
+
+def code_of(line: str) -> str:
+    """The part of a line before its comment; a semicolon within quotes begins none."""
+    if ";" not in line:
+        return line
+    quoted = False
+    for index, character in enumerate(line):
+        if character == '"':
+            quoted = not quoted
+        elif character == ";" and not quoted:
+            return line[:index]
+    return line
+
+
+def normal(code: str) -> str:
+    """A statement without blanks outside of quotes, in capitals: KRL tells neither apart."""
+    parts = code.split('"')
+    parts[::2] = ["".join(part.split()).upper() for part in parts[::2]]
+    return '"'.join(parts)
+
+
+def number_of(text: str) -> float | None:
+    """Value of a number; None where the text is none."""
+    text = text.strip()
+    return float(text) if _FULL.fullmatch(text) else None
+
+
+def components(line: str, start: int, where: str) -> tuple[dict[str, Component], int]:
+    """Components of the literal that begins at a brace.
+
+    Args:
+        line: The line.
+        start: Index of the opening brace.
+        where: Its file and line, for errors.
+
+    Returns:
+        Components by name, and the index of the closing brace.
+
+    Raises:
+        ProgramError: The literal is not closed, or a component is no number.
+    """
+    close = line.find("}", start)
+    if close < 0:
+        raise ProgramError(
+            "a literal is not closed: the line may be cut off",
+            where=f"{where}:{start + 1}", value=line[start:].strip()[:60], limit="{X 0.0,Y 0.0,...}",
+            hint="Post the program again",
+        )  # fmt: skip
+    at = start + 1
+    if (match := _TYPE.match(line, at, close)) is not None:
+        at = match.end()
+    out: dict[str, Component] = {}
+    while at < close:
+        match = _COMPONENT.match(line, at, close)
+        if match is None or (match.end() < close and line[match.end()] != ","):
+            raise ProgramError(
+                "a component of a literal is no number",
+                where=f"{where}:{at + 1}", value=line[at:close].strip()[:40], limit="a name and a number: X 12.5",
+                hint="Computed targets are not read: write the numbers themselves",
+            )  # fmt: skip
+        name = match[1].upper()
+        if name in out:
+            raise ProgramError(f"{name} stands twice in a literal", where=f"{where}:{at + 1}", value=line[start:close])
+        group = 2 if match[2] is not None else 4
+        value = float(match[2]) if group == 2 else _integer(match[4], match[3])
+        out[name] = Component(value, match.start(group), match.end(group))
+        at = match.end() + 1
+    return out, close
+
+
+def _integer(digits: str, base: str) -> float:
+    """Value of an integer of KRL in quotes: binary (``'B101'``), hexadecimal (``'H1F'``) or decimal."""
+    try:
+        return float(int(digits, {"B": 2, "H": 16}.get(base.upper(), 10)))
+    except ValueError:
+        return float("nan")
+
+
+def require_cartesian(parts: dict[str, Component], text: str, where: str) -> None:
+    """Refuse components that a Cartesian target does not have, or that no robot reaches.
+
+    Raises:
+        ProgramError: There is one.
+    """
+    for name, component in parts.items():
+        if name not in CARTESIAN:
+            raise ProgramError(
+                f"{name} is no component of a Cartesian target", where=where, value=text[:60],
+                limit="X Y Z A B C S T E1 to E6",
+            )  # fmt: skip
+        if not abs(component.value) <= _LARGEST_MM:
+            raise ProgramError(
+                f"{name} is beyond every robot", where=where, value=f"{component.value:g}", limit=f"{_LARGEST_MM:g}"
+            )
+
+
+def frame(parts: dict[str, Component]) -> Float:
+    """(4, 4) pose of a FRAME, m; components that are not written are 0. ``R = Rz(A) Ry(B) Rx(C)``."""
+    value = [parts[letter].value if letter in parts else 0.0 for letter in LETTERS]
+    return pose.make(rotation.from_zyx(np.array(value[3:]) * DEG), np.array(value[:3]) * MM)

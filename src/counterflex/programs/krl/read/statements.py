@@ -1,0 +1,49 @@
+"""Statements of KRL by what they are to a milling program: motions, frames, speeds, flow, and others."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from counterflex.programs.krl.read.literals import NUMBER
+
+_I: Final = re.IGNORECASE
+NAME: Final = r"[A-Za-z$]\w*(?:\s*\[\s*\d+\s*\])?"
+HEADER: Final = re.compile(r"\s*&")
+ROUTINE: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*(?:\(.*\))?\s*", _I)
+FUNCTION: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEFFCT\s", _I)
+END: Final = re.compile(r"\s*END\s*", _I)
+MOTION: Final = re.compile(r"\s*(S?PTP|S?LIN|S?CIRC)(_REL)?(?=[\s{$]|$)", _I)
+SPLINE: Final = re.compile(r"\s*(SPLINE|PTP_SPLINE|SPL|ENDSPLINE|TIME_BLOCK|CONST_VEL)\b", _I)
+APPROXIMATION: Final = re.compile(r"\s*((?:C_(?:DIS|PTP|VEL|ORI|SPL)\s*)*)", _I)
+CIRCLE_ANGLE: Final = re.compile(rf"\s*,\s*CA\s+({NUMBER})\s*", _I)
+ANY_CIRCLE_ANGLE: Final = re.compile(r"\s*,\s*CA\b", _I)
+VELOCITY: Final = re.compile(r"\s*\$VEL\.CP\s*=\s*(.+?)\s*", _I)
+VELOCITIES: Final = re.compile(r"\s*\$VEL\s*=\s*(\{.*)", _I)
+FRAME: Final = re.compile(r"\s*\$(TOOL|BASE)\s*=\s*(.+?)\s*", _I)
+BY_NUMBER: Final = re.compile(r"(TOOL|BASE)_DATA\s*\[\s*(\d+)\s*\]", _I)
+NO_FRAME: Final = re.compile(r"\$?(NULLFRAME|WORLD)", _I)
+MODE: Final = re.compile(r"\s*\$IPO_MODE\s*=\s*#(\w+)\s*", _I)
+ACTUAL: Final = re.compile(rf"\s*([FLP]DAT_ACT)\s*=\s*({NAME}|\{{.*)\s*", _I)
+BASIC: Final = re.compile(r"\s*BAS\s*\(\s*#(\w+)\s*(?:,\s*(.*?)\s*)?\)\s*", _I)
+BASIC_PASSED: Final = frozenset(
+    ("INITMOV", "VEL_PTP", "ACC_PTP", "ACC_CP", "VEL_ORI", "ACC_ORI", "VEL_ORI1", "VEL_ORI2", "PTP_DAT", "OUT_WERKZEUG")
+)
+WAIT_TIME: Final = re.compile(r"\s*WAIT\s+SEC\s+(.+?)\s*", _I)
+TRIGGER: Final = re.compile(r"\s*TRIGGER\s+WHEN\s+(.*?)\s+DO\s+(.*?)(?:\s+PRIO\s*=.*)?\s*", _I)
+AT_START: Final = re.compile(r"DISTANCE\s*=\s*0(\.0*)?\s+DELAY.*|PATH\s*=.*\bONSTART\b.*", _I)
+OPENS: Final = re.compile(r"\s*(IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b", _I)
+CLOSES: Final = re.compile(r"\s*(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b", _I)
+CLOSED_BY: Final = {
+    "IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "LOOP": "ENDLOOP", "REPEAT": "UNTIL", "SWITCH": "ENDSWITCH",
+}  # fmt: skip
+BETWEEN: Final = re.compile(r"\s*(ELSE|CASE|DEFAULT|EXIT)\b", _I)
+JUMP: Final = re.compile(r"\s*(GOTO\b|RESUME\b|RETURN\b|\w+\s*:\s*$)", _I)
+PASSED: Final = re.compile(
+    r"\s*(?:DECL\b|(?:GLOBAL\s+)?(?:INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS|SIGNAL|STRUC|ENUM|FDAT|LDAT|PDAT)\s"
+    r"|EXT\b|EXTP\b|EXTFCT|IMPORT\b|GLOBAL\s+INTERRUPT\b|INTERRUPT\b|WAIT\s+FOR\b|WAIT\s*\(|HALT\s*$|CONTINUE\s*$"
+    r"|PULSE\s*\(|BRAKE\b|ANOUT\b|ANIN\b|SYN\s+(?:OUT|PULSE)\b|ON_ERROR|ASYPTP\b)",
+    _I,
+)
+ASSIGNMENT: Final = re.compile(rf"\s*({NAME})((?:\.\w+)*)\s*=.*", _I)
+CALL: Final = re.compile(r"\s*(\w+)\s*\(.*\)\s*", _I)
