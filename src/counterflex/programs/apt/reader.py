@@ -19,8 +19,8 @@ from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.reader import program_text
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Program, Word
+from counterflex.programs.source_text import read_text
 
 CARRIED: Final = FREE_TEXT | frozenset(
     ("CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "CLEARP", "OPSKIP", "SEQNO", "SELCTL", "TOOLNO",
@@ -110,7 +110,7 @@ def read_apt_file(
     """
     if machine is not None and machine.part_at_g54:
         raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for APT", where=str(file))
-    text, encoding = program_text(Path(file))
+    text, encoding = read_text(Path(file))
     return replace(read_apt(text, name=Path(file).name, complete=complete), encoding=encoding)
 
 
