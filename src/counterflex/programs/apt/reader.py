@@ -324,17 +324,17 @@ class _Run:
         middle = np.array(values[:3]) * self._unit_m
         ends = [(float(q[first]), float(q[second])) for q in (self._p, p, middle)]
         try:
-            found = by_centre(ends[0], ends[1], ends[2], clockwise, 1, self._unit_m)
+            solution = by_centre(ends[0], ends[1], ends[2], clockwise, 1, self._unit_m)
         except ArcFault as fault:
             raise self._fault(arc, f"{fault.what} ({fault.value})") from fault
-        if abs(found.radius_m - values[6] * self._unit_m) > 1e-3 * found.radius_m + 1e-5:
+        if abs(solution.radius_m - values[6] * self._unit_m) > 1e-3 * solution.radius_m + 1e-5:
             raise self._fault(arc, "the radius is not that of the arc's start and end", arc.numbers()[6])
         middle[third] = self._p[third]
         normal = np.zeros(3)
         normal[third] = 1.0
         self._motion = "G2" if clockwise else "G3"
-        length = math.hypot(found.radius_m * found.turn_rad, float(p[third] - self._p[third]))
-        return (middle, normal, found.turn_rad), length
+        length = math.hypot(solution.radius_m * solution.turn_rad, float(p[third] - self._p[third]))
+        return (middle, normal, solution.turn_rad), length
 
     def _units(self, part: Statement) -> None:
         words = part.words() if part.major == "UNITS" else [part.major]

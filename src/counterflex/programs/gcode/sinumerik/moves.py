@@ -104,7 +104,7 @@ class MoveMaker:
             )  # fmt: skip
 
     def target(self, block: Block) -> Float:
-        """End point of a block in the part frame, from its axis words; axes without a word stay bit for bit."""
+        """End point of a block in the part frame, from its axis words; axes that are not named stay bit for bit."""
         state, p_part = self._state, self._state.p_part.copy()
         p_work = state.to_work(state.p_part)
         named = []
