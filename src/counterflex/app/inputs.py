@@ -269,6 +269,8 @@ def _check_tools(program: Program, cell: Cell) -> None:
                 limit=", ".join(f"T{number}" for number in sorted(known)),
                 hint=f"Add a [[tools]] table with number = {motion.tool} to {cell.path}"
                 if motion.tool
+                else "Say which tool it is: tools.tool_data, or a statement of tool_change in [controller.spindle.krl]"
+                if program.dialect == KRL_DIALECT
                 else "Select a tool before the first cut: M6 T...",
             )
 

@@ -22,6 +22,7 @@ from counterflex.cli.commands import (
     campaign,
     correct,
     dataset,
+    difference,
     doctor,
     egm,
     extensions,
@@ -95,7 +96,19 @@ def _with_own_classes(app: typer.Typer) -> None:
 
 
 PANELS: Final = {
-    "Plan": ("cell", "robots", "pose", "deflection", "path", "modes", "plan", "preflight", "compensate", "correct"),
+    "Plan": (
+        "cell",
+        "robots",
+        "pose",
+        "deflection",
+        "path",
+        "modes",
+        "plan",
+        "preflight",
+        "compensate",
+        "diff",
+        "correct",
+    ),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect"),
     "Identify": ("identify", "production", "dataset", "holder", "campaign"),
     "Measure": ("iso9283", "iso230", "thermal"),
@@ -162,6 +175,7 @@ for room in (
     question,
     modes,
     program,
+    difference,
     correct,
     preflight,
     prove,

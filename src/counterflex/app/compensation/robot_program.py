@@ -12,6 +12,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.programs.gcode.read.motion import UNKNOWN_PLACE
+from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.limits import RESERVED
 from counterflex.programs.program import Program
 from counterflex.programs.robot_writer.implied_stops import implied_stops
@@ -29,6 +30,7 @@ def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
     Raises:
         ProgramError: An M-code or a tool frame that the cell file does not map; names line and key.
     """
+    _refuse_unmapped(job.program, cell)
     functions = cell.machine_functions(language)
     with faults_in(job):
         functions.check((*job.program.blocks, *implied_stops(job.program).all()))
@@ -36,6 +38,23 @@ def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
     refuse_change_in_cut(job, cell)
     refuse_other_height(job.program)
     omissions(job.program)
+
+
+def _refuse_unmapped(program: Program, cell: Cell) -> None:
+    """Refuse a robot program with statements that another language would lose: outputs, waits for inputs, TRIGGER.
+
+    Raises:
+        ProgramError: There is one.
+    """
+    if isinstance(program, KrlProgram) and program.acting:
+        line = program.acting[0]
+        raise ProgramError(
+            "this acts on the cell, and the cell file does not say what it is in another language",
+            where=f"{Path(program.name).name}:{line}",
+            value=program.lines[line - 1].strip()[:60],
+            limit=f"statements of [controller.spindle.krl] in {cell.path}",
+            hint=f"Give it an M-code there (m_codes); {len(program.acting)} lines in all. In its own language it stays",
+        )
 
 
 def refuse_change_in_cut(job: Job, cell: Cell) -> None:

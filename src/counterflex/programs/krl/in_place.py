@@ -10,13 +10,13 @@ import numpy as np
 from counterflex import __version__
 from counterflex.core.arrays import Bool, Float, as_positive
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import DEG, MM, UM
-from counterflex.geometry import rotation
+from counterflex.core.units import MM, UM
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.krl.chosen_points import fine_rows
 from counterflex.programs.krl.circle_fit import FittedCircle, fitted_circle
+from counterflex.programs.krl.commanded_values import CommandedValues, point_values
 from counterflex.programs.krl.edits import Edits, Values, spelled, target_edits
 from counterflex.programs.krl.program import LETTERS, KrlMotion, KrlProgram, Target
 from counterflex.programs.krl.read import statements as form
@@ -107,16 +107,14 @@ def write_krl_in_place(
     return writer.text()
 
 
-class _InPlace:
+class _InPlace(CommandedValues):
     """Walks through the motions and collects edits."""
 
     def __init__(
         self, program: KrlProgram, compensated: CompensatedPath, rows: MotionRows, tolerance_m: float, cycle_s: float
     ) -> None:
-        self.program, self.tolerance_m = program, tolerance_m
-        fine = fine_rows(rows, compensated, tolerance_m, cycle_s)
-        self.rows, self.rotvec = fine
-        rows = self.rows
+        super().__init__(program, *fine_rows(rows, compensated, tolerance_m, cycle_s))
+        self.tolerance_m, rows = tolerance_m, self.rows
         self.vertex = rows.vertex
         self.source, self.data = Edits(program.lines), Edits(program.data or ())
         n = len(rows.way)
@@ -127,7 +125,6 @@ class _InPlace:
         self.speeds_added = self.in_data = self.written_out = self.too_close = 0
         self._speed: float | None = None
         self._line = 0
-        self._values: Values = dict.fromkeys(LETTERS, 0.0)
 
     # ---- result ----------------------------------------------------------------------------------------------
 
@@ -190,7 +187,7 @@ class _InPlace:
                 self._straight(index, move)
             last = int(self.rows.last[index])
             if last >= 0:
-                self.written[last] = self._here()
+                self.written[last] = self.here()
                 self.checked[last] |= motion.kind != "arc"
         self._restore_speed()
 
@@ -225,13 +222,13 @@ class _InPlace:
         lead = self._indent(move.line)
         for row in steps:
             lines = self._speed_lines(index, before, row)
-            values = self._values_at(index, row)
+            values = self.values_at(index, row)
             pose = ",".join(f"{letter} {spelled(letter, values[letter])}" for letter in LETTERS)
             self.source.insert(
                 place, [lead + line for line in (*lines, f"{word} {{{pose}{self.program.extra}}} {approximation}")]
             )
-            self._stand(values)
-            self.written[row] = self._here()
+            self.stand(values)
+            self.written[row] = self.here()
             before = row
         self.vertices_added += len(steps)
         self.split_motions += bool(steps)
@@ -243,12 +240,12 @@ class _InPlace:
         if target is None:
             return
         last = int(self.rows.last[index])
-        values = self._values_at(index, last) if last >= 0 else self._nominal(index)
+        values = self.values_at(index, last) if last >= 0 else self.nominal(index)
         self._write(target, move, values, turned=last >= 0 and bool(np.any(self.rotvec[last] != 0.0)))
-        self._stand(values)
+        self.stand(values)
 
     def _write(self, target: Target, move: KrlMotion, values: Values, *, turned: bool) -> None:
-        edits = target_edits(target, values, self._values, turned=turned)
+        edits = target_edits(target, values, self.values, turned=turned)
         if not edits:
             return
         if target.in_data and not move.shared:
@@ -265,20 +262,20 @@ class _InPlace:
         first, last = int(self.rows.first[index]), int(self.rows.last[index])
         if last < 1 or not np.any(self.rows.command[last] != self.rows.command[first - 1]):
             return
-        values = self._values_at(index, last)
+        values = self.values_at(index, last)
         pose = ",".join(f"{letter} {spelled(letter, values[letter])}" for letter in LETTERS)
         self.source.insert(move.line, [f"{self._indent(move.line)}LIN {{{pose}{self.program.extra}}}"])
         self.vertices_added += 1
-        self._stand(values)
+        self.stand(values)
 
     def _arc(self, index: int, move: KrlMotion) -> None:
         motion, rows = self.program.motions[index], self.rows
         first, last = int(rows.first[index]), int(rows.last[index])
-        start = self._here()
+        start = self.here()
         off = float(np.linalg.norm(start - motion.p_start)) > 0.5 * 10.0**-KRL.position_decimals * MM
         if not rows.moved[index] and not off:
             self._added(index, move, [])
-            self._stand(self._nominal(index))
+            self.stand(self.nominal(index))
             return
         points = np.vstack([start, rows.command[first : last + 1]])
         fit = fitted_circle(motion, points, rows.nominal[first : last + 1], fixed_turn=move.circle_angle)
@@ -287,11 +284,11 @@ class _InPlace:
             return
         steps = (np.flatnonzero(self.vertex[first:last]) + first).tolist()
         self._added(index, move, steps)
-        values = self._values_at(index, last)
+        values = self.values_at(index, last)
         pose = ",".join(f"{letter} {spelled(letter, values[letter])}" for letter in LETTERS)
         word = "SLIN" if move.word.startswith("S") else "LIN"
         self.source.change(move.line, [(move.start, move.end, f"{word} {{{pose}{self.program.extra}}}")])
-        self._stand(values)
+        self.stand(values)
         self.checked[first : last + 1] = True
         self.arcs_as_lines += 1
 
@@ -301,77 +298,16 @@ class _InPlace:
             raise ValueError("a circle without its points")
         self._added(index, move, [])
         last = int(self.rows.last[index])
-        values = self._values_at(index, last)
+        values = self.values_at(index, last)
         turned = bool(np.any(self.rotvec[last] != 0.0))
-        nominal = self._point_of(move.auxiliary)
-        auxiliary = self._named_values(move.auxiliary) | _point_values(fit.at(nominal))
+        nominal = self.point_of(move.auxiliary)
+        auxiliary = self.named_values(move.auxiliary) | point_values(fit.at(nominal))
         self._write(move.auxiliary, move, auxiliary, turned=False)
-        end = values | _point_values(fit.at(self._point_of(move.target)) if move.circle_angle else fit.end())
+        end = values | point_values(fit.at(self.point_of(move.target)) if move.circle_angle else fit.end())
         self._write(move.target, move, end, turned=turned)
-        self._stand(values | _point_values(fit.end()))
+        self.stand(values | point_values(fit.end()))
         self.arc_error_m = max(self.arc_error_m, fit.error_m)
         self.arcs_kept += 1
-
-    # ---- values ----------------------------------------------------------------------------------------------
-
-    def _here(self) -> Float:
-        """Written position, (3,) m."""
-        return np.array([self._values[letter] for letter in "XYZ"]) * MM
-
-    def _stand(self, values: Values) -> None:
-        self._values = {letter: float(spelled(letter, values[letter])) for letter in LETTERS}
-
-    def _named_values(self, target: Target) -> Values:
-        return {
-            letter: target.components[letter].value if letter in target.components else self._values[letter]
-            for letter in LETTERS
-        }
-
-    def _point_of(self, target: Target) -> Float:
-        values = self._named_values(target)
-        return np.array([values[letter] for letter in "XYZ"]) * MM
-
-    def _nominal(self, index: int) -> Values:
-        """Values at the programmed end of a motion."""
-        program, target = self.program, self.program.moves[index].target
-        values = _point_values(np.asarray(program.motions[index].p_end)) | self._angles(self._rotation(index, 1.0))
-        written = {} if target is None else {k: c.value for k, c in target.components.items() if k in "ABC"}
-        return values | written
-
-    def _values_at(self, index: int, row: int) -> Values:
-        """Commanded values at a row of a motion."""
-        rows = self.rows
-        values = _point_values(rows.command[row])
-        if row == rows.last[index] and not np.any(self.rotvec[row] != 0.0):
-            nominal = self._nominal(index)
-            return values | {letter: nominal[letter] for letter in "ABC"}
-        first, last = int(rows.first[index]), int(rows.last[index])
-        length = rows.along[last] - rows.along[first - 1]
-        share = (rows.along[row] - rows.along[first - 1]) / length if length > 0.0 else 1.0
-        return values | self._angles(rotation.exp(self.rotvec[row]) @ self._rotation(index, float(share)))
-
-    def _rotation(self, index: int, share: float) -> Float:
-        """(3, 3) programmed orientation of the TCP frame at a share of a motion."""
-        Rs = self.program.Rs_part_tcp
-        if Rs is None:
-            raise ValueError("a program without orientations")
-        end: Float = Rs[index]
-        if share >= 1.0 or index == 0:
-            return end
-        start = Rs[index - 1]
-        out: Float = start @ rotation.exp(share * rotation.log(start.T @ end))
-        return out
-
-    def _angles(self, R_part_tcp: Float) -> Values:
-        """A B C of ``$TOOL`` in deg, near those written last: of the same orientation other turns are not written."""
-        R_tcp_tool = np.eye(3) if self.program.R_tcp_tool is None else self.program.R_tcp_tool
-        a, b, c = (float(angle) for angle in rotation.to_zyx(R_part_tcp @ R_tcp_tool) / DEG)
-        near = np.array([self._values[letter] for letter in "ABC"])
-        ways = [np.array([a, b, c]), np.array([a + 180.0, 180.0 - b, c + 180.0])]
-        ways = [way - 360.0 * np.round((way - near) / 360.0) for way in ways]
-        best = min(ways, key=lambda way: float(np.abs(way - near).max()))
-        best = np.where(np.abs(best) > 180.0, best - 360.0 * np.sign(best), best)
-        return dict(zip("ABC", best.tolist(), strict=True))
 
     # ---- speed -----------------------------------------------------------------------------------------------
 
@@ -418,10 +354,6 @@ def target_text(target: Target, edits: Sequence[tuple[int, int, str]]) -> str:
     offset = target.close + 1 - len(target.source)
     moved = [(start - offset, end - offset, text) for start, end, text in edits]
     return Edits((target.source,)).changed(1, moved)
-
-
-def _point_values(p_m: Float) -> Values:
-    return {letter: float(value) for letter, value in zip("XYZ", p_m / MM, strict=True)}
 
 
 def _plain(text: str) -> str:

@@ -92,6 +92,7 @@ class KrlProgram(Program):
         R_tcp_tool: (3, 3) orientation of the controller's $TOOL in the cell's TCP frame.
         extra: External axes as written, for added points: ``,E1 0.0``; empty where none are written.
         speed_lines: Lines that set the path speed, rising.
+        acting: Lines that act on the cell (outputs, waits for inputs, TRIGGER) and are not in the cell file's table.
         loose_triggers: By line of a motion, the first line of the TRIGGER statements before it that count from its end;
             -1 where one that counts from its start stands behind them.
     """
@@ -104,4 +105,5 @@ class KrlProgram(Program):
     R_tcp_tool: Float | None = None
     extra: str = ""
     speed_lines: tuple[int, ...] = ()
+    acting: tuple[int, ...] = ()
     loose_triggers: Mapping[int, int] = field(default_factory=dict)

@@ -79,6 +79,7 @@ def read_krl(
         R_tcp_tool=interpreter.frames.R_tcp_tool,
         extra=interpreter.extra_text,
         speed_lines=tuple(interpreter.speed_lines),
+        acting=tuple(interpreter.acting),
         loose_triggers=interpreter.loose,
     )
 

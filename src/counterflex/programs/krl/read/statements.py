@@ -45,5 +45,12 @@ PASSED: Final = re.compile(
     r"|PULSE\s*\(|BRAKE\b|ANOUT\b|ANIN\b|SYN\s+(?:OUT|PULSE)\b|ON_ERROR|ASYPTP\b)",
     _I,
 )
+ACTS: Final = re.compile(
+    r"\s*(?:\$(?:OUT|ANOUT|FLAG|CYCFLAG)\b|PULSE\b|WAIT\s+FOR\b|WAIT\s*\(|HALT\b|SYN\b|ANOUT\b|TRIGGER\b"
+    r"|(?:GLOBAL\s+)?INTERRUPT\b|BRAKE\b|ASYPTP\b|IF\b|SWITCH\b|FOR\b|WHILE\b|LOOP\b|REPEAT\b)",
+    _I,
+)
+STANDARD: Final = re.compile(r"\s*(?:GLOBAL\s+INTERRUPT\s+DECL\s+3\s+WHEN\s+\$STOPMESS\b|INTERRUPT\s+ON\s+3\s*$)", _I)
+"""The stop interrupt that every KUKA program sets up."""
 ASSIGNMENT: Final = re.compile(rf"\s*({NAME})((?:\.\w+)*)\s*=.*", _I)
 CALL: Final = re.compile(r"\s*(\w+)\s*\(.*\)\s*", _I)
