@@ -22,6 +22,8 @@ from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_VECTOR, Program
 from counterflex.programs.reading import read_program_file
+from counterflex.programs.rotary.fitted import fitted
+from counterflex.programs.rotary.poses import Words, commanded_words, turned_path
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "programs"
@@ -237,3 +239,46 @@ def test_a_shifted_arc_stays_an_arc() -> None:
     out = write_apt(program, CompensatedPath.from_correction(path, shift), header=False)
     assert out.arcs_kept == 2
     assert "CIRCLE/0.1000,-0.2000,5.3000,0,0,1,10.0000,0.06,0.5,0,0\nGOTO/0.1000,9.8000,5.3000\n" in out.text
+
+
+# A tool that turns ----------------------------------------------------------------------------------------------------
+
+TILTED = ((0, 0, 20), (5, 0, 20), (30, 4, 19), (30, 4, 40))
+
+
+def tilted_texts() -> tuple[str, str]:
+    """One path with a tool axis that turns, in Sinumerik and APT."""
+    axes = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.0, 0.6, 0.8], [0.0, 0.6, 0.8]])
+    mpf, apt = ["G71 G90", "T1 M6", "TRAORI"], ["UNITS/MM", "LOADTL/1", "MULTAX/ON"]
+    for k, (p, axis) in enumerate(zip(TILTED, axes, strict=True)):
+        rapid = k in (0, 3)
+        x, y, z = p
+        i, j, w = axis
+        mpf.append(f"{'G0' if rapid else 'G1'} X{x} Y{y} Z{z} A3={i} B3={j} C3={w}{'' if rapid else ' F900'} ; point")
+        apt += ["RAPID" if rapid else "FEDRAT/900,MMPM", f"GOTO/{x},{y},{z},{i},{j},{w} $$ point"]
+    return "\n".join([*mpf, "TRAFOOF", "M30", ""]), "\n".join([*apt, "FINI", ""])
+
+
+def test_a_tool_that_turns_gets_the_same_points_and_axes_in_both_languages() -> None:
+    mpf, apt = tilted_texts()
+    targets = []
+    for text, read, write in ((mpf, read_sinumerik, write_gcode), (apt, read_apt, write_apt)):
+        program = fitted(read(text), None)
+        words = Words.of(program, None)
+        turned = turned_path(program, words, step_m=1e-3, rapid_speed_m_s=0.5)
+        fed = (turned.path.kind == FEED)[:, None]
+        shift, tilt = np.where(fed, [2e-4, -1e-4, 3e-4], 0.0), np.where(fed, [0.0, 3e-4, -2e-4], 0.0)
+        shift[0] = tilt[0] = 0.0
+        commanded = commanded_words(turned, words, shift, tilt)
+        still = commanded_words(turned, words, 0.0 * shift, 0.0 * tilt)
+        nominal = CompensatedPath.nominal(turned.path)
+        assert write(program, nominal, words=still).text == text
+        result = write(program, nominal, words=commanded, header=False).text
+        assert result.count(" point") == 4
+        back = read(result)
+        targets.append(
+            np.array([[*m.p_end, *(np.array(m.abc_end) / np.linalg.norm(m.abc_end))] for m in back.motions[:-1]])
+        )
+    assert len(targets[0]) > 5
+    assert targets[0] == pytest.approx(targets[1], abs=2e-7)
+    assert targets[0][1, :3] - targets[0][0, :3] != pytest.approx([0, 0, 0], abs=1e-5)

@@ -239,7 +239,6 @@ def prove(
     ] = True,
     assume_class: AssumeClass = False,
     workers: Workers = None,
-    dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
@@ -254,7 +253,7 @@ def prove(
     from counterflex.app.proof import prove as job
     from counterflex.twin.truth.family import family_of
 
-    reading = Reading(dialect, parameters, complete=not without_end)
+    reading = Reading(parameters=parameters, complete=not without_end)
     with progress_bar(f"proving {program.name}") as progress:
         summary = job.run(
             program,
