@@ -1,3 +1,50 @@
-"""Counterflex: plan, prove and correct the elastic deflection of milling robots."""
+"""Counterflex: plan, prove and correct the elastic deflection of milling robots.
+
+``import counterflex as cf`` gives the ten names of :mod:`counterflex.api`; nothing heavy is loaded before one is used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+__all__ = (
+    "choose_posture",
+    "compare",
+    "compensate",
+    "deflection",
+    "identify_cell",
+    "inspect_part",
+    "preflight",
+    "prove",
+    "read_cell",
+    "simulate",
+)
+
+if TYPE_CHECKING:
+    from counterflex.api import (
+        choose_posture,
+        compare,
+        compensate,
+        deflection,
+        identify_cell,
+        inspect_part,
+        preflight,
+        prove,
+        read_cell,
+        simulate,
+    )
+
+
+def __getattr__(name: str) -> Any:
+    """One of the ten names, loaded when it is first used."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module("counterflex.api"), name)
+
+
+def __dir__() -> list[str]:
+    """Names that the package offers."""
+    return sorted({*globals(), *__all__})

@@ -54,10 +54,15 @@ def write(path: Path, kind: str, version: int, layout: tuple[Column, ...], data:
         data: Object that holds the attributes.
         about: Further metadata, plain JSON values.
     """
-    frame = pl.DataFrame({column.name: _values(data, column) for column in layout})
+    frame = table(layout, data)
     meta = json.dumps({"format": kind, "version": version, **about}, allow_nan=False)
     with atomic.atomic_path(path) as part:
         frame.write_parquet(part, compression="zstd", metadata={_KEY: meta})
+
+
+def table(layout: tuple[Column, ...], data: Any) -> pl.DataFrame:
+    """The attributes of ``data`` as a table in shop units, one column each as ``layout`` names them."""
+    return pl.DataFrame({column.name: _values(data, column) for column in layout})
 
 
 def _values(data: Any, column: Column) -> Any:

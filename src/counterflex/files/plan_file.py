@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
-from counterflex.files.parquet_table import Column, columns, read, write
+from counterflex.files.parquet_table import Column, columns, read, table, write
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.plan import Plan, job_hash
 
@@ -62,6 +62,11 @@ LAYOUT = (
 
 MEASURED = columns("measured_x_um measured_y_um measured_z_um", "measured_part", UM)
 """Columns of version 2: plans that measured parts have corrected; all others are written as version 1."""
+
+
+def plan_table(plan: Plan) -> pl.DataFrame:
+    """A plan as the table that its file holds: one row per path point, shop units."""
+    return table(LAYOUT + MEASURED if plan.measured_part is not None else LAYOUT, plan)
 
 
 def write_plan(path: Path, plan: Plan, about: Mapping[str, Any]) -> None:
