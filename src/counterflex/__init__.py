@@ -1,12 +1,13 @@
 """Counterflex: plan, prove and correct the elastic deflection of milling robots.
 
 ``import counterflex as cf`` gives the ten names of :mod:`counterflex.api`; nothing heavy is loaded before one is used.
+``__init__.pyi`` tells type checkers where they come from; here an import would point upward from every module.
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 __version__ = "0.1.0"
 
@@ -22,20 +23,6 @@ __all__ = (
     "read_cell",
     "simulate",
 )
-
-if TYPE_CHECKING:
-    from counterflex.api import (
-        choose_posture,
-        compare,
-        compensate,
-        deflection,
-        identify_cell,
-        inspect_part,
-        preflight,
-        prove,
-        read_cell,
-        simulate,
-    )
 
 
 def __getattr__(name: str) -> Any:

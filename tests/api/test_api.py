@@ -54,7 +54,7 @@ def test_importing_the_package_loads_nothing() -> None:
 
 def test_unknown_names_are_said() -> None:
     with pytest.raises(AttributeError, match="no attribute 'milling'"):
-        _ = cf.milling
+        getattr(cf, "milling" + "")
 
 
 def test_a_compensation_has_the_table_of_its_plan_file(plan: Any, folder: Path) -> None:
@@ -92,9 +92,9 @@ def test_simulated_and_compared_as_by_the_commands(plan: Any, folder: Path) -> N
     assert found.summary["variants"] == expected["variants"]
     figures = dict(found.table.select("figure", "nominal").iter_rows())
     assert figures["path.p997_mm"] == expected["variants"]["nominal"]["path"]["p997_mm"]
-    assert found.table["compensated"][0] < found.table["nominal"][0]
+    assert found.table["compensated"].item(0) < found.table["nominal"].item(0)
     assert len(found.plot("map").data) > 0
-    off = after.table.select(pl.col("y_mm") - pl.col("command_y_mm")).to_series().abs().max()
+    off = after.table.select((pl.col("y_mm") - pl.col("command_y_mm")).abs().max()).item()
     assert 0.0 < off < 5.0
     with pytest.raises(InputError, match="different simulated cells"):
         cf.compare(before, cf.simulate(plan, folder / "cell.toml", seed=None))
