@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from counterflex.app.compensation.robot_program import omissions
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM, MM_PER_MIN
@@ -21,7 +22,7 @@ from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Program
-from counterflex.programs.reading import read_program_file
+from counterflex.programs.reading import dialect_of, read_program_file, require_linuxcnc
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT / "tests" / "data" / "gcode" / "corpus"
@@ -169,6 +170,25 @@ def test_refusals_name_word_and_line(line: str, match: str) -> None:
 def test_program_without_end() -> None:
     with pytest.raises(ProgramError, match=r"part:1:1: the program stops without M2, M17, M30 or RET"):
         read_sinumerik("G0 X1\n", name="part", complete=True)
+
+
+@pytest.mark.parametrize("leaving", ["SUPA G0 Z0 D0", "G0 G153 Z0", "G500\nG0 Z0"])
+def test_leaving_for_the_machine_makes_no_motion_and_is_told_to_robots(leaving: str) -> None:
+    text = f"G54 G90 {leaving}\nG54\nG0 X1 Y2 Z3\nG1 Z1 F100\n{leaving}\nM17\n".replace("G90 G500", "G90\nG500")
+    program = read_sinumerik(text, complete=True)
+    assert [m.kind for m in program.motions] == ["rapid", "feed"]
+    path = tool_path(program)
+    assert write_gcode(program, CompensatedPath.nominal(path)).text == text
+    with pytest.raises(ProgramError, match="is the way out of the cut, and where it leads is not known"):
+        omissions(program)
+
+
+def test_the_ending_tells_the_language() -> None:
+    names = ("a.mpf", "a.SPF", "a.cls", "a.apt", "a.ngc", "a.nc", "a")
+    assert [dialect_of(name) for name in names] == ["sinumerik"] * 2 + ["apt"] * 2 + ["linuxcnc"] * 3
+    assert dialect_of("a.nc", "sinumerik") == "sinumerik"
+    with pytest.raises(ProgramError, match="plan entry writes G-code as LinuxCNC reads it"):
+        require_linuxcnc(read_sinumerik("G0 X1"), "plan entry")
 
 
 # Writing back ---------------------------------------------------------------------------------------------------------

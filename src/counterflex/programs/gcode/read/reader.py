@@ -201,7 +201,8 @@ _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 
 def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
-    return [*_long_dwells(program), *_skipped_by_switch(program)]
+    long = _long_dwells(program) if program.dialect == "linuxcnc" else []  # elsewhere the unit is beyond doubt
+    return [*long, *_skipped_by_switch(program)]
 
 
 def _long_dwells(program: Program) -> list[str]:

@@ -26,6 +26,7 @@ from counterflex.programs.program import Word
 DIALECT: Final = "Sinumerik"
 Fault = Callable[[str, int, object, str | None], ProgramError]
 _ROLES: Final = {"CR": "R", "TURN": "P", "A3": "I", "B3": "J", "C3": "K", "S1": "S"}
+_OF_DWELL: Final = {"F": "P", "S": "Q"}
 _TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNH", "CR", "AR", "TURN", "RPL", "S1"))
 
 
@@ -168,6 +169,8 @@ class Block:
     def words(self, dwell: bool, axes: bool) -> tuple[Word, ...]:
         """The words in the roles that writers know: CR as R, A3 B3 C3 as I J K, F of a dwell as P.
 
+        A block that leaves for a place of the machine (SUPA, G153, G500) has G53 for it, and no targets.
+
         Args:
             dwell: F is a time.
             axes: The block moves: its axis words are targets.
@@ -176,9 +179,12 @@ class Block:
         for address in self.given.values():
             if address.value is None or (not axes and address.name in (*AXES, *ROTARY, *VECTOR, *"IJK")):
                 continue
-            role = "P" if dwell and address.name == "F" else _ROLES.get(address.name, address.name)
+            role = _OF_DWELL.get(address.name) if dwell else None
+            role = role or _ROLES.get(address.name, address.name)
             absolute = None if not address.mode else address.mode == "AC"
             words.append(Word(role, address.value, address.start, address.end, address.literal, absolute))
+        if not axes and "frame" not in self.groups and any(name in self.given for name in AXES):
+            words.append(Word("G", 53.0, 0, 0, False))
         return tuple(sorted(words, key=lambda word: word.start))
 
     def finish(self) -> None:
