@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -31,6 +34,19 @@ TOLERANCE = 5e-6
 ROUNDING = 1e-7 * 0.87 + 1e-9
 AGREEING = ("straight", "arcs_centre", "arcs_radius", "helices", "planes", "feeds")
 """Programs that test_gcode_rs274.py holds to LinuxCNC's own interpreter, made of words that Sinumerik has too."""
+
+
+def rs274() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("against_rs274", Path(__file__).with_name("test_gcode_rs274.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclasses look themselves up
+    spec.loader.exec_module(module)
+    return module
+
+
+RS274 = rs274()
 
 
 def translated(text: str) -> str:
@@ -68,6 +84,14 @@ def test_words_that_agree_mean_what_they_mean_to_linuxcnc(name: str) -> None:
         if truth.p_centre is not None:
             assert motion.p_centre == pytest.approx(truth.p_centre, abs=1e-12), where
             assert motion.normal == pytest.approx(truth.normal, abs=0.0)
+
+
+@pytest.mark.parametrize("name", AGREEING)
+def test_words_that_agree_against_the_calls_of_linuxcnc_itself(name: str) -> None:
+    """The same against the golden files that LinuxCNC's interpreter wrote, without our reader between."""
+    calls = (CORPUS / f"{name}.canon").read_text(encoding="ascii").splitlines()
+    text = (CORPUS / f"{name}.ngc").read_text(encoding="ascii")
+    RS274.compare(read_sinumerik(translated(text)), RS274.canonical_motions(calls))
 
 
 def test_the_groove_is_the_same_path_in_both_dialects() -> None:
