@@ -234,9 +234,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/production"))
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--drawn", action="store_true", help="intervals on drawn runs in memory, without the twin")
-    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--short", action="store_true", help="seed 1 of mild, one slot and one side cut")
+    parser.add_argument("--quick", action="store_true", help="a smoke run: intervals on two drawn runs")
     options = parser.parse_args()
     if options.quick:
+        show_drawn(1, 2)
+        return
+    if options.short:
         with tempfile.TemporaryDirectory() as scratch:
             show([one(1, "mild", Path(scratch) / "cell", SHORT)])
         return
