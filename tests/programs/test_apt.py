@@ -96,6 +96,7 @@ def test_tool_axes() -> None:
         ("FEDRAT/9\nCIRCLE/0,0,0,0,0,1,5\nGOTO/9,9,0", "part:3:1: the arc"),
         ("INDIRV/1,0,0", "geometry that a post processor must solve"),
         ("AUXFUN/77", "functions of the machine are not read: AUXFUN"),
+        ("LOADTL/1E400", "part:2:8: a number is out of range; got 1E400"),
         ("LOADTL/MILL", "an unknown word of APT in LOADTL"),
         ("UNITS/FURLONG", "an unknown unit of length"),
         ("GOTO/1,2,$", "the file ends within a statement"),
@@ -282,3 +283,19 @@ def test_a_tool_that_turns_gets_the_same_points_and_axes_in_both_languages() -> 
     assert len(targets[0]) > 5
     assert targets[0] == pytest.approx(targets[1], abs=2e-7)
     assert targets[0][1, :3] - targets[0][0, :3] != pytest.approx([0, 0, 0], abs=1e-5)
+
+
+TOKENS = st.sampled_from(
+    ["GOTO/", "GODLTA/", "CIRCLE/0,0,0,0,0,1,", "RAPID", "FEDRAT/", "MMPM", "1,2,3", ",", "-.5", "1E400", "$", "$$",
+     "/", "\n",
+     "LOADTL/", "SPINDL/", "DELAY/", "UNITS/MM", "TLAXIS/", "MSYS/", "é", " ", "FINI", "PPRINT"]
+)  # fmt: skip
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(TOKENS, max_size=25).map("".join))
+def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
+    try:
+        read_apt("RAPID\nGOTO/0,0,0\nFEDRAT/5\n" + text)
+    except ProgramError as fault:
+        assert "\n" not in str(fault)  # noqa: PT017 -- most texts are refused, some are read

@@ -181,6 +181,7 @@ def test_tool_vectors_and_rotary_words() -> None:
         ("G0 X1 X2", "the word appears twice"),
         ("G0 G1 X1", "two words of the group 'motion'"),
         ("SUPA G0 Z0\nG0 X5", "moves on after SUPA in line 2"),
+        ("G1 X=1EX400 F1", "a number is out of range; got 1EX400"),
         ("G4 F-1", "G4 needs its time F"),
         ('MSG("abc', "a bracket is not closed"),
         ("G1 X5 (old comment)", r"a character that the Sinumerik dialect has no use for here; got '\('"),
@@ -333,3 +334,19 @@ def test_a_rotated_frame_is_written_in_its_own_axes() -> None:
     assert out[4:] == ["ROT", "G0 X0 Y0", "M30"]
     back = read_sinumerik("\n".join(out)).motions[1]
     assert back.p_end == pytest.approx(rotation.exp(np.array([0, 0, math.pi / 2])) @ [0.0102, -1e-4, 0], abs=1e-12)
+
+
+TOKENS = st.sampled_from(
+    ["G0", "G1", "G2", "X", "Y5", "=", "-1.5", "CR=", "AR=", "(", ")", '"', ";", "IC(", "R1", "ROT ", "TRANS", "RPL=",
+     "F9",
+     "TRAORI", "A3=1", "T=", "1EX400", "%", "/", "é", "\t", " ", "\n", "SUPA", "MSG", "M17"]
+)  # fmt: skip
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(TOKENS, max_size=25).map("".join))
+def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
+    try:
+        read_sinumerik("G90 G0 X0 Y0 Z0 F5\n" + text)
+    except ProgramError as fault:
+        assert "\n" not in str(fault)  # noqa: PT017 -- most texts are refused, some are read

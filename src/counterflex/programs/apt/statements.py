@@ -11,6 +11,8 @@ from counterflex.core.errors import ProgramError
 
 FREE_TEXT: Final = frozenset(("PARTNO", "PPRINT", "REMARK", "INSERT", "TOOL PATH", "MACHIN", "PLABEL", "PAINT"))
 """Words whose rest of the line is text."""
+LARGEST: Final = 1e9
+"""Largest number of a file; nothing that is measured needs one as large."""
 _MAJOR: Final = re.compile(r"\s*([A-Z][A-Z0-9_\- ]*?)\s*(/|$)", re.IGNORECASE)
 _TEXT: Final = re.compile(r"\s*(PARTNO|PPRINT|REMARK|INSERT|TOOL PATH|MACHIN|PLABEL|PAINT)\b", re.IGNORECASE)
 _ARGUMENT: Final = re.compile(r"\s*([^,\s]+)\s*(,|$)")
@@ -116,6 +118,11 @@ def _statement(code: str, text: str, line: int, name: str) -> Statement:
             )  # fmt: skip
         number = _NUMBER.fullmatch(match[1])
         value = float(match[1].upper().replace("D", "E")) if number else None
+        if value is not None and not abs(value) <= LARGEST:
+            raise ProgramError(
+                "a number is out of range", where=place(name, line, text, match.start(1)), value=match[1],
+                limit=f"<= {LARGEST:g}",
+            )  # fmt: skip
         arguments.append(Argument(match[1].upper(), value, match.start(1), match.end(1)))
         at = match.end()
     return Statement(line, text, major[1].upper(), tuple(arguments))

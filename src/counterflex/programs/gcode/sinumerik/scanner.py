@@ -21,6 +21,7 @@ _VALUE: Final = re.compile(
     re.IGNORECASE,
 )
 _NAME: Final = re.compile(r"[A-Z_]\w*", re.IGNORECASE)
+_LARGEST: Final = 1e9
 _CONSTANTS: Final = "R parameters are read as constants only (R1=10.5, then X=R1); post plain numbers"
 
 
@@ -91,7 +92,7 @@ def scan(text: str, name: str, line: int, constants: dict[int, float]) -> Line:
         elif text[at] == ";":
             break
         elif word := _WORD.match(text, at):
-            value = _number(word[2])
+            value = _number(word[2], word.start(2), name, line)
             addresses.append(Address(word[1].upper(), value, None, "", word.start(), word.end()))
             at = word.end()
         elif given := _SET.match(text, at):
@@ -113,8 +114,11 @@ def scan(text: str, name: str, line: int, constants: dict[int, float]) -> Line:
     return Line(tuple(addresses), tuple(names))
 
 
-def _number(text: str) -> float:
-    return float(text.upper().replace("EX", "E"))
+def _number(text: str, column: int, name: str, line: int) -> float:
+    value = float(text.upper().replace("EX", "E"))
+    if not abs(value) <= _LARGEST:
+        raise error_at(name, line, "a number is out of range", column, text, f"At most {_LARGEST:g}")
+    return value
 
 
 def _assigned(text: str, given: re.Match[str], name: str, line: int, constants: dict[int, float]) -> Address:
@@ -130,7 +134,7 @@ def _assigned(text: str, given: re.Match[str], name: str, line: int, constants: 
     mode = (match["mode"] or "").upper()
     parameter = re.fullmatch(r"([+-]?)R(\d+)", number, re.IGNORECASE)
     if parameter is None:
-        return Address(address, _number(number), None, mode, given.start(), match.end())
+        return Address(address, _number(number, given.start(), name, line), None, mode, given.start(), match.end())
     if int(parameter[2]) not in constants:
         raise error_at(name, line, "the R parameter has no value", match.start(), f"R{parameter[2]}", _CONSTANTS)
     value = constants[int(parameter[2])] * (-1.0 if parameter[1] == "-" else 1.0)
