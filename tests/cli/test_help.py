@@ -129,6 +129,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[0] == "simulate":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out").status == 0
         shutil.copy(machined.folder / "truth.toml", folder)
+    if words[0] == "diff":
+        assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report").status == 0
     if words[0] == "correct":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report").status == 0
         shutil.copytree(machined.folder / "run", folder / "part1")
