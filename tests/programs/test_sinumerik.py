@@ -15,9 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.app.compensation.robot_program import omissions
+from counterflex.app.inputs import machine_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM, MM_PER_MIN
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
@@ -26,6 +28,8 @@ from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Program
 from counterflex.programs.reading import dialect_of, read_program_file, require_linuxcnc
+from counterflex.programs.rotary.fitted import fitted
+from counterflex.programs.rotary.poses import Words, turned_path
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT / "tests" / "data" / "gcode" / "corpus"
@@ -101,6 +105,19 @@ def test_the_groove_is_the_same_path_in_both_dialects() -> None:
     one, other = tool_path(ours), tool_path(reference)
     assert one.p_part_tcp == pytest.approx(other.p_part_tcp, abs=1e-9)
     assert one.time_s == pytest.approx(other.time_s, abs=1e-9)
+
+
+def test_the_tilted_groove_is_the_same_path_with_tool_vectors_and_with_rotary_words() -> None:
+    cell = read_cell(ROOT / "examples" / "cells" / "kr300_bc_table.toml")
+    rows = []
+    for ending in ("mpf", "ngc"):
+        program = fitted(read_program_file(EXAMPLES / f"tilted_groove.{ending}"), machine_of(cell))
+        words = Words.of(program, machine_of(cell))
+        path = turned_path(program, words, step_m=1e-3, rapid_speed_m_s=0.5).path
+        first = int(np.argmax(path.kind == FEED))
+        rows.append(np.hstack([path.p_part_tcp, path.axis_part, path.feed_m_s[:, None]])[first:])
+    assert len(rows[0]) > 90
+    assert rows[0] == pytest.approx(rows[1], abs=1e-9)
 
 
 def ends(text: str) -> list[list[float]]:
