@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
 
 def preflight(
     cell: Annotated[Path, typer.Argument(help="Cell file (.toml).", metavar="CELL", callback=arguments.file)],
-    program: Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)],
+    program: Annotated[Path, typer.Argument(help="Program file.", metavar="PROGRAM", callback=arguments.file)],
     out: Annotated[
         Path | None,
         typer.Option(

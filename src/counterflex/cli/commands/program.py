@@ -16,7 +16,10 @@ from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING, DIALECTS
 
 Program = Annotated[
-    Path, typer.Argument(help="G-code file, or KRL (.src).", metavar="PROGRAM", callback=arguments.file)
+    Path,
+    typer.Argument(
+        help="G-code, Sinumerik (.mpf), APT (.apt) or KRL (.src).", metavar="PROGRAM", callback=arguments.file
+    ),
 ]
 CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)]
 Out = Annotated[
