@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -176,7 +177,8 @@ class _InPlace(CommandedValues):
         if len(self.written):
             self.written[0] = self.rows.nominal[0]
         for index, (motion, move) in enumerate(zip(program.motions, program.moves, strict=True)):
-            if any(self._line < line <= move.line for line in program.speed_lines):
+            set_before = bisect.bisect_right(program.speed_lines, move.line)
+            if set_before and program.speed_lines[set_before - 1] > self._line:
                 self._speed = None
             self._line = move.line
             if motion.kind == "dwell":
