@@ -14,7 +14,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
-from counterflex.programs.apt.statements import FREE_TEXT, Argument, Statement, place, statements
+from counterflex.programs.apt.statements import Argument, Statement, place, statements
+from counterflex.programs.apt.words import CARRIED, COOLANT, FEEDS, POST, READ, REFUSED
 from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.motion import FARTHEST_M
@@ -22,29 +23,6 @@ from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Program, Word
 from counterflex.programs.source_text import read_text
 
-CARRIED: Final = FREE_TEXT | frozenset(
-    ("CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "CLEARP", "OPSKIP", "SEQNO", "SELCTL", "TOOLNO",
-     "TPRINT", "END-OF-PATH", "MSYS", "NOPOST", "CLPRNT", "DISPLY", "MODE", "HEAD", "CLRSRF", "ARCSLP", "FIXTURE")
-)  # fmt: skip
-"""Words that change no target."""
-READ: Final = (
-    "GOTO", "GODLTA", "FROM", "CIRCLE", "MOVARC", "RAPID", "FEDRAT", "SPINDL", "COOLNT", "LOADTL", "TLAXIS", "MULTAX",
-    "UNITS", "MM", "INCH", "INCHES", "DELAY", "STOP", "OPSTOP", "CUTCOM", "CYCLE", "FINI",
-)  # fmt: skip
-_POST: Final = "Let the CAM system write GOTO"
-REFUSED: Final[dict[str, tuple[str, str]]] = {
-    **dict.fromkeys(("INDIRV", "INDIRP", "TLON", "TLLFT", "TLRGT", "GOFWD", "GOLFT", "GORGT", "GOBACK", "GO"),
-                    ("geometry that a post processor must solve is not read", "Write the file with CIRCLE or GOTO")),
-    **dict.fromkeys(("GOHOME", "RETRCT", "ORIGIN", "TRANS", "ROTATE", "ROTABL", "ROTHED", "COPY", "TRACUT"),
-                    ("motions and frames of the machine are not read", _POST)),
-    **dict.fromkeys(("AUXFUN", "PREFUN"), ("functions of the machine are not read", "Use SPINDL, COOLNT, LOADTL")),
-    **dict.fromkeys(("MACRO", "CALL", "TERMAC", "JUMPTO", "IF", "LOOPST"), ("macros and jumps are not read", _POST)),
-    **dict.fromkeys(("SPLINE", "NURBS", "POLYN"), ("splines are not read", _POST)),
-}  # fmt: skip
-"""Words that the reader knows and does not take."""
-_FEEDS: Final = {"MMPM": (94, MM), "IPM": (94, INCH), "MMPR": (95, MM), "IPR": (95, INCH), "PERMIN": (94, 0.0),
-                 "PERREV": (95, 0.0)}  # fmt: skip
-_COOLANT: Final = {"ON": 8, "FLOOD": 8, "MIST": 7, "OFF": 9}
 _AXIS_OFF: Final = 1e-9
 
 
@@ -197,7 +175,7 @@ class _Run:
         elif major in ("CUTCOM", "CYCLE"):
             if part.words()[:1] != ["OFF"]:
                 what = "cutter radius compensation is" if major == "CUTCOM" else "machining cycles are"
-                raise self._fault(part, f"{what} not read: {major}", hint=_POST)
+                raise self._fault(part, f"{what} not read: {major}", hint=POST)
         elif major == "MSYS":
             self._system(part)
         elif major and major not in CARRIED:
@@ -305,9 +283,9 @@ class _Run:
         self._allow(part, ("TIMES", "ANGLE"))
         axis = [argument.value or 0.0 for argument in numbers[3:6]]
         if sorted(abs(value) for value in axis)[:2] != [0.0, 0.0] or abs(math.hypot(*axis) - 1.0) > 1e-6:
-            raise self._fault(part, "an arc about a slanted axis is not read", numbers[3], _POST)
+            raise self._fault(part, "an arc about a slanted axis is not read", numbers[3], POST)
         if "TIMES" in part.words():
-            raise self._fault(part, "an arc of several turns is not read", None, _POST)
+            raise self._fault(part, "an arc of several turns is not read", None, POST)
         self._arc = part
         places = [*numbers[:3], numbers[6]]
         return [Word(letter, a.value or 0.0, a.start, a.end) for letter, a in zip("IJKR", places, strict=True)]
@@ -345,12 +323,12 @@ class _Run:
         self._unit_m = self._feed_unit_m = MM if words == ["MM"] else INCH
 
     def _feedrate(self, part: Statement) -> list[Word]:
-        self._allow(part, tuple(_FEEDS))
+        self._allow(part, tuple(FEEDS))
         numbers, words = part.numbers(), part.words()
         if len(numbers) != 1 or len(words) > 1 or not 0.0 <= (numbers[0].value or 0.0) <= 1e6:
             raise self._fault(part, "FEDRAT needs one number from 0 to 1e6 and its unit",
-                              hint="FEDRAT/1500,MMPM; units: " + " ".join(_FEEDS))  # fmt: skip
-        self._mode, unit_m = _FEEDS[words[0]] if words else (94, 0.0)
+                              hint="FEDRAT/1500,MMPM; units: " + " ".join(FEEDS))  # fmt: skip
+        self._mode, unit_m = FEEDS[words[0]] if words else (94, 0.0)
         self._feed_unit_m = unit_m or self._unit_m
         self._feed, self._rapid = numbers[0].value, False
         return [Word("F", numbers[0].value or 0.0, numbers[0].start, numbers[0].end)]
@@ -371,10 +349,10 @@ class _Run:
             self._turns = turns
             out.append(("M", {0: 5, 1: 3, -1: 4}[turns]))
         elif part.major == "COOLNT":
-            self._allow(part, tuple(_COOLANT))
+            self._allow(part, tuple(COOLANT))
             if len(words) != 1 or numbers:
-                raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(_COOLANT))
-            out.append(("M", _COOLANT[words[0]]))
+                raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(COOLANT))
+            out.append(("M", COOLANT[words[0]]))
         elif part.major == "LOADTL":
             self._allow(part, ("ADJUST", "LENGTH", "OSETNO", "ZOFF"))
             if value is None or value != int(value) or not 0 <= value <= 99_999:
