@@ -135,3 +135,11 @@ def test_circle_axes_are_right_handed() -> None:
     for normal in np.concatenate([np.eye(3), -np.eye(3)]):
         axes = Circle(np.zeros(3), normal, R).axes
         assert np.cross(axes[0], axes[1]) == pytest.approx(normal)
+
+
+def test_a_straight_line_far_off_is_straight() -> None:
+    """A metre aside, rounding is all that is left of the spread."""
+    x = np.linspace(0.0, 20.0 * MM, 200)
+    y = 1.0 + 2e-16 * np.resize([0.0, 1.0, 0.0], 200)
+    assert parallel_lines(x, y) <= 1e-15
+    assert narrowest_cylinder(x, np.column_stack([y, y])) <= 1e-15

@@ -95,7 +95,7 @@ def parallel_lines(x: Float, y: Float) -> float:
     spread = float(np.ptp(y))
     if spread == 0.0:
         return 0.0
-    u, w = x / float(np.ptp(x)), y / spread
+    u, w = x / float(np.ptp(x)), (y - y.min()) / spread  # a place far off would drown the spread in rounding
     chosen = _hull(np.column_stack([u, w]))
     u, w = u[chosen], w[chosen]
     one = np.ones(len(u))
@@ -121,7 +121,7 @@ def narrowest_cylinder(x: Float, across_m: Float) -> float:
     spread = float(np.ptp(across_m, axis=0).max())
     if spread == 0.0:
         return 0.0
-    u, w = x / float(np.ptp(x)), across_m / spread
+    u, w = x / float(np.ptp(x)), (across_m - across_m.min(axis=0)) / spread
     chosen = _hull(np.column_stack([u, w]))
     u, w = u[chosen], w[chosen]
     n = len(u)
