@@ -43,7 +43,9 @@ CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
 SOURCES = ROOT / "src" / "counterflex"
 
 RETIRED = Path(__file__).with_name("retired_words.toml")
-_INNER = re.compile(r"kernel|gcode/(read|write|sinumerik)/(?!reader|writer|arc_fit|arc_pieces|written_line|parameter_file)")
+_INNER = re.compile(
+    r"kernel|gcode/(read|write|sinumerik)/(?!reader|writer|arc_fit|arc_pieces|written_line|parameter_file)"
+)
 _NUMERIC = re.compile(r"\b(?:float|Float|Float32)\b")
 _OTHER = re.compile(r"\b(?:str|dict|Mapping|Callable|Iterator|Arithmetic)\b")
 _FRAME = re.compile(r"^(Ts|Rs|T|R|ps|p|w|C|J)_[a-z][a-z0-9]*(?:_[a-z0-9_]+)?$")
