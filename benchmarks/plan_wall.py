@@ -31,7 +31,8 @@ from counterflex.app.inputs import read_job
 from counterflex.app.placement import placement
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.strategy.advice import Operation, advise, shown
+from counterflex.app.strategy.advice import Operation, advise
+from counterflex.app.strategy.advice_table import shown
 from counterflex.core import atomic
 from counterflex.core.errors import SimulationError
 from counterflex.files.cell.cell import Cell, read_cell

@@ -28,7 +28,8 @@ import numpy as np
 from counterflex.app.inputs import read_job
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.strategy.advice import Operation, advise, shown
+from counterflex.app.strategy.advice import Operation, advise
+from counterflex.app.strategy.advice_table import shown
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.core.units import MM

@@ -91,10 +91,11 @@ def strategy(
     Example: `counterflex plan strategy --cell cell.toml --ae-mm 0.5:6 --ap-mm 5 --fz-mm 0.02:0.06 --rpm 13000`
     """
     from counterflex.app.inputs import Reading
-    from counterflex.app.strategy import advice as job
+    from counterflex.app.strategy import advice_table
+    from counterflex.app.strategy.advice import Operation
 
     point = arguments.numbers(at, "--at-mm", 3)
-    operation = job.Operation(
+    operation = Operation(
         tool=tool,
         ae_m=_scaled(ae, "--ae-mm", MM),
         ap_m=_scaled(ap, "--ap-mm", MM),
@@ -111,7 +112,9 @@ def strategy(
     )
     reading = Reading(dialect, parameters, complete=not without_end)
     with progress_bar("strategy" if program is None else f"strategy for {program.name}") as progress:
-        answer = job.run(cell, program, operation, assume_class=assume_class, reading=reading, progress=progress)
+        answer = advice_table.run(
+            cell, program, operation, assume_class=assume_class, reading=reading, progress=progress
+        )
     if as_json:
         print_json(answer)
     else:
