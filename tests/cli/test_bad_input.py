@@ -570,6 +570,6 @@ def test_a_fault_of_the_program_itself_is_not_hidden(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(gcode_reader, "_text", broken)
+    monkeypatch.setattr(gcode_reader, "read_text", broken)
     with pytest.raises(ZeroDivisionError):
         counterflex("path", "part.ngc")
