@@ -53,8 +53,9 @@ def test_importing_the_package_loads_nothing() -> None:
 
 
 def test_unknown_names_are_said() -> None:
+    name = "milling"
     with pytest.raises(AttributeError, match="no attribute 'milling'"):
-        getattr(cf, "milling" + "")
+        getattr(cf, name)
 
 
 def test_a_compensation_has_the_table_of_its_plan_file(plan: Any, folder: Path) -> None:

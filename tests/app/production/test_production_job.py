@@ -206,6 +206,10 @@ def test_files_that_do_not_belong_together_are_refused(shop: Shop, tmp_path: Pat
     refused("no such set of constants", settings={"constants": "some"})
     refused("out of range", settings={"wear_limit": 9.0})
     refused("has no such setting", settings={"wear": 0.1})
+    there = tmp_path / "there.toml"
+    there.write_text("mine", encoding="utf-8")
+    refused("already there", apply=there)
+    assert there.read_text(encoding="utf-8") == "mine"
     refused("cell file itself is not overwritten", apply=CELL)
     text = CELL.read_text(encoding="utf-8").replace("box_max_mm = [40, 30, 40]", "box_max_mm = [40, 30, 30]")
     lower = tmp_path / "lower.toml"

@@ -10,12 +10,11 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.correction.causes import changes_of
 from counterflex.app.correction.result import Corrected
-from counterflex.core import atomic
-from counterflex.core.errors import CounterflexError, InputError, ModelError
+from counterflex.core.errors import ModelError
 from counterflex.evaluate.path_error.estimate import EVIDENCE
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
-from counterflex.files.cell.update import check_update, updated_text
+from counterflex.files.cell.update import require_new, updated_text, write_new
 
 RECIPE: Final = "correct"
 _SI: Final = {"relative": "", "m": "m", "rad": "rad"}
@@ -38,10 +37,7 @@ def apply_constants(result: Corrected, cell: Cell, target: Path, scans: list[Pat
             cell file.
         ModelError: No explanation is likelier than none, or the new cell is no possible one.
     """
-    if target.resolve() == cell.path.resolve():
-        raise InputError("the cell file itself is not overwritten", where="--apply", value=target)
-    if target.exists():
-        raise InputError("this file is already there", where="--apply", value=target, hint="Name a new cell file")
+    require_new(target, cell.path)
     best = result.explained[0]
     if best.log_evidence < EVIDENCE:
         raise ModelError(
@@ -70,19 +66,7 @@ def apply_constants(result: Corrected, cell: Cell, target: Path, scans: list[Pat
         ),
     )
     text = updated_text(cell, changes, entry, target.parent)
-    trial = target.parent / f".{target.name}.trial.toml"
-    try:
-        check_update(text, trial)
-    except CounterflexError as fault:
-        raise ModelError(
-            "what the part explains makes no possible cell",
-            where=target.name,
-            value=str(fault).replace(str(trial), target.name),
-            hint="Nothing was written",
-        ) from fault
-    finally:
-        trial.unlink(missing_ok=True)
-    atomic.write_text(target, text)
+    write_new(text, target, "what the part explains")
     return {"explanation": best.name, "cell": target.name}
 
 

@@ -7,10 +7,9 @@ from typing import Any
 
 from counterflex import __version__
 from counterflex.app.production.result import Produced
-from counterflex.core import atomic
-from counterflex.core.errors import CounterflexError, InputError, ModelError
+from counterflex.core.errors import ModelError
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
-from counterflex.files.cell.update import check_update, updated_text
+from counterflex.files.cell.update import require_new, updated_text, write_new
 from counterflex.files.identification_file import parameter_rows
 from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.recipe import Identification
@@ -29,11 +28,10 @@ def apply_constants(p: Produced, identification: Identification, target: Path, d
         What was taken over, plain values.
 
     Raises:
-        InputError: The target is the cell file itself.
+        InputError: The target is the cell file or any file that is there.
         ModelError: Nothing is proposed, or the new cell is no possible one.
     """
-    if target.resolve() == p.cell.path.resolve():
-        raise InputError("the cell file itself is not overwritten", where="--apply", value=target)
+    require_new(target, p.cell.path)
     mean, before = p.estimate.held_out.mean()
     if not p.is_proposed:
         raise ModelError(
@@ -61,17 +59,5 @@ def apply_constants(p: Produced, identification: Identification, target: Path, d
         ),
     )
     text = updated_text(p.cell, identification.changes, entry, target.parent)
-    trial = target.parent / f".{target.name}.trial.toml"
-    try:
-        check_update(text, trial)
-    except CounterflexError as fault:
-        raise ModelError(
-            "what the runs show makes no possible cell",
-            where=target.name,
-            value=str(fault).replace(str(trial), target.name),
-            hint="Nothing was written",
-        ) from fault
-    finally:
-        trial.unlink(missing_ok=True)
-    atomic.write_text(target, text)
+    write_new(text, target, "what the runs show")
     return {"cell": target.name, "constants": p.estimate.level}

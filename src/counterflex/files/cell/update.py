@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 import tomlkit
 
+from counterflex.core import atomic
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import CounterflexError, InputError, ModelError
 from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.files.cell.cell import Cell, read_cell
@@ -74,6 +75,48 @@ def check_update(text: str, path: Path) -> Cell:
     """
     path.write_text(text, encoding="utf-8", newline="\n")
     return read_cell(path)
+
+
+def require_new(target: Path, template: Path) -> None:
+    """Refuse to write over a file.
+
+    Args:
+        target: New cell file.
+        template: Cell file that it is made from.
+
+    Raises:
+        InputError: The target is the template, or any file that is there.
+    """
+    if target.resolve() == template.resolve():
+        raise InputError("the cell file itself is not overwritten", where="--apply", value=target)
+    if target.exists():
+        raise InputError("this file is already there", where="--apply", value=target, hint="Name a new cell file")
+
+
+def write_new(text: str, target: Path, what: str) -> None:
+    """Write a cell file that was read back from a trial beside it.
+
+    Args:
+        text: Of the cell file.
+        target: Its place.
+        what: What the text says, for the error.
+
+    Raises:
+        ModelError: It is no possible cell; nothing is written.
+    """
+    trial = target.parent / f".{target.name}.trial.toml"
+    try:
+        check_update(text, trial)
+    except CounterflexError as fault:
+        raise ModelError(
+            f"{what} makes no possible cell",
+            where=target.name,
+            value=str(fault).replace(str(trial), target.name),
+            hint="Nothing was written",
+        ) from fault
+    finally:
+        trial.unlink(missing_ok=True)
+    atomic.write_text(target, text)
 
 
 def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
