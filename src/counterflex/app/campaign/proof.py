@@ -12,8 +12,9 @@ import numpy as np
 from counterflex.app.campaign.axes import CHOSEN, PRESENT, branch_and_rotation
 from counterflex.app.campaign.parameter_errors import parameter_errors
 from counterflex.app.compensation.compensate import compensate
+from counterflex.app.compensation.feed_limits import limited_feed
 from counterflex.app.compensation.languages import own_language, write
-from counterflex.app.inputs import in_working_plane, read_job
+from counterflex.app.inputs import faults_in, in_working_plane, read_job, setting_of
 from counterflex.app.posture import posture_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
@@ -97,7 +98,10 @@ def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str
     cell = in_working_plane(program, read_cell(cell_file))
     job = read_job(program, cell)
     setting = exact_setting(job, cell, read_truth(truth_file))
-    plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
+    with faults_in(job):
+        limited = limited_feed(job, cell, setting_of(cell, part_may_be_held=True))
+        path = job.path if limited is None else limited.path
+        plan = make_plan(path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
     for name, text in write(job, plan, cell, own_language(job.program))[0].items():
         atomic.write_bytes(Path(folder) / name, text.encode(job.program.encoding, errors="replace"))
     return {}
