@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import counterflex
 from counterflex.core.jit import compile_stated, kernel
 
 HEARING = """
@@ -38,9 +39,13 @@ event.register("numba:compile", Heard())
 """Beginning of a program: ``begun`` lists the kernels that it compiles."""
 
 
-def started(text: str, cache: Path | None = None) -> subprocess.Popen[str]:
-    """A Python program that begins with :data:`HEARING`; ``cache``: an empty one, or None for that of the computer."""
+def started(text: str, cache: Path | None = None, installed: Path | None = None) -> subprocess.Popen[str]:
+    """A Python program that begins with :data:`HEARING`.
+
+    ``cache``: an empty one, or None for that of the computer. ``installed``: folder that holds the package.
+    """
     own = {} if cache is None else {"COUNTERFLEX_CACHE": str(cache)}
+    own |= {} if installed is None else {"PYTHONPATH": str(installed)}
     words = [sys.executable, "-c", HEARING + textwrap.dedent(text)]
     return subprocess.Popen(words, env=os.environ | own, stdout=subprocess.PIPE, text=True)
 
@@ -83,6 +88,23 @@ def test_processes_that_need_the_same_kernel_compile_it_once(tmp_path: Path) -> 
     """
     both = [started(text, tmp_path) for _ in range(2)]
     assert sorted(printed(one) for one in both) == [[""], ["oscillator"]]
+
+
+def test_a_second_installation_reads_what_the_first_has_compiled(tmp_path: Path) -> None:
+    """Another checkout, environment or copy with the same sources: its kernels are the same."""
+    text = """
+        import counterflex
+        from counterflex.plan.cut_kernel import oscillator
+        oscillator(0.0, 1.0, 0.1)
+        print(counterflex.__file__)
+        print(*begun)
+    """
+    package = tmp_path / "second" / "counterflex"
+    package.parent.mkdir()
+    package.symlink_to(Path(counterflex.__file__).parent)
+    cache = tmp_path / "cache"
+    assert printed(started(text, cache)) == [counterflex.__file__, "oscillator"]
+    assert printed(started(text, cache, package.parent)) == [str(package / "__init__.py"), ""]
 
 
 def test_no_kernel_of_a_session_is_left_to_be_compiled_in_a_cycle() -> None:

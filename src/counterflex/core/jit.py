@@ -26,7 +26,7 @@ from typing import Any, Final, TypeVar, cast
 
 import numba
 import numpy as np
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
@@ -151,8 +151,27 @@ def _alone(file: Path) -> Iterator[None]:
         yield
 
 
+class _BySources(UserProvidedCacheLocator):  # type: ignore[misc]
+    """Place of a function's compiled code: the folder named after its sources, wherever these are installed.
+
+    Numba adds a folder named after the path of the source file: a second installation would compile everything again.
+    """
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:  # noqa: ARG003
+        return ""
+
+
+class _Code(CompileResultCacheImpl):  # type: ignore[misc]
+    """How compiled code is written and read: Numba's way, in that place."""
+
+    _locator_classes: Final = (_BySources, *CompileResultCacheImpl._locator_classes)
+
+
 class _SharedCache(FunctionCache):  # type: ignore[misc]
     """Numba's cache of one function, asked again when no other process is compiling that function any more."""
+
+    _impl_class = _Code
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
