@@ -62,11 +62,15 @@ def fingerprint(*files: str | Path, **facts: Any) -> Mark:
 
 @cache
 def program_files() -> Mark:
-    """SHA-256, 16 hexadecimal digits, of the files of every room of this package that computes, tables included."""
+    """SHA-256, 16 hexadecimal digits, of the files of every room of this package that computes, tables included.
+
+    Hidden files do not count: editors and unfinished copies leave them.
+    """
     rooms: dict[str, Any] = {}
     for file in sorted(_ROOT.rglob("*")):
         place = file.relative_to(_ROOT)
-        if file.is_file() and "__pycache__" not in place.parts and place.parts[0] not in _SHOW:
+        hidden = any(part.startswith(".") or part == "__pycache__" for part in place.parts)
+        if not hidden and file.is_file() and place.parts[0] not in _SHOW:
             room = f"code of {place.parts[0]}" if len(place.parts) > 1 else "code"
             rooms.setdefault(room, hashlib.sha256()).update(place.as_posix().encode() + b"\n" + file.read_bytes())
     return tuple((room, digest.hexdigest()[:16]) for room, digest in sorted(rooms.items()))
