@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.robot_programs import held_as_programmed, krl_cell
+from counterflex.app.robot_programs import held_as_programmed, robot_cell
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, ProgramError
@@ -28,7 +28,7 @@ from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.limits import BY_ENDING
 from counterflex.programs.motion_rows import single_straight
-from counterflex.programs.program import KRL_DIALECT, Program
+from counterflex.programs.program import KRL_DIALECT, RAPID_DIALECT, ROBOT_DIALECTS, Program
 from counterflex.programs.reading import dialect_of, read_program_file
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
@@ -93,8 +93,9 @@ class Reading:
             ProgramError: It cannot be read exactly.
             FileFormatError: The parameter file cannot be used.
         """
-        if cell is not None and dialect_of(file, self.dialect) == KRL_DIALECT:
-            return read_program_file(file, dialect=self.dialect, complete=self.complete, cell=krl_cell(cell))
+        language = dialect_of(file, self.dialect)
+        if cell is not None and language in ROBOT_DIALECTS:
+            return read_program_file(file, dialect=language, complete=self.complete, cell=robot_cell(cell, language))
         machine = MillingMachine(known=False) if self.parameters is None else read_parameter_file(self.parameters)
         return read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
 
@@ -271,6 +272,8 @@ def _check_tools(program: Program, cell: Cell) -> None:
                 if motion.tool
                 else "Say which tool it is: tools.tool_data, or a statement of tool_change in [controller.spindle.krl]"
                 if program.dialect == KRL_DIALECT
+                else "Say which tool it is: tools.tooldata, or a statement of tool_change in [controller.spindle.rapid]"
+                if program.dialect == RAPID_DIALECT
                 else "Select a tool before the first cut: M6 T...",
             )
 

@@ -13,10 +13,12 @@ from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import tool_orientation
-from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.krl.read.data_list import data_file_of
 from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.program import Program
+from counterflex.programs.program import KRL_DIALECT, Program
+from counterflex.programs.rapid.read.frames import RapidCell
+from counterflex.programs.reading import RobotCell
+from counterflex.programs.robot_text.program import RobotProgram
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6
@@ -56,6 +58,35 @@ def krl_cell(cell: Cell) -> KrlCell:
     )
 
 
+def rapid_cell(cell: Cell) -> RapidCell:
+    """What a RAPID program is held against."""
+    tools = cell.tables.tools
+    return RapidCell(
+        where=str(cell.path),
+        tools=[tool.number for tool in tools],
+        tool_of_data={tool.tooldata.upper(): tool.number for tool in tools if tool.tooldata is not None},
+        work_object=cell.tables.controller.work_object or "",
+        T_flange_tcp=cell.controller_chain.T_flange_tcp,
+        T_base_part=np.eye(4) if cell.holds_part else replace(cell, R_part_plane=None).T_base_part,
+        T_base_tcp=cell.T_base_tcp if cell.holds_part else None,
+        functions=cell.machine_functions("rapid"),
+        external_axes={int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
+    )
+
+
+def robot_cell(cell: Cell, dialect: str) -> RobotCell:
+    """What a robot program in a language is held against.
+
+    Args:
+        cell: The cell.
+        dialect: One of :data:`~counterflex.programs.program.ROBOT_DIALECTS`.
+
+    Raises:
+        InputError: As :func:`krl_cell`.
+    """
+    return krl_cell(cell) if dialect == KRL_DIALECT else rapid_cell(cell)
+
+
 def held_as_programmed(program: Program, cell: Cell) -> Cell:
     """The cell with the rotation about the tool axis that a robot program states; others leave it as it is.
 
@@ -66,7 +97,7 @@ def held_as_programmed(program: Program, cell: Cell) -> Cell:
     Raises:
         ProgramError: The program turns the tool about its axis in one place.
     """
-    if not isinstance(program, KrlProgram) or program.Rs_part_tcp is None:
+    if not isinstance(program, RobotProgram) or program.Rs_part_tcp is None:
         return cell
     R = program.Rs_part_tcp
     R = R if cell.R_part_plane is None else cell.R_part_plane.T @ R
@@ -90,7 +121,7 @@ def rotation_about_tool(Rs_part_tcp: Float) -> Float:
     return out
 
 
-def _turning(program: KrlProgram, cell: Cell, angle_deg: Float) -> dict[str, object]:
+def _turning(program: RobotProgram, cell: Cell, angle_deg: Float) -> dict[str, object]:
     """Tables of a rotation that changes along the program, linear between the targets."""
     ends = np.array([motion.p_end for motion in program.motions])
     way = np.cumsum(np.linalg.norm(np.diff(ends, axis=0, prepend=ends[:1]), axis=1))

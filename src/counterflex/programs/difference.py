@@ -13,8 +13,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_MIN, UM
 from counterflex.geometry import rotation
-from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.program import Motion, Program
+from counterflex.programs.robot_text.program import RobotProgram
 
 _LARGEST: Final = 100_000_000
 """Most pairs of motions that are compared between two rapids."""
@@ -195,7 +195,7 @@ def _off_path(motion: Motion, points: Float) -> float:
 
 
 def _turn(before: Program, after: Program, i: int, j: int) -> Float:
-    if isinstance(before, KrlProgram) and isinstance(after, KrlProgram):
+    if isinstance(before, RobotProgram) and isinstance(after, RobotProgram):
         if before.Rs_part_tcp is None or after.Rs_part_tcp is None:
             return np.zeros(3)
         return rotation.log(after.Rs_part_tcp[j] @ before.Rs_part_tcp[i].T)

@@ -44,9 +44,8 @@ class _Signs:
     likely: tuple[str, ...] = ()
 
 
-def _robot(name: str, write: str = "") -> str:
-    out = f"Give the G-code that it was made from, or post the tool path as G-code. {name} is not read"
-    return f"{out}; --as {write} writes it" if write else out
+def _robot(name: str) -> str:
+    return f"Give the G-code that it was made from, or post the tool path as G-code. {name} is not read"
 
 
 _LANGUAGES: Final = (
@@ -71,7 +70,7 @@ _LANGUAGES: Final = (
     ),
     _Signs(
         "ABB RAPID",
-        _robot("RAPID", "rapid"),
+        "RAPID is read by its suffix: name the file NAME.mod",
         (
             r"^%%%",
             r"^MODULE\s+\w+",

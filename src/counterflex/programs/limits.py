@@ -34,7 +34,7 @@ class Limits:
     source: str
 
 
-ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "apt", "krl"]
+ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "apt", "krl", "rapid"]
 DIALECTS: Final[tuple[ProgramDialect, ...]] = get_args(ProgramDialect)
 """Languages of programs that can be read; the first is taken where none is named: that of the file's ending."""
 BY_ENDING: Final = DIALECTS[0]
@@ -42,6 +42,7 @@ ENDINGS: Final[dict[str, tuple[str, ...]]] = {
     "sinumerik": (".mpf", ".spf"),
     "apt": (".apt", ".cls", ".cl"),
     "krl": (".src",),
+    "rapid": (".mod", ".modx", ".prg"),
 }
 """Endings of the files of each language, lower case, the usual one first; any other file is ``linuxcnc``."""
 

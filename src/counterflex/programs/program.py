@@ -18,6 +18,11 @@ TOOL_VECTOR: Final = 435
 
 KRL_DIALECT: Final = "krl"
 """Dialect of a program in KUKA KRL, see :class:`counterflex.programs.krl.program.KrlProgram`."""
+RAPID_DIALECT: Final = "rapid"
+"""Dialect of a program in ABB RAPID, see :class:`counterflex.programs.rapid.program.RapidProgram`."""
+ROBOT_DIALECTS: Final = (KRL_DIALECT, RAPID_DIALECT)
+"""Dialects of programs that state the orientation of the tool, see
+:class:`counterflex.programs.robot_text.program.RobotProgram`."""
 
 MotionKind = Literal["rapid", "feed", "arc", "dwell"]
 
@@ -152,7 +157,7 @@ class Program:
 
     Attributes:
         name: File name.
-        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`, or :data:`KRL_DIALECT`.
+        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`.
         lines: The source, without line ends.
         newline: Line end of the source.
         blocks: Executed blocks in order (comment and empty lines included where they are passed).

@@ -18,15 +18,21 @@ from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.limits import BY_ENDING, DIALECTS, ENDINGS
 from counterflex.programs.program import Program
+from counterflex.programs.rapid.read.frames import RapidCell
 
 LINUXCNC: Final = "linuxcnc"
+RobotCell = KrlCell | RapidCell
+"""What a robot program is held against: of the language that it is in."""
 _READERS: Final[dict[str, str]] = {
     LINUXCNC: "counterflex.programs.gcode.read.reader:read_gcode_file",
     "sinumerik": "counterflex.programs.gcode.sinumerik.reader:read_sinumerik_file",
     "apt": "counterflex.programs.apt.reader:read_apt_file",
 }
 """``module:function`` of each language; the function takes the file and, by name, ``machine`` and ``complete``."""
-_ROBOT_READERS: Final[dict[str, str]] = {"krl": "counterflex.programs.krl.read.reader:read_krl_file"}
+_ROBOT_READERS: Final[dict[str, str]] = {
+    "krl": "counterflex.programs.krl.read.reader:read_krl_file",
+    "rapid": "counterflex.programs.rapid.read.reader:read_rapid_file",
+}
 """The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
 
 
@@ -55,7 +61,7 @@ def read_program_file(
     dialect: str = BY_ENDING,
     machine: MillingMachine = COORDINATES_OF_THE_PART,
     complete: bool = True,
-    cell: KrlCell | None = None,
+    cell: RobotCell | None = None,
 ) -> Program:
     """Read a program in the language it is written in.
 

@@ -31,7 +31,9 @@ from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.krl.in_place import write_krl_in_place
 from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
-from counterflex.programs.program import KRL_DIALECT, Program
+from counterflex.programs.program import ROBOT_DIALECTS, Program
+from counterflex.programs.rapid.in_place import write_rapid_in_place
+from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import Dialect
 from counterflex.programs.rotary.poses import commanded_words
@@ -150,15 +152,14 @@ def _gcode(order: WritingOrder) -> Written:
 
 def own_language(program: Program) -> str:
     """Name of the language that a program is written in: what it is written back in unless another one is asked for."""
-    return "krl" if program.dialect == KRL_DIALECT else "gcode"
+    return program.dialect if program.dialect in ROBOT_DIALECTS else "gcode"
 
 
-def _krl_in_place(order: WritingOrder, program: KrlProgram) -> Written:
+def _in_place(write: Callable[..., Any], order: WritingOrder) -> Written:
     correction, rotvec = order.corrections
-    commanded = CompensatedPath.from_correction(order.job.sampled, correction, rotvec)
-    text = write_krl_in_place(
-        program,
-        commanded,
+    text = write(
+        order.job.program,
+        CompensatedPath.from_correction(order.job.sampled, correction, rotvec),
         tolerance_m=order.tolerance_m,
         cycle_s=order.cell.tables.controller.cycle_s,
         cell=order.cell.label,
@@ -169,7 +170,7 @@ def _krl_in_place(order: WritingOrder, program: KrlProgram) -> Written:
 
 def _krl(order: WritingOrder) -> Written:
     if isinstance(order.job.program, KrlProgram):
-        return _krl_in_place(order, order.job.program)
+        return _in_place(write_krl_in_place, order)
     job, plan, cell = order.job, order.plan, order.cell
     controller, data = cell.tables.controller, tool_data(order.job, order.cell, "krl")
     settings = KrlSettings(
@@ -196,6 +197,8 @@ def held_axes(cell: Cell) -> dict[int, float]:
 
 
 def _rapid(order: WritingOrder) -> Written:
+    if isinstance(order.job.program, RapidProgram):
+        return _in_place(write_rapid_in_place, order)
     job, plan, cell = order.job, order.plan, order.cell
     controller = cell.tables.controller
     mass, com = _payload(cell)

@@ -12,9 +12,9 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.programs.gcode.read.motion import UNKNOWN_PLACE
-from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.limits import RESERVED
 from counterflex.programs.program import Program
+from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.machine_functions import Dialect
 from counterflex.programs.robot_writer.parts import changes_tool
@@ -46,13 +46,13 @@ def _refuse_unmapped(program: Program, cell: Cell) -> None:
     Raises:
         ProgramError: There is one.
     """
-    if isinstance(program, KrlProgram) and program.acting:
+    if isinstance(program, RobotProgram) and program.acting:
         line = program.acting[0]
         raise ProgramError(
             "this acts on the cell, and the cell file does not say what it is in another language",
             where=f"{Path(program.name).name}:{line}",
             value=program.lines[line - 1].strip()[:60],
-            limit=f"statements of [controller.spindle.krl] in {cell.path}",
+            limit=f"statements of [controller.spindle.{program.dialect}] in {cell.path}",
             hint=f"Give it an M-code there (m_codes); {len(program.acting)} lines in all. In its own language it stays",
         )
 

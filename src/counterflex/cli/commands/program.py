@@ -18,7 +18,9 @@ from counterflex.programs.limits import BY_ENDING, DIALECTS
 Program = Annotated[
     Path,
     typer.Argument(
-        help="G-code, Sinumerik (.mpf), APT (.apt) or KRL (.src).", metavar="PROGRAM", callback=arguments.file
+        help="G-code, Sinumerik (.mpf), APT (.apt), KRL (.src) or RAPID (.mod).",
+        metavar="PROGRAM",
+        callback=arguments.file,
     ),
 ]
 CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)]

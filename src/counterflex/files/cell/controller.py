@@ -137,12 +137,14 @@ def _version(text: str) -> str:
 
 def _name(text: str) -> str:
     if not _NAMED.fullmatch(text):
-        raise ValueError(f"not the name of a signal: {text!r}; expected up to 32 letters, digits and _, a letter first")
+        raise ValueError(
+            f"not the name of a signal or frame: {text!r}; expected up to 32 letters, digits and _, a letter first"
+        )
     return text
 
 
 Version = Annotated[str, AfterValidator(_version)]
-SignalName = Annotated[str, AfterValidator(_name)]
+ControllerName = Annotated[str, AfterValidator(_name)]
 
 
 def rsi_generation(rsi: str | None, kss: str | None) -> int | None:
@@ -190,11 +192,12 @@ class ControllerTable(Table):
     look_ahead_blocks: Annotated[int, Field(ge=1, le=100_000)] | None = None
     tool_number: Annotated[int, Field(ge=1, le=32)] = 1
     base_number: Annotated[int, Field(ge=1, le=64)] = 1
+    work_object: ControllerName | None = None
     rsi_version: Version | None = None
     kss_version: Version | None = None
     correction_output: Annotated[int, Field(ge=1, le=8192)] | None = None
-    correction_signal: SignalName | None = None
-    armed_signal: SignalName | None = None
+    correction_signal: ControllerName | None = None
+    armed_signal: ControllerName | None = None
     spindle: SpindleTable = SpindleTable()
 
     @model_validator(mode="after")

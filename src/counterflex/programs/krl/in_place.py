@@ -15,8 +15,6 @@ from counterflex.core.units import MM, UM
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.krl.chosen_points import fine_rows
-from counterflex.programs.krl.circle_fit import FittedCircle, fitted_circle
 from counterflex.programs.krl.commanded_values import CommandedValues, point_values
 from counterflex.programs.krl.edits import Edits, Values, spelled, target_edits
 from counterflex.programs.krl.program import LETTERS, KrlMotion, KrlProgram, Target
@@ -24,6 +22,8 @@ from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.literals import code_of
 from counterflex.programs.limits import KRL
 from counterflex.programs.motion_rows import MotionRows, feed_factor, motion_rows, written_error
+from counterflex.programs.robot_text.chosen_points import fine_rows
+from counterflex.programs.robot_text.circle_fit import FittedCircle, fitted_circle
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.arrays import Float
-from counterflex.programs.program import Program
+from counterflex.programs.robot_text.program import RobotProgram
 
 LETTERS: Final = "XYZABC"
 
@@ -80,7 +80,7 @@ class KrlMotion:
 
 
 @dataclass(frozen=True, slots=True)
-class KrlProgram(Program):
+class KrlProgram(RobotProgram):
     """A program in KRL.
 
     Attributes:
@@ -88,11 +88,9 @@ class KrlProgram(Program):
         data_name: Its name.
         data_newline: Its line end.
         moves: One for each of ``motions``.
-        Rs_part_tcp: (motions, 3, 3) orientation of the cell's TCP frame at the end of each motion, in the part.
         R_tcp_tool: (3, 3) orientation of the controller's $TOOL in the cell's TCP frame.
         extra: External axes as written, for added points: ``,E1 0.0``; empty where none are written.
         speed_lines: Lines that set the path speed, rising.
-        acting: Lines that act on the cell (outputs, waits for inputs, TRIGGER) and are not in the cell file's table.
         loose_triggers: By line of a motion, the first line of the TRIGGER statements before it that count from its end;
             -1 where one that counts from its start stands behind them.
     """
@@ -101,9 +99,7 @@ class KrlProgram(Program):
     data_name: str = ""
     data_newline: str = "\n"
     moves: tuple[KrlMotion, ...] = ()
-    Rs_part_tcp: Float | None = None
     R_tcp_tool: Float | None = None
     extra: str = ""
     speed_lines: tuple[int, ...] = ()
-    acting: tuple[int, ...] = ()
     loose_triggers: Mapping[int, int] = field(default_factory=dict)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
@@ -12,11 +11,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
+from counterflex.programs.robot_text.frame_limits import SAME_M, SAME_RAD
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-
-SAME_M: Final = 0.01 * MM
-"""Frames whose origins are closer are the same: posts write three decimals."""
-SAME_RAD: Final = 0.005 * DEG
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from counterflex.programs.krl.read.data_list import Named, key_of
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.literals import code_of, number_of
 from counterflex.programs.krl.read.modes import Modes
-from counterflex.programs.krl.read.process_words import ProcessWord, ProcessWords
 from counterflex.programs.krl.read.targets import Targets
 from counterflex.programs.program import Block, Modal, Motion, Word
+from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
 
 _NO_WORDS: Final[tuple[Word, ...]] = ()
 
@@ -56,7 +56,7 @@ class Interpreter(Modes):
         super().__init__(name, lines, named, data_name, cell)
         self.complete = complete
         self.targets = Targets(name, lines, named, data_name, cell)
-        self.process = None if cell is None else ProcessWords(cell.functions)
+        self.process = None if cell is None else ProcessWords(cell.functions, code_of)
         self.moves: list[KrlMotion] = []
         self.rotations: list[Float] = []
         self.loose: dict[int, int] = {}
@@ -103,16 +103,10 @@ class Interpreter(Modes):
         for block in self._blocks:
             yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
 
-    def motions_of(self, axes: Float | None) -> Iterator[Motion]:
-        """The motions; ``axes`` (n, 3) of the tool at their ends are written as I J K."""
-        before = None if axes is None or not len(axes) else axes[0]
-        for index, motion in enumerate(self._motions):
-            if axes is None or before is None:
-                yield motion
-                continue
-            start, end = (tuple(float(value) for value in axis) for axis in (before, axes[index]))
-            yield replace(motion, abc_start=(start[0], start[1], start[2]), abc_end=(end[0], end[1], end[2]))
-            before = axes[index]
+    @property
+    def motions(self) -> Sequence[Motion]:
+        """The motions, without rotary words."""
+        return self._motions
 
     # ---- statements ------------------------------------------------------------------------------------------
 

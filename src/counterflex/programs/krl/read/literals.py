@@ -12,8 +12,8 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.programs.krl.program import LETTERS, Component
+from counterflex.programs.robot_text.process_words import NUMBER
 
-NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?"
 _FULL: Final = re.compile(NUMBER)
 _COMPONENT: Final = re.compile(rf"\s*([A-Za-z_]\w*)\s*(?:({NUMBER})|'([BH]?)([0-9A-Fa-f]+)')\s*")
 _TYPE: Final = re.compile(r"\s*(\w+)\s*:")
@@ -32,13 +32,6 @@ def code_of(line: str) -> str:
         elif character == ";" and not quoted:
             return line[:index]
     return line
-
-
-def normal(code: str) -> str:
-    """A statement without blanks outside of quotes, in capitals: KRL tells neither apart."""
-    parts = code.split('"')
-    parts[::2] = ["".join(part.split()).upper() for part in parts[::2]]
-    return '"'.join(parts)
 
 
 def number_of(text: str) -> float | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -16,10 +15,8 @@ from counterflex.programs.krl.read.data_list import data_file_of, data_list
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.interpreter import Interpreter
 from counterflex.programs.program import KRL_DIALECT, TOOL_VECTOR
+from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import read_text
-
-UPRIGHT_RAD: Final = 5e-5
-"""A tool within this of z is along z: posts write three decimals of a degree, the tip is where it is commanded."""
 
 
 def read_krl(
@@ -59,15 +56,14 @@ def read_krl(
     interpreter = Interpreter(name, lines, named, data_name if data is not None else "", cell, complete=complete)
     interpreter.run()
     rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
-    axes = -rotations[:, :, 2]
-    tilted = bool(np.any(np.linalg.norm(axes[:, :2], axis=1) > UPRIGHT_RAD) or np.any(axes[:, 2] < 0.0))
+    leans = tilted(rotations)
     return KrlProgram(
         name=name,
         dialect=KRL_DIALECT,
         lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
         newline=line_end(text),
-        blocks=tuple(interpreter.blocks(TOOL_VECTOR if tilted else 0)),
-        motions=tuple(interpreter.motions_of(axes if tilted else None)),
+        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
+        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
         straight=True,
         data=None
         if data is None or data_lines is None

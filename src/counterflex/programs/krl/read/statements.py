@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from counterflex.programs.krl.read.literals import NUMBER
+from counterflex.programs.robot_text.process_words import NUMBER
 
 _I: Final = re.IGNORECASE
 NAME: Final = r"[A-Za-z$]\w*(?:\s*\[\s*\d+\s*\])?"

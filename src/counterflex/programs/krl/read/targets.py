@@ -16,11 +16,11 @@ from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
 from counterflex.programs.krl.program import LETTERS, Component, KrlMotion, Target
 from counterflex.programs.krl.read import statements as form
-from counterflex.programs.krl.read.circle import angle_to, circle, turned
 from counterflex.programs.krl.read.data_list import Named, key_of
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.literals import code_of, components, require_cartesian
 from counterflex.programs.program import Motion, Word
+from counterflex.programs.robot_text.circle import angle_to, circle, turned
 
 _NAME: Final = re.compile(rf"\s*({form.NAME})\s*")
 _OPEN: Final = re.compile(r"\s*(?=\{)")

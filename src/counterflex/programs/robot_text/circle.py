@@ -1,4 +1,4 @@
-"""Circles of KRL: by an auxiliary and an end point, or by the angle CA."""
+"""Circles of robot programs: by an auxiliary and an end point, or by an angle."""
 
 from __future__ import annotations
 

@@ -1,0 +1,119 @@
+"""A RAPID module as read: its motions, and where in the text the numbers of every target and speed stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from counterflex.core.arrays import Float
+from counterflex.programs.robot_text.program import RobotProgram
+
+Span = tuple[int, int]
+"""Index of the first character, and the one behind the last."""
+
+
+@dataclass(frozen=True, slots=True)
+class RapidTarget:
+    """A robtarget in an instruction.
+
+    Attributes:
+        start: Index of the argument in the text.
+        end: Index behind it.
+        name: Of the declared robtarget; empty for one that is written out in the instruction.
+        literal: Where the robtarget itself is written, from bracket to bracket.
+        numbers: Where its x, y, z, q1, q2, q3, q4 stand.
+        position_mm: x, y, z as written.
+        quaternion: q1 to q4 as written.
+        offsets: Where the three numbers of Offs stand; empty where there is none.
+        offsets_mm: Their values.
+        turned: It is displaced by RelTool.
+        shared: Other places use the declared robtarget too.
+    """
+
+    start: int
+    end: int
+    name: str
+    literal: Span
+    numbers: tuple[Span, ...]
+    position_mm: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+    offsets: tuple[Span, ...] = ()
+    offsets_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turned: bool = False
+    shared: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class RapidMotion:
+    """What stands behind a motion of :attr:`RapidProgram.motions` in the text.
+
+    Attributes:
+        line: 1-based line of the instruction.
+        word: ``MoveJ MoveL MoveC``, or ``WaitTime`` of a dwell.
+        call: Index of its call in :attr:`RapidProgram.calls`.
+        start: Index of the instruction.
+        end: Index of its semicolon.
+        R_tcp_tool: (3, 3) orientation of the instruction's tool frame in the cell's TCP frame.
+        target: Its end; None of a dwell.
+        auxiliary: Point on a circle.
+        speed: Where its speed stands, options left out.
+        speed_value: Where the number of the option V stands; None where there is none.
+        zone: Where its zone stands, options included.
+        exact: Its zone is ``fine``.
+        rest: Where what is behind the zone stands: the tool, with its options.
+    """
+
+    line: int
+    word: str
+    call: int
+    start: int
+    end: int
+    R_tcp_tool: Float
+    target: RapidTarget | None = None
+    auxiliary: RapidTarget | None = None
+    speed: Span = (0, 0)
+    speed_value: Span | None = None
+    zone: Span = (0, 0)
+    exact: bool = False
+    rest: Span = (0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class RoutineCall:
+    """One execution of a routine.
+
+    Attributes:
+        routine: Its name as it is declared.
+        start: Index of ``PROC``, or of what stands before it.
+        end: Index behind ENDPROC.
+        name: Where its name stands in the declaration.
+        parent: Index of the call within which it is called; -1 of the first.
+        place: Where its name stands in the statement that calls it.
+        repeated: The routine is executed more than once.
+    """
+
+    routine: str
+    start: int
+    end: int
+    name: Span
+    parent: int
+    place: Span
+    repeated: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class RapidProgram(RobotProgram):
+    """A program in RAPID.
+
+    Attributes:
+        text: The module as read.
+        moves: One for each of ``motions``.
+        calls: Executions of routines, in the order in which they begin; the first is that of the program itself.
+        declarations: Index behind the head of the module, where comments are put.
+        names: Names that the module declares, in capitals.
+    """
+
+    text: str = ""
+    moves: tuple[RapidMotion, ...] = ()
+    calls: tuple[RoutineCall, ...] = ()
+    declarations: int = 0
+    names: frozenset[str] = field(default_factory=frozenset)

@@ -1,0 +1,1 @@
+"""Reading ABB RAPID: modules as CAM posts, RoboDK and RobotStudio write them."""

@@ -1,0 +1,143 @@
+"""Aggregates of RAPID, ``[[1,2,3],[1,0,0,0],...]``, with the place of every number; arguments of an instruction."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.programs.robot_text.process_words import NUMBER
+
+_NUMBER: Final = re.compile(rf"\s*({NUMBER})\s*")
+_WORD: Final = re.compile(r'\s*("(?:[^"\n]|"")*"|[A-Za-z]\w*)\s*')
+_OPTION: Final = re.compile(r"\\\s*([A-Za-z]\w*)\s*(:=)?\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A number of an aggregate: its value and where it stands in the text."""
+
+    value: float
+    start: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class Aggregate:
+    """Values in brackets.
+
+    Attributes:
+        items: Numbers, words (TRUE, names, strings) and aggregates.
+        start: Index of the opening bracket.
+        end: Index behind the closing one.
+    """
+
+    items: tuple[Item | str | Aggregate, ...]
+    start: int
+    end: int
+
+    def numbers(self, counts: Sequence[int] = ()) -> list[Item] | None:
+        """Its numbers, all of them; None where there is anything else, or another count."""
+        out = [item for item in self.items if isinstance(item, Item)]
+        return out if len(out) == len(self.items) and (not counts or len(out) in counts) else None
+
+
+def aggregate(text: str, start: int, end: int) -> Aggregate | None:
+    """The aggregate that begins at an index and ends before another one; None where there is none that is read."""
+    if start >= end or text[start] != "[":
+        return None
+    items: list[Item | str | Aggregate] = []
+    at = start + 1
+    while at < end:
+        while at < end and text[at].isspace():
+            at += 1
+        if at < end and text[at] == "[":
+            inner = aggregate(text, at, end)
+            if inner is None:
+                return None
+            items.append(inner)
+            at = inner.end
+        elif (match := _NUMBER.match(text, at, end)) is not None:
+            items.append(Item(float(match[1]), match.start(1), match.end(1)))
+            at = match.end()
+        elif (match := _WORD.match(text, at, end)) is not None:
+            items.append(match[1])
+            at = match.end()
+        else:
+            return None
+        while at < end and text[at].isspace():
+            at += 1
+        if at >= end:
+            return None
+        if text[at] == "]":
+            return Aggregate(tuple(items), start, at + 1)
+        if text[at] != ",":
+            return None
+        at += 1
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """An argument of an instruction.
+
+    Attributes:
+        text: As written, without blanks around it.
+        start: Index of its first character in the text.
+        end: Index behind its last one.
+        options: By name in capitals: text and place of what stands behind ``:=``; empty text of a switch.
+        behind: Index behind its options.
+    """
+
+    text: str
+    start: int
+    end: int
+    options: dict[str, tuple[str, int, int]]
+    behind: int
+
+
+def arguments(code: str, start: int, end: int) -> list[Argument]:
+    """Arguments between two indices of a text: divided by commas outside of brackets, each with its options."""
+    return [_argument(code, a, b) for a, b in _divided(code, start, end, ",")]
+
+
+def _argument(code: str, start: int, end: int) -> Argument:
+    pieces = list(_divided(code, start, end, "\\"))
+    first, options = pieces[0], {}
+    behind = _trimmed(code, *first)[1]
+    for a, b in pieces[1:]:
+        match = _OPTION.match(code, a - 1, b)
+        place = _trimmed(code, a if match is None else match.end(), b)
+        key = code[a:b].strip().upper() if match is None else match[1].upper()
+        options[key] = (code[place[0] : place[1]], *place)
+        behind = max(behind, place[1], 0 if match is None else match.end(1))
+    a, b = _trimmed(code, *first)
+    return Argument(code[a:b], a, b, options, behind)
+
+
+def _trimmed(code: str, start: int, end: int) -> tuple[int, int]:
+    while start < end and code[start].isspace():
+        start += 1
+    while end > start and code[end - 1].isspace():
+        end -= 1
+    return start, end
+
+
+def _divided(code: str, start: int, end: int, sign: str) -> Iterator[tuple[int, int]]:
+    """Pieces between signs that stand outside of brackets and strings."""
+    depth, quoted, begin = 0, False, start
+    for at in range(start, end):
+        character = code[at]
+        if character == '"':
+            quoted = not quoted
+        elif quoted:
+            continue
+        elif character in "[({":
+            depth += 1
+        elif character in "])}":
+            depth -= 1
+        elif character == sign and depth == 0:
+            yield begin, at
+            begin = at + 1
+    yield begin, end

@@ -1,0 +1,121 @@
+"""Text of a RAPID module as statements, each with its place; comments and the contents of strings do not count."""
+
+from __future__ import annotations
+
+import bisect
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.core.errors import ProgramError
+
+_COMMENT: Final = re.compile(r'"(?:[^"\n]|"")*"|![^\r\n]*|%%%.*?%%%', re.DOTALL)
+_STRING: Final = re.compile(r'"(?:[^"\n]|"")*"')
+_I: Final = re.IGNORECASE
+_SCOPE: Final = r"(?:(?:LOCAL|TASK|GLOBAL)\s+)?"
+_STRUCTURE: Final = re.compile(
+    rf"""MODULE\s+\w+(?:[^\S\r\n]*\([^)]*\))? | ENDMODULE\b
+    | {_SCOPE}(?:PROC|TRAP)\s+\w+(?:\s*\([^)]*\))? | {_SCOPE}FUNC\s+\w+\s+\w+\s*\([^)]*\) | {_SCOPE}RECORD\s+\w+
+    | END(?:PROC|TRAP|FUNC|RECORD|IF|FOR|WHILE|TEST)\b
+    | (?:ELSE)?IF\b[^;]*?\bTHEN\b | ELSE\b | FOR\b[^;]*?\bDO\b | WHILE\b[^;]*?\bDO\b
+    | TEST\b[^;\r\n]* | CASE\b[^;\r\n]*?:(?!=) | DEFAULT\s*:(?!=)
+    | ERROR\b(?:\s*\([^)]*\))?(?!\s*;) | UNDO\b(?!\s*;) | BACKWARD\b(?!\s*;) | \w+\s*:(?!=)""",
+    _I | re.VERBOSE,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """A statement, or a word that opens or closes a part of the program.
+
+    Attributes:
+        start: Index of its first character in the text.
+        end: Index behind its last one; of a statement that ends in a semicolon that of the semicolon.
+        code: The text between, comments as blanks.
+        line: 1-based line of its first character.
+        structure: It opens or closes a part and has no semicolon.
+    """
+
+    start: int
+    end: int
+    code: str
+    line: int
+    structure: bool
+
+    @property
+    def word(self) -> str:
+        """Its first word, in capitals."""
+        match = re.match(r"[\w%]+", self.code)
+        return "" if match is None else match[0].upper()
+
+
+class Source:
+    """Text of a module.
+
+    Args:
+        text: As read.
+        name: Of the file, for errors.
+
+    Attributes:
+        code: The text with comments as blanks, as long as the text.
+    """
+
+    def __init__(self, text: str, name: str) -> None:
+        self.text, self.name = text, name
+        self.code = _COMMENT.sub(_blanked, text)
+        self._bare = _STRING.sub(lambda match: f'"{"x" * (len(match[0]) - 2)}"', self.code)
+        self._ends = [match.start() for match in re.finditer(r"\r\n|\n|\r", text)]
+
+    def line(self, at: int) -> int:
+        """1-based line of an index."""
+        return bisect.bisect_left(self._ends, at) + 1
+
+    def place(self, at: int) -> str:
+        """``name:line:column`` of an index."""
+        line = self.line(at)
+        before = 0 if line == 1 else self._ends[line - 2]
+        while before < len(self.text) and self.text[before] in "\r\n" and before < at:
+            before += 1
+        return f"{self.name}:{line}:{at - before + 1}"
+
+    def statements(self) -> Iterator[Statement]:
+        """Statements in order.
+
+        Raises:
+            ProgramError: One is not closed.
+        """
+        bare, at = self._bare, 0
+        while True:
+            while at < len(bare) and (bare[at].isspace() or bare[at] == ";"):
+                at += 1
+            if at >= len(bare):
+                return
+            match = _STRUCTURE.match(bare, at)
+            if match is not None and match.end() > at:
+                end, structure = match.end(), True
+            else:
+                end, structure = bare.find(";", at), False
+                if end < 0:
+                    raise ProgramError(
+                        "a statement without its semicolon: the file may be cut off",
+                        where=self.place(at), value=self.code[at:].strip().splitlines()[0][:60],
+                        hint="Post the module again",
+                    )  # fmt: skip
+            yield Statement(at, end, self.code[at:end], self.line(at), structure)
+            at = end
+
+
+def _blanked(match: re.Match[str]) -> str:
+    """A comment as blanks, its line ends kept; strings stay."""
+    return match[0] if match[0].startswith('"') else re.sub(r"[^\r\n]", " ", match[0])
+
+
+def statements_of(line: str) -> list[str]:
+    """Statements of a line of the cell file's table, without semicolons."""
+    bare = _STRING.sub(lambda match: "x" * len(match[0]), line)
+    ends = [index for index, character in enumerate(bare) if character == ";"] or [len(line)]
+    parts = [
+        line[start:end].strip() for start, end in zip([0, *(end + 1 for end in ends)], [*ends, len(line)], strict=True)
+    ]
+    return [part for part in parts if part]

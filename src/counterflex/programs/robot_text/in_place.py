@@ -1,0 +1,317 @@
+"""A robot program back with only its targets and speeds changed: what every language does the same way."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.units import MM, UM
+from counterflex.geometry import rotation
+from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
+from counterflex.programs.motion_rows import feed_factor, motion_rows, written_error
+from counterflex.programs.program import Motion
+from counterflex.programs.robot_text.chosen_points import fine_rows
+from counterflex.programs.robot_text.circle_fit import FittedCircle, fitted_circle
+from counterflex.programs.robot_text.program import RobotProgram
+
+SAME_TURN: Final = 1e-9
+
+
+@dataclass
+class Counts:
+    """What became of the program.
+
+    Attributes:
+        split_motions: Motions that were written as several.
+        vertices_added: Points written in addition to those of the source.
+        arcs_kept: Corrected circles still written as one.
+        arcs_as_lines: Corrected circles written as straight moves.
+        speeds_changed: Instructions with another speed than programmed.
+        targets_declared: Targets changed where they are declared.
+        targets_written_out: Targets whose name other places use too, written into the instruction instead.
+        routines_copied: Routines written once more, because another call of them needs other targets.
+    """
+
+    split_motions: int = 0
+    vertices_added: int = 0
+    arcs_kept: int = 0
+    arcs_as_lines: int = 0
+    speeds_changed: int = 0
+    targets_declared: int = 0
+    targets_written_out: int = 0
+    routines_copied: int = 0
+
+
+@dataclass(frozen=True)
+class InPlaceText:
+    """Written files and what became of the program.
+
+    Attributes:
+        files: Text by name.
+        moved_motions: Motions with at least one corrected row.
+        split_motions: As those that follow see :class:`Counts`.
+        vertices_added: See there.
+        arcs_kept: See there.
+        arcs_as_lines: See there.
+        speeds_changed: See there.
+        targets_declared: See there.
+        targets_written_out: See there.
+        routines_copied: See there.
+        tolerance_m: Allowed distance of the written path from the commanded rows, at the same place of the way.
+        resolution_m: Last decimal written.
+        largest_written_error_m: Largest distance of the written path from the commanded rows of feed motions.
+        largest_dwell_error_m: The same during waits, which keep the position of the motion before them.
+        warnings: What the user should know, one sentence each.
+    """
+
+    files: dict[str, str]
+    moved_motions: int
+    split_motions: int
+    vertices_added: int
+    arcs_kept: int
+    arcs_as_lines: int
+    speeds_changed: int
+    targets_declared: int
+    targets_written_out: int
+    routines_copied: int
+    tolerance_m: float
+    resolution_m: float
+    largest_written_error_m: float
+    largest_dwell_error_m: float
+    warnings: tuple[str, ...] = field(default=())
+
+
+class InPlace(ABC):
+    """Walks through the motions of a program and tells a language what to write.
+
+    Where one straight line is not enough, points are added before the target, at least feed times ``cycle_s`` apart. A
+    corrected circle stays a circle where the commanded points lie on one within the tolerance, else it becomes straight
+    moves. Rapids are corrected at their ends only. Where the speed changes, the instruction gets its own.
+
+    Args:
+        program: As read.
+        compensated: Commanded rows for the path sampled from ``program``.
+        tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion.
+        cycle_s: Time the controller needs per point, s.
+        decimal_m: Last decimal of a position, m.
+
+    Attributes:
+        counts: What became of the program.
+        p_here: (3,) m, position that was written last.
+    """
+
+    def __init__(
+        self,
+        program: RobotProgram,
+        compensated: CompensatedPath,
+        *,
+        tolerance_m: float,
+        cycle_s: float,
+        decimal_m: float,
+    ) -> None:
+        turned = compensated.rotvec_part_command
+        rows = motion_rows(program, compensated, tolerance_m, (np.zeros_like(turned), turned))
+        self.changed = bool(rows.moved.any() or np.any(rows.share != 1.0))
+        self.source_program, self.tolerance_m, self.decimal_m = program, tolerance_m, decimal_m
+        self.rows, self.rotvec = fine_rows(rows, compensated, tolerance_m, cycle_s)
+        n = len(self.rows.way)
+        self.written: Float = np.full((n, 3), np.nan)
+        self.checked: Bool = np.zeros(n, dtype=np.bool_)
+        self.counts, self.arc_error_m = Counts(), 0.0
+        self.p_here: Float = np.zeros(3)
+
+    # ---- language --------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def rounded(self, p: Float) -> Float:
+        """(3,) m, a position as it is written."""
+
+    @abstractmethod
+    def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
+        """Write a straight motion to a point before the instruction of a motion.
+
+        Args:
+            index: Of the motion.
+            p: (3,) m.
+            R_part_tcp: (3, 3) orientation of the cell's TCP frame.
+            speed_m_s: Speed to it; None where it is the programmed one.
+            exact: The robot stops there.
+        """
+
+    @abstractmethod
+    def end(self, index: int, p: Float, R_part_tcp: Float | None, speed_m_s: float | None) -> Float:
+        """Give a motion another end; returns it as it is written, (3,) m. Without ``R_part_tcp`` the tool stays."""
+
+    @abstractmethod
+    def circle(self, index: int, fit: FittedCircle) -> None:
+        """Give a circle another auxiliary point."""
+
+    @abstractmethod
+    def straightened(self, index: int) -> None:
+        """Make a straight motion of a circle."""
+
+    @abstractmethod
+    def divided(self, index: int) -> None:
+        """Refuse to add points before a motion where they cannot stand."""
+
+    # ---- motions ---------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Write every motion."""
+        program = self.source_program
+        if len(self.written):
+            self.written[0] = self.rows.nominal[0]
+        for index, motion in enumerate(program.motions):
+            last = int(self.rows.last[index])
+            if motion.kind == "dwell":
+                self._relieve(index)
+            elif motion.kind == "arc":
+                self._arc(index)
+            else:
+                self._straight(index)
+            if last >= 0:
+                self.written[last] = self.p_here
+                self.checked[last] |= motion.kind != "arc"
+
+    def _straight(self, index: int) -> None:
+        motion, rows = self.source_program.motions[index], self.rows
+        first, last = int(rows.first[index]), int(rows.last[index])
+        before = first - 1
+        if motion.kind == "feed" and rows.moved[index] and last > first:
+            before = self._added(index)
+        self._end(index, before)
+        if motion.kind == "feed" and last >= 0:
+            self.checked[first : last + 1] = True
+
+    def _added(self, index: int) -> int:
+        """Points before the end of a motion; the row of the last one."""
+        rows = self.rows
+        first, last = int(rows.first[index]), int(rows.last[index])
+        steps = (np.flatnonzero(rows.vertex[first:last]) + first).tolist()
+        if steps:
+            self.divided(index)
+        before = first - 1
+        for row in steps:
+            p = self.rounded(rows.command[row])
+            self.add(index, p, self.orientation(index, row), self._speed(index, before, row))
+            self.p_here = self.written[row] = p
+            before = row
+        self.counts.vertices_added += len(steps)
+        self.counts.split_motions += bool(steps)
+        return before
+
+    def _end(self, index: int, before: int, fit: FittedCircle | None = None) -> None:
+        """A motion's own target."""
+        motion, last = self.source_program.motions[index], int(self.rows.last[index])
+        p = np.asarray(motion.p_end) if last < 0 else self.rows.command[last]
+        p = p if fit is None else fit.end()
+        turned = last >= 0 and bool(np.any(np.abs(self.rotvec[last]) > SAME_TURN))
+        R = self.orientation(index, last) if turned else None
+        self.p_here = self.end(index, p, R, self._speed(index, before, last))
+
+    def _relieve(self, index: int) -> None:
+        """Before a wait, go to where it is planned; that lies along the tool axis."""
+        rows = self.rows
+        first, last = int(rows.first[index]), int(rows.last[index])
+        if last < 1 or not np.any(rows.command[last] != rows.command[first - 1]):
+            return
+        p = self.rounded(rows.command[last])
+        self.add(index, p, self.orientation(index, last), None, exact=True)
+        self.p_here = p
+        self.counts.vertices_added += 1
+
+    def _arc(self, index: int) -> None:
+        motion, rows = self.source_program.motions[index], self.rows
+        first, last = int(rows.first[index]), int(rows.last[index])
+        if not rows.moved[index] and float(np.linalg.norm(self.p_here - motion.p_start)) <= 0.5 * self.decimal_m:
+            self._end(index, first - 1)
+            return
+        points = np.vstack([self.p_here, rows.command[first : last + 1]])
+        nominal = rows.nominal[first : last + 1]
+        fit = fitted_circle(motion, points, nominal, fixed_turn=False)
+        steady = float(np.ptp(rows.share[first : last + 1])) <= LEAST_FEED_CHANGE
+        if fit is not None and fit.error_m <= self.tolerance_m and steady:
+            self.circle(index, fit)
+            self._end(index, first - 1, fit)
+            self.arc_error_m = max(self.arc_error_m, fit.error_m)
+            self.counts.arcs_kept += 1
+            return
+        before = self._added(index)
+        self.straightened(index)
+        self._end(index, before)
+        self.checked[first : last + 1] = True
+        self.counts.arcs_as_lines += 1
+
+    # ---- values ----------------------------------------------------------------------------------------------
+
+    def orientation(self, index: int, row: int) -> Float:
+        """(3, 3) commanded orientation of the cell's TCP frame at a row of a motion."""
+        rows, Rs = self.rows, self.source_program.Rs_part_tcp
+        if Rs is None:
+            raise ValueError("a program without orientations")
+        first, last = int(rows.first[index]), int(rows.last[index])
+        length = rows.along[last] - rows.along[first - 1]
+        share = (rows.along[row] - rows.along[first - 1]) / length if length > 0.0 else 1.0
+        end: Float = Rs[index]
+        if share < 1.0 and index > 0:
+            start = Rs[index - 1]
+            end = start @ rotation.exp(float(share) * rotation.log(start.T @ end))
+        out: Float = rotation.exp(self.rotvec[row]) @ end
+        return out
+
+    def _speed(self, index: int, before: int, row: int) -> float | None:
+        """Speed for the piece that ends at a row, m/s; None where it is the programmed one.
+
+        The loaded tool covers the nominal piece while the controller runs along the commanded one, so the programmed
+        speed is multiplied by commanded over nominal length, and by the share that the plan leaves of it.
+        """
+        motion: Motion = self.source_program.motions[index]
+        rows = self.rows
+        if motion.feed_m_s <= 0.0 or row < 0 or not rows.moved[index]:
+            return None
+        travel = np.linalg.norm(np.diff(rows.command[before : row + 1], axis=0), axis=1).sum()
+        nominal = rows.way[row] - rows.way[before]
+        factor = float(feed_factor(np.array([nominal]), np.array([travel]))[0]) * rows.share_of(before + 1, row)
+        if abs(factor - 1.0) <= LEAST_FEED_CHANGE:
+            return None
+        self.counts.speeds_changed += 1
+        return motion.feed_m_s * factor
+
+    def result(self, files: dict[str, str], extra: Sequence[str] = ()) -> InPlaceText:
+        """Figures of what was written."""
+        error = max(written_error(self.rows, self.written, self.checked), self.arc_error_m)
+        warnings = list(extra)
+        if error > self.tolerance_m + self.decimal_m:
+            warnings.append(
+                f"the written path is up to {error / UM:.1f} um from the planned one (tolerance "
+                f"{self.tolerance_m / UM:g} um): the points would have to be closer together than feed times "
+                "controller cycle. A lower feed or the real controller.cycle_ms helps"
+            )
+        return InPlaceText(
+            files=files,
+            moved_motions=int(self.rows.moved.sum()),
+            **vars(self.counts),
+            tolerance_m=self.tolerance_m,
+            resolution_m=self.decimal_m,
+            largest_written_error_m=error,
+            largest_dwell_error_m=self.rows.dwell_error_m,
+            warnings=tuple(warnings),
+        )
+
+    def messages(self, version: str, cell: str, job: str) -> list[str]:
+        """Comments that say what made the program, in which cell, for which job."""
+        out = [f"made by counterflex {version} from {plain(self.source_program.name)}"]
+        out += [f"compensated targets, path tolerance {self.tolerance_m / MM:.4f} mm"]
+        out += [f"cell {plain(cell)}"] if cell else []
+        return [*out, *([job] if job else [])]
+
+
+def plain(text: str) -> str:
+    """Text for a comment: printable ASCII, 120 characters at most."""
+    return "".join(c if 32 <= ord(c) < 127 else "?" for c in text)[:120]
