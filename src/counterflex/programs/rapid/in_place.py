@@ -153,16 +153,16 @@ class _InPlace(InPlace):
         q: Float = rotation.quat_wxyz(R_part_tcp @ move.R_tcp_tool)
         if move.target is None:
             return tuple(q.tolist())
-        written = np.array(move.target.quaternion)
+        written = np.array(move.target.quat_wxyz)
         q = q if float(q @ written) >= 0.0 else -q
         same = float(np.abs(q - written / np.linalg.norm(written)).max()) < 0.5 * _DECIMAL_Q
-        return move.target.quaternion if same else tuple(q.tolist())
+        return move.target.quat_wxyz if same else tuple(q.tolist())
 
     def _write(self, move: RapidMotion, target: RapidTarget, p: Float, q: tuple[float, ...] | None) -> Float:
         """Give a target other numbers; returns its position as it is written, (3,) m."""
         edits = self.edits[move.call]
         shift = p / MM - np.array(target.position_mm)
-        stays = bool(np.all(np.abs(shift) <= 0.5 * _DECIMAL_MM)) and (q is None or q == target.quaternion)
+        stays = bool(np.all(np.abs(shift) <= 0.5 * _DECIMAL_MM)) and (q is None or q == target.quat_wxyz)
         unchanged: Float = np.array(target.position_mm) * MM
         if stays:
             return unchanged
@@ -181,7 +181,7 @@ class _InPlace(InPlace):
                 where.replace(start, end, text)
             self.counts.targets_declared += bool(target.name)
         else:
-            edits.replace(target.start, target.end, self._literal(target, p, q or target.quaternion))
+            edits.replace(target.start, target.end, self._literal(target, p, q or target.quat_wxyz))
             self.counts.targets_written_out += 1
         return self.rounded(p)
 

@@ -22,7 +22,7 @@ class RapidTarget:
         literal: Where the robtarget itself is written, from bracket to bracket.
         numbers: Where its x, y, z, q1, q2, q3, q4 stand.
         position_mm: x, y, z as written.
-        quaternion: q1 to q4 as written.
+        quat_wxyz: q1 to q4 as written.
         offsets: Where the three numbers of Offs stand; empty where there is none.
         offsets_mm: Their values.
         turned: It is displaced by RelTool.
@@ -35,7 +35,7 @@ class RapidTarget:
     literal: Span
     numbers: tuple[Span, ...]
     position_mm: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float]
+    quat_wxyz: tuple[float, float, float, float]
     offsets: tuple[Span, ...] = ()
     offsets_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turned: bool = False

@@ -154,8 +154,8 @@ class Frames:
         """Whether the robot holds it, and its frame (4, 4) m; None where the module does not declare it."""
         if self.data.find(name, routine) is None:
             return None
-        found = self.data.literal(name, kind, routine)
-        items = () if found is None else found[0].items
+        literal = self.data.literal(name, kind, routine)
+        items = () if literal is None else literal[0].items
         robhold = truth(items[0]) if items else None
         T: Float | None = None
         if kind == "tooldata" and len(items) == 3:

@@ -316,7 +316,7 @@ class Interpreter:
             motion = self._arc(motion, np.array(auxiliary.position_mm) * MM, statement)
         self._away = None
         self.motions.append(motion)
-        self.rotations.append(rotation_of(target.quaternion) @ R_tcp_tool.T)
+        self.rotations.append(rotation_of(target.quat_wxyz) @ R_tcp_tool.T)
         self._words += [Word(letter, value, 0, 0) for letter, value in zip("XYZ", target.position_mm, strict=True)]
         exact = self.targets.exact(zone)
         self.moves.append(

@@ -89,7 +89,7 @@ class Targets:
                 base, start=argument.start, end=argument.end, position_mm=(x, y, z),
                 offsets=tuple((part.start, part.end) for part in parts[1:]), offsets_mm=(shift[0], shift[1], shift[2]),
             )  # fmt: skip
-        R = of.rotation_of(base.quaternion)
+        R = of.rotation_of(base.quat_wxyz)
         x, y, z = (float(value) for value in np.array(base.position_mm) + R @ np.array(shift))
         q1, q2, q3, q4 = (float(value) for value in rotation.quat_wxyz(R @ self._turn(parts, argument)))
         return replace(
@@ -97,7 +97,7 @@ class Targets:
             start=argument.start,
             end=argument.end,
             position_mm=(x, y, z),
-            quaternion=(q1, q2, q3, q4),
+            quat_wxyz=(q1, q2, q3, q4),
             turned=True,
         )
 
@@ -137,14 +137,14 @@ class Targets:
                 f"{match[1]} is computed by the program: such targets are not read", argument,
                 hint="Write the target itself",
             )  # fmt: skip
-        found = self.data.literal(text, "robtarget", self.routine)
-        if found is None:
+        literal = self.data.literal(text, "robtarget", self.routine)
+        if literal is None:
             raise self._fault(
                 f"where {text} is, is not known", argument,
                 limit="a robtarget declared in the module with its numbers",
                 hint="Give the module with the declarations, program and targets in one file",
             )  # fmt: skip
-        return self._robtarget(found[0], argument, found[1].name)
+        return self._robtarget(literal[0], argument, literal[1].name)
 
     def _robtarget(self, parts: Aggregate, argument: Argument, name: str) -> RapidTarget:
         items = parts.items
@@ -227,8 +227,8 @@ class Targets:
         elif text.upper() in of.SPEEDS and self.data.find(text, self.routine) is None:
             return Speed(of.SPEEDS[text.upper()] * MM_PER_S, None)
         else:
-            found = self.data.literal(text, "speeddata", self.routine)
-            numbers = None if found is None else found[0].numbers((4,))
+            literal = self.data.literal(text, "speeddata", self.routine)
+            numbers = None if literal is None else literal[0].numbers((4,))
         if numbers is None:
             raise self._fault(
                 f"which speed {text} is, is not known", argument,
@@ -257,8 +257,8 @@ class Targets:
             return name == "FINE"
         parts = aggregate(self.source.code, argument.start, argument.end) if text.startswith("[") else None
         if parts is None and name not in self.assigned:
-            found = self.data.literal(text, "zonedata", self.routine)
-            parts = None if found is None else found[0]
+            literal = self.data.literal(text, "zonedata", self.routine)
+            parts = None if literal is None else literal[0]
         first = of.truth(parts.items[0]) if parts is not None and len(parts.items) == 7 else None
         if first is None:
             raise self._fault(
