@@ -11,7 +11,7 @@ demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, pri
 	@echo "To use the command in this terminal: source $(BIN)/activate"
 
 test: $(VENV)/.installed-dev  ## Install, run the tests.
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names.
 	$(BIN)/ruff check .
@@ -34,8 +34,7 @@ pages: $(VENV)/.installed-dev  ## Open both report pages in Chromium at three wi
 	$(BIN)/python tools/check_pages.py out/pages/plan/report.html out/pages/proof/report.html
 
 bench-smoke: $(VENV)/.installed-dev  ## Run every benchmark briefly, two at a time: whether they work, not how fast.
-	printf '%s\n' benchmarks/*.py | xargs -P 2 -I{} sh -c \
-		'said=$$($(BIN)/python {} --quick 2>&1); code=$$?; echo "== {}"; echo "$$said"; test $$code = 0 || exit 255'
+	$(BIN)/python tools/run_benchmarks.py
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

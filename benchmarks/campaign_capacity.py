@@ -21,9 +21,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import polars
 
@@ -42,6 +42,17 @@ ROOT = Path(__file__).resolve().parents[1]
 CELL, PROGRAM = ROOT / "examples/cells/kr300_d16_small.toml", ROOT / "examples/programs/groove.ngc"
 READ_BYTES, WRITTEN_BYTES = 20_000, 200_000
 """Of a task that does nothing: a program, a cell and a truth; what a recipe writes."""
+
+
+class Job(NamedTuple):
+    """What a campaign machines."""
+
+    cell: Path
+    program: Path
+    places: Sequence[Placement]
+
+
+WHOLE = Job(CELL, PROGRAM, (Placement("near", {"x_mm": 1250.0}), Placement("far", {"x_mm": 1500.0})))
 MACHINES, CORES = 100, 16
 _DIES_AFTER = 3
 
@@ -85,15 +96,27 @@ def overhead(count: int, folder: Path) -> dict[str, float]:
     }
 
 
-def campaign_of(out: Path, seeds: range, workers: int | str | None = 2, progress: Progress = silent) -> None:
-    places = (Placement("near", {"x_mm": 1250.0}), Placement("far", {"x_mm": 1500.0}))
-    grid = Grid([PROGRAM], places, ["present"])
-    campaign.run(CELL, out, grid=grid, seeds=seeds, recipes=[], workers=workers, progress=progress)
+def campaign_of(
+    out: Path, seeds: range, workers: int | str | None = 2, progress: Progress = silent, job: Job = WHOLE
+) -> None:
+    grid = Grid([job.program], job.places, ["present"])
+    campaign.run(job.cell, out, grid=grid, seeds=seeds, recipes=[], workers=workers, progress=progress)
 
 
-def capacity(seeds: range, out: Path) -> dict[str, float]:
+def small(folder: Path) -> Job:
+    """A smoke test: the first 8 mm of the groove in a coarse blank, at one placement."""
+    texts = {
+        "cell.toml": CELL.read_text(encoding="utf-8").replace("cell_mm = 0.2", "cell_mm = 1.0"),
+        "start.ngc": PROGRAM.read_text(encoding="utf-8").replace("G1 X72 F1500", "G1 X0 F1500"),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return Job(folder / "cell.toml", folder / "start.ngc", WHOLE.places[:1])
+
+
+def capacity(seeds: range, out: Path, job: Job) -> dict[str, float]:
     """Tasks of a campaign: groove.ngc at two placements, planned and machined."""
-    cost = timed(lambda: campaign_of(out, seeds))
+    cost = timed(lambda: campaign_of(out, seeds, job=job))
     tasks = len(list(out.rglob(DONE)))
     return {"tasks": tasks, **cost, "task_workers_s": cost["workers_s"] / tasks, "task_job_s": cost["job_s"] / tasks}
 
@@ -147,7 +170,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         figures: dict[str, Any] = {"overhead": overhead(20 if options.quick else 200, place)}
-        figures["campaign"] = capacity(seeds, place / "undisturbed")
+        job = small(place) if options.quick else WHOLE
+        figures["campaign"] = capacity(seeds, place / "undisturbed", job)
         figures["machines"] = extrapolated(figures["campaign"]["task_workers_s"], figures["overhead"]["task_job_s"])
         if not options.quick:
             figures["killed"] = killed(place / "killed", seeds, place / "undisturbed")
