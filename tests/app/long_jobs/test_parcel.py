@@ -14,6 +14,7 @@ import pytest
 import cluster_steps as steps
 from counterflex.app.long_jobs.on_worker import carried_out, ordered, taken
 from counterflex.app.long_jobs.parcel import packed, unpacked
+from counterflex.app.long_jobs.step_cache import program_files
 from counterflex.app.long_jobs.task import Reads, Task, Writes
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ReachError
 
@@ -67,6 +68,16 @@ def test_a_worker_with_another_program_refuses(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="another counterflex"):  # raised, not a result: it ends the job
         taken(parcel, task, root)
     assert not (root / "log").exists()
+
+
+def test_the_part_of_a_program_that_differs_is_named(tmp_path: Path) -> None:
+    """Say somebody has edited it between the start of the job and that of the worker."""
+    root, task = job(tmp_path)
+    here = dict(program_files())
+    for rooms, named in (({**here, "code of plan": "0"}, "code of plan: "), (here | {"new": "1"}, "new: "), (7, "")):
+        parcel = packed(root, (), {"other": "0.0.1 (abc)", "rooms": rooms})
+        with pytest.raises(InputError, match=f"^{named}a worker runs another counterflex"):
+            taken(parcel, task, root)
 
 
 def test_nothing_of_this_machine_is_sent_but_the_job(tmp_path: Path) -> None:

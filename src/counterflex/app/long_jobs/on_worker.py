@@ -74,7 +74,7 @@ def carried_out(order: Order, progress: Progress = silent, scratch: str | None =
         never raises what a task raised, so that the other side has nothing to unpickle.
     """
     if order.program != program_now():
-        return packed(Path(), (), {"other": program_now()})
+        return packed(Path(), (), {"other": program_now(), "rooms": dict(program_files())})
     with tempfile.TemporaryDirectory(prefix="counterflex-", dir=scratch, ignore_cleanup_errors=True) as folder:
         root = Path(folder).resolve()
         arguments = tuple(
@@ -113,15 +113,25 @@ def taken(parcel: object, task: Task, root: Path) -> Any:
     if "other" in facts:
         raise InputError(
             "a worker runs another counterflex than this machine",
+            where=_different(facts.get("rooms")),
             value=facts["other"],
             limit=program_now(),
-            hint="Install the same on both",
+            hint="Install the same on both, and leave its files alone while a job runs",
         )
     if "fault" in facts:
         return _fault(facts["fault"])
     if "broken" in facts:
         return RuntimeError(f"{facts['broken']}\nOn a worker:\n{facts.get('traceback', '')}")
     return facts.get("result")
+
+
+def _different(there: object) -> str | None:
+    """Rooms of the program that differ between a worker and this machine; None where that is not known."""
+    here = dict(program_files())
+    if not isinstance(there, dict):
+        return None
+    rooms = sorted(str(room) for room in here.keys() | there.keys() if here.get(room) != there.get(room))
+    return ", ".join(rooms) or None
 
 
 def _plain(fault: CounterflexError, there: str, here: str) -> dict[str, str | None]:
