@@ -14,6 +14,10 @@ What stands behind a command says how it is run here:
 - ``# quick: --minutes 0.1``: it takes long, and is run with these options added.
 - ``# Ctrl-C``: it ends by that alone, here when the other terminals have ended.
 
+The first ``counterflex`` command of a page and those of several terminals are started as a shell would start them. The
+others run in processes that have the libraries loaded already (:mod:`loaded_commands`): importing them takes longer
+than many of the commands.
+
 A ``counterflex`` command in any other block is not run. Why not is said before the block, ``<!-- not run: reason -->``;
 without a reason it is a fault.
 
@@ -36,6 +40,10 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO, Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+import loaded_commands
 
 ROOT = Path(__file__).resolve().parents[1]
 FROM_NOTHING = ("README.md",)
@@ -46,10 +54,13 @@ _MARK = re.compile(r"\s+# (exit (?P<exit>\d+(?: or \d+)*)|quick: (?P<quick>.*?)|
 _REASON = re.compile(r"<!-- not run: ((?:(?!-->).)+?) -->\s*\Z", re.DOTALL)
 _BASE = re.compile(r"<!-- goes on from: (\S+) -->")
 _MOST_S = 900.0
+_SCRIPT = "counterflex"
 _STOPPED_S = 60.0
 """How long a command may take to end once it has been interrupted."""
 _AT_ONCE = threading.Lock()
-"""Programs of several terminals talk over fixed ports: one group at a time."""
+"""Programs of several terminals talk over fixed ports: one group at a time, and whatever else opens such a port."""
+_PORTS = re.compile(r"counterflex (run|operator|tracker|ads|twin (?!measure|track |scenarios))\b")
+"""Commands that open a port."""
 
 
 @dataclass(frozen=True)
@@ -133,11 +144,11 @@ def _environment() -> dict[str, str]:
 class _Terminal(threading.Thread):
     """Runs the commands of one terminal, one after the other."""
 
-    def __init__(self, commands: list[Command], folder: Path, alone: threading.Event) -> None:
+    def __init__(self, commands: list[Command], folder: Path, alone: threading.Event, forks: Any) -> None:
         super().__init__(daemon=True)
         self.said: list[str] = []
         self.faults = 0
-        self._commands, self._folder, self._alone = commands, folder, alone
+        self._commands, self._folder, self._alone, self._forks = commands, folder, alone, forks
 
     @property
     def waits(self) -> bool:
@@ -146,27 +157,20 @@ class _Terminal(threading.Thread):
 
     def run(self) -> None:
         for command in self._commands:
-            ok, said = _run(command, self._folder, self._alone)
+            ok, said = _run(command, self._folder, self._alone, self._forks)
             self.faults += not ok
             self.said.append(said)
 
 
-def _run(command: Command, folder: Path, alone: threading.Event) -> tuple[bool, str]:
+def _run(command: Command, folder: Path, alone: threading.Event, forks: Any) -> tuple[bool, str]:
     """Run one command: whether it ended as wanted, and what to print: time, and else its output."""
     begin = time.perf_counter()
-    with tempfile.TemporaryFile("w+") as output:
-        process = subprocess.Popen(
-            shlex.split(command.words), cwd=folder, env=_environment(), stdout=output, stderr=subprocess.STDOUT
-        )
-        try:
-            if command.stopped:
-                alone.wait(_MOST_S)
-                process.send_signal(signal.SIGINT)
-            status: int | str = process.wait(_STOPPED_S if command.stopped else _MOST_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-            status = f"did not end in {_STOPPED_S if command.stopped else _MOST_S:g} s"
+    words = shlex.split(command.words)
+    with tempfile.NamedTemporaryFile("w+") as output:
+        if forks is not None and words[0] == _SCRIPT and not command.stopped:
+            status = loaded_commands.ended(forks, words, folder, _environment(), Path(output.name), _MOST_S)
+        else:
+            status = _ended(command, words, folder, output, alone)
         output.seek(0)
         printed = output.read()
     ok = status in command.exits or (command.stopped and status == 130)
@@ -177,11 +181,32 @@ def _run(command: Command, folder: Path, alone: threading.Event) -> tuple[bool, 
     return ok, said
 
 
-def run_step(step: dict[str, list[Command]], folder: Path) -> tuple[int, list[str]]:
-    """Run the terminals of a step at the same time: how many commands failed, and what to print."""
+def _ended(command: Command, words: list[str], folder: Path, output: IO[str], alone: threading.Event) -> int | str:
+    """Run one command as a shell would: its exit status, or what became of it."""
+    process = subprocess.Popen(words, cwd=folder, env=_environment(), stdout=output, stderr=subprocess.STDOUT)
+    try:
+        if command.stopped:
+            alone.wait(_MOST_S)
+            process.send_signal(signal.SIGINT)
+        return process.wait(_STOPPED_S if command.stopped else _MOST_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return f"did not end in {_STOPPED_S if command.stopped else _MOST_S:g} s"
+
+
+def run_step(step: dict[str, list[Command]], folder: Path, forks: Any = None) -> tuple[int, list[str]]:
+    """Run the terminals of a step at the same time: how many commands failed, and what to print.
+
+    Args:
+        step: Commands by terminal.
+        folder: Working folder.
+        forks: Where processes of a single terminal come from (:func:`loaded_commands.context`); None: new ones.
+    """
     alone = threading.Event()
-    terminals = [_Terminal(commands, folder, alone) for commands in step.values()]
-    with _AT_ONCE if len(terminals) > 1 else threading.Lock():
+    terminals = [_Terminal(commands, folder, alone, forks if len(step) == 1 else None) for commands in step.values()]
+    ports = any(_PORTS.match(command.words) for commands in step.values() for command in commands)
+    with _AT_ONCE if len(terminals) > 1 or ports else threading.Lock():
         for terminal in terminals:
             terminal.start()
         for terminal in terminals:
@@ -203,12 +228,13 @@ def _folder_of(path: Path, work: Path) -> Path:
     return work / str(path).replace(os.sep, "-").strip("-")
 
 
-def run_page(path: Path, work: Path) -> tuple[int, int, Counter[str], str]:
+def run_page(path: Path, work: Path, forks: Any = None) -> tuple[int, int, Counter[str], str]:
     """Run the commands of a page, or an example: how many, how many failed, what was left out, what to print.
 
     Args:
         path: Of the page.
         work: Folder that holds the folders of all pages; the page that it goes on from has been run there.
+        forks: Where processes come from behind the first command; None: new ones.
     """
     named = str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
     if path.suffix == ".py":
@@ -225,8 +251,10 @@ def run_page(path: Path, work: Path) -> tuple[int, int, Counter[str], str]:
     if page.steps and path.suffix != ".py" and named not in FROM_NOTHING:
         for copied in ("examples", "tests/outside"):
             shutil.copytree(ROOT / copied, folder / copied)
+    started = False
     for step in page.steps:
-        failed, said = run_step(step, folder)
+        failed, said = run_step(step, folder, forks if started else None)
+        started = started or any(c.words.startswith(f"{_SCRIPT} ") for commands in step.values() for c in commands)
         faults += failed
         lines += said
     return count, faults, page.left_out, "\n".join(lines) if len(lines) > 1 else ""
@@ -242,13 +270,16 @@ def main(pages: list[str]) -> int:
     ]
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in the background: what is run here inherits that
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    forks = loaded_commands.context()
     count, faults, left_out = 0, 0, Counter[str]()
     later = [page for page in chosen if base_of(page) is not None]
     first = [page for page in chosen if page not in later]
     first += [base for base in dict.fromkeys(map(base_of, later)) if base is not None and base not in first]
     with tempfile.TemporaryDirectory() as work, ThreadPoolExecutor(os.cpu_count()) as pool:
         for pages_now in (first, later):
-            for many, failed, reasons, said in pool.map(run_page, pages_now, [Path(work)] * len(pages_now)):
+            for many, failed, reasons, said in pool.map(
+                run_page, pages_now, [Path(work)] * len(pages_now), [forks] * len(pages_now)
+            ):
                 count, faults, left_out = count + many, faults + failed, left_out + reasons
                 if said:
                     print(said, flush=True)

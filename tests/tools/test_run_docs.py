@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -92,6 +93,39 @@ def test_a_command_that_ends_otherwise_fails(tmp_path: Path) -> None:
     assert faults == 1
     assert "exit 1, wanted 0" in said[0]
     assert "ZeroDivisionError" in said[0]
+
+
+SCRIPT = """
+import atexit, os, sys, textwrap
+atexit.register(print, "left")
+begun = sys.modules["__main__"].__file__ == sys.argv[0]
+print(__name__, begun, os.getcwd(), sys.argv[1:], getattr(textwrap, "mark", None))
+print(os.environ["MARK"], "PYTHONPATH" in os.environ, "numba" in sys.modules, "polars" in sys.modules)
+print("to standard error", file=sys.stderr)
+textwrap.mark = "of another command"
+if sys.argv[1] == "broken":
+    raise ValueError("broken")
+sys.exit(int(sys.argv[1]))
+"""
+
+
+def test_a_command_with_its_libraries_loaded_ends_as_one_of_a_shell_does(tmp_path: Path) -> None:
+    """Its status, words, folder and output are its own, and so is its state."""
+    tool = _load()
+    script, work = tmp_path / "script", tmp_path / "work"
+    script.write_text(SCRIPT, encoding="utf-8")
+    work.mkdir()
+    forks = tool.loaded_commands.context()
+    environment = dict(os.environ, MARK="of the page")
+    environment.pop("PYTHONPATH", None)
+    for word, status in (("0", 0), ("3", 3), ("broken", 1)):
+        output = tmp_path / f"output-{word}"
+        words = [str(script), word, "--word"]
+        assert tool.loaded_commands.ended(forks, words, work, environment, output, 60.0) == status
+        lines = output.read_text(encoding="utf-8").splitlines()
+        assert f"__main__ True {work} ['{word}', '--word'] None" in lines
+        assert {"of the page False True False", "to standard error", "left"} <= set(lines)
+        assert ("ValueError: broken" in lines) == (word == "broken")
 
 
 def test_terminals_run_at_the_same_time_and_one_is_stopped(tmp_path: Path) -> None:
