@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -310,61 +311,71 @@ def test_a_loop_reset_is_as_a_loop_just_made() -> None:
 @settings(max_examples=25)
 @given(st.integers(0, 299), st.integers(record.RESULTS, record.CYCLE - 1))
 def test_one_changed_bit_is_found_where_it_is(cycle: int, column: int) -> None:
-    rows = ROWS.copy()
+    rows = reference_rows().copy()
     bits = rows[cycle : cycle + 1, column].view(np.int64)
     bits ^= 1
-    replay = Replay(LOOP)
+    replay = Replay(reference_loop())
     replay(rows)
     found = replay.difference
     assert found is not None
     assert (found.cycle, found.column, found.columns) == (cycle + 1, COLUMNS[column], 1)
     assert found.logged == rows[cycle, column]
-    assert found.replayed == ROWS[cycle, column]
+    assert found.replayed == reference_rows()[cycle, column]
     assert replay.compared == cycle
 
 
-LOOP = loop()
-ROWS, _SENT = recorded(loop(), cycles=300)
+@cache
+def reference_loop() -> Loop:
+    return loop()
+
+
+@cache
+def reference_rows() -> Float:
+    """300 cycles of such a loop; read only. Not made by the import: that would load all kernels of a session."""
+    rows, _ = recorded(loop(), cycles=300)
+    return rows
 
 
 def test_another_setting_is_found() -> None:
     replay = Replay(loop(proportional=0.999))
-    replay(ROWS)
+    replay(reference_rows())
     assert replay.difference is not None
     assert replay.difference.column.startswith(("wanted", "correction"))
 
 
 def test_a_gap_is_named_and_nothing_after_it_is_claimed() -> None:
-    replay = Replay(LOOP)
-    replay(np.delete(ROWS, np.arange(100, 130), axis=0))
+    replay = Replay(reference_loop())
+    replay(np.delete(reference_rows(), np.arange(100, 130), axis=0))
     assert replay.gaps == [Gap(100, 30)]
     assert (replay.compared, replay.skipped, replay.difference) == (100, 170, None)
-    late = Replay(LOOP)
-    late(ROWS[12:])
+    late = Replay(reference_loop())
+    late(reference_rows()[12:])
     assert late.gaps == [Gap(0, 12)]
     assert late.compared == 0
 
 
 def test_after_a_gap_it_begins_again_where_the_loop_did() -> None:
-    replay = Replay(LOOP)
-    replay(np.concatenate([ROWS[:50], ROWS[60:], ROWS]))
+    replay = Replay(reference_loop())
+    replay(np.concatenate([reference_rows()[:50], reference_rows()[60:], reference_rows()]))
     assert replay.gaps == [Gap(50, 10)]
     assert (replay.compared, replay.skipped) == (350, 240)
     assert replay.difference is None
 
 
 def test_the_hash_is_over_what_the_step_is_given() -> None:
-    assert loop().sha256() == LOOP.sha256()
-    assert loop(proportional=0.999).sha256() != LOOP.sha256()
+    assert loop().sha256() == reference_loop().sha256()
+    assert loop(proportional=0.999).sha256() != reference_loop().sha256()
     changed = plan()
-    other = Loop(CELL.chain, LOOP.settings, CELL.T_base_part, replace(changed, time_s=changed.time_s * 1.001))
-    assert other.sha256() != LOOP.sha256()
+    other = Loop(
+        CELL.chain, reference_loop().settings, CELL.T_base_part, replace(changed, time_s=changed.time_s * 1.001)
+    )
+    assert other.sha256() != reference_loop().sha256()
 
 
 def test_rows_of_another_shape_are_refused() -> None:
     with pytest.raises(InputError, match="shape"):
-        Replay(LOOP)(np.zeros((3, WIDTH - 1)))
-    bad = ROWS.copy()
+        Replay(reference_loop())(np.zeros((3, WIDTH - 1)))
+    bad = reference_rows().copy()
     bad[3, record.CYCLE] = np.nan
     with pytest.raises(InputError, match="cycle"):
-        Replay(LOOP)(bad)
+        Replay(reference_loop())(bad)
