@@ -101,6 +101,7 @@ class FakeRsi:
         job: int = 0,
     ) -> None:
         self.config, self.context = config, context
+        self._values = config.sent()
         self._currents = currents
         self._job = job if any(v.name == "Enable" and v.kind != "BOOL" for v in config.sent()) else 0
         self._has_currents = currents is not None and any(value.element == "MACur" for value in config.sent())
@@ -162,7 +163,7 @@ class FakeRsi:
         }
         if self._currents is not None and self._has_currents:
             values["MACur"] = self._currents(report.drive_torque)
-        for i, value in enumerate(self.config.sent()):
+        for i, value in enumerate(self._values):
             if value.element in values and (value.element == "MACur" or value.tag.tag.startswith("DEF_")):
                 place = "XYZABC".index(value.attribute) if value.element[0] == "R" else int(value.attribute[1:]) - 1
                 number = float(values[value.element][place])
@@ -243,7 +244,8 @@ class FakeRsi:
         """(6,) Cartesian correction in force: m, and rotation vector of ``Rz(A) Ry(B) Rx(C)``."""
         out = np.zeros(6)
         out[:3] = self.correction[:3]
-        out[3:] = rotation.log(rotation.from_zyx(self.correction[3:]))
+        if self.correction[3:].any():
+            out[3:] = rotation.log(rotation.from_zyx(self.correction[3:]))
         return out
 
 

@@ -122,7 +122,9 @@ class NetftServer:
         self._sample = (self._sample + 1) & 0xFFFFFFFF
         self.dead = condition.dead
         self._out.release(self._time_s, self._put)
-        self._last = w_sensor + np.array([*condition.offset, 0.0, 0.0, 0.0])
+        self._last = np.array(w_sensor, dtype=np.float64)
+        if any(condition.offset):
+            self._last[:3] += condition.offset
         if self.peer is None or condition.silent:
             return
         if not condition.frozen:
@@ -130,12 +132,12 @@ class NetftServer:
         counts, status = self._shown, self.status | condition.bits
         if condition.saturated:
             counts = np.where(counts < 0.0, -_LARGEST, _LARGEST).astype(np.float64)
-        if condition.saturated or np.any(np.abs(counts) > _LARGEST):
+        if condition.saturated or np.abs(counts).max() > _LARGEST:
             status |= SATURATED
             counts = np.clip(counts, -_LARGEST, _LARGEST)
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         sequence = (self._sequence + condition.step) & 0xFFFFFFFF
-        record = netft.Record(sequence, self._sample, status, tuple(int(c) for c in counts))  # type: ignore[arg-type]
+        record = netft.Record(sequence, self._sample, status, tuple(map(int, counts.tolist())))  # type: ignore[arg-type]
         self._out.put(netft.write_record(record), self._time_s, self._put)
         if self._remaining:
             self._remaining -= 1
