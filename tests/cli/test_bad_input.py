@@ -417,6 +417,22 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
         "compensate part.ngc --cell cell.toml --out out --as sinumerik",
         ["--as", "sinumerik", "gcode, krl, rapid"],
     ),
+    "conversion to an unknown language": (
+        "convert part.ngc --cell cell.toml --out out --to fanuc",
+        ["--to", "fanuc", "krl, rapid, gcode"],
+    ),
+    "conversion to its own language": (
+        "convert part.ngc --cell cell.toml --out out --to gcode",
+        ["part.ngc", "in that language already"],
+    ),
+    "conversion with no tolerance": (
+        "convert part.ngc --cell cell.toml --out out --to krl --tolerance-um 0",
+        ["--tolerance-um", "0.1"],
+    ),
+    "conversion over the program": (
+        "convert part.ngc --cell cell.toml --out . --to krl",
+        ["--out"],
+    ),
     "tolerance zero": (
         "compensate part.ngc --cell cell.toml --out out -s compensation.tolerance_um=0",
         ["compensation.tolerance_um", "got 0", "from 0.1 up"],

@@ -20,6 +20,7 @@ from counterflex import __version__
 from counterflex.cli.commands import (
     ads,
     campaign,
+    convert,
     correct,
     dataset,
     difference,
@@ -107,6 +108,7 @@ PANELS: Final = {
         "preflight",
         "compensate",
         "diff",
+        "convert",
         "correct",
     ),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect"),
@@ -175,6 +177,7 @@ for room in (
     question,
     modes,
     program,
+    convert,
     difference,
     correct,
     preflight,

@@ -38,6 +38,10 @@ ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "apt", "krl", "rapid
 DIALECTS: Final[tuple[ProgramDialect, ...]] = get_args(ProgramDialect)
 """Languages of programs that can be read; the first is taken where none is named: that of the file's ending."""
 BY_ENDING: Final = DIALECTS[0]
+LANGUAGE_NAMES: Final[dict[str, str]] = {
+    "krl": "krl", "rapid": "rapid", "gcode": "linuxcnc", "sinumerik": "sinumerik", "apt": "apt",
+}  # fmt: skip
+"""What a program is converted to, by the name at the prompt: the dialect that it is read in."""
 ENDINGS: Final[dict[str, tuple[str, ...]]] = {
     "sinumerik": (".mpf", ".spf"),
     "apt": (".apt", ".cls", ".cl"),

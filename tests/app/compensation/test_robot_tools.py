@@ -54,7 +54,7 @@ def test_one_tool_needs_no_frame_of_its_own(tmp_path: Path) -> None:
     job_cell = cell({}, {"tool_data": 9}, krl=MAPPED)
     job = read_job(program(tmp_path, TWO.replace("T2 M6\n", "")), job_cell)
     check_machine(job, job_cell, "krl")
-    assert tool_data(job, job_cell, "krl") == {}
+    assert tool_data(job.program, job_cell, "krl") == {}
 
 
 @pytest.mark.parametrize("language", ["krl", "rapid"])

@@ -172,7 +172,7 @@ def _krl(order: WritingOrder) -> Written:
     if isinstance(order.job.program, KrlProgram):
         return _in_place(write_krl_in_place, order)
     job, plan, cell = order.job, order.plan, order.cell
-    controller, data = cell.tables.controller, tool_data(order.job, order.cell, "krl")
+    controller, data = cell.tables.controller, tool_data(order.job.program, order.cell, "krl")
     settings = KrlSettings(
         name=routine_name(Path(job.program.name).stem),
         start_axes_rad=[float(angle) for angle in plan.q[0]],
@@ -201,7 +201,7 @@ def _rapid(order: WritingOrder) -> Written:
         return _in_place(write_rapid_in_place, order)
     job, plan, cell = order.job, order.plan, order.cell
     controller = cell.tables.controller
-    mass, com = _payload(cell)
+    mass, com = payload(cell)
     settings = RapidSettings(
         name=routine_name(Path(job.program.name).stem),
         start_axes_rad=[float(angle) for angle in plan.q[0]],
@@ -215,7 +215,7 @@ def _rapid(order: WritingOrder) -> Written:
         cell=cell.label,
         job=job_hash(plan),
         external_axes=held_axes(cell),
-        tool_data=tool_data(job, cell, "rapid"),
+        tool_data=tool_data(job.program, cell, "rapid"),
     )
     return _robot_text(order, RapidWriter, settings, "rapid")
 
@@ -230,7 +230,7 @@ def _robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, 
     return text.files, {key: value for key, value in dataclasses.asdict(text).items() if key != "files"}
 
 
-def _payload(cell: Cell) -> tuple[float, list[float]]:
+def payload(cell: Cell) -> tuple[float, list[float]]:
     """Mass and centre of gravity of the end effector in the flange frame."""
     T_flange_body, total, moment = np.eye(4), 0.0, np.zeros(3)
     for body in cell.end_effector.segments:

@@ -30,17 +30,17 @@ def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
     Raises:
         ProgramError: An M-code or a tool frame that the cell file does not map; names line and key.
     """
-    _refuse_unmapped(job.program, cell)
+    refuse_unmapped(job.program, cell)
     functions = cell.machine_functions(language)
     with faults_in(job):
         functions.check((*job.program.blocks, *implied_stops(job.program).all()))
-    tool_data(job, cell, language)
-    refuse_change_in_cut(job, cell)
+    tool_data(job.program, cell, language)
+    refuse_change_in_cut(job.program, cell)
     refuse_other_height(job.program)
     omissions(job.program)
 
 
-def _refuse_unmapped(program: Program, cell: Cell) -> None:
+def refuse_unmapped(program: Program, cell: Cell) -> None:
     """Refuse a robot program with statements that another language would lose: outputs, waits for inputs, TRIGGER.
 
     Raises:
@@ -57,7 +57,7 @@ def _refuse_unmapped(program: Program, cell: Cell) -> None:
         )
 
 
-def refuse_change_in_cut(job: Job, cell: Cell) -> None:
+def refuse_change_in_cut(program: Program, cell: Cell) -> None:
     """Refuse a tool change where the tool stands below the top of the blank.
 
     M6 takes the spindle of a milling machine to where tools are changed; a robot stands where it is, and goes back
@@ -66,7 +66,7 @@ def refuse_change_in_cut(job: Job, cell: Cell) -> None:
     Raises:
         ProgramError: The last motion before a change is a cut that ends there.
     """
-    program, top_m = job.program, float(cell.stock().z.max())
+    top_m = float(cell.stock().z.max())
     for block in program.blocks:
         if not changes_tool(block) or block.first_motion == 0:
             continue
@@ -151,7 +151,7 @@ def other_lengths(program: Program) -> list[str]:
     return list(lengths.values())
 
 
-def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:
+def tool_data(program: Program, cell: Cell, language: Dialect) -> dict[int, str]:
     """What the controller calls the tool frame, for each tool that the program uses.
 
     Empty where it uses one tool that has no name of its own: that one is ``controller.tool_number`` (KRL), or the
@@ -162,7 +162,7 @@ def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:
     """
     named = cell.machine_functions(language).tool_data
     used: dict[int, int] = {}
-    for motion in job.program.motions:
+    for motion in program.motions:
         if motion.tool:
             used.setdefault(motion.tool, motion.block)
     unnamed = [tool for tool in used if tool not in named]
@@ -171,7 +171,7 @@ def tool_data(job: Job, cell: Cell, language: Dialect) -> dict[int, str]:
         raise ProgramError(
             "the program changes tools, and the cell file does not say which frame "
             + ("one of them has" if len(unnamed) == 1 else f"{len(unnamed)} of them have"),
-            where=f"{Path(job.program.name).name}:{job.program.blocks[used[unnamed[0]]].line}",
+            where=f"{Path(program.name).name}:{program.blocks[used[unnamed[0]]].line}",
             value=tools,
             limit=f"tools.{key} of {tools} in {cell.path}",
             hint="Give every tool of the program its own: the controller compensates its length",

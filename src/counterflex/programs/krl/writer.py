@@ -99,11 +99,11 @@ class KrlWriter(RobotWriter[KrlSettings]):
         """Frames and speeds behind a change of tool, and the way back."""
         self.speed = self.settings.rapid_m_s
         back = f"LIN {{{krl_pose(self.points.Ts_part_tcp[place])}}}"
-        return [*self._frames_and_speeds(tool), f"$VEL.CP={self.speed:.6f}", back]
+        return [*krl_frames(self.settings, tool), f"$VEL.CP={self.speed:.6f}", back]
 
     def start(self, lead: Sequence[str]) -> list[str]:
         """Where the program comes from, first tool, frames and speeds, start posture."""
-        return [*self.origin(), *lead, *self._frames_and_speeds(self.first_tool), "PTP XSTART"]
+        return [*self.origin(), *lead, *krl_frames(self.settings, self.first_tool), "PTP XSTART"]
 
     def call(self, part: str) -> str:
         """Call of a part."""
@@ -111,12 +111,12 @@ class KrlWriter(RobotWriter[KrlSettings]):
 
     def main(self, body: Sequence[str]) -> str:
         """The main ``.src``."""
-        return _source(self.settings.name, body)
+        return krl_source(self.settings.name, body)
 
     def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
         """``.src`` and ``.dat`` of a part."""
         check_name(name, KRL, "KRL")
-        return {f"{name}.src": _source(name, body), f"{name}.dat": _data(name, [])}
+        return {f"{name}.src": krl_source(name, body), f"{name}.dat": krl_data(name, [])}
 
     def data(self) -> dict[str, str]:
         """The main ``.dat``: the start posture."""
@@ -125,41 +125,44 @@ class KrlWriter(RobotWriter[KrlSettings]):
         for i, value in sorted(self.settings.external_axes.items()):
             axes += f",E{i} {number(value, KRL.position_decimals)}"
         name = self.settings.name
-        return {f"{name}.dat": _data(name, [f"DECL E6AXIS XSTART={{{axes}}}"])}
+        return {f"{name}.dat": krl_data(name, [f"DECL E6AXIS XSTART={{{axes}}}"])}
 
-    def _frames_and_speeds(self, tool: int) -> list[str]:
-        settings = self.settings
-        percent = settings.axis_percent
-        if settings.fixed_tool:
-            frames = [
-                f"$TOOL=BASE_DATA[{settings.tool_data.get(tool, settings.base)}]",
-                f"$BASE=TOOL_DATA[{settings.tool}]",
-                "$IPO_MODE=#TCP",
-            ]
-        else:
-            frames = [
-                _frame("TOOL", settings.tool_data.get(tool, settings.tool)),
-                _frame("BASE", settings.base),
-                "$IPO_MODE=#BASE",
-            ]
-        return [
-            *frames,
-            "$ORI_TYPE=#VAR",
-            "$ADVANCE=3",
-            *(f"$VEL_AXIS[{i}]={percent}" for i in range(1, 7)),
-            *(f"$ACC_AXIS[{i}]={percent}" for i in range(1, 7)),
-            f"$ACC.CP={settings.acc_m_s2:.4f}",
-            f"$VEL.ORI1={settings.orientation_deg_s:.3f}",
-            f"$VEL.ORI2={settings.orientation_deg_s:.3f}",
-            f"$APO.CDIS={number(settings.blend_m / MM, 4)}",
+
+def krl_frames(settings: KrlSettings, tool: int) -> list[str]:
+    """Lines that set the frames of a tool, and speeds."""
+    percent = settings.axis_percent
+    if settings.fixed_tool:
+        frames = [
+            f"$TOOL=BASE_DATA[{settings.tool_data.get(tool, settings.base)}]",
+            f"$BASE=TOOL_DATA[{settings.tool}]",
+            "$IPO_MODE=#TCP",
         ]
+    else:
+        frames = [
+            _frame("TOOL", settings.tool_data.get(tool, settings.tool)),
+            _frame("BASE", settings.base),
+            "$IPO_MODE=#BASE",
+        ]
+    return [
+        *frames,
+        "$ORI_TYPE=#VAR",
+        "$ADVANCE=3",
+        *(f"$VEL_AXIS[{i}]={percent}" for i in range(1, 7)),
+        *(f"$ACC_AXIS[{i}]={percent}" for i in range(1, 7)),
+        f"$ACC.CP={settings.acc_m_s2:.4f}",
+        f"$VEL.ORI1={settings.orientation_deg_s:.3f}",
+        f"$VEL.ORI2={settings.orientation_deg_s:.3f}",
+        f"$APO.CDIS={number(settings.blend_m / MM, 4)}",
+    ]
 
 
-def _source(name: str, body: Sequence[str]) -> str:
+def krl_source(name: str, body: Sequence[str]) -> str:
+    """Text of a ``.src`` file."""
     return "\n".join(["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *body, "END", ""])
 
 
-def _data(name: str, body: Sequence[str]) -> str:
+def krl_data(name: str, body: Sequence[str]) -> str:
+    """Text of a ``.dat`` file."""
     return "\n".join(["&ACCESS RVP", "&REL 1", f"DEFDAT {name}", *body, "ENDDAT", ""])
 
 

@@ -138,27 +138,20 @@ class RapidWriter(RobotWriter[RapidSettings]):
     def main(self, body: Sequence[str]) -> str:
         """The main module, with where the program comes from, tool, work object and speeds."""
         settings = self.settings
-        cog = ",".join(number(float(v) / MM, 4) for v in settings.p_flange_cog)
-        load = f"[{settings.tool_mass_kg:.4f},[{cog}],[1,0,0,0],0,0,0]"
-        T_tool, T_part, holds_tool, holds_part = settings.T_flange_tcp, settings.T_base_part, "TRUE", "FALSE"
-        if settings.T_base_tcp is not None:
-            T_tool, T_part, holds_tool, holds_part = settings.T_base_tcp, settings.T_flange_tcp, "FALSE", "TRUE"
-        tool = rapid_pose(np.asarray(T_tool))
         used = {motion.tool for motion in self.program.motions if motion.tool}
         own = not used or not used <= settings.tool_data.keys()
-        part = rapid_pose(np.asarray(T_part))
         declarations = [
             *(f"  {line}" for line in self.origin()),
-            *([f"  PERS tooldata {self._tool_name(0)}:=[{holds_tool},[{tool}],{load}];"] if own else []),
-            f'  PERS wobjdata {self._wobj}:=[{holds_part},TRUE,"",[{part}],[[0,0,0],[1,0,0,0]]];',
+            *([f"  {rapid_tool(settings, self._tool_name(0))}"] if own else []),
+            f"  {rapid_part(settings, self._wobj)}",
             *(f"  CONST speeddata {name}:={self._speed_data(speed)};" for speed, name in self._speeds.items()),
         ]
-        return _module(settings.name, declarations, body)
+        return rapid_module(settings.name, declarations, body)
 
     def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
         """The module of a part."""
         check_name(f"{name}_m", RAPID, "RAPID")
-        return {f"{name}.mod": _module(name, [], body)}
+        return {f"{name}.mod": rapid_module(name, [], body)}
 
     def _tool_name(self, tool: int) -> str:
         return self.settings.tool_data.get(tool, f"t_{self.settings.name[:30]}")
@@ -179,6 +172,24 @@ class RapidWriter(RobotWriter[RapidSettings]):
         return f"    MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
 
 
-def _module(procedure: str, declarations: Sequence[str], body: Sequence[str]) -> str:
+def rapid_tool(settings: RapidSettings, name: str) -> str:
+    """Declaration of the tool, as the cell has it."""
+    cog = ",".join(number(float(v) / MM, 4) for v in settings.p_flange_cog)
+    load = f"[{settings.tool_mass_kg:.4f},[{cog}],[1,0,0,0],0,0,0]"
+    stands = settings.T_base_tcp is not None
+    T = settings.T_flange_tcp if settings.T_base_tcp is None else settings.T_base_tcp
+    return f"PERS tooldata {name}:=[{'FALSE' if stands else 'TRUE'},[{rapid_pose(np.asarray(T))}],{load}];"
+
+
+def rapid_part(settings: RapidSettings, name: str) -> str:
+    """Declaration of the work object, as the cell has it."""
+    held = settings.T_base_tcp is not None
+    T = settings.T_flange_tcp if held else settings.T_base_part
+    frame = f"[{rapid_pose(np.asarray(T))}],[[0,0,0],[1,0,0,0]]"
+    return f'PERS wobjdata {name}:=[{"TRUE" if held else "FALSE"},TRUE,"",{frame}];'
+
+
+def rapid_module(procedure: str, declarations: Sequence[str], body: Sequence[str]) -> str:
+    """Text of a module with one routine."""
     head = [f"MODULE {procedure}_m", *declarations, f"  PROC {procedure}()"]
     return "\n".join([*head, *body, "  ENDPROC", "ENDMODULE", ""])

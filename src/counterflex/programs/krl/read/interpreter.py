@@ -124,6 +124,9 @@ class Interpreter(Modes):
             return
         if self._process(code):
             return
+        if form.HALT.fullmatch(code) and not self._flow:
+            self._words = (*self._words, Word("M", 0.0, 0, 0))
+            return
         if form.ACTS.match(code) and not form.STANDARD.match(code):
             self.acting.append(self.line)
         if self._flow_statement(code):

@@ -37,6 +37,7 @@ CLOSES: Final = re.compile(r"\s*(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\
 CLOSED_BY: Final = {
     "IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "LOOP": "ENDLOOP", "REPEAT": "UNTIL", "SWITCH": "ENDSWITCH",
 }  # fmt: skip
+HALT: Final = re.compile(r"\s*HALT\s*", _I)
 BETWEEN: Final = re.compile(r"\s*(ELSE|CASE|DEFAULT|EXIT)\b", _I)
 JUMP: Final = re.compile(r"\s*(GOTO\b|RESUME\b|RETURN\b|\w+\s*:\s*$)", _I)
 PASSED: Final = re.compile(

@@ -1,0 +1,161 @@
+"""Convert: a program in another language, the same path, speeds and process words, checked by reading it back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.compensation.languages import held_axes, payload
+from counterflex.app.compensation.robot_program import (
+    omissions,
+    refuse_change_in_cut,
+    refuse_other_height,
+    refuse_unmapped,
+    routine_name,
+    tool_data,
+)
+from counterflex.app.inputs import AS_IT_IS, Reading
+from counterflex.app.robot_programs import robot_cell
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import UM
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.path.toolpath import tool_orientation
+from counterflex.programs.convert.check import refuse_other_path
+from counterflex.programs.convert.emitter import Emitter, Written
+from counterflex.programs.convert.machine_languages import AptEmitter, GcodeEmitter, SinumerikEmitter
+from counterflex.programs.convert.robot_languages import KrlEmitter, RapidEmitter
+from counterflex.programs.convert.steps import steps
+from counterflex.programs.krl.writer import KrlSettings
+from counterflex.programs.limits import LANGUAGE_NAMES
+from counterflex.programs.program import ROBOT_DIALECTS, TOOL_VECTOR, Program
+from counterflex.programs.rapid.writer import RapidSettings
+from counterflex.programs.reading import read_program_file
+from counterflex.programs.robot_text.program import RobotProgram
+
+_MACHINES: Final[dict[str, type[Emitter]]] = {
+    "gcode": GcodeEmitter,
+    "sinumerik": SinumerikEmitter,
+    "apt": AptEmitter,
+}
+
+
+def run(
+    program_file: str | Path,
+    cell_file: str | Path,
+    out: str | Path,
+    language: str,
+    *,
+    reading: Reading = AS_IT_IS,
+    tolerance_m: float = 1.0 * UM,
+) -> dict[str, Any]:
+    """Write a program in another language into ``out``: whole, or not at all.
+
+    Args:
+        program_file: The program.
+        cell_file: The cell that frames, process words and the free rotation about the tool are taken from.
+        out: Folder; made when missing.
+        language: One of :data:`~counterflex.programs.limits.LANGUAGE_NAMES`.
+        reading: How the program is read.
+        tolerance_m: Largest distance of straight pieces from a helix, for languages without one.
+
+    Returns:
+        What was written: files, counts, largest distance of points that were read back, warnings.
+
+    Raises:
+        ProgramError: The program cannot be read exactly, or the language cannot say a part of it; names line and word.
+        InputError: It is in that language already.
+        OutputError: What was written is not read back as the same program.
+    """
+    cell = read_cell(cell_file)
+    program = reading.program(program_file, cell)
+    dialect = LANGUAGE_NAMES[language]
+    if dialect == program.dialect:
+        raise InputError(
+            "the program is in that language already", where=Path(program.name).name, value=language,
+            hint="Copy it, or name another language with --to",
+        )  # fmt: skip
+    to_robot = dialect in ROBOT_DIALECTS
+    refuse_unmapped(program, cell)
+    warnings = omissions(program)
+    if to_robot and not isinstance(program, RobotProgram):
+        refuse_change_in_cut(program, cell)
+        refuse_other_height(program)
+    sequence = list(steps(program, orientations(program, cell), to_robot=to_robot))
+    written = _emitter(program, cell, language, tolerance_m).write(sequence)
+    with atomic.atomic_folder(out) as staging:
+        for name, text in written.files.items():
+            atomic.write_bytes(staging / name, text.encode("ascii", errors="replace"))
+        main = staging / next(iter(written.files))
+        back = read_program_file(main, dialect=dialect, cell=robot_cell(cell, dialect) if to_robot else None)
+        again = list(steps(back, orientations(back, cell), to_robot=False, comments=False))
+        worst = refuse_other_path(
+            sequence, written.pieces, again, tolerance_m=tolerance_m,
+            whole_frame=to_robot,
+        )  # fmt: skip
+    return _summary(program, cell, language, written, worst, [*warnings, *_free_rotation(program, language)])
+
+
+def orientations(program: Program, cell: Cell) -> Callable[[int], Float]:
+    """Orientation (3, 3) of the TCP frame at the end of each motion, in the part.
+
+    Programs for machines leave the rotation about the tool free: it is that of the cell's posture.
+    """
+    if isinstance(program, RobotProgram) and program.Rs_part_tcp is not None:
+        Rs = program.Rs_part_tcp
+        return lambda index: np.asarray(Rs[index])
+    motions, n = program.motions, len(program.motions)
+    axes = np.tile(np.array([0.0, 0.0, 1.0]), (n, 1))
+    for index, motion in enumerate(motions):
+        if program.blocks[motion.block].modal.tool_centre == TOOL_VECTOR and any(motion.abc_end):
+            axes[index] = np.array(motion.abc_end) / np.linalg.norm(motion.abc_end)
+    points = np.array([motion.p_end for motion in motions]).reshape(n, 3)
+    made = tool_orientation(axes, cell.tables.posture.rotations_rad(points))
+    return lambda index: np.asarray(made[index])
+
+
+def _emitter(program: Program, cell: Cell, language: str, tolerance_m: float) -> Emitter:
+    stem = Path(program.name).stem
+    if language in _MACHINES:
+        return _MACHINES[language](program.name, stem, tolerance_m)
+    controller, name = cell.tables.controller, routine_name(stem)
+    if language == "krl":
+        data = tool_data(program, cell, "krl")
+        settings = KrlSettings(
+            name=name, start_axes_rad=[0.0] * 6, tool=controller.tool_number, base=controller.base_number,
+            rapid_m_s=controller.rapid_m_s, acc_m_s2=controller.acceleration_m_s2, blend_m=controller.blending_m,
+            cycle_s=controller.cycle_s, external_axes=held_axes(cell), fixed_tool=cell.holds_part,
+            tool_data={tool: int(value) for tool, value in data.items()},
+        )  # fmt: skip
+        return KrlEmitter(program, settings, cell.machine_functions("krl"), tolerance_m)
+    mass, com = payload(cell)
+    rapid = RapidSettings(
+        name=name, start_axes_rad=[0.0] * 6, T_flange_tcp=cell.controller_chain.T_flange_tcp,
+        T_base_part=np.eye(4) if cell.holds_part else cell.T_base_part, T_base_tcp=cell.T_base_tcp, tool_mass_kg=mass,
+        p_flange_cog=com, rapid_m_s=controller.rapid_m_s, cycle_s=controller.cycle_s, external_axes=held_axes(cell),
+        tool_data=tool_data(program, cell, "rapid"),
+    )  # fmt: skip
+    return RapidEmitter(program, rapid, cell.machine_functions("rapid"), tolerance_m, controller.work_object or "")
+
+
+def _free_rotation(program: Program, language: str) -> list[str]:
+    if not isinstance(program, RobotProgram) or LANGUAGE_NAMES[language] in ROBOT_DIALECTS:
+        return []
+    return [
+        "the rotation about the tool axis has no word there: posture.rotation_about_tool_deg of the cell file has it"
+    ]
+
+
+def _summary(
+    program: Program, cell: Cell, language: str, written: Written, worst_m: float, warnings: list[str]
+) -> dict[str, Any]:
+    moves = sum(max(1, len(shares)) for shares in written.pieces.values())
+    return {
+        "program": Path(program.name).name, "cell": cell.label, "from": program.dialect, "to": language,
+        "files": list(written.files), "motions_in": len(program.motions), "motions_out": moves,
+        "read_back_um": round(worst_m / UM, 4), "warnings": [*warnings, *written.warnings],
+    }  # fmt: skip

@@ -1,0 +1,72 @@
+"""The command that says a program in another language: ``convert``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.output import keep_inputs, print_json
+from counterflex.core.units import UM
+from counterflex.programs.limits import BY_ENDING, LANGUAGE_NAMES
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command()(convert)
+
+
+def convert(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            help=f"Language to write: {', '.join(LANGUAGE_NAMES)}.",
+            callback=arguments.one_of(LANGUAGE_NAMES, "language"),
+        ),
+    ],
+    tolerance_um: Annotated[
+        float,
+        typer.Option(
+            "--tolerance-um", help="Straight pieces of a helix, for languages without one.", min=0.1, max=1000.0
+        ),
+    ] = 1.0,
+    dialect: Dialect = BY_ENDING,
+    parameters: Parameters = None,
+    without_end: WithoutEnd = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
+) -> None:
+    """Say a program in another language: the same path, speeds and process words, nothing compensated.
+
+    Spindle, coolant, tool change and other machine functions travel by [controller.spindle] of the cell file, frames
+    by [part], [tcp] and [controller]. What the language cannot say is refused with its line. What was written is read
+    back and compared before anything is kept: points within 1 um.
+
+    Example: `counterflex convert part.ngc --to krl --cell cell.toml --out out`
+    """
+    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    from counterflex.app import conversion as job
+    from counterflex.app.inputs import Reading
+
+    summary = job.run(
+        program,
+        cell,
+        out,
+        to,
+        reading=Reading(dialect, parameters, complete=not without_end),
+        tolerance_m=tolerance_um * UM,
+    )
+    if as_json:
+        print_json(summary)
+        return
+    for warning in summary["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
+    typer.echo(
+        f"wrote {out}: {', '.join(summary['files'])}, {summary['motions_in']} motions as {summary['motions_out']}; "
+        f"read back within {summary['read_back_um']:g} um"
+    )

@@ -1,0 +1,200 @@
+"""What a program does, one thing after the other, whatever its language: moves, waits, process words, comments."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.programs.krl.program import KrlProgram
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word
+from counterflex.programs.rapid.program import RapidProgram
+from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_writer.implied_stops import implied_stops
+from counterflex.programs.robot_writer.machine_functions import BEHIND
+
+ENDS: Final = frozenset((2, 17, 30, 60, 98, 99))
+_ORDER: Final = (6, 3, 4, 7, 8, 9, 5)
+_NO_EFFECT: Final = frozenset((48, 49))
+_TOGETHER: Final = frozenset("SPQER")
+_REMARK: Final = {
+    "linuxcnc": re.compile(r"\(([^()]*)\)|;(.*)"),
+    "sinumerik": re.compile(r";(?!\$PATH)(.*)"),
+    "apt": re.compile(r"\$\$(.*)"),
+    "krl": re.compile(r"^\s*;(?!\s*(?:END)?FOLD|FOLD|ENDFOLD)(.*)", re.IGNORECASE),
+}
+
+
+@dataclass(frozen=True)
+class Move:
+    """A motion, or a wait.
+
+    Attributes:
+        index: In the motions of the program.
+        motion: As read.
+        R_part_tcp: (3, 3) orientation of the cell's TCP frame at its end, in the part.
+        R_part_start: (3, 3) the same at its start.
+        named: Axes whose end is known: fewer than three at the beginning of programs for machines.
+        exact: The program stops there.
+        line: Of the program.
+    """
+
+    index: int
+    motion: Motion
+    R_part_tcp: Float
+    R_part_start: Float
+    named: str
+    exact: bool
+    line: int
+
+    @property
+    def axis(self) -> Float:
+        """(3,) from the tip to the spindle, at its end."""
+        out: Float = -self.R_part_tcp[:, 2]
+        return out
+
+    def at(self, share: float) -> Float:
+        """(3,) m, point at a share of the way."""
+        motion = self.motion
+        p_start, p_end = np.asarray(motion.p_start), np.asarray(motion.p_end)
+        if share >= 1.0:
+            return p_end
+        if motion.p_centre is None or motion.normal is None:
+            out: Float = p_start + share * (p_end - p_start)
+            return out
+        normal = np.asarray(motion.normal)
+        spoke = p_start - motion.p_centre
+        lift = float(spoke @ normal)
+        spoke = spoke - lift * normal
+        angle = share * motion.turn_rad
+        rise = float((p_end - p_start) @ normal)
+        around: Float = motion.p_centre + math.cos(angle) * spoke + math.sin(angle) * np.cross(normal, spoke)
+        return around + (lift + share * rise) * normal
+
+    @property
+    def rise_m(self) -> float:
+        """How far a helix climbs along its axis, m; 0 of others."""
+        if self.motion.normal is None:
+            return 0.0
+        return float((np.asarray(self.motion.p_end) - np.asarray(self.motion.p_start)) @ self.motion.normal)
+
+
+@dataclass(frozen=True)
+class Process:
+    """A machine function.
+
+    Attributes:
+        code: M-code.
+        block: With that code alone, the words that belong to it, and the modal state of its place.
+        line: Of the program.
+    """
+
+    code: int
+    block: Block
+    line: int
+
+    @property
+    def words(self) -> tuple[tuple[str, float], ...]:
+        """What it says: code, speed or tool, and words of the code."""
+        out = [("M", float(self.code))]
+        if self.code in (3, 4):
+            out.append(("S", abs(self.block.modal.spindle_rpm)))
+        if self.code == 6:
+            out.append(("T", float(self.block.modal.tool)))
+        own = [(word.letter, word.value) for word in self.block.words if word.letter in "PQER"]
+        return (*out, *sorted(own))
+
+
+Step = Move | Process | str
+"""A string is a comment."""
+
+
+def steps(
+    program: Program, R_part_tcp: Callable[[int], Float], *, to_robot: bool, comments: bool = True
+) -> Iterator[Step]:
+    """What a program does, in order.
+
+    Args:
+        program: As read.
+        R_part_tcp: Orientation (3, 3) of the cell's TCP frame at the end of a motion, by its index.
+        to_robot: Say what a machine does without being told, too: M6 and the end stop the spindle.
+        comments: Comments too.
+
+    Raises:
+        ProgramError: Rotary words, whose meaning belongs to a machine.
+    """
+    implied = implied_stops(program)
+    machine = not isinstance(program, RobotProgram)
+    named = set() if machine else set("XYZ")
+    for number, block in enumerate(program.blocks):
+        whole = machine and (to_robot or block.motion_count > 1)
+        if comments and (remark := _remark(program, block)):
+            yield remark
+        if machine and to_robot:
+            for extra in implied.before.get(number, ()):
+                yield from _process(extra)
+        codes = list(_process(block))
+        yield from (step for step in codes if step.code not in BEHIND)
+        named |= {word.letter for word in block.words if word.letter in "XYZ"} if block.motion_count else set()
+        for index in range(block.first_motion, block.first_motion + block.motion_count):
+            if whole and index in implied.within:
+                yield from _process(implied.within[index])
+            yield _move(program, index, R_part_tcp, "".join(sorted(named)))
+        yield from (step for step in codes if step.code in BEHIND)
+        if whole:
+            for extra in implied.behind.get(number, ()):
+                yield from _process(extra)
+
+
+def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], named: str) -> Move:
+    motion = program.motions[index]
+    block = program.blocks[motion.block]
+    if block.modal.tool_centre != TOOL_VECTOR and any(motion.abc_end):
+        raise ProgramError(
+            "rotary words A B C belong to the machine that the program was posted for, and are not said in another "
+            "language", where=f"{Path(program.name).name}:{block.line}", value=block.text.strip()[:60],
+            limit="the tool axis as a vector: G43.5 with I J K, TRAORI with A3 B3 C3, GOTO with six numbers",
+            hint="Post it with tool vectors",
+        )  # fmt: skip
+    R = R_part_tcp(index)
+    before = R if index == 0 else R_part_tcp(index - 1)
+    exact = False
+    if isinstance(program, KrlProgram):
+        exact = not program.moves[index].approximation
+    elif isinstance(program, RapidProgram):
+        exact = program.moves[index].exact
+    return Move(index, motion, R, before, named, exact, block.line)
+
+
+def _process(block: Block) -> Iterator[Process]:
+    """Machine functions of a block, each by itself, in the order in which they act."""
+    codes = [int(word.value) for word in block.words if word.letter == "M" and word.value == int(word.value)]
+    codes = [code for code in codes if code not in ENDS | _NO_EFFECT]
+    speed = any(word.letter == "S" for word in block.words)
+    dwell = any(word.letter == "G" and word.value == 4.0 for word in block.words)
+    if speed and not codes and not dwell and block.modal.spindle_rpm != 0.0:
+        codes = [3 if block.modal.spindle_rpm > 0.0 else 4]
+    for code in sorted(codes, key=lambda item: _ORDER.index(item) if item in _ORDER else len(_ORDER)):
+        own = tuple(word for word in block.words if word.letter in _TOGETHER) if code not in (3, 4, 5, 6) else ()
+        if code in (3, 4):
+            own = (Word("S", abs(block.modal.spindle_rpm), 0, 0),)
+        elif code == 6:
+            own = (Word("T", float(block.modal.tool), 0, 0),)
+        alone = replace(block, text="", words=(Word("M", float(code), 0, 0), *own), motion_count=0)
+        yield Process(code, alone, block.line)
+
+
+def _remark(program: Program, block: Block) -> str:
+    """Comment of a block, as plain text."""
+    pattern = _REMARK.get(program.dialect)
+    match = None if pattern is None else pattern.search(block.text)
+    text = "" if match is None else next((part for part in match.groups() if part), "")
+    plain = "".join(c if 32 <= ord(c) < 127 and c not in "()" else " " for c in text)
+    return " ".join(plain.split())[:100]

@@ -1,0 +1,211 @@
+"""Programs said in another language and back: the same path within 1 um, the same process words."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterflex.app import conversion
+from counterflex.app.inputs import AS_IT_IS
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError, OutputError, ProgramError
+from counterflex.core.units import UM
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.programs.convert.steps import Move, Process, steps
+from counterflex.programs.program import Program
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+LANGUAGES = ("gcode", "sinumerik", "apt", "krl", "rapid")
+KRL = """clockwise = ["$ANOUT[1]={s}/24000.0", "$OUT[17]=TRUE"]
+counter_clockwise = ["$ANOUT[1]={s}/24000.0", "$OUT[16]=TRUE"]
+off = ["$OUT[17]=FALSE"]
+mist = ["$OUT[18]=TRUE"]
+flood = ["$OUT[19]=TRUE"]
+coolant_off = ["$OUT[18]=FALSE", "$OUT[19]=FALSE"]
+tool_change = ["CHANGE({t})"]
+m_codes.M52 = ["$OUT[20]=TRUE"]
+"""
+RAPID = """clockwise = ["SetAO aoSpeed,{s};", "Set doRun;"]
+counter_clockwise = ["SetAO aoSpeed,{s};", "Set doBack;"]
+off = ["Reset doRun;"]
+mist = ["Set doMist;"]
+flood = ["Set doFlood;"]
+coolant_off = ["Reset doMist; Reset doFlood;"]
+tool_change = ["ToolTo {t};"]
+m_codes.M52 = ["Set doDust;"]
+"""
+PROGRAM = """(all that languages share)
+G21 G17 G90 G94 G54
+T1 M6
+S9000 M3
+G0 Z60
+G0 X-12 Y15
+M8
+G1 Z34 F3000
+G1 X10.1234 Y-3.3333 F1500
+G2 X30 Y16.5439 I19.8766 J0.0001
+G3 X30 Y16.5439 I5 J0
+G18
+G3 X40 Z34 I5 K0
+G17
+G4 P0.5
+G1 X20 Y20 Z30 F600
+M9
+G81 X25 Y25 Z20 R40 F300
+X35
+G80
+G0 Z60
+M5
+M0
+T2 M6
+S4500 M4
+G0 X0 Y0 Z60
+G1 Z41 F500
+G1 Y33.5 F800
+G0 Z60
+M5
+M30
+"""
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The cell of the examples with outputs for all machine functions, and the program in each language."""
+    folder = tmp_path_factory.mktemp("shop")
+    text = (EXAMPLES / "cells" / "kr300_d16_small.toml").read_text(encoding="utf-8")
+    for language, table in (("krl", KRL), ("rapid", RAPID)):
+        text = re.sub(rf"(\[controller\.spindle\.{language}\]\n)[^\[]*(?:\[\]\n[^\[]*)*", rf"\1{table}\n", text)
+    for number in (1, 2):
+        names = f'number = {number}\ntool_data = {number}\ntooldata = "tMill{number}"\n'
+        text = text.replace(f"number = {number}\n", names)
+    (folder / "cell.toml").write_text(text, encoding="utf-8")
+    (folder / "part.ngc").write_text(PROGRAM, encoding="ascii")
+    for language in LANGUAGES[1:]:
+        conversion.run(folder / "part.ngc", folder / "cell.toml", folder / f"in-{language}", language)
+    (folder / "in-gcode").mkdir()
+    (folder / "in-gcode" / "part.ngc").write_text(PROGRAM, encoding="ascii")
+    return folder
+
+
+def main_file(folder: Path) -> Path:
+    """The program in a folder."""
+    return next(file for file in folder.iterdir() if file.suffix != ".dat")
+
+
+def read(file: Path, cell: Cell) -> Program:
+    """A program of the shop."""
+    return AS_IT_IS.program(file, cell)
+
+
+def polyline(program: Program) -> Float:
+    """Points along all motions, behind the first place that is known."""
+    points: list[Float] = []
+    for step in steps(program, lambda _: np.eye(3), to_robot=False):
+        if isinstance(step, Move) and len(step.named) == 3 and step.motion.kind != "dwell":
+            count = 200 if step.motion.kind == "arc" else 12
+            points += [step.at(share) for share in np.linspace(0.0, 1.0, count)[0 if points else -1 :]]
+    return np.array(points)
+
+
+def gap(points: Float, line: Float) -> float:
+    """Largest distance of points from a polyline, m."""
+    a, step = line[:-1], np.diff(line, axis=0)
+    length2 = np.maximum(np.sum(step * step, axis=1), 1e-30)
+    worst = 0.0
+    for p in points:
+        share = np.clip(np.sum((p - a) * step, axis=1) / length2, 0.0, 1.0)
+        worst = max(worst, float(np.linalg.norm(p - a - share[:, None] * step, axis=1).min()))
+    return worst
+
+
+def words(program: Program) -> list[tuple[tuple[str, float], ...]]:
+    """Process words in order."""
+    return [s.words for s in steps(program, lambda _: np.eye(3), to_robot=False) if isinstance(s, Process)]
+
+
+@pytest.mark.parametrize("there", LANGUAGES)
+@pytest.mark.parametrize("back", LANGUAGES)
+def test_there_and_back(there: str, back: str, shop: Path, tmp_path: Path) -> None:
+    """The same path within 1 um and the same process words, between every two languages."""
+    if there == back:
+        with pytest.raises(InputError, match="in that language already"):
+            conversion.run(main_file(shop / f"in-{there}"), shop / "cell.toml", tmp_path / "x", back)
+        return
+    cell = read_cell(shop / "cell.toml")
+    source = main_file(shop / f"in-{back}")
+    about = conversion.run(source, shop / "cell.toml", tmp_path / "there", there)
+    assert about["read_back_um"] < 1.0
+    conversion.run(main_file(tmp_path / "there"), shop / "cell.toml", tmp_path / "back", back)
+    one, two = read(source, cell), read(main_file(tmp_path / "back"), cell)
+    first, second = polyline(one), polyline(two)
+    chord = 0.4 * UM  # of the samples
+    assert gap(first[::3], second) < 1.0 * UM + chord
+    assert gap(second[::3], first) < 1.0 * UM + chord
+    robot = {"krl", "rapid"} & {there}
+    stops = [word for word in words(two) if word != (("M", 5.0),)]
+    expected = [word for word in words(one) if word != (("M", 5.0),)]
+    assert stops == expected
+    assert len(words(two)) == len(words(one)) or (robot and back not in ("krl", "rapid"))
+
+
+def test_a_helix_becomes_straight_moves_for_robots(shop: Path, tmp_path: Path) -> None:
+    helix = PROGRAM.replace("G1 X20 Y20 Z30 F600", "G3 X30 Z24 I-5 J0 P3 F600")
+    (tmp_path / "helix.ngc").write_text(helix, encoding="ascii")
+    about = conversion.run(tmp_path / "helix.ngc", shop / "cell.toml", tmp_path / "out", "rapid")
+    assert any("straight moves within 1 um" in warning for warning in about["warnings"])
+    about = conversion.run(tmp_path / "helix.ngc", shop / "cell.toml", tmp_path / "mpf", "sinumerik")
+    assert not about["warnings"]
+    assert "TURN=2" in (tmp_path / "mpf" / "helix.mpf").read_text()
+
+
+TILTED = """DEF part( )
+$TOOL=TOOL_DATA[1]
+$BASE=BASE_DATA[1]
+$VEL.CP=0.02
+PTP {X 0,Y 0,Z 60,A 180,B 0,C 180}
+LIN {X 10,Y 0,Z 60,A 180,B 10,C 180}
+CIRC {X 20,Y 0,Z 70},{X 30,Y 0,Z 60}
+END
+"""
+
+
+def test_what_a_language_cannot_say_is_refused_with_its_line(shop: Path, tmp_path: Path) -> None:
+    """Functions and circles that the other language has not; statements that no table names; nothing is left behind."""
+    cell = shop / "cell.toml"
+    cases = {
+        "m.ngc": (PROGRAM.replace("M8", "M52"), "sinumerik", r"m.ngc:7.*M52"),
+        "p.ngc": (PROGRAM.replace("M8", "M62 P3"), "krl", r"p.ngc:7.*M62"),
+        "a.ngc": (PROGRAM.replace("G0 X0 Y0 Z60", "G0 X0 Y0 Z60 A10"), "apt", r"a.ngc:26.*rotary words"),
+        "c.src": (TILTED, "gcode", r"c.src:7.*the tool is not upright"),
+        "o.src": (TILTED.replace("$VEL", "$OUT[99]=TRUE\n$VEL"), "rapid", r"o.src:4.*\$OUT\[99\]"),
+    }
+    for name, (text, language, match) in cases.items():
+        (tmp_path / name).write_text(text, encoding="ascii")
+        with pytest.raises(ProgramError, match=match):
+            conversion.run(tmp_path / name, cell, tmp_path / "out", language)
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_tilted_tool_travels(shop: Path, tmp_path: Path) -> None:
+    """As a vector to the languages of machines, and back; the rotation about it is that of the cell then."""
+    (tmp_path / "part.src").write_text(TILTED.replace("CIRC {X 20,Y 0,Z 70},{X 30", "LIN {X 30"), encoding="ascii")
+    for language in ("gcode", "sinumerik", "apt"):
+        about = conversion.run(tmp_path / "part.src", shop / "cell.toml", tmp_path / language, language)
+        assert "rotation about the tool axis" in about["warnings"][0]
+        conversion.run(main_file(tmp_path / language), shop / "cell.toml", tmp_path / f"{language}-krl", "krl")
+        again = (tmp_path / f"{language}-krl" / "part.src").read_text()
+        assert "A 180.00000,B 10.00000,C -180.00000" in again or "B 10.0000" in again
+
+
+def test_words_that_are_not_told_apart_are_not_written(shop: Path, tmp_path: Path) -> None:
+    """A table that does not tell the speed: it would be lost, so nothing is written."""
+    cell = (
+        (shop / "cell.toml").read_text(encoding="utf-8").replace('"SetAO aoSpeed,{s};", "Set doRun;"', '"Set doRun;"')
+    )
+    (tmp_path / "cell.toml").write_text(cell, encoding="utf-8")
+    with pytest.raises(OutputError, match=r"process word is not read back.*S9000"):
+        conversion.run(shop / "part.ngc", tmp_path / "cell.toml", tmp_path / "out", "rapid")
+    assert not (tmp_path / "out").exists()
