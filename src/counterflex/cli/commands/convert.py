@@ -22,7 +22,7 @@ def convert(
     program: Program,
     cell: CellFile,
     out: Out,
-    to: Annotated[
+    language: Annotated[
         str,
         typer.Option(
             "--to",
@@ -57,7 +57,7 @@ def convert(
         program,
         cell,
         out,
-        to,
+        language,
         reading=Reading(dialect, parameters, complete=not without_end),
         tolerance_m=tolerance_um * UM,
     )

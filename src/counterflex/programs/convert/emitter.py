@@ -174,7 +174,7 @@ class Emitter(ABC):
         """Shares at which the pieces of a circle end; None where it becomes straight moves."""
 
     @abstractmethod
-    def arc(self, move: Move, begin: float, end: float) -> None:
+    def arc(self, move: Move, start_share: float, end_share: float) -> None:
         """A piece of a circle."""
 
 

@@ -123,17 +123,17 @@ class GcodeEmitter(MachineEmitter):
         """As one, with its turns."""
         return [1.0] if self.plane(move) else None
 
-    def arc(self, move: Move, begin: float, end: float) -> None:
+    def arc(self, move: Move, start_share: float, end_share: float) -> None:
         """G2 or G3 with I J K from the start."""
         plane, motion = self.plane(move), move.motion
         if plane != self._plane:
             self._plane = plane
             self.lines.append(f"G{plane}")
         first, second, _ = PLANE_AXES[plane]
-        start = np.round(move.at(begin) / MM, _DECIMALS)
+        start = np.round(move.at(start_share) / MM, _DECIMALS)
         offset = np.asarray(motion.p_centre) / MM - start
         words = ["G2" if self.clockwise(move) else "G3"]
-        words += [f"{c}{number(float(v), _DECIMALS)}" for c, v in zip("XYZ", move.at(end) / MM, strict=True)]
+        words += [f"{c}{number(float(v), _DECIMALS)}" for c, v in zip("XYZ", move.at(end_share) / MM, strict=True)]
         words += [f"{'IJK'[axis]}{number(float(offset[axis]), _DECIMALS + 1)}" for axis in (first, second)]
         turns = max(1, math.ceil(abs(motion.turn_rad) / (2.0 * math.pi) - 1e-6))
         words += [self.turns(turns)] if turns > 1 else []
@@ -238,16 +238,16 @@ class AptEmitter(MachineEmitter):
         turns = max(1, math.ceil(abs(move.motion.turn_rad) / (2.0 * math.pi) - 1e-6))
         return [k / turns for k in range(1, turns + 1)]
 
-    def arc(self, move: Move, begin: float, end: float) -> None:
+    def arc(self, move: Move, start_share: float, end_share: float) -> None:
         """CIRCLE with centre, axis and radius, and the GOTO that ends it."""
         third = {17: 2, 18: 1, 19: 0}[self.plane(move)]
         self._feed(move)
         motion = move.motion
-        start, centre = move.at(begin), np.asarray(motion.p_centre).copy()
+        start, centre = move.at(start_share), np.asarray(motion.p_centre).copy()
         centre[third] = start[third]
         axis = ["0.0", "0.0", "0.0"]
         axis[third] = "-1.0" if self.clockwise(move) else "1.0"
         radius = float(np.linalg.norm(start - centre))
         words = [number(float(value), _DECIMALS) for value in centre / MM]
         self.lines.append("CIRCLE/" + ",".join([*words, *axis, number(radius / MM, _DECIMALS)]))
-        self._goto(move, move.at(end))
+        self._goto(move, move.at(end_share))

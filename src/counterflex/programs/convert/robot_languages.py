@@ -87,10 +87,10 @@ class RobotEmitter(Emitter, Generic[S]):
     def _speed(self, move: Move) -> float:
         return move.motion.feed_m_s if move.motion.feed_m_s > 0.0 else self.settings.rapid_m_s
 
-    def arc(self, move: Move, begin: float, end: float) -> None:
+    def arc(self, move: Move, start_share: float, end_share: float) -> None:
         """A circle."""
         self._enter(move)
-        self.circle(move, begin, end)
+        self.circle(move, start_share, end_share)
         self.points += 1
 
     def _enter(self, move: Move) -> None:
@@ -120,7 +120,7 @@ class RobotEmitter(Emitter, Generic[S]):
         """A point; ``free``: the robot takes its own way there."""
 
     @abstractmethod
-    def circle(self, move: Move, begin: float, end: float) -> None:
+    def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """A piece of a circle."""
 
 
@@ -167,10 +167,10 @@ class KrlEmitter(RobotEmitter[KrlSettings]):
         """One CIRC; a helix becomes straight moves."""
         return None if abs(move.rise_m) > _FLAT_M else [1.0]
 
-    def circle(self, move: Move, begin: float, end: float) -> None:
+    def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """CIRC through the middle, or by CA where the circle is nearly whole."""
         self._set(self._speed(move))
-        angle = turn_deg(move) * (end - begin)
+        angle = turn_deg(move) * (end_share - start_share)
         whole = angle > _NEARLY_WHOLE_DEG
         middle, last = (120.0 / angle, 240.0 / angle) if whole else (0.5, 1.0)
         poses = [krl_pose(pose.make(self.orientation(move, 1.0), move.at(share))) for share in (middle, last)]
@@ -257,10 +257,10 @@ class RapidEmitter(RobotEmitter[RapidSettings]):
         count = max(1, math.ceil(turn_deg(move) / _HALF_DEG - 1e-6))
         return [k / count for k in range(1, count + 1)]
 
-    def circle(self, move: Move, begin: float, end: float) -> None:
+    def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """MoveC through the middle of a piece."""
         middle, last = (
             self._target(pose.make(self.orientation(move, share), move.at(share)))
-            for share in (0.5 * (begin + end), end)
+            for share in (0.5 * (start_share + end_share), end_share)
         )
         self.lines.append(f"MoveC {middle},{last},{self._rest(self._speed(move))}")
