@@ -21,7 +21,7 @@ def soft(folder: Path) -> str:
 
 def test_stable_program(folder: Path, counterflex: Any) -> None:
     (folder / "stiff.csv").write_text(MODAL.format(k=2000), encoding="utf-8")
-    ended = counterflex("plan", "stability", "cell.toml", "part.ngc", "--modal", "stiff.csv", "--out", "out")
+    ended = counterflex("plan", "stability", "part.ngc", "--cell", "cell.toml", "--modal", "stiff.csv", "--out", "out")
     assert ended.status == 0, ended.err
     assert "stable: least margin" in ended.out
     summary = json.loads((folder / "out" / "summary.json").read_text(encoding="utf-8"))
@@ -35,7 +35,7 @@ def test_stable_program(folder: Path, counterflex: Any) -> None:
 
 
 def test_soft_spindle_chatters_and_the_line_is_named(folder: Path, counterflex: Any, soft: str) -> None:
-    ended = counterflex("plan", "stability", "cell.toml", "part.ngc", "--modal", soft, "--json")
+    ended = counterflex("plan", "stability", "part.ngc", "--cell", "cell.toml", "--modal", soft, "--json")
     assert ended.status == 1
     summary = json.loads(ended.out)
     assert summary["verdict"] == "chatter"
@@ -52,7 +52,9 @@ def test_needed_damping_is_that_of_the_line_where_the_robot_is_softest(
     """A soft tool is worst in the full slot, line 12, which needs hardly any; the robot in the wall behind it."""
     program = Path(__file__).resolve().parents[2] / "examples" / "programs" / "corner.ngc"
     cell = program.parents[1] / "cells" / "kr300_d16_small.toml"
-    summary = json.loads(counterflex("plan", "stability", str(cell), str(program), "--modal", soft, "--json").out)
+    summary = json.loads(
+        counterflex("plan", "stability", str(program), "--cell", str(cell), "--modal", soft, "--json").out
+    )
     assert summary["worst"]["method"] == "spindle and tool"
     assert summary["worst"]["line"] <= 13
     assert summary["tools"][0]["needed_damping_ratio"] == pytest.approx(0.055, abs=0.01)
@@ -70,7 +72,7 @@ def test_needed_damping_is_that_of_the_line_where_the_robot_is_softest(
 )
 def test_bad_input(folder: Path, counterflex: Any, soft: str, words: tuple[str, ...], says: str) -> None:
     before = sorted(item.name for item in folder.iterdir())
-    ended = counterflex("plan", "stability", "cell.toml", "part.ngc", *words)
+    ended = counterflex("plan", "stability", "part.ngc", "--cell", "cell.toml", *words)
     assert ended.status == 2
     assert says in ended.err
     assert len(ended.err.strip().splitlines()) == 1
@@ -79,7 +81,7 @@ def test_bad_input(folder: Path, counterflex: Any, soft: str, words: tuple[str, 
 
 def test_program_that_cuts_nothing(folder: Path, counterflex: Any) -> None:
     (folder / "air.ngc").write_text("G21 G90\nM6 T1\nM3 S9000\nG0 Z60 X0 Y0\nG1 X20 F500\nM2\n", encoding="utf-8")
-    ended = counterflex("plan", "stability", "cell.toml", "air.ngc", "--out", "out")
+    ended = counterflex("plan", "stability", "air.ngc", "--cell", "cell.toml", "--out", "out")
     assert ended.status == 2
     assert "cuts nothing" in ended.err
     assert not (folder / "out").exists()

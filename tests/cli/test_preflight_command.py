@@ -10,7 +10,7 @@ import pytest
 
 
 def test_table_and_page(folder: Path, counterflex: Any) -> None:
-    ended = counterflex("preflight", "cell.toml", "part.ngc", "--out", "out")
+    ended = counterflex("preflight", "part.ngc", "--cell", "cell.toml", "--out", "out")
     assert ended.status == 0, ended.err
     for word in ("joint limits", "line", "unknown: look-ahead: give controller.look_ahead_blocks", "0 fail"):
         assert word in ended.out
@@ -28,7 +28,7 @@ def test_a_check_that_fails_ends_with_one(folder: Path, counterflex: Any) -> Non
     text = (folder / "cell.toml").read_text()
     assert "x_mm = 1350" in text
     (folder / "cell.toml").write_text(text.replace("x_mm = 1350", "x_mm = 4350"))
-    ended = counterflex("preflight", "cell.toml", "part.ngc", "--out", "out", "--json")
+    ended = counterflex("preflight", "part.ngc", "--cell", "cell.toml", "--out", "out", "--json")
     assert ended.status == 1
     printed = json.loads(ended.out)
     assert printed["failed"]
@@ -40,11 +40,11 @@ def test_a_check_that_fails_ends_with_one(folder: Path, counterflex: Any) -> Non
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("cell.toml", "absent.ngc"), "no such file"),
-        (("absent.toml", "part.ngc"), "no such file"),
-        (("part.ngc", "cell.toml"), "part.ngc"),
-        (("cell.toml", "part.ngc", "--out", "cell.toml"), "a file has the name"),
-        (("cell.toml", "part.ngc", "--dialect", "siemens"), "linuxcnc"),
+        (("absent.ngc", "--cell", "cell.toml"), "no such file"),
+        (("part.ngc", "--cell", "absent.toml"), "no such file"),
+        (("cell.toml", "--cell", "part.ngc"), "part.ngc"),
+        (("part.ngc", "--cell", "cell.toml", "--out", "cell.toml"), "a file has the name"),
+        (("part.ngc", "--cell", "cell.toml", "--dialect", "siemens"), "linuxcnc"),
     ],
 )
 def test_bad_input_is_told_in_one_line(folder: Path, refused: Any, words: tuple[str, ...], told: str) -> None:

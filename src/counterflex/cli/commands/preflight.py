@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.commands.program import Dialect, Parameters, WithoutEnd
+from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.programs.limits import BY_ENDING
 
@@ -19,8 +19,8 @@ def register(app: typer.Typer) -> None:
 
 
 def preflight(
-    cell: Annotated[Path, typer.Argument(help="Cell file (.toml).", metavar="CELL", callback=arguments.file)],
     program: Annotated[Path, typer.Argument(help="Program file.", metavar="PROGRAM", callback=arguments.file)],
+    cell: CellFile,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -44,7 +44,7 @@ def preflight(
     Verdicts: ok; warning (costs accuracy or time); unknown (names the key of the cell file that is missing); fail.
     Exit status 1 if a check fails.
 
-    Example: `counterflex preflight cell.toml part.ngc --out preflight`
+    Example: `counterflex preflight part.ngc --cell cell.toml --out preflight`
     """
     if out is not None:
         keep_inputs(out, cell, program, *([] if parameters is None else [parameters]))

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.commands.program import Dialect, Parameters, WithoutEnd
+from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.programs.limits import BY_ENDING
 
@@ -19,8 +19,8 @@ def register(app: typer.Typer) -> None:
 
 
 def stability(
-    cell: Annotated[Path, typer.Argument(help="Cell file (.toml).", metavar="CELL", callback=arguments.file)],
     program: Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)],
+    cell: CellFile,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -75,7 +75,7 @@ def stability(
     Verdicts: stable; chatter (exit status 1); open (depends on a damping ratio that was not measured: the least one
     needed is printed).
 
-    Example: `counterflex plan stability cell.toml part.ngc --out stability`
+    Example: `counterflex plan stability part.ngc --cell cell.toml --out stability`
     """
     if out is not None:
         keep_inputs(out, cell, program, *(item for item in (parameters, response, modal) if item is not None))
