@@ -194,7 +194,7 @@ def test_tool_vectors_and_rotary_words() -> None:
         ("G2 X50 CR=5 F100", "R is too small"),
         ("G2 X5 AR=400 F100", "the opening angle AR is out of range"),
         ("A3=1 G0 X1", "without TRAORI"),
-        ('T="MILL" M6', "a tool is called by a name"),
+        ('T="MILL" M6', "a tool is called by a name that no tool"),
         ("G0 X1 X2", "the word appears twice"),
         ("G0 G1 X1", "two words of the group 'motion'"),
         ("SUPA G0 Z0\nG0 X5", "moves on after SUPA in line 2"),
@@ -367,3 +367,12 @@ def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
         read_sinumerik("G90 G0 X0 Y0 Z0 F5\n" + text)
     except ProgramError as fault:
         assert "\n" not in str(fault)  # noqa: PT017 -- most texts are refused, some are read
+
+
+def test_a_tool_by_its_name() -> None:
+    """The number of the tool of that name in the cell file; capitals do not count, a name that two have is none."""
+    cell = read_cell(ROOT / "examples" / "cells" / "kr300_d16_small.toml")
+    assert cell.tool_names == {"END MILL D16 Z3": 1, "END MILL D10 Z3": 2}
+    text = 'T="End mill D10 z3"\nM6\nG0 X0 Y0 Z5\nT1 M6\nG0 X1\nM30\n'
+    program = read_sinumerik(text, tool_names=cell.tool_names)
+    assert [motion.tool for motion in program.motions] == [2, 1]

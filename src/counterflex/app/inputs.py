@@ -97,6 +97,7 @@ class Reading:
         if cell is not None and language in ROBOT_DIALECTS:
             return read_program_file(file, dialect=language, complete=self.complete, cell=robot_cell(cell, language))
         machine = MillingMachine(known=False) if self.parameters is None else read_parameter_file(self.parameters)
+        machine = machine if cell is None else replace(machine, tool_names=cell.tool_names)
         return read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
 
 

@@ -275,6 +275,16 @@ class Cell:
             hint=f"Add a [[tools]] table with number = {number}" if number else "Select a tool in the program: M6 T...",
         )
 
+    @property
+    def tool_names(self) -> dict[str, int]:
+        """Number of each tool by its name in capitals; names that two tools have are left out."""
+        names = [tool.name.strip().upper() for tool in self.tables.tools]
+        return {
+            name: tool.number
+            for name, tool in zip(names, self.tables.tools, strict=True)
+            if name and names.count(name) == 1
+        }
+
     def process_limits(self, number: int) -> ProcessLimits:
         """What spindle, robot and the tool with a number bear; a tool that the cell does not have has no length."""
         tool = next((tool for tool in self.tables.tools if tool.number == number), None)

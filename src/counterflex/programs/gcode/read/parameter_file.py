@@ -37,6 +37,7 @@ class MillingMachine:
         known: G53 leads to machine coordinates, which are those of the part where no work offset is given. False:
             where the part lies in the machine is not known, G53 leads nowhere that anything may follow.
         part_at_g54: The zero of the part is that of G54 as ``work_offsets`` has it, and not that of the machine.
+        tool_names: Number of a tool by its name in capitals, for controls that call tools by name.
     """
 
     parameters: Mapping[str | int, float] = field(default_factory=dict)
@@ -44,6 +45,7 @@ class MillingMachine:
     tool_lengths: Mapping[int, float] | None = None
     known: bool = True
     part_at_g54: bool = False
+    tool_names: Mapping[str, int] = field(default_factory=dict)
 
 
 def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:

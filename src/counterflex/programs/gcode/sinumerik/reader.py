@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -27,7 +28,9 @@ _MOST: Final = 1e6
 _ARC: Final = (*"IJK", "CR", "AR", "TURN")
 
 
-def read_sinumerik(text: str, *, name: str = "program", complete: bool = False) -> Program:
+def read_sinumerik(
+    text: str, *, name: str = "program", complete: bool = False, tool_names: Mapping[str, int] | None = None
+) -> Program:
     """Execute a program's text and return the blocks passed and the motions made.
 
     The zero of the first settable offset (G54 to G57, G505 to G599) is the zero of the part, tool lengths are
@@ -37,6 +40,7 @@ def read_sinumerik(text: str, *, name: str = "program", complete: bool = False) 
         text: The program.
         name: Its name, for errors.
         complete: Refuse a text that stops without M2, M17, M30 or RET: it may have been cut off.
+        tool_names: Number of a tool by its name in capitals, for ``T="NAME"``.
 
     Returns:
         The program as executed; A3 B3 C3 appear as the I J K of
@@ -50,7 +54,7 @@ def read_sinumerik(text: str, *, name: str = "program", complete: bool = False) 
     lines = split_lines(text)
     if not any(line.strip() for line in lines):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a file with a Sinumerik program")
-    run = _Run(name, lines)
+    run = _Run(name, lines, tool_names or {})
     ended = False
     for index in range(len(lines)):
         if not ended:
@@ -87,14 +91,16 @@ def read_sinumerik_file(
     if machine is not None and machine.part_at_g54:
         raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for Sinumerik", where=str(file))
     text, encoding = read_text(Path(file))
-    return replace(read_sinumerik(text, name=Path(file).name, complete=complete), encoding=encoding)
+    names = {} if machine is None else machine.tool_names
+    program = read_sinumerik(text, name=Path(file).name, complete=complete, tool_names=names)
+    return replace(program, encoding=encoding)
 
 
 class _Run:
     """One pass through a program."""
 
-    def __init__(self, name: str, lines: tuple[str, ...]) -> None:
-        self._name, self._lines = name, lines
+    def __init__(self, name: str, lines: tuple[str, ...], tool_names: Mapping[str, int]) -> None:
+        self._name, self._lines, self._tool_names = name, lines, tool_names
         self._state = State(vectors=any(_VECTOR_WORD.match(line) for line in lines))
         self._constants: dict[int, float] = {}
         self._modals: dict[Modal, Modal] = {}
@@ -186,10 +192,13 @@ class _Run:
         state = self._state
         tool = block.take_text("T")
         if tool is not None:
-            if not tool.isdecimal() or int(tool) > 99_999:
-                raise block.fault("a tool is called by a name, and cells know tools by number", "T",
-                                  hint="Write the number of the cell's [[tools]]: T1 or T=1")  # fmt: skip
-            state.prepared = int(tool)
+            number = self._tool_names.get(tool.strip().upper())
+            if number is None and (not tool.isdecimal() or int(tool) > 99_999):
+                raise block.fault(
+                    "a tool is called by a name that no tool of the cell has alone", "T",
+                    hint="Give the tool this name in [[tools]] of the cell file, or write T1",
+                )  # fmt: skip
+            state.prepared = int(tool) if number is None else number
         for name in ("D", "H"):
             block.take(name)
         for code in block.m:
