@@ -207,3 +207,30 @@ def test_orientation_is_corrected_about_the_tool_as_it_is_held() -> None:
     assert program.Rs_part_tcp is not None
     wanted = rotation.exp(compensated.rotvec_part_command[-1]) @ program.Rs_part_tcp[-1]
     assert float(np.linalg.norm(rotation.log(wanted.T @ back.Rs_part_tcp[-1]))) < 2e-7
+
+
+SPLINE = (
+    "DEF part( )\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n$VEL.CP=0.02\nSPLINE\n"
+    "  SLIN {X 20.0} ; one\n  SLIN {X 40.0} WITH $VEL.CP=0.01\nENDSPLINE\nSLIN {X 60.0}\nEND\n"
+)
+
+
+def test_segments_of_a_spline_block_stay_in_it() -> None:
+    """Points put in are segments too, their speeds behind WITH; no other statement gets between them."""
+    program = read_krl(SPLINE, name="part.src")
+    path = tool_path(program, step_m=0.5 * MM)
+    slowed = path.feed_m_s.copy()
+    slowed[path.motion > 0] *= 0.5
+    object.__setattr__(path, "feed_m_s", slowed)
+    swing = 2e-4 * np.sin(path.p_part_tcp[:, :1] / 0.004) * np.array([0.0, 1.0, 0.0])
+    text = write_krl_in_place(program, CompensatedPath.from_correction(path, swing), cycle_s=1e-4)
+    after = text.files["part.src"]
+    block = after[after.index("SPLINE") : after.index("ENDSPLINE")].splitlines()[1:]
+    assert len(block) > 10
+    assert all(line.strip().startswith("SLIN {") for line in block)
+    assert sum("; one" in line for line in block) == 1
+    back = read_back(text, program)
+    assert text.largest_written_error_m <= _TOLERANCE_M + _ROUNDING_M
+    cut = [m for m, move in zip(back.motions, back.moves, strict=True) if move.in_spline]
+    assert {round(m.feed_m_s, 3) for m in cut} <= {0.010, 0.005, 0.011, 0.006}
+    assert back.motions[-1].p_end[0] == pytest.approx(0.06)

@@ -90,6 +90,17 @@ def test_circles(ca: str, turn: float) -> None:
     np.testing.assert_allclose(tool_path(made).p_part_tcp[-1], end, atol=1e-9)
 
 
+def test_spline_blocks_of_straight_segments_and_circles() -> None:
+    """Speeds of the block, of a segment, and behind the block; segments are where they are written."""
+    made = program(
+        f"{GOOD}\nSPLINE WITH $VEL.CP=0.05, $ACC.CP=1.0\nSLIN {{X 10}}\n  SLIN {{X 20}} WITH $VEL.CP = 0.03\n"
+        "SCIRC {X 25,Y 5},{X 20,Y 10}\nTRIGGER WHEN PATH=0 DELAY=0 DO $OUT[1]=TRUE\nENDSPLINE C_SPL\nSLIN {X 0}"
+    )
+    assert [motion.feed_m_s for motion in made.motions] == [0.0, 0.05, 0.03, 0.05, 0.02]
+    assert [motion.kind for motion in made.motions] == ["rapid", "feed", "feed", "arc", "feed"]
+    assert [move.in_spline for move in made.moves] == [False, True, True, True, False]
+
+
 def test_process_words_of_the_table() -> None:
     """The table read backwards, the wait for the spindle included; what it does not name stays a statement."""
     wait = "\n".join(TABLE.templates()[3][1])
@@ -143,7 +154,13 @@ GOOD = f"PTP {{X 0,Y 0,Z 0,{DOWN}}}"
         ("GOTO AWAY", "jumps", ":5:1"),
         ("MILL_POCKET(3)", "a subprogram is called", ":5:1"),
         ("FROBNICATE 3", "an unknown statement", ":5:1"),
-        ("SPLINE", "spline blocks", ":5:1"),
+        ("SPL XP1", "controller's own", ":5:1"),
+        (f"{GOOD}\nSPLINE", "SPLINE is not closed", ":7"),
+        ("ENDSPLINE", "closes nothing", ":5:1"),
+        (f"{GOOD}\nSPLINE\nLIN {{X 1}}", "LIN has no place in a spline block", ":7:1"),
+        (f"{GOOD}\nSPLINE\n$VEL.CP=0.1", "this has no place in a spline block", ":7:1"),
+        (f"{GOOD}\nSPLINE WITH $IPO_MODE=#TCP", "not understood", ":6:1"),
+        (f"{GOOD}\nSLIN {{X 1}} WITH $VEL.CP=99", "no number in range", ":6:1"),
         ("LIN XP9", "where XP9 is, is not known", ":5:5"),
         ("P1.X=P1.X+1\nLIN P1", "computed by the program", ":6:5"),
         (f"{GOOD}\nLIN {{X SQRT(2)}}", "is no number", ":6:6"),

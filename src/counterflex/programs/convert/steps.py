@@ -167,7 +167,7 @@ def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], name
     before = R if index == 0 else R_part_tcp(index - 1)
     exact = False
     if isinstance(program, KrlProgram):
-        exact = not program.moves[index].approximation
+        exact = not program.moves[index].approximation and not program.moves[index].in_spline
     elif isinstance(program, RapidProgram):
         exact = program.moves[index].exact
     return Move(index, motion, R, before, named, exact, block.line)

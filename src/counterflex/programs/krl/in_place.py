@@ -38,6 +38,7 @@ class KrlText:
         arcs_kept: Corrected circles still written as one.
         arcs_as_lines: Corrected circles written as straight moves.
         speeds_added: Lines that set the speed, in addition to those of the source.
+        speeds_changed: Splines with a speed of their own that is another than programmed.
         targets_in_data: Targets changed in the ``.dat`` file.
         targets_written_out: Targets whose name other places use too, written as literals instead.
         tolerance_m: Allowed distance of the written path from the commanded rows, at the same place of the way.
@@ -54,6 +55,7 @@ class KrlText:
     arcs_kept: int
     arcs_as_lines: int
     speeds_added: int
+    speeds_changed: int
     targets_in_data: int
     targets_written_out: int
     tolerance_m: float
@@ -123,7 +125,7 @@ class _InPlace(CommandedValues):
         self.checked: Bool = np.zeros(n, dtype=np.bool_)
         self.arc_error_m = 0.0
         self.split_motions = self.vertices_added = self.arcs_kept = self.arcs_as_lines = 0
-        self.speeds_added = self.in_data = self.written_out = self.too_close = 0
+        self.speeds_changed = self.speeds_added = self.in_data = self.written_out = self.too_close = 0
         self._speed: float | None = None
         self._line = 0
 
@@ -151,6 +153,7 @@ class _InPlace(CommandedValues):
             arcs_kept=self.arcs_kept,
             arcs_as_lines=self.arcs_as_lines,
             speeds_added=self.speeds_added,
+            speeds_changed=self.speeds_changed,
             targets_in_data=self.in_data,
             targets_written_out=self.written_out,
             tolerance_m=self.tolerance_m,
@@ -220,14 +223,15 @@ class _InPlace(CommandedValues):
             )
         spline = move.word.startswith("S")
         word, approximation = "SLIN" if spline else "LIN", move.approximation or ("C_SPL" if spline else "C_DIS")
+        approximation = "" if move.in_spline else f" {approximation}"
         before = first - 1
         lead = self._indent(move.line)
         for row in steps:
-            lines = self._speed_lines(index, before, row)
+            lines, own = self._speed_lines(index, before, row), self._own_speed(index, before, row)
             values = self.values_at(index, row)
             pose = ",".join(f"{letter} {spelled(letter, values[letter])}" for letter in LETTERS)
             self.source.insert(
-                place, [lead + line for line in (*lines, f"{word} {{{pose}{self.program.extra}}} {approximation}")]
+                place, [lead + line for line in (*lines, f"{word} {{{pose}{self.program.extra}}}{approximation}{own}")]
             )
             self.stand(values)
             self.written[row] = self.here()
@@ -235,6 +239,7 @@ class _InPlace(CommandedValues):
         self.vertices_added += len(steps)
         self.split_motions += bool(steps)
         self.source.insert(move.line, [lead + line for line in self._speed_lines(index, before, last)])
+        self._edit_own_speed(index, before, last)
 
     def _end(self, index: int, move: KrlMotion) -> None:
         """The motion's own target."""
@@ -322,14 +327,10 @@ class _InPlace(CommandedValues):
         The loaded tool covers the nominal piece while the controller runs along the commanded one, so the programmed
         speed is multiplied by commanded over nominal length, and by the share that the plan leaves of it.
         """
-        motion, rows = self.program.motions[index], self.rows
-        if motion.feed_m_s <= 0.0 or row < 0:
+        motion, move = self.program.motions[index], self.program.moves[index]
+        if motion.feed_m_s <= 0.0 or row < 0 or move.in_spline or move.own_speed is not None:
             return []
-        factor = 1.0
-        if rows.moved[index]:
-            travel = np.linalg.norm(np.diff(rows.command[before : row + 1], axis=0), axis=1).sum()
-            nominal = rows.way[row] - rows.way[before]
-            factor = float(feed_factor(np.array([nominal]), np.array([travel]))[0]) * rows.share_of(before + 1, row)
+        factor = self._factor(index, before, row)
         active = motion.feed_m_s if self._speed is None else self._speed
         requested = motion.feed_m_s * factor
         if abs(requested / active - 1.0) <= LEAST_FEED_CHANGE:
@@ -338,9 +339,43 @@ class _InPlace(CommandedValues):
         self.speeds_added += 1
         return [f"$VEL.CP={number(requested, 6)}"]
 
+    def _factor(self, index: int, before: int, row: int) -> float:
+        rows = self.rows
+        if not rows.moved[index]:
+            return 1.0
+        travel = np.linalg.norm(np.diff(rows.command[before : row + 1], axis=0), axis=1).sum()
+        nominal = rows.way[row] - rows.way[before]
+        return float(feed_factor(np.array([nominal]), np.array([travel]))[0]) * rows.share_of(before + 1, row)
+
+    def _own_speed(self, index: int, before: int, row: int) -> str:
+        """``WITH $VEL.CP=`` of a piece of a motion that has its own speed, or stands in a spline block."""
+        motion, move = self.program.motions[index], self.program.moves[index]
+        if motion.feed_m_s <= 0.0 or row < 0 or not (move.in_spline or move.own_speed is not None):
+            return ""
+        factor = self._factor(index, before, row)
+        if abs(factor - 1.0) <= LEAST_FEED_CHANGE and move.own_speed is None:
+            return ""
+        return f" WITH $VEL.CP={number(motion.feed_m_s * factor, 6)}"
+
+    def _edit_own_speed(self, index: int, before: int, row: int) -> None:
+        """The same of the motion itself, where it is another than programmed."""
+        move, text = self.program.moves[index], self._own_speed(index, before, row)
+        if not text or abs(self._factor(index, before, row) - 1.0) <= LEAST_FEED_CHANGE:
+            return
+        self.speeds_changed += 1
+        if move.own_speed is not None:
+            self.source.change(move.line, [(*move.own_speed, text.rpartition("=")[2])])
+        else:
+            end = len(code_of(self.program.lines[move.line - 1]).rstrip())
+            self.source.change(move.line, [(end, end, text)])
+
     def _restore_speed(self) -> None:
         """The programmed speed behind the last motion: what comes after it inherits it."""
-        fed = [motion.feed_m_s for motion in self.program.motions if motion.feed_m_s > 0.0]
+        fed = [
+            motion.feed_m_s
+            for motion, move in zip(self.program.motions, self.program.moves, strict=True)
+            if motion.feed_m_s > 0.0 and not move.in_spline and move.own_speed is None
+        ]
         if self._speed is not None and fed and abs(self._speed / fed[-1] - 1.0) > 1e-9:
             line = self.program.moves[-1].line
             self.source.insert(line + 1, [f"{self._indent(line)}$VEL.CP={number(fed[-1], 6)}"])

@@ -66,6 +66,8 @@ class KrlMotion:
         circle_angle: The circle is given by a CA.
         start: Index of the word in its line.
         end: Index behind the targets and CA.
+        in_spline: It is a segment of a spline block, in which no other statement may stand.
+        own_speed: Where the number of its ``WITH $VEL.CP=`` stands; None where there is none.
     """
 
     line: int
@@ -77,6 +79,8 @@ class KrlMotion:
     circle_angle: bool = False
     start: int = 0
     end: int = 0
+    in_spline: bool = False
+    own_speed: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)

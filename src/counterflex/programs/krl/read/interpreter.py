@@ -68,6 +68,7 @@ class Interpreter(Modes):
         self._rpm = 0.0
         self._away: int | None = None
         self._trigger: int | None = None
+        self._spline: float | None = None
         self._begun = self._ended = False
         self._swallow = 0
         self._words: tuple[Word, ...] = _NO_WORDS
@@ -122,6 +123,11 @@ class Interpreter(Modes):
         if form.END.fullmatch(code):
             self._ended = True
             return
+        if self._spline is not None and not form.IN_SPLINE.match(code):
+            raise self._fault(
+                "this has no place in a spline block", code, limit="SLIN SCIRC TRIGGER ENDSPLINE",
+                hint="The file may be damaged: post it again",
+            )  # fmt: skip
         if self._process(code):
             return
         if form.HALT.fullmatch(code) and not self._flow:
@@ -200,13 +206,17 @@ class Interpreter(Modes):
     def _motion(self, code: str) -> bool:
         if form.SPLINE.match(code):
             raise self._fault(
-                "spline blocks are not read", code, limit="PTP LIN CIRC SPTP SLIN SCIRC",
-                hint="Post the path as LIN or SLIN",
+                "the curve of this word is the controller's own and is not known", code,
+                limit="PTP LIN CIRC SPTP SLIN SCIRC, SLIN and SCIRC within SPLINE", hint="Post the path as SLIN",
             )  # fmt: skip
+        if self._spline_block(code):
+            return True
         match = form.MOTION.match(code)
         if match is None:
             return False
         word = match[1].upper()
+        if self._spline is not None and word not in ("SLIN", "SCIRC"):
+            raise self._fault(f"{word} has no place in a spline block", code, limit="SLIN SCIRC")
         if match[2]:
             raise self._fault(
                 f"{word}_REL counts from where the robot is: relative targets are not read", code,
@@ -227,6 +237,10 @@ class Interpreter(Modes):
         self._require_frame_data(code)
         if word.endswith("PTP") or not self._motions:
             feed = 0.0
+        elif read.own_speed is not None:
+            feed = self._in_range(code[slice(*read.own_speed)], code)
+        elif self._spline:
+            feed = self._spline
         elif self._feed_m_s is None:
             raise self._fault(
                 "a motion along the path before $VEL.CP is set", code, limit="$VEL.CP=0.025 (m/s)",
@@ -250,11 +264,29 @@ class Interpreter(Modes):
                 tool=self.frames.tool,
             )
         )
-        self.moves.append(read)
+        self.moves.append(replace(read, in_spline=self._spline is not None))
         self.rotations.append(rotation)
         if self._trigger is not None:
             self.loose[self.line] = self._trigger
             self._trigger = None
+        return True
+
+    def _spline_block(self, code: str) -> bool:
+        """SPLINE and ENDSPLINE; between them ``_spline`` is the speed of the block, 0 where it has none of its own."""
+        if (begins := form.SPLINE_BEGINS.fullmatch(code)) is not None:
+            if self._spline is not None or not form.WITH_OTHERS.fullmatch(begins[1]):
+                raise self._fault("this beginning of a spline block is not understood", code,
+                                  limit="SPLINE WITH $VEL.CP=0.02",
+                                  hint="Set speed and acceleration alone there")  # fmt: skip
+            self._refuse_in_flow(code, "a spline block")
+            velocity = form.WITH_VELOCITY.search(begins[1])
+            self._spline = 0.0 if velocity is None else self._in_range(velocity[1], code)
+            return True
+        if form.SPLINE_ENDS.fullmatch(code) is None:
+            return False
+        if self._spline is None:
+            raise self._fault("ENDSPLINE closes nothing", code, hint="The file may be damaged: post it again")
+        self._spline = None
         return True
 
     def _wait(self, code: str) -> bool:
@@ -316,6 +348,8 @@ class Interpreter(Modes):
             raise ProgramError(
                 "the program does not begin with DEF", where=f"{self.name}:1:1", hint="Give the whole .src file"
             )
+        if self._spline is not None:
+            raise ProgramError("SPLINE is not closed", where=f"{self.name}:{self.line}", hint="The file may be cut off")
         if self._flow:
             word, line = self._flow[-1]
             raise ProgramError(f"{word} is not closed", where=f"{self.name}:{line}", hint="The file may be cut off")

@@ -58,6 +58,10 @@ class Modes:
         return False
 
     def _set_speed(self, text: str, code: str) -> None:
+        self._feed_m_s = self._in_range(text, code)
+        self.speed_lines.append(self.line)
+
+    def _in_range(self, text: str, code: str) -> float:
         value = number_of(text)
         if value is None or not 0.0 < value <= _LARGEST_VELOCITY:
             raise self._fault(
@@ -65,8 +69,7 @@ class Modes:
                 limit=f"$VEL.CP above 0, at most {_LARGEST_VELOCITY:g} m/s",
                 hint="Write the number itself, in m/s",
             )  # fmt: skip
-        self._feed_m_s = value
-        self.speed_lines.append(self.line)
+        return value
 
     def _frame(self, code: str) -> bool:
         if (match := form.MODE.fullmatch(code)) is not None:

@@ -14,7 +14,15 @@ ROUTINE: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*(?:\(.*\))?\s*", _I
 FUNCTION: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEFFCT\s", _I)
 END: Final = re.compile(r"\s*END\s*", _I)
 MOTION: Final = re.compile(r"\s*(S?PTP|S?LIN|S?CIRC)(_REL)?(?=[\s{$]|$)", _I)
-SPLINE: Final = re.compile(r"\s*(SPLINE|PTP_SPLINE|SPL|ENDSPLINE|TIME_BLOCK|CONST_VEL)\b", _I)
+SPLINE: Final = re.compile(r"\s*(PTP_SPLINE|SPL|TIME_BLOCK|CONST_VEL)\b", _I)
+SPLINE_BEGINS: Final = re.compile(r"\s*SPLINE\b(.*)", _I)
+SPLINE_ENDS: Final = re.compile(r"\s*ENDSPLINE\b\s*((?:C_(?:DIS|PTP|VEL|ORI|SPL)\s*)*)", _I)
+IN_SPLINE: Final = re.compile(
+    r"\s*(S?PTP|S?LIN|S?CIRC|SPL|SPLINE|PTP_SPLINE|ENDSPLINE|TIME_BLOCK|CONST_VEL|TRIGGER)\b", _I
+)
+WITH: Final = re.compile(rf"\s*WITH\s+\$VEL\.CP\s*=\s*({NUMBER})\s*", _I)
+WITH_VELOCITY: Final = re.compile(rf"\bWITH\b(?:.*,)?\s*\$VEL\.CP\s*=\s*({NUMBER})\s*(?:,|$)", _I)
+WITH_OTHERS: Final = re.compile(r"\s*(?:WITH\s+\$(?:VEL|ACC|ORI_TYPE|GEAR_JERK|JERK|VEL_AXIS|ACC_AXIS)\b.*)?", _I)
 APPROXIMATION: Final = re.compile(r"\s*((?:C_(?:DIS|PTP|VEL|ORI|SPL)\s*)*)", _I)
 CIRCLE_ANGLE: Final = re.compile(rf"\s*,\s*CA\s+({NUMBER})\s*", _I)
 ANY_CIRCLE_ANGLE: Final = re.compile(r"\s*,\s*CA\b", _I)

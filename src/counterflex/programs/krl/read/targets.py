@@ -92,6 +92,9 @@ class Targets:
             raise self._fault("targets composed by ':' are not read", code, line, at, hint="Write the target itself")
         approximation = form.APPROXIMATION.match(code, at)
         at = at if approximation is None else approximation.end()
+        own_speed = None
+        if word in ("SLIN", "SCIRC") and (given := form.WITH.match(code, at)) is not None:
+            own_speed, at = given.span(1), given.end()
         if code[at:].strip():
             raise self._fault(
                 "this is not understood behind a target", code, line, at, limit="C_DIS C_PTP C_VEL C_ORI C_SPL, CA",
@@ -104,7 +107,7 @@ class Targets:
         shared = bool(target.name) and self._mentions(target.name) > 1
         return KrlMotion(
             line, word, target, auxiliary, "" if approximation is None else approximation[1].strip(), shared,
-            self._circle_rad is not None, start, len(code[:end].rstrip()),
+            self._circle_rad is not None, start, len(code[:end].rstrip()), own_speed=own_speed,
         )  # fmt: skip
 
     def _target(self, code: str, at: int, word: str, line: int) -> tuple[Target | None, int]:
