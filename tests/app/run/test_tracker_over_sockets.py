@@ -70,7 +70,7 @@ def test_margins_are_those_of_the_published_loop(tmp_path: Path) -> None:
 
 def test_no_seeds_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="seeds"):
-        reproduce_mandiola.run(tmp_path, seeds=0)
+        reproduce_mandiola.run(tmp_path, seeds=())
 
 
 def test_contour_and_total_error_of_a_known_path() -> None:

@@ -12,6 +12,10 @@ from counterflex.cli.commands.prove import FamilyName, Workers
 from counterflex.cli.output import print_json, print_made_again, print_table, progress_bar
 from counterflex.core.errors import Interrupted
 
+Seeds = Annotated[
+    str,
+    typer.Option("--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"),
+]
 _reproduce = typer.Typer(
     no_args_is_help=True, help="Published experiments, repeated on the simulated cell over its real protocols."
 )
@@ -38,7 +42,7 @@ def haehn2020(
     out: Annotated[
         Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
-    seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 5,
+    seeds: Seeds = "1001-1005",
     level: Annotated[
         str,
         typer.Option(
@@ -50,6 +54,7 @@ def haehn2020(
     quick: Annotated[
         bool, typer.Option("--quick", help="One truth, payload only, straight edge: does it work at all?")
     ] = False,
+    workers: Workers = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """A groove of 547 N corrected from force, with pilot control, and by plan and rest (Haehn and Weigold 2020).
@@ -59,13 +64,12 @@ def haehn2020(
 
     Example: `counterflex reproduce haehn2020 --out haehn`
     """
+    numbers = arguments.seeds(seeds)
     from counterflex.validation.reproduce import haehn as job
 
     with progress_bar("haehn2020") as progress:
         try:
-            summary = job.run(
-                out, seeds=1 if quick else seeds, level="catalogue" if quick else level, quick=quick, progress=progress
-            )
+            summary = job.run(out, seeds=numbers, level=level, quick=quick, workers=workers, progress=progress)
         except KeyboardInterrupt as stop:
             raise Interrupted(
                 "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
@@ -97,7 +101,7 @@ def mandiola2023(
     out: Annotated[
         Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
-    seeds: Annotated[int, typer.Option("--seeds", help="Number of truth seeds, from 1 on.", min=1, max=100)] = 3,
+    seeds: Seeds = "1001-1003",
     quick: Annotated[bool, typer.Option("--quick", help="Small paths and one seed: does it work at all?")] = False,
     workers: Annotated[
         int | None, typer.Option("--workers", help="Runs at a time; by default one per core.", min=1, max=64)
@@ -111,11 +115,12 @@ def mandiola2023(
 
     Example: `counterflex reproduce mandiola2023 --out mandiola`
     """
+    numbers = arguments.seeds(seeds)
     from counterflex.validation.reproduce import mandiola as job
 
     with progress_bar("mandiola2023") as progress:
         try:
-            summary = job.run(out, seeds=1 if quick else seeds, quick=quick, workers=workers, progress=progress)
+            summary = job.run(out, seeds=numbers, quick=quick, workers=workers, progress=progress)
         except KeyboardInterrupt as stop:
             raise Interrupted(
                 "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
@@ -167,12 +172,7 @@ def online(
     out: Annotated[
         Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
-    seeds: Annotated[
-        str,
-        typer.Option(
-            "--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"
-        ),
-    ] = "1001-1003",
+    seeds: Seeds = "1001-1003",
     family: FamilyName = "wide",
     quick: Annotated[
         bool, typer.Option("--quick", help="One truth, its payload identified, worn tool only: does it work at all?")
@@ -230,12 +230,7 @@ def holder(
     out: Annotated[
         Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
-    seeds: Annotated[
-        str,
-        typer.Option(
-            "--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"
-        ),
-    ] = "1001-1003",
+    seeds: Seeds = "1001-1003",
     family: FamilyName = "wide",
     level: Annotated[
         str,

@@ -50,7 +50,7 @@ _PLAN_FILE: Final = "plan.parquet"
 def run(
     out: str | Path,
     *,
-    seeds: int = 5,
+    seeds: Sequence[int] = (1001, 1002, 1003, 1004, 1005),
     level: str = "identified",
     quick: bool = False,
     workers: int | None = None,
@@ -60,10 +60,10 @@ def run(
 
     Args:
         out: Folder; what is there and was made from the same inputs is not done again.
-        seeds: Number of truth seeds, from 1 on.
+        seeds: Truth seeds.
         level: ``identified``: the cell's stiffness, play, drives, payload and cutting constants are measured on the
             simulated cell first; ``catalogue``: its payload only.
-        quick: Straight edge and Cartesian corrections only.
+        quick: The first seed, straight edge and Cartesian corrections only; payload only identified.
         workers: Runs at a time; None is one per core.
         progress: Progress callback, fraction 0 to 1.
 
@@ -74,19 +74,20 @@ def run(
         InputError: No seeds, or an unknown level.
         CounterflexError: As the jobs it consists of.
     """
-    if seeds < 1:
-        raise InputError("number of truth seeds is out of range", value=seeds, limit=">= 1")
+    if not seeds:
+        raise InputError("there are no truth seeds")
+    level = "catalogue" if quick else level
     if level not in RECIPES:
         raise InputError("no such truth level", value=level, limit=", ".join(RECIPES))
     start, begun = time.perf_counter(), time.time()
-    folder = Path(out)
+    folder, numbers = Path(out), tuple(seeds[:1]) if quick else tuple(seeds)
     of_cells = 4.0 if level == "identified" else 1.0
     parts = in_parts(progress, {"identifying": of_cells, "milling": 10.0 - of_cells})
-    cells = _identify(folder, seeds, level, workers, parts["identifying"])
+    cells = _identify(folder, numbers, level, workers, parts["identifying"])
     edges = ("straight",) if quick else tuple(haehn_case.EDGES)
     jobs = [
         (seed, edge, kind, output)
-        for seed in range(1, seeds + 1)
+        for seed in numbers
         for edge in edges
         for kind, item in haehn_case.KINDS.items()
         for output in item.outputs
@@ -139,12 +140,13 @@ def _one_at(task: int, place: Path, truth: Path, job: tuple[int, str, str, str])
     return result
 
 
-def _identify(folder: Path, seeds: int, level: str, workers: int | None, progress: Progress) -> dict[int, Path]:
+def _identify(
+    folder: Path, numbers: Sequence[int], level: str, workers: int | None, progress: Progress
+) -> dict[int, Path]:
     """Cell files that a laboratory makes of the simulated cells; their truth files lie beside them."""
     folder.mkdir(parents=True, exist_ok=True)
     start = folder / _BASE
     write_toml(start, haehn_case.cell_table(haehn_case.demonstration_cell(), 0.0))
-    numbers = range(1, seeds + 1)
     campaign.run(start, folder / level, seeds=numbers, recipes=RECIPES[level], workers=workers, progress=progress)
     return {seed: folder / level / f"seed-{seed}" / CELL for seed in numbers}
 

@@ -73,20 +73,11 @@ def run(
     for paper in repeated:
         folder = Path(str(out)) / paper
         if paper == "haehn2020":
-            runs[paper] = haehn.run(
-                folder,
-                seeds=1 if quick else 5,
-                level="catalogue" if quick else "identified",
-                quick=quick,
-                workers=workers,
-                progress=parts[paper],
-            )
+            runs[paper] = haehn.run(folder, quick=quick, workers=workers, progress=parts[paper])
         elif paper == "denkena2015":
             runs[paper] = holder.run(folder, quick=quick, workers=workers, progress=parts[paper])
         else:
-            runs[paper] = mandiola.run(
-                folder, seeds=1 if quick else 3, quick=quick, workers=workers, progress=parts[paper]
-            )
+            runs[paper] = mandiola.run(folder, quick=quick, workers=workers, progress=parts[paper])
     rows = [row for paper in papers for row in rows_of(paper, runs)]
     summary = {
         "figures": [row.plain() for row in rows],
