@@ -61,11 +61,11 @@ _LONG: dict[str, tuple[str, ...]] = {
     "faults": ("faults", "--quick", "--no-realtime", "--out", "faults"),
     "campaign": ("campaign", "groove.ngc", "--cell", "cell-small.toml", "--twin", "truth.toml",
                  "--recipe", "tracker-frame", "--out", "campaign"),
-    "reproduce haehn2020": ("reproduce", "haehn2020", "--quick", "--out", "haehn"),
-    "reproduce mandiola2023": ("reproduce", "mandiola2023", "--quick", "--out", "mandiola"),
+    "reproduce groove": ("reproduce", "groove", "--quick", "--out", "groove"),
+    "reproduce paths": ("reproduce", "paths", "--quick", "--out", "paths"),
 }  # fmt: skip
 _QUICK = ("simulate",)
-_RESUMED = ("campaign", "reproduce haehn2020", "reproduce mandiola2023")
+_RESUMED = ("campaign", "reproduce groove", "reproduce paths")
 """They go on where they were: run once only, for a second run would find everything done."""
 
 

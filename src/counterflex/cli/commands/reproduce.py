@@ -10,35 +10,41 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.commands.prove import FamilyName, Workers
 from counterflex.cli.output import print_json, print_made_again, print_table, progress_bar
-from counterflex.core.errors import Interrupted
+from counterflex.core.errors import InputError, Interrupted
 
+SEEDS = "1001-1003"
+LEVEL = "identified"
 Seeds = Annotated[
     str,
     typer.Option("--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"),
 ]
-_reproduce = typer.Typer(
-    no_args_is_help=True, help="Published experiments, repeated on the simulated cell over its real protocols."
-)
+_ABOUT = "Figures of four papers beside ours, and their experiments on the simulated cell over its real protocols."
+_reproduce = typer.Typer(no_args_is_help=True, help=_ABOUT)
 
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    _reproduce.command("haehn2020")(haehn2020)
-    _reproduce.command("mandiola2023")(mandiola2023)
-    _reproduce.command("online")(online)
-    _reproduce.command("holder")(holder)
-    _reproduce.command("denkena2015")(denkena2015)
-    _reproduce.command("berger2013")(berger2013)
-    _reproduce.command("all")(every_paper)
+    for name, command in (
+        ("denkena2015", denkena2015),
+        ("haehn2020", haehn2020),
+        ("berger2013", berger2013),
+        ("mandiola2023", mandiola2023),
+        ("all", every_paper),
+        ("groove", groove),
+        ("paths", paths),
+        ("holder", holder),
+        ("online", online),
+    ):
+        _reproduce.command(name)(command)
     _reproduce.callback()(_group)
     app.add_typer(_reproduce, name="reproduce")
 
 
 def _group() -> None:
-    """Published experiments, repeated on the simulated cell over its real protocols."""
+    """Figures of four papers beside ours, and their experiments on the simulated cell over its real protocols."""
 
 
-def haehn2020(
+def groove(
     out: Annotated[
         Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
@@ -62,12 +68,12 @@ def haehn2020(
     Straight and 40 degree exit edge, Cartesian and axis-specific corrections, each run in lockstep over RSI and Net F/T
     and judged by where the simulated tool truly was. Interrupted, the same command goes on where it was.
 
-    Example: `counterflex reproduce haehn2020 --out haehn`
+    Example: `counterflex reproduce groove --out groove`
     """
     numbers = arguments.seeds(seeds)
     from counterflex.validation.reproduce import haehn as job
 
-    with progress_bar("haehn2020") as progress:
+    with progress_bar("groove") as progress:
         try:
             summary = job.run(out, seeds=numbers, level=level, quick=quick, workers=workers, progress=progress)
         except KeyboardInterrupt as stop:
@@ -77,12 +83,12 @@ def haehn2020(
     if as_json:
         print_json(summary)
     else:
-        _show_haehn(summary)
+        _show_groove(summary)
         print_made_again(summary)
         typer.echo(f"wrote {out}")
 
 
-def _show_haehn(summary: dict[str, Any]) -> None:
+def _show_groove(summary: dict[str, Any]) -> None:
     from counterflex.validation.reproduce import haehn_report as report
 
     edges = list(dict.fromkeys(row["edge"] for row in summary["seeds"]))
@@ -97,7 +103,7 @@ def _show_haehn(summary: dict[str, Any]) -> None:
     typer.echo(report.verdict(summary))
 
 
-def mandiola2023(
+def paths(
     out: Annotated[
         Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
     ],
@@ -113,12 +119,12 @@ def mandiola2023(
     A 400 mm square and a circle of 150 mm radius at 700 mm/min (Mandiola 2023), each run in lockstep over sockets and
     judged by where the simulated tool truly was. Interrupted, the same command goes on where it was.
 
-    Example: `counterflex reproduce mandiola2023 --out mandiola`
+    Example: `counterflex reproduce paths --out paths`
     """
     numbers = arguments.seeds(seeds)
     from counterflex.validation.reproduce import mandiola as job
 
-    with progress_bar("mandiola2023") as progress:
+    with progress_bar("paths") as progress:
         try:
             summary = job.run(out, seeds=numbers, quick=quick, workers=workers, progress=progress)
         except KeyboardInterrupt as stop:
@@ -128,12 +134,12 @@ def mandiola2023(
     if as_json:
         print_json(summary)
     else:
-        _show_mandiola(summary)
+        _show_paths(summary)
         print_made_again(summary)
         typer.echo(f"wrote {out}")
 
 
-def _show_mandiola(summary: dict[str, Any]) -> None:
+def _show_paths(summary: dict[str, Any]) -> None:
     from counterflex.validation.reproduce import mandiola_report as report
 
     print_table("True error of the tool", list(report.COLUMNS), report.figure_rows(summary))
@@ -290,79 +296,159 @@ def holder(
     typer.echo(f"wrote {out}")
 
 
-PrintedOut = Annotated[
+Pages = Annotated[
     Path | None,
-    typer.Option("--out", help="Folder for table and page.", metavar="DIR", callback=arguments.output_folder),
+    typer.Option("--out", help="Folder for pages, pictures and runs.", metavar="DIR", callback=arguments.output_folder),
 ]
+Long = Annotated[
+    bool, typer.Option("--long", help="Run the experiments again in DIR instead of taking stored results: hours.")
+]
+Level = Annotated[
+    str,
+    typer.Option(
+        "--level",
+        help="With --long. identified: simulated cells are measured first; catalogue: as little as a run needs.",
+        callback=arguments.one_of(("identified", "catalogue"), "level"),
+    ),
+]
+LongSeeds = Annotated[
+    str,
+    typer.Option(
+        "--seeds",
+        help="With --long: truth seeds, how many from 1 on, or first and last: 1001-1020.",
+        metavar="N|A-B",
+    ),
+]
+Quick = Annotated[bool, typer.Option("--quick", help="With --long: as briefly as possible, on one simulated cell.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
 
 
 def denkena2015(
-    out: PrintedOut = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    out: Pages = None,
+    long: Long = False,
+    seeds: LongSeeds = SEEDS,
+    level: Level = LEVEL,
+    quick: Quick = False,
+    workers: Workers = None,
+    as_json: Json = False,
 ) -> None:
-    """Compliance and modes of a KR 500, spindle angle, sensing holder: printed beside ours (Denkena and Lepper 2015).
+    """Compliance and modes of a KR 500, spindle angle, sensing holder, validation cut (Denkena and Lepper 2015).
 
-    Each figure has a verdict: reproduced, differs and why, cannot be checked and why. What the paper leaves out and was
-    assumed is listed.
+    Each figure that the paper prints stands beside ours, with a verdict by a rule stated beforehand: reproduced,
+    differs and why, cannot be checked and why.
 
     Example: `counterflex reproduce denkena2015`
     """
-    _print_table(("denkena2015",), out, as_json=as_json)
+    _table(("denkena2015",), out, long, seeds, level, quick, workers, as_json=as_json)
+
+
+def haehn2020(
+    out: Pages = None,
+    long: Long = False,
+    seeds: LongSeeds = SEEDS,
+    level: Level = LEVEL,
+    quick: Quick = False,
+    workers: Workers = None,
+    as_json: Json = False,
+) -> None:
+    """Virtual joints, 60 load cases, sensor equations, pilot control, groove (Haehn and Weigold 2020).
+
+    Each figure that the paper prints stands beside ours, with a verdict by a rule stated beforehand: reproduced,
+    differs and why, cannot be checked and why.
+
+    Example: `counterflex reproduce haehn2020`
+    """
+    _table(("haehn2020",), out, long, seeds, level, quick, workers, as_json=as_json)
 
 
 def berger2013(
-    out: PrintedOut = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    out: Pages = None,
+    long: Long = False,
+    seeds: LongSeeds = SEEDS,
+    level: Level = LEVEL,
+    quick: Quick = False,
+    workers: Workers = None,
+    as_json: Json = False,
 ) -> None:
-    """Cutting data, force formulas, strategy and stiffness, printed beside ours (Berger and others 2013).
+    """Force formulas, cutting data, constants, strategy and stiffness (Berger and others 2013).
 
-    Each figure has a verdict: reproduced, differs and why, cannot be checked and why. What the paper leaves out and was
-    assumed is listed.
+    Each figure that the paper prints stands beside ours, with a verdict by a rule stated beforehand: reproduced,
+    differs and why, cannot be checked and why.
 
     Example: `counterflex reproduce berger2013`
     """
-    _print_table(("berger2013",), out, as_json=as_json)
+    _table(("berger2013",), out, long, seeds, level, quick, workers, as_json=as_json)
+
+
+def mandiola2023(
+    out: Pages = None,
+    long: Long = False,
+    seeds: LongSeeds = SEEDS,
+    level: Level = LEVEL,
+    quick: Quick = False,
+    workers: Workers = None,
+    as_json: Json = False,
+) -> None:
+    """Pose from the tracker, gain, square and circle with the tracker in the loop (Mandiola and others 2023).
+
+    Each figure that the paper prints stands beside ours, with a verdict by a rule stated beforehand: reproduced,
+    differs and why, cannot be checked and why.
+
+    Example: `counterflex reproduce mandiola2023`
+    """
+    _table(("mandiola2023",), out, long, seeds, level, quick, workers, as_json=as_json)
 
 
 def every_paper(
-    out: Annotated[
-        Path,
-        typer.Option("--out", help="Folder for table, page and runs.", metavar="DIR", callback=arguments.output_folder),
-    ],
-    runs: Annotated[
-        bool,
-        typer.Option("--runs/--no-runs", help="Repeat the experiments of three papers first: takes hours."),
-    ] = True,
-    quick: Annotated[bool, typer.Option("--quick", help="Repeat them briefly, on one truth.")] = False,
+    out: Pages = None,
+    long: Long = False,
+    seeds: LongSeeds = SEEDS,
+    level: Level = LEVEL,
+    quick: Quick = False,
     workers: Workers = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
-    """Figures of the four papers beside ours, a verdict each.
+    """Figures of the four papers beside ours, a verdict each; with --out a page and pictures of each paper.
 
-    Model figures are computed; those of milled parts and tracked paths come from the experiments of `reproduce holder`,
-    `reproduce haehn2020` and `reproduce mandiola2023` in DIR. Interrupted, the same command goes on where it was.
+    Figures of formulas are computed; those of milled parts and tracked paths come from stored results of experiments,
+    or with --long from experiments run again. Interrupted, the same command goes on where it was.
 
-    Example: `counterflex reproduce all --no-runs --out papers`
+    Example: `counterflex reproduce all --out papers`
     """
-    from counterflex.validation.reproduce.printed.row import PAPERS
+    from counterflex.validation.reproduce.papers.read import PAPERS
 
-    _print_table(PAPERS, out, repeat=runs, quick=quick, workers=workers, as_json=as_json)
+    _table(PAPERS, out, long, seeds, level, quick, workers, as_json=as_json)
 
 
-def _print_table(
+def _table(
     papers: tuple[str, ...],
     out: Path | None,
+    long: bool,
+    seeds: str,
+    level: str,
+    quick: bool,
+    workers: int | None,
     *,
-    repeat: bool = False,
-    quick: bool = False,
-    workers: int | None = None,
     as_json: bool,
 ) -> None:
-    from counterflex.validation.reproduce.printed import table
+    numbers = arguments.seeds(seeds)
+    given = {"--quick": quick, "--workers": workers is not None, "--seeds": seeds != SEEDS, "--level": level != LEVEL}
+    for option in (name for name, is_given in given.items() if is_given and not long):
+        raise InputError("this option says how experiments are run", where=option, hint="Add --long")
+    from counterflex.validation.reproduce.papers import pages, table
 
     with progress_bar("figures of papers") as progress:
         try:
-            summary = table.run(papers, out, repeat=repeat, quick=quick, workers=workers, progress=progress)
+            summary = table.run(
+                papers,
+                out,
+                long=long,
+                seeds=numbers,
+                level=level,
+                quick=quick,
+                workers=workers,
+                progress=progress,
+            )
         except KeyboardInterrupt as stop:
             raise Interrupted(
                 "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
@@ -370,9 +456,13 @@ def _print_table(
     if as_json:
         print_json(summary)
         return
-    for paper in papers:
-        rows = [table.cells(row) for row in summary["figures"] if row["paper"] == paper]
-        print_table(table.TITLES[paper], list(table.COLUMNS), rows)
-    typer.echo(", ".join(f"{count} {name}" for name, count in summary["counts"].items()))
+    for name in papers:
+        rows = [table.cells(row) for row in summary["figures"] if row["paper"] == name]
+        print_table(table.title(name), list(table.COLUMNS), rows)
+        for text in table.assumed(name):
+            typer.echo(f"assumed: {text}")
+    for name, data in summary["experiments"].items():
+        typer.echo(f"{name}: {data['command']}, {data['cells']}, version {data['version']}")
+    typer.echo(pages.counted(summary["counts"]))
     if out is not None:
-        typer.echo(f"report: {out / 'report.html'}")
+        typer.echo(f"wrote {out}: report.html, summary.json, pages and pictures")

@@ -222,7 +222,7 @@ def _summary(results: Mapping[tuple[int, str, str], dict[str, Any]], level: str,
         rows.append({"seed": seed, "edge": edge, "truth_level": level, "variants": variants})
     total = over_seeds(rows)
     return {
-        "job": "reproduce haehn2020",
+        "job": "reproduce groove",
         "truth_level": level,
         "seeds": rows,
         "variants": total,

@@ -138,11 +138,21 @@ def _drawn(summary: Mapping[str, Any], folder: Path) -> list[GrooveRun]:
         job = read_job(place / haehn_case.PROGRAM, cell)
         for name, figures in row["variants"].items():
             if acted(name, figures):
-                out.append(_groove(place / name, name, row["edge"], row["seed"], job, cell))
+                out.append(groove_run(place / name, name, row["edge"], row["seed"], job, cell))
     return out
 
 
-def _groove(part: Path, name: str, edge: str, seed: int, job: Job, cell: Cell) -> GrooveRun:
+def groove_run(part: Path, name: str, edge: str, seed: int, job: Job, cell: Cell) -> GrooveRun:
+    """Errors and force along one groove, from the run file that the simulated cell wrote.
+
+    Args:
+        part: Folder of the run.
+        name: Of the variant.
+        edge: Of :data:`~counterflex.validation.reproduce.haehn_case.EDGES`.
+        seed: Of the truth.
+        job: The original program.
+        cell: Cell file that it was read with.
+    """
     run, _ = read_run(part / simulate.RUN)
     deviation = path_deviation(
         job.path,

@@ -255,7 +255,7 @@ def _summary(results: Mapping[tuple[int, str, str], dict[str, Any]], scale: floa
         for seed in seeds
     ]
     return {
-        "job": "reproduce mandiola2023",
+        "job": "reproduce paths",
         "truth_level": "catalogue",
         "scale": scale,
         "seeds": rows,

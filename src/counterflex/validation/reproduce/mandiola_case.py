@@ -151,6 +151,15 @@ def write_case(folder: Path, seed: int, *, scale: float = 1.0) -> Case:
     return case
 
 
+def known_cell(variant: str) -> dict[str, Any]:
+    """Tables of a cell file with what the loop knows of the robot, without a tracker that any truth has placed.
+
+    Args:
+        variant: Of :data:`VARIANTS`.
+    """
+    return {**_cell_table(1.0), "online": {**_COMMON, **VARIANTS[variant]}}
+
+
 def _cell_table(scale: float) -> dict[str, Any]:
     data = tomllib.loads(examples.text("cell.toml"))
     h = 0.5 * SIDE_M / MM * scale

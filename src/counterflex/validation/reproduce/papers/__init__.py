@@ -1,0 +1,1 @@
+"""Figures printed in the four papers beside ours: rows as data, functions that compute ours, tables, pages."""

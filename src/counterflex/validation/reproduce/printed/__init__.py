@@ -1,1 +1,0 @@
-"""Figures printed in the papers beside ours: rows of a table, a verdict each."""
