@@ -234,3 +234,18 @@ def test_segments_of_a_spline_block_stay_in_it() -> None:
     cut = [m for m, move in zip(back.motions, back.moves, strict=True) if move.in_spline]
     assert {round(m.feed_m_s, 3) for m in cut} <= {0.010, 0.005, 0.011, 0.006}
     assert back.motions[-1].p_end[0] == pytest.approx(0.06)
+
+
+def test_a_subprogram_is_corrected_where_it_stands() -> None:
+    """One that is called once; one that is called several times needs targets for each call, and is refused."""
+    sub = "DEF CUT( )\nLIN {X 20.0} C_DIS\nLIN {X 40.0} ; end\nEND\n"
+    text = "DEF part( )\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n$VEL.CP=0.02\nCUT( )\nLIN {X 0.0}\nEND\n" + sub
+    program = read_krl(text, name="part.src")
+    made = write_krl_in_place(program, corrected(program, 3e-4, 5.0), cycle_s=1e-4)
+    assert_only_targets(text, made.files["part.src"], made.vertices_added + made.speeds_added + 2)
+    assert made.files["part.src"].split("DEF CUT")[1].count("LIN") > 4
+    back = read_back(made, program)
+    np.testing.assert_allclose(back.motions[-1].p_end, corrected(program, 3e-4, 5.0).p_part_command[-1], atol=1e-7)
+    twice = read_krl(text.replace("LIN {X 0.0}\n", "CUT( )\n"), name="part.src")
+    with pytest.raises(ProgramError, match="called several times"):
+        write_krl_in_place(twice, corrected(twice, 3e-4, 5.0), cycle_s=1e-4)

@@ -101,6 +101,24 @@ def test_spline_blocks_of_straight_segments_and_circles() -> None:
     assert [move.in_spline for move in made.moves] == [False, True, True, True, False]
 
 
+def test_subprograms_of_the_same_file() -> None:
+    """Executed where they are called, with the speed that is active there; one of another file is refused."""
+    text = (
+        f"DEF part( )\n{FRAMES}$VEL.CP=0.02\n{GOOD}\nCUT( )\nLIN {{X 5}}\ncut()\nEND\n"
+        "DEF CUT( )\nLIN {X 10} C_DIS\n$VEL.CP=0.03\nDEEP( )\nEND\nDEF DEEP( )\nLIN {X 20}\nEND\n"
+    )
+    made = read_krl(text, name="part.src", cell=cell())
+    assert [round(float(m.p_end[0]) * 1e3) for m in made.motions] == [0, 10, 20, 5, 10, 20]
+    assert [m.feed_m_s for m in made.motions] == [0.0, 0.02, 0.03, 0.03, 0.03, 0.03]
+    assert [m.line for m in made.moves] == [5, 11, 16, 7, 11, 16]
+    assert all(
+        made.blocks[motion.block].line == move.line for motion, move in zip(made.motions, made.moves, strict=True)
+    )
+    for wrong, says in (("DEEP( )", "calls itself"), ("CUT(3)", "a subprogram is called")):
+        with pytest.raises(ProgramError, match=says):
+            read_krl(text.replace("LIN {X 20}", wrong), name="part.src", cell=cell())
+
+
 def test_process_words_of_the_table() -> None:
     """The table read backwards, the wait for the spindle included; what it does not name stays a statement."""
     wait = "\n".join(TABLE.templates()[3][1])

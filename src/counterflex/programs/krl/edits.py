@@ -79,3 +79,10 @@ def target_edits(target: Target, values: Values, active: Values, *, turned: bool
     if missing:
         out.append((target.close, target.close, missing))
     return out
+
+
+def target_text(target: Target, edits: Sequence[Edit]) -> str:
+    """The literal of a target with edits, which count in its own line."""
+    offset = target.close + 1 - len(target.source)
+    moved = [(start - offset, end - offset, text) for start, end, text in edits]
+    return Edits((target.source,)).changed(1, moved)

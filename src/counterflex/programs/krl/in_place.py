@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,7 +15,7 @@ from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.krl.commanded_values import CommandedValues, point_values
-from counterflex.programs.krl.edits import Edits, Values, spelled, target_edits
+from counterflex.programs.krl.edits import Edits, Values, spelled, target_edits, target_text
 from counterflex.programs.krl.program import LETTERS, KrlMotion, KrlProgram, Target
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.literals import code_of
@@ -24,6 +23,7 @@ from counterflex.programs.limits import KRL
 from counterflex.programs.motion_rows import MotionRows, feed_factor, motion_rows, written_error
 from counterflex.programs.robot_text.chosen_points import fine_rows
 from counterflex.programs.robot_text.circle_fit import FittedCircle, fitted_circle
+from counterflex.programs.robot_text.in_place import plain
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,8 @@ def write_krl_in_place(
 
     Raises:
         InputError: Path and program do not belong together, or an option is out of range.
-        ProgramError: A corrected motion cannot be divided: TRIGGER statements hold it together.
+        ProgramError: A corrected motion cannot be divided: TRIGGER statements hold it together. A subprogram with
+            corrected motions is called several times.
     """
     as_positive("tolerance_m", tolerance_m)
     as_positive("cycle_s", cycle_s)
@@ -105,6 +106,7 @@ def write_krl_in_place(
     rows = motion_rows(program, compensated, tolerance_m, (np.zeros_like(turned), turned))
     writer = _InPlace(program, compensated, rows, tolerance_m, cycle_s)
     if rows.moved.any() or np.any(rows.share != 1.0):
+        _refuse_repeated(program, rows)
         writer.run()
         writer.head(cell, job)
     return writer.text()
@@ -127,7 +129,6 @@ class _InPlace(CommandedValues):
         self.split_motions = self.vertices_added = self.arcs_kept = self.arcs_as_lines = 0
         self.speeds_changed = self.speeds_added = self.in_data = self.written_out = self.too_close = 0
         self._speed: float | None = None
-        self._line = 0
 
     # ---- result ----------------------------------------------------------------------------------------------
 
@@ -166,9 +167,9 @@ class _InPlace(CommandedValues):
     def head(self, cell: str, job: str) -> None:
         """Comments behind DEF: what made the program, in which cell, for which job."""
         at = next(i for i, line in enumerate(self.program.lines, start=1) if form.ROUTINE.fullmatch(code_of(line)))
-        messages = [f"made by counterflex {__version__} from {_plain(self.program.name)}"]
+        messages = [f"made by counterflex {__version__} from {plain(self.program.name)}"]
         messages += [f"compensated targets, path tolerance {self.tolerance_m / MM:.4f} mm"]
-        messages += [f"cell {_plain(cell)}"] if cell else []
+        messages += [f"cell {plain(cell)}"] if cell else []
         messages += [mark(job)] if job else []
         self.source.insert(at + 1, [f"; {line}" for line in messages])
 
@@ -180,10 +181,8 @@ class _InPlace(CommandedValues):
         if len(self.written):
             self.written[0] = self.rows.nominal[0]
         for index, (motion, move) in enumerate(zip(program.motions, program.moves, strict=True)):
-            set_before = bisect.bisect_right(program.speed_lines, move.line)
-            if set_before and program.speed_lines[set_before - 1] > self._line:
+            if move.speed_set:
                 self._speed = None
-            self._line = move.line
             if motion.kind == "dwell":
                 self._relieve(index, move)
             elif motion.kind == "arc":
@@ -386,12 +385,15 @@ class _InPlace(CommandedValues):
         return text[: len(text) - len(text.lstrip())]
 
 
-def target_text(target: Target, edits: Sequence[tuple[int, int, str]]) -> str:
-    """The literal of a target with edits, which count in its own line."""
-    offset = target.close + 1 - len(target.source)
-    moved = [(start - offset, end - offset, text) for start, end, text in edits]
-    return Edits((target.source,)).changed(1, moved)
-
-
-def _plain(text: str) -> str:
-    return "".join(c if 32 <= ord(c) < 127 else "?" for c in text)[:120]
+def _refuse_repeated(program: KrlProgram, rows: MotionRows) -> None:
+    """Refuse a subprogram that is called several times, whose calls need targets of their own."""
+    first: dict[int, int] = {}
+    for index, move in enumerate(program.moves):
+        earlier = first.setdefault(move.line, index)
+        if earlier != index and (rows.moved[index] or rows.moved[earlier]):
+            raise ProgramError(
+                "a subprogram is called several times, and each call needs targets of its own",
+                where=f"{program.name}:{move.line}",
+                value=program.lines[move.line - 1].strip()[:60],
+                hint="Write it once for each call, under a name of its own",
+            )

@@ -67,6 +67,7 @@ class KrlMotion:
         start: Index of the word in its line.
         end: Index behind the targets and CA.
         in_spline: It is a segment of a spline block, in which no other statement may stand.
+        speed_set: The program sets the path speed between the motion before and this one.
         own_speed: Where the number of its ``WITH $VEL.CP=`` stands; None where there is none.
     """
 
@@ -81,6 +82,7 @@ class KrlMotion:
     end: int = 0
     in_spline: bool = False
     own_speed: tuple[int, int] | None = None
+    speed_set: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +96,6 @@ class KrlProgram(RobotProgram):
         moves: One for each of ``motions``.
         R_tcp_tool: (3, 3) orientation of the controller's $TOOL in the cell's TCP frame.
         extra: External axes as written, for added points: ``,E1 0.0``; empty where none are written.
-        speed_lines: Lines that set the path speed, rising.
         loose_triggers: By line of a motion, the first line of the TRIGGER statements before it that count from its end;
             -1 where one that counts from its start stands behind them.
     """
@@ -105,5 +106,4 @@ class KrlProgram(RobotProgram):
     moves: tuple[KrlMotion, ...] = ()
     R_tcp_tool: Float | None = None
     extra: str = ""
-    speed_lines: tuple[int, ...] = ()
     loose_triggers: Mapping[int, int] = field(default_factory=dict)

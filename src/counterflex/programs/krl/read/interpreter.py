@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -38,7 +39,6 @@ class Interpreter(Modes):
         rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
         frames: The active frames.
         loose: See :class:`~counterflex.programs.krl.program.KrlProgram`.
-        speed_lines: Lines that set the path speed.
         acting: Lines that act on the cell without the table of the cell file saying what they do.
         extra_text: External axes of the targets, as text.
     """
@@ -64,11 +64,11 @@ class Interpreter(Modes):
         self._blocks: list[Block] = []
         self._motions: list[Motion] = []
         self._statements = [line for line in lines if code_of(line).strip()]
-        self._at = 0
+        self._running: list[int] = []
+        self._called = False
         self._rpm = 0.0
         self._away: int | None = None
         self._trigger: int | None = None
-        self._spline: float | None = None
         self._begun = self._ended = False
         self._swallow = 0
         self._words: tuple[Word, ...] = _NO_WORDS
@@ -84,20 +84,43 @@ class Interpreter(Modes):
         Raises:
             ProgramError: See :func:`~counterflex.programs.krl.read.reader.read_krl`.
         """
-        for number, line in enumerate(self.lines, start=1):
-            self.line, self._words = number, _NO_WORDS
+        self._index = list(itertools.accumulate((bool(code_of(line).strip()) for line in self.lines), initial=0))
+        self._subprograms = form.subprograms(self.lines)
+        self._run_from(1)
+        self._check_end()
+
+    def _run_from(self, first_line: int) -> None:
+        """Execute lines up to the END of their routine."""
+        for number in range(first_line, len(self.lines) + 1):
+            line = self.lines[number - 1]
+            self.line, self._words, self._called = number, _NO_WORDS, False
             code = code_of(line)
             first, before = len(self._motions), self._modal("G1")
             if code.strip():
                 self._statement(code)
-                self._at += 1
+            first = len(self._motions) if self._called else first  # the lines of a subprogram have blocks of their own
             modal = self._modal("G1")
             if self._words or len(self._motions) > first or modal != before:
                 modal = self._modal(self._motion_code(first))
             self._blocks.append(Block(number, line, self._words, modal, first, len(self._motions) - first))
             if self._ended:
                 break
+
+    def _call(self, name: str, code: str) -> bool:
+        """A subprogram of the same file, executed where it is called."""
+        begin = self._subprograms.get(name.upper())
+        if begin is None:
+            return False
+        self._refuse_in_flow(code, "a subprogram is called")
+        if begin in self._running:
+            raise self._fault("a subprogram calls itself", code, hint="Post the path without recursion")
+        line = self.line
+        self._running.append(begin)
+        self._run_from(begin + 1)
         self._check_end()
+        self._running.pop()
+        self.line, self._words, self._called, self._ended = line, _NO_WORDS, True, False
+        return True
 
     def blocks(self, tool_centre: int) -> Iterator[Block]:
         """The lines passed, with a meaning of their rotary words."""
@@ -155,7 +178,7 @@ class Interpreter(Modes):
         """A statement of ``[controller.spindle.krl]``."""
         if self.process is None:
             return False
-        function = self.process.find(self._statements, self._at, f"{self.name}:{self.line}")
+        function = self.process.find(self._statements, self._index[self.line - 1], f"{self.name}:{self.line}")
         if function is None:
             return False
         self._refuse_in_flow(code, "the spindle, coolant or tool is switched")
@@ -264,29 +287,12 @@ class Interpreter(Modes):
                 tool=self.frames.tool,
             )
         )
-        self.moves.append(replace(read, in_spline=self._spline is not None))
+        self.moves.append(replace(read, in_spline=self._spline is not None, speed_set=self._speed_set))
+        self._speed_set = False
         self.rotations.append(rotation)
         if self._trigger is not None:
             self.loose[self.line] = self._trigger
             self._trigger = None
-        return True
-
-    def _spline_block(self, code: str) -> bool:
-        """SPLINE and ENDSPLINE; between them ``_spline`` is the speed of the block, 0 where it has none of its own."""
-        if (begins := form.SPLINE_BEGINS.fullmatch(code)) is not None:
-            if self._spline is not None or not form.WITH_OTHERS.fullmatch(begins[1]):
-                raise self._fault("this beginning of a spline block is not understood", code,
-                                  limit="SPLINE WITH $VEL.CP=0.02",
-                                  hint="Set speed and acceleration alone there")  # fmt: skip
-            self._refuse_in_flow(code, "a spline block")
-            velocity = form.WITH_VELOCITY.search(begins[1])
-            self._spline = 0.0 if velocity is None else self._in_range(velocity[1], code)
-            return True
-        if form.SPLINE_ENDS.fullmatch(code) is None:
-            return False
-        if self._spline is None:
-            raise self._fault("ENDSPLINE closes nothing", code, hint="The file may be damaged: post it again")
-        self._spline = None
         return True
 
     def _wait(self, code: str) -> bool:
@@ -333,10 +339,13 @@ class Interpreter(Modes):
             return
         if form.ROUTINE.fullmatch(code) or form.FUNCTION.match(code):
             raise self._fault("a routine begins before END", code, hint="The file may be damaged: post it again")
-        if form.CALL.fullmatch(code):
+        match = form.CALL.fullmatch(code)
+        if match is not None and form.NO_ARGUMENTS.fullmatch(code) and self._call(match[1], code):
+            return
+        if match is not None:
             raise self._fault(
                 "a subprogram is called, which may move the robot", code,
-                limit="one routine; or a statement of [controller.spindle.krl] in the cell file",
+                limit="DEF NAME( ) in the same file; or a statement of [controller.spindle.krl] in the cell file",
                 hint="Post the path as one routine, or name the call in the table (m_codes) if it moves nothing",
             )  # fmt: skip
         raise self._fault("an unknown statement", code, hint="docs/krl.md lists what is read; post the path without it")

@@ -28,7 +28,6 @@ class Modes:
 
     Attributes:
         frames: The active frames.
-        speed_lines: Lines that set the path speed.
         line: Number of the line that is executed.
     """
 
@@ -37,7 +36,8 @@ class Modes:
     ) -> None:
         self.name, self.lines, self.named, self.data_name = name, lines, named, data_name
         self.frames = Frames(cell)
-        self.speed_lines: list[int] = []
+        self._speed_set = False
+        self._spline: float | None = None
         self.line = 0
         self._feed_m_s: float | None = None
         self._flow: list[tuple[str, int]] = []
@@ -59,7 +59,7 @@ class Modes:
 
     def _set_speed(self, text: str, code: str) -> None:
         self._feed_m_s = self._in_range(text, code)
-        self.speed_lines.append(self.line)
+        self._speed_set = True
 
     def _in_range(self, text: str, code: str) -> float:
         value = number_of(text)
@@ -160,6 +160,24 @@ class Modes:
                 hint="Give .src and .dat together, or write the frame itself",
             )  # fmt: skip
         return parts[component].value
+
+    def _spline_block(self, code: str) -> bool:
+        """SPLINE and ENDSPLINE; between them ``_spline`` is the speed of the block, 0 where it has none of its own."""
+        if (begins := form.SPLINE_BEGINS.fullmatch(code)) is not None:
+            if self._spline is not None or not form.WITH_OTHERS.fullmatch(begins[1]):
+                raise self._fault("this beginning of a spline block is not understood", code,
+                                  limit="SPLINE WITH $VEL.CP=0.02",
+                                  hint="Set speed and acceleration alone there")  # fmt: skip
+            self._refuse_in_flow(code, "a spline block")
+            velocity = form.WITH_VELOCITY.search(begins[1])
+            self._spline = 0.0 if velocity is None else self._in_range(velocity[1], code)
+            return True
+        if form.SPLINE_ENDS.fullmatch(code) is None:
+            return False
+        if self._spline is None:
+            raise self._fault("ENDSPLINE closes nothing", code, hint="The file may be damaged: post it again")
+        self._spline = None
+        return True
 
     def _refuse_in_flow(self, code: str, what: str) -> None:
         if self._flow:

@@ -64,7 +64,7 @@ def read_krl(
         newline=line_end(text),
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
         motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
-        straight=True,
+        straight=len({move.line for move in interpreter.moves}) == len(interpreter.moves),
         data=None
         if data is None or data_lines is None
         else (*data_lines, *([""] if data.endswith(("\n", "\r")) else [])),
@@ -74,7 +74,6 @@ def read_krl(
         Rs_part_tcp=rotations,
         R_tcp_tool=interpreter.frames.R_tcp_tool,
         extra=interpreter.extra_text,
-        speed_lines=tuple(interpreter.speed_lines),
         acting=tuple(interpreter.acting),
         loose_triggers=interpreter.loose,
     )

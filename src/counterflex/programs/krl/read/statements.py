@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
+from counterflex.programs.krl.read.literals import code_of
 from counterflex.programs.robot_text.process_words import NUMBER
 
 _I: Final = re.IGNORECASE
@@ -63,3 +65,12 @@ STANDARD: Final = re.compile(r"\s*(?:GLOBAL\s+INTERRUPT\s+DECL\s+3\s+WHEN\s+\$ST
 """The stop interrupt that every KUKA program sets up."""
 ASSIGNMENT: Final = re.compile(rf"\s*({NAME})((?:\.\w+)*)\s*=.*", _I)
 CALL: Final = re.compile(r"\s*(\w+)\s*\(.*\)\s*", _I)
+NO_ARGUMENTS: Final = re.compile(r"\s*\w+\s*\(\s*\)\s*", _I)
+
+
+def subprograms(lines: Sequence[str]) -> dict[str, int]:
+    """Lines (1-based) at which the routines of a file begin, by name in capitals, without the first one."""
+    heads = [
+        (match[1].upper(), at) for at, line in enumerate(lines, start=1) if (match := ROUTINE.fullmatch(code_of(line)))
+    ]
+    return dict(reversed(heads[1:]))
