@@ -69,6 +69,7 @@ class Loop:
         axes: (6,) view: the same as change of the axis angles, rad.
         settings: As given.
         monitor: Process monitoring and feed override.
+        records: LOOP and PLAN, for a kernel that reads them.
         memory: All that the loop remembers from one cycle to the next: its own arrays by name, in fixed order.
         state_cycles: Cycles from one snapshot of its memory to the next, for the record.
 
@@ -104,6 +105,7 @@ class Loop:
         m = len(self._chain.stations) - 1
         self._plan = records(PLAN, 2) if plan is None else plan.packed()
         self._loop = loop = records(LOOP)
+        self.records: tuple[Records, Records] = loop, self._plan
         self.given, self.result, self.step_state, self.tests = (
             loop[name][0] for name in ("given", "result", "state", "tests")
         )

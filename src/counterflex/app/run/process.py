@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.run.session import RunSettings, open_session
+from counterflex.app.run.shown import about_run
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError
 from counterflex.files.cell.cell import read_cell
@@ -20,6 +21,7 @@ from counterflex.protocols.processes.control_array import CONTROL, Life, Request
 from counterflex.protocols.processes.instance_lock import InstanceLock
 from counterflex.protocols.processes.living import Beat, Living
 from counterflex.protocols.processes.shared_words import SharedWords
+from counterflex.protocols.processes.snapshot import snapshot_path
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.protocols.system.realtime import prepare
 from counterflex.protocols.system.signals import hear_signals
@@ -66,6 +68,8 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         session.loop.reset()
         warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)]
         starts.close()
+        shows = snapshot_path(words)
+        publisher = session.publish(shows, about_run(settings, session, out)) if shows.exists() else None
         prepare()
     except BaseException as fault:
         _say(pipe, fault)
@@ -77,6 +81,8 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     try:
         _cycle_on(session, settings, control, living, pipe)
         control[Life.ENDED] = 1
+        if publisher is not None:
+            publisher.end()
     except CounterflexError as fault:
         _say(pipe, fault)
     session.link.close()
@@ -87,6 +93,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     ring.close()
     if run.gone():
         shared.remove()  # who made it is not there any more
+        shows.unlink(missing_ok=True)
     run.close()
 
 

@@ -32,6 +32,7 @@ from counterflex.protocols.processes.living import SILENT_S, Beat
 from counterflex.protocols.processes.one_run import OneRun
 from counterflex.protocols.processes.operator_words import OperatorFile
 from counterflex.protocols.processes.shared_words import SharedWords
+from counterflex.protocols.processes.snapshot import SnapshotMemory
 from counterflex.protocols.session.tracker_off import tracker_off
 from counterflex.runtime.record_ring import RecordRing
 
@@ -115,6 +116,7 @@ class Supervised:
         self._settings, self._out = settings, out
         self._context = multiprocessing.get_context("spawn")
         self._words = SharedWords(CONTROL)
+        self._snapshots = SnapshotMemory(self._words.path)
         self.control: Int = np.frombuffer(self._words.words, dtype=np.int64)
         self._ring = RecordRing()
         self._operator: OperatorFile | None = None
@@ -319,6 +321,7 @@ class Supervised:
             self._beat.close()
         self._ring.close()
         del self.control
+        self._snapshots.close()
         self._words.remove()
         self._words.close()
         if self._one is not None:

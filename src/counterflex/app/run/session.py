@@ -182,6 +182,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     _require_reported(settings, loop, link)
     checks = SessionChecks(
         hold_without_log=table.without_log == "hold",
+        hold_without_panel=table.without_panel == "hold",
         job=job_of(read, compensated=settings.compensated),
         run_silent_s=None if settings.lockstep else SessionChecks.run_silent_s,
     )

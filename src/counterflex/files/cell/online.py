@@ -95,6 +95,7 @@ class OnlineTable(Table):
     hard_factor: Annotated[float, Field(ge=1.0, le=3.0)] = 1.5
     ramp_mm_s: Above = 2.0
     without_log: Literal["warn", "hold"] = "warn"
+    without_panel: Literal["continue", "hold"] = "continue"
     axis_check: bool = True
     axis_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
     axis_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 0.2

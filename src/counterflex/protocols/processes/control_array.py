@@ -113,5 +113,15 @@ class Shown(IntEnum):
     TRACKER_TURN_LIMIT_UDEG = 43
 
 
-CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown)
+class Panel(IntEnum):
+    """What the operator panel says of itself: places of the control array after those of :class:`Shown`."""
+
+    NS = 44
+    """When it last said that it lives; 0: there is none, or it has left."""
+    PID = 45
+    CLIENTS = 46
+    """Pages that are connected to it."""
+
+
+CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown) + len(Panel)
 """Length of the whole array."""

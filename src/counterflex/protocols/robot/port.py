@@ -54,6 +54,7 @@ class Counters:
         lost: Cycles without a telegram, by the counter.
         repeated: Unreadable ones that were answered all the same, with what had been said before.
         late_at_robot: What the controller itself counts as late (Delay), last value; -1 where it does not say.
+        sender: The controller: its IPv4 address times 65536, plus its port; -1: nobody yet.
     """
 
     telegrams: int = 0
@@ -66,6 +67,7 @@ class Counters:
     lost: int = 0
     repeated: int = 0
     late_at_robot: int = -1
+    sender: int = _NOBODY
 
 
 class RobotPort:
@@ -182,7 +184,7 @@ class RobotPort:
             counters.malformed_in_a_row += 1
             return False
         if sender != self._sender:
-            self._sender = sender
+            self._sender = self.counters.sender = sender
             self.name[:] = self._names[row]
         counters.malformed_in_a_row = 0
         if verdict is _NEW:
@@ -199,7 +201,7 @@ class RobotPort:
 
     def forget(self) -> None:
         """Whoever sends the next good telegram is the controller, as far as it is allowed to be."""
-        self._sender = _NOBODY
+        self._sender = self.counters.sender = _NOBODY
 
     def send(self, data: bytes | memoryview) -> bool:
         """Send to the peer; False where there is none yet or the system does not take it."""

@@ -7,8 +7,10 @@ printing) is done by other processes.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import compile_stated
 from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Kept, Life, Request
 from counterflex.protocols.robot.link import RobotLink
+from counterflex.protocols.session.publisher import THERE, Publisher, panel_state
 from counterflex.protocols.session.record import write_record
 from counterflex.protocols.session.senses import Senses, Sensing
 from counterflex.protocols.session.shared_status import Teller
@@ -33,7 +36,7 @@ _IDLE, _READY, _ARMED = int(State.IDLE), int(State.READY), int(State.ARMED)
 _STATES = tuple(State)
 _RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
 _INTERNAL, _LOG_LOST, _WRONG_JOB = int(Cause.INTERNAL), int(Cause.LOG_LOST), int(Cause.WRONG_JOB)
-_RUN_LOST = int(Cause.RUN_LOST)
+_RUN_LOST, _PANEL_LOST = int(Cause.RUN_LOST), int(Cause.PANEL_LOST)
 _LOG_LATE_ROWS = 125
 """Records that may wait before the loop is armed: half a second."""
 _ARM, _STOP, _RESET = int(Request.ARM), int(Request.STOP), int(Request.RESET)
@@ -57,6 +60,8 @@ class SessionChecks:
         tare: Take what then remains as zero, over 0.2 s; what is too much is tried again until it is not.
         hold_without_log: A log that is lost while the correction acts is a hold; else it is told, and goes on. It is
             never armed without one.
+        hold_without_panel: The loop is armed, and the correction acts, only while an operator panel says that it lives;
+            else none is needed, and one that dies is told.
         job: Number of the job that the robot program must say it is of, where it says one
             (:func:`counterflex.programs.compensated.job_number`); 0: none, the program is not a compensated one.
             None: not tested.
@@ -71,6 +76,7 @@ class SessionChecks:
     moment_nm: float = 5.0
     tare: bool = True
     hold_without_log: bool = False
+    hold_without_panel: bool = False
     job: int | None = None
     run_silent_s: float | None = 0.08
 
@@ -96,6 +102,8 @@ class OnlineSession:
         compute_ns: Time of the last cycle from the return of the receive call to the return of the send call.
         trouble: What failed in the loop's own program, or empty; it is a fault until it is reset.
     """
+
+    _publisher: Publisher | None = None
 
     def __init__(
         self,
@@ -139,8 +147,7 @@ class OnlineSession:
         self._silent_cycles = self._repeated = 0
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
-        self.cycles = 0
-        self.compute_ns = 0
+        self.cycles = self.compute_ns = 0
 
     @property
     def set_back(self) -> int:
@@ -220,6 +227,11 @@ class OnlineSession:
         self.cycles += int(received)
         if self.ring is not None:
             write_record(self.ring, link, loop, self.force, received_ns, sent)
+        self._tell(sent, received_ns, received)
+        return received
+
+    def _tell(self, sent: int, received_ns: int, received: bool) -> None:
+        """Of this cycle, whose answer is out: in shared numbers and as a snapshot."""
         if self._teller is not None:
             self._teller.tell(
                 sent,
@@ -227,10 +239,31 @@ class OnlineSession:
                 cycles=self.cycles,
                 clock_jumps=self.watch.clock_jumps,
                 set_back=self.set_back,
-                force_age=senses.force_age,
-                tracker_age=senses.tracker_age,
+                force_age=self._senses.force_age,
+                tracker_age=self._senses.tracker_age,
             )
-        return received
+        if self._publisher is not None:
+            self._publisher.show(
+                self._clock_ns(),
+                received_ns,
+                self.compute_ns,
+                cycles=self.cycles,
+                elapsed=self._given.elapsed,
+                trouble=bool(self.trouble),
+            )
+
+    def publish(self, path: Path, about: Mapping[str, Any]) -> Publisher:
+        """Show every cycle from now on as a snapshot, see :mod:`counterflex.protocols.processes.snapshot`.
+
+        Args:
+            path: Of the shared memory.
+            about: What the run is, plain values.
+
+        Raises:
+            InputError: No such memory, or ``about`` is too long.
+        """
+        self._publisher = Publisher(path, about, self.loop, self.link.counters, self.control)
+        return self._publisher
 
     def _serve_requests(self) -> None:
         """What the operator asked for, and the step has now seen."""
@@ -324,6 +357,8 @@ class OnlineSession:
                 soft = soft or _WRONG_JOB
         if soft == 0 and self.ring is not None and len(self.control) >= CONTROL and self._log_lost(armed):
             soft = _LOG_LOST
+        if soft == 0 and self._checks.hold_without_panel and len(self.control) >= CONTROL:
+            soft = 0 if panel_state(self.control, now_ns) == THERE else _PANEL_LOST
         if self._teller is not None and self._run_lost(now_ns):
             soft = _RUN_LOST  # before all else: nobody may be there to see what else is wrong
         return soft, hard

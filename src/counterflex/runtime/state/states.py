@@ -84,3 +84,5 @@ class Cause(IntEnum):
     the sensor's zero. Told only: the next way in air tells which."""
     FORCE_DISAGREES = 41
     """Two force sensors differ by more than noise, zeros and delays explain, for longer than they may."""
+    PANEL_LOST = 42
+    """The cell asks for an operator panel, and there is none, or it has died or stands still."""

@@ -1,0 +1,102 @@
+"""Shows every cycle of a session as a snapshot, after the answer has gone out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
+from counterflex.protocols.processes.control_array import Panel
+from counterflex.protocols.processes.snapshot import SnapshotSlots
+from counterflex.protocols.robot.port import Counters
+from counterflex.protocols.session import snapshot_kernel as own
+from counterflex.runtime.loop import Loop
+
+PANEL_SILENT_S: Final = 1.0
+"""A panel that has said nothing for so long counts as lost; it says 20 times a second that it lives."""
+_SILENT_NS: Final = round(PANEL_SILENT_S * 1e9)
+NO_PANEL, THERE, LOST = range(3)
+"""What a snapshot says of the panel."""
+_PANEL: Final = int(Panel.NS)
+
+
+def panel_state(control: Int, now_ns: int) -> int:
+    """Whether a panel is there: none has come or it has left, it says that it lives, or it has fallen silent.
+
+    Args:
+        control: Shared, see :mod:`counterflex.protocols.processes.control_array`.
+        now_ns: Monotonic.
+    """
+    spoken = int(control[_PANEL])
+    if spoken == 0:
+        return NO_PANEL
+    return THERE if now_ns - spoken <= _SILENT_NS else LOST
+
+
+class Publisher:
+    """Writes the snapshots of a session.
+
+    Args:
+        path: Of their memory.
+        about: What the run is, for whoever reads them.
+        loop: As each cycle leaves it.
+        counters: Of the robot's link.
+        control: Shared, see :mod:`counterflex.protocols.processes.control_array`.
+
+    Raises:
+        InputError: No such memory.
+    """
+
+    def __init__(self, path: Path, about: Mapping[str, Any], loop: Loop, counters: Counters, control: Int) -> None:
+        self._slots = SnapshotSlots(path, about)
+        self._counters, self._control = counters, control
+        (self._records, plan), self._monitor = loop.records, loop.monitor.records[2]
+        points = plan["point"] - plan["contained"][:, :3]
+        self._lengths: Float = own.lengths_of(points if loop.planned else points[:0])
+        self._own: Int = np.zeros(own.OWN, dtype=np.int64)
+        self._incident: Int = np.zeros(own.LATCHED, dtype=np.int64)
+        self._numbers = self._slots.numbers
+
+    def show(self, now_ns: int, received_ns: int, compute_ns: int, *, cycles: int, elapsed: int, trouble: bool) -> None:
+        """Write the snapshot of a cycle.
+
+        Args:
+            now_ns: Monotonic.
+            received_ns: When its telegram came.
+            compute_ns: From then to the answer.
+            cycles: Telegrams so far.
+            elapsed: Cycles of the controller since the telegram before.
+            trouble: The loop's own program failed.
+        """
+        slots, control = self._slots, self._control
+        place = slots.begin()
+        self._own[:] = (
+            slots.number + 1,
+            now_ns,
+            received_ns,
+            compute_ns,
+            cycles,
+            elapsed,
+            self._counters.sender,
+            trouble,
+            panel_state(control, now_ns),
+        )
+        own.fill(
+            self._records,
+            self._monitor,
+            self._lengths,
+            control,
+            self._own,
+            self._incident,
+            slots.slots,
+            self._numbers,
+            place,
+        )
+        slots.commit()
+
+    def end(self) -> None:
+        """The loop has ended by itself."""
+        self._slots.end()
