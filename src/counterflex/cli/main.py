@@ -46,7 +46,7 @@ from counterflex.cli.commands import (
     twin,
 )
 from counterflex.cli.commands import run as online
-from counterflex.cli.commands.operate import operator
+from counterflex.cli.commands.operate import operator, panel
 from counterflex.cli.commands.plan import group as plan
 from counterflex.cli.commands.standards import iso230, iso9283
 from counterflex.cli.interrupt import end
@@ -114,7 +114,7 @@ PANELS: Final = {
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect"),
     "Identify": ("identify", "production", "dataset", "holder", "campaign"),
     "Measure": ("iso9283", "iso230", "thermal"),
-    "Online": ("run", "operator", "log", "rsi", "egm"),
+    "Online": ("run", "operator", "panel", "panel-user", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
     "Tools": ("doctor", "extensions", "soak", "faults", "reproduce"),
 }
@@ -132,8 +132,8 @@ class _Group(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands, under the headings of their use where there are any."""
-        for panel, names in (self.panels or {"Commands": self.list_commands(ctx)}).items():
-            with formatter.section(panel):
+        for heading, names in (self.panels or {"Commands": self.list_commands(ctx)}).items():
+            with formatter.section(heading):
                 formatter.write_dl([(name, self.commands[name].get_short_help_str(200)) for name in names])
 
 
@@ -143,7 +143,7 @@ class _Groups(_Group):
     panels = PANELS
 
     def list_commands(self, ctx: Any) -> list[str]:
-        names = [name for panel in PANELS.values() for name in panel]
+        names = [name for listed in PANELS.values() for name in listed]
         return sorted(super().list_commands(ctx), key=names.index)
 
 
@@ -192,7 +192,7 @@ for room in (
     campaign,
 ):
     room.register(app)
-for room in (plan, holder, online, operator, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
+for room in (plan, holder, online, operator, panel, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
 for room in (iso9283, iso230, thermal):
     room.register(app)

@@ -47,6 +47,8 @@ def show(folder: str | Path) -> dict[str, Any]:
     runs: dict[int, RunRecord] = {}
     finders: dict[int, IncidentFinder] = {}
     about: dict[int, dict[str, Any]] = {}
+    actions: dict[int, list[dict[str, Any]]] = {}
+    begins: dict[int, int] = {}
     missing = LogMissing()
     names: list[str] = []
     older: list[str] = []
@@ -59,6 +61,9 @@ def show(folder: str | Path) -> dict[str, Any]:
             about.setdefault(segment.run, segment.about)
             runs.setdefault(segment.run, RunRecord()).add(segment.rows)
             finders.setdefault(segment.run, IncidentFinder()).add(segment.rows)
+            actions.setdefault(segment.run, []).extend(segment.actions)
+            if len(segment.rows):
+                begins.setdefault(segment.run, int(segment.rows[0, 1]))
     for number, lost in missing.end(folder).at_end.items():
         runs[number].end(lost)
     incidents = numbered(finders)
@@ -75,11 +80,19 @@ def show(folder: str | Path) -> dict[str, Any]:
                 **_shown(runs[k].figures()),
                 "incidents": [one.shown() for one in incidents if one.run == k],
                 "incidents_total": finders[k].total,
+                "operator_actions": [_action(one, begins.get(k)) for one in actions[k]],
             }
             for k in sorted(runs)
         ],
         "counterflex": __version__,
     }
+
+
+def _action(facts: dict[str, Any], begin_ns: int | None) -> dict[str, Any]:
+    """What an operator did, by the time since the first record of the run; None without one."""
+    rest = {key: value for key, value in facts.items() if key != "time_ns"}
+    time_s = None if begin_ns is None else round((int(facts["time_ns"]) - begin_ns) * NS, 3)
+    return {"time_s": time_s, **rest}
 
 
 def _older(segment: Segment) -> str:

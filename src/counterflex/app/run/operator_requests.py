@@ -15,6 +15,7 @@ from typing import Any, Final
 from counterflex.core.errors import InputError, OutputError
 from counterflex.files.logs.place import trouble_message
 from counterflex.files.machine_file import machine_file
+from counterflex.protocols.processes.actions import note_command
 from counterflex.protocols.processes.control_array import Kept, Life, Request, Shown, Tally
 from counterflex.protocols.processes.operator_words import find
 from counterflex.protocols.session.tracker_off import tracker_off
@@ -184,4 +185,7 @@ def request(folder: str | Path, action: str) -> dict[str, Any]:
     if action not in ACTIONS:
         raise InputError("no such request", value=action, limit=", ".join(ACTIONS))
     with find(Path(folder), machine_file().parent) as shared:
-        return ask(shared.words, action, where=str(folder))
+        answer = ask(shared.words, action, where=str(folder))
+        if action != "status":
+            note_command(shared.path, action, answer)
+        return answer

@@ -12,6 +12,7 @@ import contextlib
 import signal
 import time
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +29,7 @@ from counterflex.evaluate.loop_timing import LatencyHistogram
 from counterflex.evaluate.process_record import ProcessRecord
 from counterflex.files.logs.run_log import RunLog
 from counterflex.files.summary_file import write_summary
+from counterflex.protocols.processes.actions import Actions, actions_path
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Tally
 from counterflex.protocols.processes.living import Beat, Living
 from counterflex.protocols.processes.shared_words import SharedWords
@@ -52,6 +54,9 @@ class NoLog:
         """Count them."""
         self.lost += len(rows)
 
+    def note(self, facts: Mapping[str, Any]) -> None:
+        """Nothing is noted."""
+
 
 class Recorder:
     """Records one run.
@@ -60,13 +65,17 @@ class Recorder:
         ring: Name of the ring of records.
         log: Where they go.
         control: Shared, see :mod:`counterflex.protocols.processes.control_array`.
-        behind: Rows that another recorder has taken before.
+        skipped: Rows that another recorder has taken before.
+        actions: What operators do, or None.
     """
 
-    def __init__(self, ring: str, log: RunLog | NoLog, control: Int, *, skipped: int = 0) -> None:
+    def __init__(
+        self, ring: str, log: RunLog | NoLog, control: Int, *, skipped: int = 0, actions: Actions | None = None
+    ) -> None:
         self._reader = RecordRing(ring)
         self._reader.rewind(skipped)
-        self._log, self._control = log, control
+        self._log, self._control, self._actions = log, control, actions
+        self._done: list[dict[str, Any]] = []
         self._times = LatencyHistogram()
         self._states: dict[str, int] = {}
         self._causes: set[str] = set()
@@ -87,6 +96,9 @@ class Recorder:
         self._log.add(rows, state=state)
         if len(rows):
             self._count(rows)
+        for one in () if self._actions is None else self._actions.take():
+            self._log.note(one)
+            self._done.append(one)
         control[Kept.TAKEN] = self._reader.taken
         control[Kept.TROUBLE] = self._log.trouble_number
         control[Kept.LOST] = self._log.lost + self._reader.dropped
@@ -125,6 +137,7 @@ class Recorder:
             "correction_ended": self._end.shown(),
             **self._shown_incidents(),
             **shown_process(self._seen.figures()),
+            "operator_actions": self._done[-_INCIDENTS_SHOWN:],
             "largest_correction_um": round(self._worst * 1e6, 1),
             "compute_us": {
                 "p50": round(self._times.at(0.5), 1),
@@ -170,7 +183,9 @@ def recorder_process(ring_name: str, words: Path, out: Path, pipe: Any) -> None:
         return
     beat = Beat(control, Life.RECORDER_NS, Life.RECORDER_PID)
     loop, run = Living(control, Life.LOOP_PID), Living(control, Life.RUN_PID)
-    recorder = Recorder(ring_name, log, control)
+    done = actions_path(words)
+    actions = Actions(done) if done.exists() else None
+    recorder = Recorder(ring_name, log, control, actions=actions)
     with contextlib.suppress(OSError):
         pipe.send(log.first)
     while not (control[Life.ENDED] or loop.gone()):
@@ -183,9 +198,12 @@ def recorder_process(ring_name: str, words: Path, out: Path, pipe: Any) -> None:
         with contextlib.suppress(CounterflexError, OSError):
             write_summary(out / SUMMARY, {"job": "run", "run": log.first, "run_died": True, **summary})
         shared.remove()
+        done.unlink(missing_ok=True)
     with contextlib.suppress(OSError):
         pipe.send(summary)
     beat.close()
     recorder.close()
+    if actions is not None:
+        actions.close()
     loop.close()
     run.close()

@@ -27,6 +27,7 @@ from counterflex.core.errors import OutputError
 from counterflex.core.units import NS
 from counterflex.files.logs.run_log import LAYOUT, RunLog
 from counterflex.files.summary_file import write_summary
+from counterflex.protocols.processes.actions import Actions, actions_path
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Request, Shown
 from counterflex.protocols.processes.living import SILENT_S, Beat
 from counterflex.protocols.processes.one_run import OneRun
@@ -117,6 +118,7 @@ class Supervised:
         self._context = multiprocessing.get_context("spawn")
         self._words = SharedWords(CONTROL)
         self._snapshots = SnapshotMemory(self._words.path)
+        self._actions = Actions(actions_path(self._words.path), make=True)
         self.control: Int = np.frombuffer(self._words.words, dtype=np.int64)
         self._ring = RecordRing()
         self._operator: OperatorFile | None = None
@@ -322,6 +324,7 @@ class Supervised:
         self._ring.close()
         del self.control
         self._snapshots.close()
+        self._actions.close()
         self._words.remove()
         self._words.close()
         if self._one is not None:

@@ -94,10 +94,31 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
     _show_changes("Changes of the force sensors", run["force_sensors_changes"])
     _show_changes("Changes", run["changes"])
     _show_incidents(run["incidents"], run["incidents_total"])
+    _show_actions(run["operator_actions"])
     show_process(run)
     if run["causes"]:
         causes = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
         typer.echo("cycles with a cause: " + ", ".join(causes))
+
+
+def _show_actions(actions: list[dict[str, Any]]) -> None:
+    """What operators did, and what came of it."""
+    if actions:
+        print_table(
+            "Operator",
+            ["seconds", "who", "from", "action", "outcome"],
+            [
+                [
+                    "-" if one["time_s"] is None else f"{one['time_s']:.3f}",
+                    str(one.get("who", "")),
+                    str(one.get("from", "")),
+                    str(one.get("action", one.get("text", ""))),
+                    "done" if one.get("done") else str(one.get("refused", "")),
+                ]
+                for one in actions[:_SHOWN]
+            ],
+            note=f"and {len(actions) - _SHOWN} more; --json lists them" if len(actions) > _SHOWN else "",
+        )
 
 
 def _show_changes(title: str, changes: list[dict[str, Any]]) -> None:

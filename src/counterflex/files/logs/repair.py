@@ -17,7 +17,7 @@ from counterflex.core.held import boot_id, own
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.run_log import BOOT_KEY
-from counterflex.files.logs.segment import KIND, VERSION, add_about, add_record, add_state, begin_segment
+from counterflex.files.logs.segment import KIND, VERSION, add_about, add_action, add_record, add_state, begin_segment
 from counterflex.files.logs.segments import Segment, read_segment
 from counterflex.runtime.record_ring import CYCLE
 
@@ -114,6 +114,8 @@ def repair_segment(
                 add_record(writer, channel, row)
             for state in states:
                 add_state(writer, state_channel, state)
+            for action in result.actions:
+                add_action(writer, action)
             add_about(writer, facts)
             writer.finish()
             stream.flush()

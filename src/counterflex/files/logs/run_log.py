@@ -28,6 +28,7 @@ from counterflex.files.logs.segment import (
     KIND,
     VERSION,
     add_about,
+    add_action,
     add_record,
     add_state,
     begin_segment,
@@ -87,6 +88,7 @@ class RunLog:
         self._place: LogPlace | None = None
         self._number = self.first = self._here = 0  # the last: records in the present segment
         self._before = LogBefore()
+        self._notes: list[dict[str, Any]] = []
         self._device: int | None = None
         self._stream: BufferedWriter | None = None
         self._writer: Writer | None = None
@@ -128,6 +130,7 @@ class RunLog:
         self._place, self._here = LogPlace(path, stream.fileno()), 0
         self._number += 1
         self.trouble, self.trouble_number = "", 0
+        self._write_notes()
 
     def _next_file(self) -> tuple[Path, BufferedWriter]:
         """A new file of the next number that is free: another run may write to the same folder."""
@@ -189,6 +192,24 @@ class RunLog:
             self._handle_lost(fault, now)
         except OSError as fault:
             self._fail(fault, remaining, now)
+
+    def note(self, facts: Mapping[str, Any]) -> None:
+        """Note what an operator did; while the log cannot be written it waits for the next segment.
+
+        Args:
+            facts: Plain values, with ``time_ns``.
+        """
+        self._notes.append(dict(facts))
+        self._write_notes()
+
+    def _write_notes(self) -> None:
+        while self._notes and self._writer is not None:
+            try:
+                add_action(self._writer, self._notes[0])
+            except OSError as fault:
+                self._fail(fault, 0, time.monotonic())
+                return
+            del self._notes[0]
 
     def _handle_lost(self, fault: LogGone, now: float) -> None:
         """Count as lost what is not there any more; what was moved away is finished where it is now."""

@@ -28,6 +28,7 @@ CYCLE_CHANNEL: Final = 1
 STATE_CHANNEL: Final = 2
 CYCLES: Final = "counterflex.cycle"
 _ABOUT: Final = "about"
+_ACTION: Final = "operator"
 _CHECKSUM: Final = "crc32"
 STATE_HEAD: Final = struct.Struct("<qq")
 
@@ -87,6 +88,24 @@ def add_state(writer: Writer, channel: int, state: LoopState) -> None:
     """Add a state of the loop, stamped as the record of its cycle."""
     data = STATE_HEAD.pack(state.cycle, state.time_ns) + state.words.astype("<i8").tobytes()
     writer.add_message(channel, log_time=state.time_ns, data=data, publish_time=state.time_ns)
+
+
+def add_action(writer: Writer, facts: Mapping[str, Any]) -> None:
+    """Add what an operator did, as metadata with a checksum: readers that do not know it pass over it."""
+    values = {key: json.dumps(value) for key, value in facts.items()}
+    writer.add_metadata(_ACTION, {**values, _CHECKSUM: _checksum(values)})
+
+
+def read_actions(salvaged: Salvaged) -> list[dict[str, Any]]:
+    """What operators did during a segment, in the order in which it was written; what is damaged is left out."""
+    out = []
+    for record in salvaged.records:
+        if isinstance(record, Metadata) and record.name == _ACTION:
+            values = dict(record.metadata)
+            if values.pop(_CHECKSUM, None) == _checksum(values):
+                with contextlib.suppress(ValueError):
+                    out.append({key: json.loads(value) for key, value in values.items()})
+    return out
 
 
 def read_about(salvaged: Salvaged) -> dict[str, Any]:

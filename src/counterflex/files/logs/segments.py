@@ -27,6 +27,7 @@ from counterflex.files.logs.segment import (
     Unreadable,
     lost_at_end,
     read_about,
+    read_actions,
     require_ours,
     unreadable_reason,
 )
@@ -47,6 +48,7 @@ class Segment:
         damage: Stretches that cannot be read.
         lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
         absent: Columns that older code did not record: 0 in counts and flags, else not a number.
+        actions: What operators did meanwhile, with ``time_ns``.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Segment:
     damage: tuple[Unreadable, ...] = ()
     lost_at_end: int = 0
     absent: tuple[str, ...] = ()
+    actions: tuple[dict[str, Any], ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -117,7 +120,8 @@ def read_segment(path: str | Path) -> Segment:
     table = placed(np.array(rows).reshape(-1, len(columns)), columns)
     absent = tuple(name for name in COLUMNS if name not in columns)
     lost = lost_at_end(result, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
-    return Segment(file.name, table, about, result.finished, tuple(states), damage, lost, absent)
+    actions = tuple(read_actions(result))
+    return Segment(file.name, table, about, result.finished, tuple(states), damage, lost, absent, actions)
 
 
 def _salvaged(file: Path) -> Salvaged:

@@ -29,6 +29,7 @@ class SharedWords:
     Args:
         count: How many.
         path: None makes them; the path of existing ones joins them.
+        make: Make them at that path.
 
     Attributes:
         path: Of the file, to join it.
@@ -39,9 +40,11 @@ class SharedWords:
         OutputError: There is no room for them.
     """
 
-    def __init__(self, count: int, path: Path | None = None) -> None:
+    def __init__(self, count: int, path: Path | None = None, *, make: bool = False) -> None:
         if path is None:
             handle, self.path = _made(count * _BYTES)
+        elif make:
+            handle, self.path = made_at(path, count * _BYTES), path
         else:
             handle, self.path = _opened(path, count * _BYTES), path
         try:
@@ -86,6 +89,33 @@ def _made(size: int) -> tuple[int, Path]:
             f"no shared memory: {fault.strerror or fault}", where=str(folder or "temporary files")
         ) from fault
     return handle, Path(name)
+
+
+def made_at(path: Path, size: int) -> int:
+    """Handle of a new file of this user, held, of zeros.
+
+    Args:
+        path: Of the file, which must not be there.
+        size: Bytes.
+
+    Raises:
+        OutputError: It is there, or there is no room.
+    """
+    try:
+        while True:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+            if share(handle):
+                break
+            os.close(handle)  # cleared between its making and its holding
+        try:
+            os.write(handle, bytes(size))
+        except OSError:
+            os.close(handle)
+            path.unlink(missing_ok=True)
+            raise
+    except OSError as fault:
+        raise OutputError(f"no shared memory: {fault.strerror or fault}", where=str(path)) from fault
+    return handle
 
 
 def _new(folder: Path | None) -> tuple[int, str]:

@@ -19,10 +19,11 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Int
-from counterflex.core.errors import FileFormatError, InputError, OutputError
+from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.held import share
 from counterflex.core.records import Records
 from counterflex.protocols.processes import snapshot_layout as layout
+from counterflex.protocols.processes.shared_words import made_at
 
 _SUFFIX: Final = "-snapshot"
 _BYTES: Final = 8 * layout.WORDS
@@ -60,24 +61,7 @@ class SnapshotMemory:
 
     def __init__(self, words: Path) -> None:
         self.path = snapshot_path(words)
-        try:
-            self._handle = self._made()
-        except OSError as fault:
-            raise OutputError(f"no shared memory: {fault.strerror or fault}", where=str(self.path)) from fault
-
-    def _made(self) -> int:
-        while True:
-            handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-            if not share(handle):  # cleared between its making and its holding
-                os.close(handle)
-                continue
-            try:
-                os.write(handle, bytes(_BYTES))  # takes the room now
-            except OSError:
-                os.close(handle)
-                self.path.unlink(missing_ok=True)
-                raise
-            return handle
+        self._handle = made_at(self.path, _BYTES)
 
     def close(self) -> None:
         """Remove it; who reads goes on seeing what stood last."""

@@ -1,0 +1,228 @@
+"""Who may see a panel and who may operate it: sessions, a limit on tries, and a gate before every page and socket."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, Final
+from urllib.parse import parse_qs, urlsplit
+
+from counterflex.files.panel_users import Role
+
+COOKIE: Final = "counterflex-panel"
+SESSION: Final = "counterflex.session"
+"""Key of the session in the scope of a request."""
+LONGEST_S: Final = 12.0 * 3600.0
+"""A session ends after a shift and a half."""
+TRIES: Final = 5
+BLOCK_S: Final = 30.0
+"""After so many wrong passwords from an address, or four times as many in all, nobody is asked for so long."""
+LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Any]]
+Send = Callable[[Any], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+
+@dataclass(frozen=True)
+class Session:
+    """Somebody who has shown who he is.
+
+    Attributes:
+        name: Of the user.
+        role: What he may do.
+        source: Address that he came from.
+        end_s: When he has to do so again, monotonic.
+    """
+
+    name: str
+    role: Role
+    source: str
+    end_s: float
+
+    @property
+    def operates(self) -> bool:
+        """He may ask something of the loop."""
+        return self.role == "operator"
+
+
+class Sessions:
+    """Sessions of a panel, in memory only: they end with it.
+
+    Args:
+        clock_s: Monotonic.
+    """
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._clock_s = clock_s
+        self._sessions: dict[str, Session] = {}
+        self._wrong: dict[str, list[float]] = {}
+
+    def begin(self, name: str, role: Role, source: str) -> str:
+        """A new session; the secret that stands for it."""
+        now = self._clock_s()
+        self._sessions = {key: one for key, one in self._sessions.items() if one.end_s > now}
+        key = secrets.token_urlsafe(32)
+        self._sessions[key] = Session(name, role, source, now + LONGEST_S)
+        return key
+
+    def of(self, key: str) -> Session | None:
+        """The session that a secret stands for, as long as it lasts."""
+        one = self._sessions.get(key)
+        return one if one is not None and one.end_s > self._clock_s() else None
+
+    def end(self, key: str) -> None:
+        """End a session."""
+        self._sessions.pop(key, None)
+
+    def may_try(self, source: str) -> bool:
+        """Whether a password from an address is looked at now."""
+        begin = self._clock_s() - BLOCK_S
+        self._wrong = {a: late for a, times in self._wrong.items() if (late := [t for t in times if t > begin])}
+        return len(self._wrong.get(source, ())) < TRIES and sum(map(len, self._wrong.values())) < 4 * TRIES
+
+    def wrong(self, source: str) -> None:
+        """A password was wrong."""
+        self._wrong.setdefault(source, []).append(self._clock_s())
+
+
+class Gate:
+    """Lets through to the panel whoever may.
+
+    Static files of the page library and the way to log in are open to all; everything else, sockets above all, needs a
+    session. A page of another site cannot reach the sockets: their origin must be the host that they are asked of.
+
+    Args:
+        app: What is behind it.
+        sessions: Of the panel.
+        hosts: Names that it may be asked under; None: any.
+        keys: Secrets in a link that begin a session, each with name and role; none where users log in.
+        secure: It is asked by TLS.
+        opened: Told of each session that such a link began.
+    """
+
+    def __init__(
+        self,
+        app: App,
+        sessions: Sessions,
+        *,
+        hosts: tuple[str, ...] | None,
+        keys: Mapping[str, tuple[str, Role]],
+        secure: bool,
+        opened: Callable[[Session], None] = lambda _: None,
+    ) -> None:
+        self._app, self._sessions, self._hosts, self._keys = app, sessions, hosts, keys
+        self._secure, self._opened = secure, opened
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request or socket."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        if not self._right_host(headers) or not _own_origin(headers, scope):
+            await _refuse(scope, receive, send, 403, "this host or origin is not served")
+            return
+        scope[SESSION] = session = self._sessions.of(cookie_of(headers))
+        path: str = scope["path"]
+        if session is not None or _open_to_all(path, scope["type"]):
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] == "http":
+            if (cookie := self._by_key(scope)) is not None:
+                await _redirect(send, path, cookie)
+                return
+            if scope["method"] == "GET" and not path.startswith("/_nicegui"):
+                await _redirect(send, "/login", None)
+                return
+        await _refuse(scope, receive, send, 401, "log in first")
+
+    def _right_host(self, headers: Mapping[str, str]) -> bool:
+        return self._hosts is None or _host(headers.get("host", "")) in self._hosts
+
+    def _by_key(self, scope: Scope) -> str | None:
+        """Cookie of a new session where the link holds a secret."""
+        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("key", [""])[0]
+        source = source_of(scope)
+        if not given or not self._sessions.may_try(source):
+            return None
+        for key, (name, role) in self._keys.items():
+            if secrets.compare_digest(key.encode(), given.encode()):
+                secret = self._sessions.begin(name, role, source)
+                one = self._sessions.of(secret)
+                if one is not None:
+                    self._opened(one)
+                return cookie_text(secret, secure=self._secure)
+        self._sessions.wrong(source)
+        return None
+
+
+def cookie_text(secret: str, *, secure: bool) -> str:
+    """A cookie that no script can read and no other site sends."""
+    return f"{COOKIE}={secret}; Path=/; HttpOnly; SameSite=Strict" + ("; Secure" if secure else "")
+
+
+def cookie_of(headers: Mapping[str, str]) -> str:
+    """The secret that a request brings, or empty."""
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+    except CookieError:
+        return ""
+    return "" if found is None else found.value
+
+
+def source_of(scope: Mapping[str, Any]) -> str:
+    """Address that a request comes from."""
+    client = scope.get("client")
+    return str(client[0]) if client else "unknown"
+
+
+def _host(text: str) -> str:
+    try:
+        return urlsplit(f"//{text}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _own_origin(headers: Mapping[str, str], scope: Scope) -> bool:
+    origin = headers.get("origin")
+    if origin is None:  # a browser always sends one with a socket; what sends none is no page
+        return scope["type"] == "http"
+    try:
+        return urlsplit(origin).netloc.lower() == headers.get("host", "").lower() != ""
+    except ValueError:
+        return False
+
+
+def _open_to_all(path: str, kind: str) -> bool:
+    if kind != "http":
+        return False
+    return path == "/login" or (path.startswith("/_nicegui/") and ".." not in path)
+
+
+async def _redirect(send: Send, where: str, cookie: str | None) -> None:
+    place = where if where.startswith("/") and not where.startswith("//") else "/"
+    headers = [
+        (b"location", place.encode("latin-1", "replace")),
+        (b"cache-control", b"no-store"),
+        (b"content-length", b"0"),
+    ]
+    if cookie is not None:
+        headers.append((b"set-cookie", cookie.encode("latin-1")))
+    await send({"type": "http.response.start", "status": 303, "headers": headers})
+    await send({"type": "http.response.body", "body": b""})
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, text: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 4000 + status})
+        return
+    body = text.encode()
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})

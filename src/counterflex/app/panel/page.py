@@ -1,0 +1,166 @@
+"""The page of the panel: what is live, the buttons of an operator, the report of the run when it has ended."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any, Final
+
+from nicegui import Client, background_tasks, ui
+from nicegui.element import Element
+from nicegui.elements.scene import Scene
+from nicegui.events import GenericEventArguments, KeyEventArguments
+
+from counterflex.app.panel.access import Session
+from counterflex.app.panel.report import report_html
+from counterflex.app.panel.watched_run import WatchedRun
+from counterflex.core.errors import CounterflexError
+
+BEHIND: Final = 20
+"""Messages that a page may be behind, a second; then it gets none until it has caught up."""
+_SCENE: Final = Scene
+"""Brings the library that the page draws with."""
+_QUESTIONS: Final = {
+    "reset": "Acknowledge the incident? The feed hold is released: a program that was not stopped goes on WITHOUT"
+    " correction.",
+    "arm": "Arm the correction? The robot program may then switch it on.",
+}
+_TITLES: Final = {"stop": "RAMP OUT", "reset": "ACKNOWLEDGE", "arm": "ARM"}
+
+
+class Live(Element, component="live.js"):
+    """Figures, charts and the cell, drawn by the browser from one message per tick."""
+
+    def __init__(self, session: Session, range_um: float) -> None:
+        super().__init__()
+        self._props["role"], self._props["user"], self._props["range"] = session.role, session.name, range_um
+
+
+class PanelPage:
+    """One page in one browser.
+
+    Args:
+        client: Of the page library.
+        session: Whose it is.
+        run: What it shows.
+        range_um: Deviation at which the colours end.
+        valid: Whether the session still stands.
+    """
+
+    def __init__(
+        self, client: Client, session: Session, run: WatchedRun, range_um: float, valid: Callable[[], bool]
+    ) -> None:
+        self.client, self.session, self._run, self._valid = client, session, run, valid
+        self._ready = False
+        self._sent = self._seen = 0
+        self._trail, self._generation, self._scene = 0, (-1, -1), -1
+        ui.dark_mode(True)
+        with Live(session, range_um) as self._live, ui.element("div").classes("cf-buttons"):
+            self._buttons()
+        self._live.on("ready", self._begin)
+        self._live.on("seen", self._heard)
+        self._report = ui.html("", sanitize=False).classes("cf-report")
+        self._reported = 0
+
+    def _buttons(self) -> None:
+        if self.session.operates:
+            self._button("stop", "cf-stop")
+            self._button("reset", "cf-button")
+            self._button("arm", "cf-button")
+            ui.keyboard(on_key=self._key)
+        else:
+            ui.html("viewer: watches only", sanitize=False).classes("cf-viewer")
+        with ui.element("div").classes("cf-foot").style("grid-column: 1 / 3"):
+            ui.label(f"{self.session.name} ({self.session.role})")
+            ui.link("log out", "/logout")
+
+    def _button(self, action: str, kind: str) -> None:
+        async def press() -> None:
+            await self._press(action)
+
+        ui.button(_TITLES[action], on_click=press, color=None).classes(kind).props(f'no-caps data-test="{action}"')
+
+    async def _key(self, event: KeyEventArguments) -> None:
+        """S or Escape ramps out at once; R and A ask first."""
+        if not event.action.keydown or event.action.repeat:
+            return
+        action = {"Escape": "stop", "s": "stop", "r": "reset", "a": "arm"}.get(str(event.key.name))
+        if action is not None:
+            await self._press(action)
+
+    async def _press(self, action: str) -> None:
+        if action in _QUESTIONS:
+            with self.client, ui.dialog() as dialog, ui.card():
+                ui.label(_QUESTIONS[action])
+                with ui.row():
+                    ui.button(_TITLES[action], on_click=lambda: dialog.submit(True)).props('data-test="yes"')
+                    ui.button("BACK", on_click=lambda: dialog.submit(False)).props('data-test="no"')
+            sure = await dialog
+            dialog.delete()
+            if not sure:
+                return
+        await self._ask(action)
+
+    async def _ask(self, action: str) -> None:
+        if not (self.session.operates and self._valid()):
+            self._tell("Log in again as an operator.", "negative")
+            return
+        try:
+            answer = await asyncio.to_thread(self._run.request, action, self.session.name, self.session.source)
+        except CounterflexError as fault:
+            self._tell(f"{_TITLES[action]}: {fault}", "negative")
+            return
+        done = answer["done"]
+        text = f"{_TITLES[action]}: {'done' if done else answer['refused']} ({answer['state'].replace('_', ' ')})"
+        self._tell(text, "positive" if done else "warning")
+
+    def _tell(self, text: str, kind: Any) -> None:
+        if self.client.has_socket_connection:
+            with self.client:
+                ui.notify(text, type=kind, position="top", timeout=6000, classes="text-h5")
+
+    def _begin(self) -> None:
+        self._ready = True
+        self._sent = self._seen = self._trail = 0
+        self._generation, self._scene = (-1, -1), -1
+
+    def _heard(self, event: GenericEventArguments) -> None:
+        if isinstance(event.args, int):
+            self._seen = event.args
+
+    def show(self, message: dict[str, Any], last: dict[str, Any], scene: list[dict[str, Any]]) -> None:
+        """Send what is new, unless the page is behind.
+
+        Args:
+            message: The same for all pages.
+            last: What was last new, for a page that has just begun.
+            scene: Bodies of the cell.
+        """
+        if not self._ready or not self.client.has_socket_connection or self._sent - self._seen > BEHIND:
+            return
+        if self._scene != self._run.runs:
+            self._scene = self._run.runs
+            self._live.run_method("bodies", scene)
+        self._sent += 1
+        trail = self._run.trail
+        generation = (self._run.runs, trail.generation)
+        if generation != self._generation:
+            self._generation, self._trail = generation, 0
+        points = trail.after(self._trail)
+        self._trail += len(points)
+        part = {"trail": {"generation": 1000 * generation[0] + generation[1], "points": points}}
+        first = last if self._sent == 1 else {}
+        self._live.run_method("show", {**first, **message, "number": self._sent, **part})
+        if self._reported != self._run.runs and message["seen"] == "ended":
+            self._reported = self._run.runs
+            background_tasks.create(self._show_report())
+
+    async def _show_report(self) -> None:
+        """The report, as soon as the recorder has written its summary; it may take some seconds."""
+        for _ in range(60):
+            html = await asyncio.to_thread(report_html, self._run.folder)
+            if html:
+                with self.client:
+                    self._report.set_content(html)
+                return
+            await asyncio.sleep(0.5)

@@ -1,0 +1,208 @@
+"""The process of the panel: one web server, one look at the run per tick, one message per page."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import Client, app, ui
+from starlette.requests import Request
+
+from counterflex.app.panel.access import LOOPBACK, SESSION, Gate, Session, Sessions
+from counterflex.app.panel.cell_scene import CellScene
+from counterflex.app.panel.login_page import login_routes
+from counterflex.app.panel.page import PanelPage
+from counterflex.app.panel.settings import PanelSettings, require_safe
+from counterflex.app.panel.watched_run import WatchedRun
+from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.files.panel_users import PanelUsers
+
+ACTIONS: Final = 6
+"""Actions of operators that a page shows."""
+NICE: Final = 10
+"""Priority below that of everything that runs beside it, the loop above all."""
+_CSS: Final = Path(__file__).with_name("panel.css")
+
+
+class PanelServer:
+    """A panel.
+
+    Args:
+        settings: Checked by :func:`.settings.require_safe`.
+        started: Told the links that open it, once: whose, and the address.
+
+    Raises:
+        FileFormatError: The file of users is none.
+        OutputError: Another panel watches the run.
+    """
+
+    def __init__(self, settings: PanelSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:
+        self._settings, self._started = settings, started
+        self.run = WatchedRun(settings.folder)
+        self.run.require_free()
+        self.pages: dict[str, PanelPage] = {}
+        self._sessions = Sessions()
+        self._users = None if settings.users is None else PanelUsers(settings.users)
+        self._keys = (
+            {}
+            if self._users is not None
+            else {
+                secrets.token_urlsafe(24): ("operator", "operator"),
+                secrets.token_urlsafe(24): ("viewer", "viewer"),
+            }
+        )
+        self._actions: deque[str] = deque(maxlen=ACTIONS)
+        self._scene: CellScene | None = None
+        self._scene_of = -1
+        self._trouble = ""
+        self._last: dict[str, Any] = {}
+
+    def serve(self) -> None:
+        """Serve until the process is asked to end.
+
+        Raises:
+            OutputError: The port cannot be opened.
+        """
+        settings = self._settings
+        with contextlib.suppress(OSError, AttributeError):
+            os.nice(NICE)
+        behind = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+        behind.router.routes.extend(
+            login_routes(self._users, self._sessions, secure=settings.secure, note=self._note_login)
+        )
+        self._pages()
+        app.on_startup(self._begin)
+        app.on_shutdown(self.run.close)
+        ui.run_with(
+            behind, title="counterflex", dark=True, show_welcome_message=False, reconnect_timeout=5.0,
+            message_history_length=0, binding_refresh_interval=None,
+        )  # fmt: skip
+        gate = Gate(
+            behind,
+            self._sessions,
+            hosts=LOOPBACK if settings.local else None,
+            keys=self._keys,
+            secure=settings.secure,
+            opened=lambda one: self._note_login(one.name, one.source, f"link opened as {one.role}", True),
+        )
+        logging.getLogger("nicegui").setLevel(logging.ERROR)
+        config = uvicorn.Config(
+            gate,
+            host=settings.host,
+            port=settings.port,
+            log_level="error",
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=2,
+            ssl_certfile=settings.certificate,
+            ssl_keyfile=settings.key,
+            ws_max_size=1 << 20,
+        )
+        self._server = server = uvicorn.Server(config)
+        try:
+            server.run()
+        except SystemExit:
+            raise OutputError(
+                "the port cannot be opened",
+                where=f"{settings.host}:{settings.port}",
+                hint="Is another panel running? Give another --port",
+            ) from None
+        finally:
+            self.run.close()
+
+    def _note_login(self, name: str, source: str, what: str, done: bool) -> None:
+        self.run.note({"who": name, "from": source, "action": what, "done": done})
+        self._actions.append(f"{time.strftime('%H:%M:%S')} {name} {what}{'' if done else ' REFUSED'}")
+
+    def _pages(self) -> None:
+        @ui.page("/", title="counterflex panel")
+        def live(request: Request, client: Client) -> None:
+            session: Session = request.scope[SESSION]
+            cookie = request.cookies.get("counterflex-panel", "")
+            ui.add_css(_CSS, shared=False)
+            page = PanelPage(
+                client, session, self.run, self._settings.range_um, lambda: self._sessions.of(cookie) is not None
+            )
+            self.pages[client.id] = page
+            client.on_delete(lambda: self.pages.pop(client.id, None))
+
+    def _begin(self) -> None:
+        asyncio.get_running_loop().create_task(self._tick())
+        asyncio.get_running_loop().create_task(self._announce())
+
+    async def _announce(self) -> None:
+        while not self._server.started:
+            await asyncio.sleep(0.02)
+        port = self._server.servers[0].sockets[0].getsockname()[1]
+        host = f"[{self._settings.host}]" if ":" in self._settings.host else self._settings.host
+        base = f"{'https' if self._settings.secure else 'http'}://{host}:{port}/"
+        links = [(role, f"{base}?key={key}") for key, (_, role) in self._keys.items()]
+        self._started(links or [("log in", base)])
+
+    async def _tick(self) -> None:
+        """One look at the run after another; what goes wrong in one is shown, and the next one comes all the same."""
+        period = 1.0 / self._settings.rate_hz
+        due = time.monotonic()
+        while True:
+            try:
+                await self._look()
+            except Exception as fault:
+                self._trouble = f"{type(fault).__name__}: {fault}"
+                logging.getLogger("counterflex.panel").exception("a look at the run failed")
+            due = max(due + period, time.monotonic())
+            await asyncio.sleep(max(0.001, due - time.monotonic()))
+
+    async def _look(self) -> None:
+        run = self.run
+        connected = [page for page in list(self.pages.values()) if page.client.has_socket_connection]
+        new = run.poll(len(connected))
+        if self._scene_of != run.runs and run.about:
+            self._scene_of = run.runs
+            self._scene = await asyncio.to_thread(self._read_scene, Path(run.about["files"]["cell"]))
+        message: dict[str, Any] = {
+            "seen": run.seen.value,
+            "why": run.why,
+            "age_s": run.age_s(),
+            "trouble": self._trouble,
+            "actions": list(self._actions),
+        }
+        if new:
+            self._last = {"figures": run.figures}
+            if self._scene is not None and run.last is not None:
+                self._last["frames"] = self._scene.frames(run.last.q)
+            message |= self._last
+        bodies = [] if self._scene is None else self._scene.bodies
+        for page in connected:
+            page.show(message, self._last, bodies)
+
+    def _read_scene(self, cell: Path) -> CellScene | None:
+        try:
+            return CellScene(cell)
+        except CounterflexError as fault:
+            self._trouble = f"the cell cannot be drawn: {fault}"
+            return None
+
+
+def serve(settings: PanelSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:
+    """Serve a panel until the process is asked to end.
+
+    Args:
+        settings: See there.
+        started: Told the links that open it: whose, and the address.
+
+    Raises:
+        InputError: It would not be safe, or the page library is missing.
+        CounterflexError: As :class:`PanelServer`.
+    """
+    require_safe(settings)
+    PanelServer(settings, started).serve()

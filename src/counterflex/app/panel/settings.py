@@ -1,0 +1,80 @@
+"""What a panel is started with, and what of it is refused: no network without passwords and TLS."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from counterflex.app.panel.access import LOOPBACK
+from counterflex.core.errors import InputError
+
+PORT: Final = 8642
+RANGE_UM: Final = 200.0
+
+
+@dataclass(frozen=True)
+class PanelSettings:
+    """What a panel is started with.
+
+    Attributes:
+        folder: Of the run log.
+        host: Address that it listens on.
+        port: TCP port; 0 takes a free one.
+        users: File of users, or None: a link that the command prints opens it.
+        certificate: PEM file, or None: no TLS.
+        key: Its private key.
+        rate_hz: Messages to each page per second.
+        range_um: Deviation at which the colours end.
+    """
+
+    folder: Path
+    host: str = "127.0.0.1"
+    port: int = PORT
+    users: Path | None = None
+    certificate: Path | None = None
+    key: Path | None = None
+    rate_hz: float = 20.0
+    range_um: float = RANGE_UM
+
+    @property
+    def local(self) -> bool:
+        """Only this computer reaches it."""
+        return self.host in LOOPBACK
+
+    @property
+    def secure(self) -> bool:
+        """It speaks TLS."""
+        return self.certificate is not None
+
+
+def require_safe(settings: PanelSettings) -> None:
+    """Refuse a panel that others could reach without a password or could listen to.
+
+    Raises:
+        InputError: Users or TLS are missing, or the page library is not installed.
+    """
+    if (settings.certificate is None) != (settings.key is None):
+        raise InputError(
+            "TLS needs a certificate and its key",
+            value="one of them",
+            limit="--certificate FILE --key FILE",
+        )
+    lacking = []
+    if settings.users is None:
+        lacking.append("passwords (--users FILE)")
+    if not settings.secure:
+        lacking.append("TLS (--certificate FILE --key FILE)")
+    if not settings.local and lacking:
+        raise InputError(
+            "a panel that other computers reach needs passwords and TLS",
+            where=f"--host {settings.host}",
+            value=f"without {' and '.join(lacking)}",
+            hint="Make users with counterflex panel-user; leave out --host to serve this computer only",
+        )
+    if importlib.util.find_spec("nicegui") is None:
+        raise InputError(
+            "the panel needs the package nicegui",
+            hint='Install it with pip install "counterflex[panel]"',
+        )

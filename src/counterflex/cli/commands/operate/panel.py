@@ -1,0 +1,98 @@
+"""Commands of the operator panel: panel, panel-user."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import arguments
+
+PORT = 8642
+Role = Annotated[str, typer.Option("--role", help="viewer watches; operator stops, acknowledges, arms.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.command("panel")(panel)
+    app.command("panel-user")(panel_user)
+
+
+def panel(
+    log: Annotated[Path, typer.Argument(help="Folder that `run` is given with --out.", metavar="DIR")],
+    host: Annotated[str, typer.Option("--host", help="Address to listen on; others need users and TLS.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", help="TCP port; 0 takes a free one.", min=0, max=65535)] = PORT,
+    users: Annotated[
+        Path | None,
+        typer.Option("--users", help="File of users (panel-user).", metavar="FILE", callback=arguments.file),
+    ] = None,
+    certificate: Annotated[
+        Path | None,
+        typer.Option("--certificate", help="TLS certificate (.pem).", metavar="FILE", callback=arguments.file),
+    ] = None,
+    key: Annotated[
+        Path | None,
+        typer.Option("--key", help="Private key of the certificate (.pem).", metavar="FILE", callback=arguments.file),
+    ] = None,
+    range_um: Annotated[
+        float, typer.Option("--range-um", help="Deviation at which the colours end, um.", min=1.0, max=10000.0)
+    ] = 200.0,
+) -> None:
+    """Show a run in the browser: state, limits, deviation, force, link, the part as it is cut; stop, acknowledge, arm.
+
+    Start it before or during the run; it waits for a run in DIR. It is a process beside the loop and cannot stop or
+    delay it. Ctrl-C closes it; with `without_panel = "hold"` in [online] the loop then holds. Needs the extra
+    `panel`. This is no emergency stop; use that of the robot.
+
+    Without --users it serves this computer only, and prints a link for an operator and one for a viewer. With --host
+    of a network it needs --users, --certificate and --key.
+
+    Example: `counterflex panel log`
+    """
+    from counterflex.app.panel.settings import PanelSettings, require_safe
+    from counterflex.core.errors import InputError
+
+    if log.exists() and not log.is_dir():
+        raise InputError("it is no folder", where=str(log), limit="the folder of a run log")
+    settings = PanelSettings(log, host, port, users, certificate, key, range_um=range_um)
+    require_safe(settings)
+    from counterflex.app.panel.server import serve
+
+    def started(links: list[tuple[str, str]]) -> None:
+        for who, link in links:
+            typer.echo(f"{who}: {link}")
+        sys.stdout.flush()
+
+    serve(settings, started)
+
+
+def panel_user(
+    users: Annotated[
+        Path,
+        typer.Argument(
+            help="File of users (.toml); made when missing.", metavar="FILE", callback=arguments.output_file
+        ),
+    ],
+    name: Annotated[str, typer.Argument(help="Name to log in with.", metavar="NAME")],
+    role: Role = "viewer",
+) -> None:
+    """Add a user of the panel, or give him another role and password. The password is asked for, or read from stdin.
+
+    The file holds a hash of it (scrypt) and can be read by you only.
+
+    Example: `counterflex panel-user users.toml anna --role operator`
+    """
+    from counterflex.core.errors import InputError
+    from counterflex.files.panel_users import LEAST, set_user
+
+    if role not in ("viewer", "operator"):
+        raise InputError("no such role", where="--role", value=role, limit="viewer or operator")
+    if sys.stdin.isatty():
+        question = f"password, at least {LEAST} characters"
+        password: str = typer.prompt(question, hide_input=True, confirmation_prompt=True)
+    else:
+        password = sys.stdin.readline().rstrip("\n")
+    set_user(users, name, "operator" if role == "operator" else "viewer", password)
+    typer.echo(f"wrote {users}: {name} is {role}")
