@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 _POLL_S = 0.05
 
 
@@ -76,12 +76,18 @@ class Page:
         """Click on the middle of an element as a mouse does."""
         expression = f"""(() => {{ const r = document.querySelector('[data-test="{name}"]').getBoundingClientRect();
             return [r.x + r.width / 2, r.y + r.height / 2]; }})()"""
-        x, y = self.value(expression)
+        self.call("Page.bringToFront")
+        place, before = self.value(expression), None
+        while place != before:  # it may still be moving into its place
+            time.sleep(_POLL_S)
+            place, before = self.value(expression), place
+        x, y = place
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def press(self, key: str) -> None:
         """Press and release a key."""
+        self.call("Page.bringToFront")
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, code=f"Key{key.upper()}" if len(key) == 1 else key)
 
@@ -129,7 +135,8 @@ class Browser:
             "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--no-first-run",
             "--disable-extensions", "--disable-background-networking", "--ignore-certificate-errors",
             f"--window-size={width},{height}", f"--user-data-dir={profile}", "--remote-debugging-port=0",
-            "--remote-allow-origins=*",
+            "--remote-allow-origins=*", "--disable-background-timer-throttling", "--disable-renderer-backgrounding",
+            "--disable-backgrounding-occluded-windows",
         ]  # fmt: skip
         self._process = subprocess.Popen(
             [program, *options, "about:blank"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

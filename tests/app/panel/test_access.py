@@ -104,6 +104,15 @@ def test_a_page_needs_a_session_and_a_link_begins_one(gate: tuple[Gate, Behind, 
     assert ask(door, cookie=secret)[0]["status"] == 303
 
 
+def test_a_link_begins_its_own_session_also_where_there_is_one(gate: tuple[Gate, Behind, Sessions]) -> None:
+    door, behind, sessions = gate
+    operator = sessions.begin("anna", "operator", "10.0.0.7")
+    (start, _) = ask(door, query="key=secret-of-viewers", cookie=operator)
+    secret = dict(start["headers"])[b"set-cookie"].decode().split("=", 1)[1].split(";")[0]
+    assert ask(door, cookie=secret) == []
+    assert behind.came[0].role == "viewer"
+
+
 def test_a_wrong_key_opens_nothing_and_tries_are_limited(gate: tuple[Gate, Behind, Sessions], clock: Clock) -> None:
     door, behind, _ = gate
     for _k in range(TRIES):

@@ -129,16 +129,15 @@ class Gate:
             return
         scope[SESSION] = session = self._sessions.of(cookie_of(headers))
         path: str = scope["path"]
+        if scope["type"] == "http" and (cookie := self._by_key(scope)) is not None:
+            await _redirect(send, path, cookie)  # also who has a session already begins the one of the link
+            return
         if session is not None or _open_to_all(path, scope["type"]):
             await self._app(scope, receive, send)
             return
-        if scope["type"] == "http":
-            if (cookie := self._by_key(scope)) is not None:
-                await _redirect(send, path, cookie)
-                return
-            if scope["method"] == "GET" and not path.startswith("/_nicegui"):
-                await _redirect(send, "/login", None)
-                return
+        if scope["type"] == "http" and scope["method"] == "GET" and not path.startswith("/_nicegui"):
+            await _redirect(send, "/login", None)
+            return
         await _refuse(scope, receive, send, 401, "log in first")
 
     def _right_host(self, headers: Mapping[str, str]) -> bool:

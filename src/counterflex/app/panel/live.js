@@ -111,6 +111,9 @@ class CellView {
   }
 
   place(frames, tool) {
+    const now = JSON.stringify(frames) + tool;
+    if (now === this.placed) return;
+    this.placed = now;
     for (const [name, pose] of Object.entries(frames)) {
       this.frame(name).matrix.copy(matrixOf(pose));
       this.frame(name).matrixWorldNeedsUpdate = true;
@@ -403,7 +406,7 @@ export default {
     }, 200);
     const draw = () => {
       if (this.gone) return;
-      if (this.cell) this.cell.draw();
+      if (this.cell && !document.hidden) this.cell.draw();
       setTimeout(() => requestAnimationFrame(draw), 45);
     };
     draw();

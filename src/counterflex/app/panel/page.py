@@ -45,12 +45,20 @@ class PanelPage:
         run: What it shows.
         range_um: Deviation at which the colours end.
         valid: Whether the session still stands.
+        told: Told in words what the operator did, for all pages.
     """
 
     def __init__(
-        self, client: Client, session: Session, run: WatchedRun, range_um: float, valid: Callable[[], bool]
+        self,
+        client: Client,
+        session: Session,
+        run: WatchedRun,
+        range_um: float,
+        *,
+        valid: Callable[[], bool],
+        told: Callable[[str], None],
     ) -> None:
-        self.client, self.session, self._run, self._valid = client, session, run, valid
+        self.client, self.session, self._run, self._valid, self._told = client, session, run, valid, told
         self._ready = False
         self._sent = self._seen = 0
         self._trail, self._generation, self._scene = 0, (-1, -1), -1
@@ -90,7 +98,8 @@ class PanelPage:
 
     async def _press(self, action: str) -> None:
         if action in _QUESTIONS:
-            with self.client, ui.dialog() as dialog, ui.card():
+            # seamless: the page behind it, and the button that ramps out, stay usable
+            with self.client, ui.dialog().props("seamless position=top") as dialog, ui.card():
                 ui.label(_QUESTIONS[action])
                 with ui.row():
                     ui.button(_TITLES[action], on_click=lambda: dialog.submit(True)).props('data-test="yes"')
@@ -109,10 +118,12 @@ class PanelPage:
             answer = await asyncio.to_thread(self._run.request, action, self.session.name, self.session.source)
         except CounterflexError as fault:
             self._tell(f"{_TITLES[action]}: {fault}", "negative")
+            self._told(f"{self.session.name} {_TITLES[action]}: FAILED")
             return
         done = answer["done"]
         text = f"{_TITLES[action]}: {'done' if done else answer['refused']} ({answer['state'].replace('_', ' ')})"
         self._tell(text, "positive" if done else "warning")
+        self._told(f"{self.session.name} {text}")
 
     def _tell(self, text: str, kind: Any) -> None:
         if self.client.has_socket_connection:

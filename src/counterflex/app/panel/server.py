@@ -29,7 +29,7 @@ from counterflex.files.panel_users import PanelUsers
 
 ACTIONS: Final = 6
 """Actions of operators that a page shows."""
-NICE: Final = 10
+NICE: Final = 5
 """Priority below that of everything that runs beside it, the loop above all."""
 _CSS: Final = Path(__file__).with_name("panel.css")
 
@@ -84,7 +84,7 @@ class PanelServer:
         app.on_startup(self._begin)
         app.on_shutdown(self.run.close)
         ui.run_with(
-            behind, title="counterflex", dark=True, show_welcome_message=False, reconnect_timeout=5.0,
+            behind, title="counterflex", dark=True, show_welcome_message=False, reconnect_timeout=15.0,
             message_history_length=0, binding_refresh_interval=None,
         )  # fmt: skip
         gate = Gate(
@@ -122,7 +122,10 @@ class PanelServer:
 
     def _note_login(self, name: str, source: str, what: str, done: bool) -> None:
         self.run.note({"who": name, "from": source, "action": what, "done": done})
-        self._actions.append(f"{time.strftime('%H:%M:%S')} {name} {what}{'' if done else ' REFUSED'}")
+        self._tell(f"{name} {what}{'' if done else ' REFUSED'}")
+
+    def _tell(self, text: str) -> None:
+        self._actions.append(f"{time.strftime('%H:%M:%S')} {text}")
 
     def _pages(self) -> None:
         @ui.page("/", title="counterflex panel")
@@ -131,7 +134,12 @@ class PanelServer:
             cookie = request.cookies.get("counterflex-panel", "")
             ui.add_css(_CSS, shared=False)
             page = PanelPage(
-                client, session, self.run, self._settings.range_um, lambda: self._sessions.of(cookie) is not None
+                client,
+                session,
+                self.run,
+                self._settings.range_um,
+                valid=lambda: self._sessions.of(cookie) is not None,
+                told=self._tell,
             )
             self.pages[client.id] = page
             client.on_delete(lambda: self.pages.pop(client.id, None))
