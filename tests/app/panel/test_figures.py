@@ -150,7 +150,7 @@ class Live:
         self.words = SharedWords(CONTROL)
         control = np.frombuffer(self.words.words, dtype=np.int64)
         self.rig = Rig(force=lambda _: np.array([0.0, 450.0, 0.0]), context=RsiContext(), control=control)
-        self.rig.control = control  # type: ignore[assignment]
+        self.rig.control = control
         self.memory = SnapshotMemory(self.words.path)
         self.actions = Actions(actions_path(self.words.path), make=True)
         control[Life.MAY_ARM] = 1
@@ -184,7 +184,7 @@ def live(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Live]:
 def test_a_panel_sees_a_run_from_its_beginning_to_its_end(live: Live) -> None:
     rig, panel = live.rig, live.panel
     assert panel.poll() is False
-    assert panel.seen == Seen.RUNNING
+    assert panel.seen.value == "running"
     rig.activate().run(100)
     assert panel.poll(clients=3) is True
     assert panel.figures["state"] == State.ACTIVE.name
@@ -205,7 +205,7 @@ def test_a_loop_that_stands_still_is_told(live: Live) -> None:
     live.rig.frozen = True
     live.rig.run(200)
     live.panel.poll()
-    assert live.panel.seen == Seen.SILENT
+    assert live.panel.seen.value == "silent"
     live.rig.frozen = False
     live.rig.run(2)
     live.panel.poll()

@@ -192,7 +192,8 @@ def _own_origin(headers: Mapping[str, str], scope: Scope) -> bool:
     if origin is None:  # a browser always sends one with a socket; what sends none is no page
         return scope["type"] == "http"
     try:
-        return urlsplit(origin).netloc.lower() == headers.get("host", "").lower() != ""
+        own = headers.get("host", "").lower()
+        return own != "" and urlsplit(origin).netloc.lower() == own
     except ValueError:
         return False
 

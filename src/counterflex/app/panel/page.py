@@ -28,7 +28,7 @@ _QUESTIONS: Final = {
 _TITLES: Final = {"stop": "RAMP OUT", "reset": "ACKNOWLEDGE", "arm": "ARM"}
 
 
-class Live(Element, component="live.js"):
+class Live(Element, component="live.js"):  # type: ignore[call-arg, misc]
     """Figures, charts and the cell, drawn by the browser from one message per tick."""
 
     def __init__(self, session: Session, range_um: float) -> None:

@@ -23,7 +23,7 @@ NO_PANEL, THERE, LOST = range(3)
 _PANEL: Final = int(Panel.NS)
 
 
-def panel_state(control: Int, now_ns: int) -> int:
+def panel_state(control: Any, now_ns: int) -> int:
     """Whether a panel is there: none has come or it has left, it says that it lives, or it has fallen silent.
 
     Args:
