@@ -60,6 +60,7 @@ LIVE = (
     "twin scenarios",
     "tracker bridge",
     "operator",
+    "panel",
     "ads",
 )
 """Commands that wait for each other or for a device: tests of their own run them over sockets."""

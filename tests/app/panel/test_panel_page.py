@@ -80,6 +80,16 @@ class PanelProcess:
         self.process.communicate()
 
 
+@pytest.fixture
+def panels() -> Iterator[list[PanelProcess]]:
+    """Panels of a test: those that it leaves behind are killed."""
+    made: list[PanelProcess] = []
+    yield made
+    for one in made:
+        if one.process.poll() is None:
+            one.kill()
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     made = Run(tmp_path_factory.mktemp("panel"))
@@ -87,9 +97,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     made.close()
 
 
-def test_a_run_with_two_people_and_a_panel_that_dies(run: Run) -> None:
+def test_a_run_with_two_people_and_a_panel_that_dies(run: Run, panels: list[PanelProcess]) -> None:
     """One story, because a browser and a loop are slow to start."""
-    panel = PanelProcess(run.folder)
+    panels.append(panel := PanelProcess(run.folder))
     with Browser() as browser:
         anna = browser.page()
         anna.open(panel.links["operator"])
@@ -131,7 +141,7 @@ def test_a_run_with_two_people_and_a_panel_that_dies(run: Run) -> None:
             run._end.wait(0.05)
         reader.close()
 
-        panel = PanelProcess(run.folder)
+        panels.append(panel := PanelProcess(run.folder))
         anna.open(panel.links["operator"])
         anna.wait_text("state", "CORRECTING")
         other = browser.page()

@@ -25,7 +25,7 @@ from counterflex.app.panel.page import PanelPage
 from counterflex.app.panel.settings import PanelSettings, require_safe
 from counterflex.app.panel.watched_run import WatchedRun
 from counterflex.core.errors import CounterflexError, OutputError
-from counterflex.files.panel_users import PanelUsers
+from counterflex.files.panel_users import PanelUsers, Role
 
 ACTIONS: Final = 6
 """Actions of operators that a page shows."""
@@ -53,7 +53,7 @@ class PanelServer:
         self.pages: dict[str, PanelPage] = {}
         self._sessions = Sessions()
         self._users = None if settings.users is None else PanelUsers(settings.users)
-        self._keys = (
+        self._keys: dict[str, tuple[str, Role]] = (
             {}
             if self._users is not None
             else {
@@ -128,7 +128,7 @@ class PanelServer:
         self._actions.append(f"{time.strftime('%H:%M:%S')} {text}")
 
     def _pages(self) -> None:
-        @ui.page("/", title="counterflex panel")
+        @ui.page("/", title="counterflex panel")  # type: ignore[untyped-decorator]
         def live(request: Request, client: Client) -> None:
             session: Session = request.scope[SESSION]
             cookie = request.cookies.get("counterflex-panel", "")
