@@ -168,10 +168,10 @@ def cookie_text(secret: str, *, secure: bool) -> str:
 def cookie_of(headers: Mapping[str, str]) -> str:
     """The secret that a request brings, or empty."""
     try:
-        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        match = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
     except CookieError:
         return ""
-    return "" if found is None else found.value
+    return "" if match is None else match.value
 
 
 def source_of(scope: Mapping[str, Any]) -> str:

@@ -241,16 +241,16 @@ class Trail:
         self._new = True
         self.generation = 0
 
-    def add(self, shots: Records, frames: Float, *, planned: bool) -> None:
+    def add(self, shots: Records, axes: Float, *, planned: bool) -> None:
         """Add what was cut.
 
         Args:
             shots: In order.
-            frames: Of :class:`FeedFrame`.
+            axes: (n, 3, 3) of :class:`FeedFrame`.
             planned: The plan says where it cuts; else the force does.
         """
-        rest = np.einsum("nij,nj->ni", frames[:, 1:], deviations(shots)["remaining"])
-        for shot, (across, along), tool in zip(shots, rest, frames[:, 2], strict=True):
+        rest = np.einsum("nij,nj->ni", axes[:, 1:], deviations(shots)["remaining"])
+        for shot, (across, along), tool in zip(shots, rest, axes[:, 2], strict=True):
             cuts = shot.cuts == 1 if planned else float(np.linalg.norm(shot.measured[:3])) > _LEAST_N
             place = shot.nominal[9:] - shot.contained[:3]
             if not cuts or not np.all(np.isfinite([*place, across, along])):

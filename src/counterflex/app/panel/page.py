@@ -45,7 +45,7 @@ class PanelPage:
         run: What it shows.
         range_um: Deviation at which the colours end.
         valid: Whether the session still stands.
-        told: Told in words what the operator did, for all pages.
+        report_action: Told in words what the operator did, for all pages.
     """
 
     def __init__(
@@ -56,9 +56,10 @@ class PanelPage:
         range_um: float,
         *,
         valid: Callable[[], bool],
-        told: Callable[[str], None],
+        report_action: Callable[[str], None],
     ) -> None:
-        self.client, self.session, self._run, self._valid, self._told = client, session, run, valid, told
+        self.client, self.session, self._run, self._valid = client, session, run, valid
+        self._report_action = report_action
         self._ready = False
         self._sent = self._seen = 0
         self._trail, self._generation, self._scene = 0, (-1, -1), -1
@@ -118,12 +119,12 @@ class PanelPage:
             answer = await asyncio.to_thread(self._run.request, action, self.session.name, self.session.source)
         except CounterflexError as fault:
             self._tell(f"{_TITLES[action]}: {fault}", "negative")
-            self._told(f"{self.session.name} {_TITLES[action]}: FAILED")
+            self._report_action(f"{self.session.name} {_TITLES[action]}: FAILED")
             return
         done = answer["done"]
         text = f"{_TITLES[action]}: {'done' if done else answer['refused']} ({answer['state'].replace('_', ' ')})"
         self._tell(text, "positive" if done else "warning")
-        self._told(f"{self.session.name} {text}")
+        self._report_action(f"{self.session.name} {text}")
 
     def _tell(self, text: str, kind: Any) -> None:
         if self.client.has_socket_connection:

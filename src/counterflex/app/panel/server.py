@@ -139,7 +139,7 @@ class PanelServer:
                 self.run,
                 self._settings.range_um,
                 valid=lambda: self._sessions.of(cookie) is not None,
-                told=self._tell,
+                report_action=self._tell,
             )
             self.pages[client.id] = page
             client.on_delete(lambda: self.pages.pop(client.id, None))

@@ -180,17 +180,17 @@ class SnapshotReader:
         first = max(self._read, count - layout.MOST) + 1
         self.missed += first - 1 - self._read
         self._read = count
-        wanted = np.arange(first, count + 1)
-        return self._sound(wanted)
+        requested = np.arange(first, count + 1)
+        return self._sound(requested)
 
     def latest(self) -> Records:
         """(1,) the newest snapshot that stands, or none; :meth:`take` is not told of it."""
         count = self.count
         return self._sound(np.arange(max(1, count - 1), count + 1))[-1:]
 
-    def _sound(self, wanted: Int) -> Records:
-        copies = self._slots[wanted % layout.SLOTS]  # a copy: indexed by an array
-        good = (copies[:, 0] == wanted) & (copies[:, -1] == check_of(copies))
+    def _sound(self, requested: Int) -> Records:
+        copies = self._slots[requested % layout.SLOTS]  # a copy: indexed by an array
+        good = (copies[:, 0] == requested) & (copies[:, -1] == check_of(copies))
         self.missed += int(np.count_nonzero(~good))
         out: Records = np.ascontiguousarray(copies[good]).reshape(-1).view(layout.SNAPSHOT)
         return out
