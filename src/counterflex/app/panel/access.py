@@ -190,10 +190,10 @@ def _host(text: str) -> str:
 def _own_origin(headers: Mapping[str, str], scope: Scope) -> bool:
     origin = headers.get("origin")
     if origin is None:  # a browser always sends one with a socket; what sends none is no page
-        return scope["type"] == "http"
+        return bool(scope["type"] == "http")
     try:
-        own = headers.get("host", "").lower()
-        return own != "" and urlsplit(origin).netloc.lower() == own
+        own: str = headers.get("host", "").lower()
+        return own != "" and bool(urlsplit(origin).netloc.lower() == own)
     except ValueError:
         return False
 

@@ -154,7 +154,7 @@ class PanelServer:
         port = self._server.servers[0].sockets[0].getsockname()[1]
         host = f"[{self._settings.host}]" if ":" in self._settings.host else self._settings.host
         base = f"{'https' if self._settings.secure else 'http'}://{host}:{port}/"
-        links = [(role, f"{base}?key={key}") for key, (_, role) in self._keys.items()]
+        links: list[tuple[str, str]] = [(role, f"{base}?key={key}") for key, (_, role) in self._keys.items()]
         self._started(links or [("log in", base)])
 
     async def _tick(self) -> None:
