@@ -13,7 +13,7 @@ def test_what_is_no_folder_is_refused(tmp_path: Path, counterflex: Any) -> None:
     (tmp_path / "log").write_text("")
     ended = counterflex("panel", str(tmp_path / "log"))
     assert ended.status == 2
-    assert "it is no folder" in ended.err
+    assert "a file has the name of the folder" in ended.err
 
 
 def test_a_network_needs_users_and_tls(tmp_path: Path, counterflex: Any) -> None:

@@ -21,7 +21,10 @@ def register(app: typer.Typer) -> None:
 
 
 def panel(
-    log: Annotated[Path, typer.Argument(help="Folder that `run` is given with --out.", metavar="DIR")],
+    log: Annotated[
+        Path,
+        typer.Argument(help="Folder that `run` is given with --out.", metavar="DIR", callback=arguments.output_folder),
+    ],
     host: Annotated[str, typer.Option("--host", help="Address to listen on; others need users and TLS.")] = "127.0.0.1",
     port: Annotated[int, typer.Option("--port", help="TCP port; 0 takes a free one.", min=0, max=65535)] = PORT,
     users: Annotated[
@@ -52,10 +55,7 @@ def panel(
     Example: `counterflex panel log`
     """
     from counterflex.app.panel.settings import PanelSettings, require_safe
-    from counterflex.core.errors import InputError
 
-    if log.exists() and not log.is_dir():
-        raise InputError("it is no folder", where=str(log), limit="the folder of a run log")
     settings = PanelSettings(log, host, port, users, certificate, key, range_um=range_um)
     require_safe(settings)
     from counterflex.app.panel.server import serve
