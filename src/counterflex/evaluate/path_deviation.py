@@ -39,6 +39,7 @@ class PathDeviation:
         length_m: (k,) place on the nominal path, from its start, never decreasing.
         motion: (k,) program motion of the nominal point.
         feed_direction: (k, 3) unit vector of the nominal feed.
+        left: (k, 3) unit vector to the left of it, seen from the spindle; of a plunge any direction square to it.
         across: (k, 3) deviation normal to the feed.
         across_left_m: (k,) its component to the left of the feed, seen from the spindle.
         across_axis_m: (k,) its component along ``feed x left``, the tool axis where the feed is square to it;
@@ -59,6 +60,7 @@ class PathDeviation:
     length_m: Float
     motion: Int
     feed_direction: Float
+    left: Float
     across: Float
     across_left_m: Float
     across_axis_m: Float
@@ -192,6 +194,7 @@ def path_deviation(
         length_m=u,
         motion=np.asarray(nominal.motion, dtype=np.int64)[seg],
         feed_direction=tangent,
+        left=left,
         across=across,
         across_left_m=np.sum(across * left, axis=1),
         across_axis_m=np.sum(across * np.cross(tangent, left), axis=1),

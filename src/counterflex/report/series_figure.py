@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -117,14 +118,26 @@ def prediction_map(data: PredictionData) -> dict[str, Any]:
 
 def signed_figure(deviation_before: PathDeviation, deviation_after: PathDeviation) -> dict[str, Any]:
     """Signed components across the feed over the length of the program: sideways and in depth."""
+    return components_figure((("before", BEFORE, deviation_before), ("after", AFTER, deviation_after)))
+
+
+def components_figure(paths: Sequence[tuple[str, str, PathDeviation]], *, along: bool = True) -> dict[str, Any]:
+    """Signed components of paths, each with its name and colour, over the length of the program.
+
+    Args:
+        paths: Name, colour and deviation.
+        along: Whether the component along the feed is known.
+    """
     lines = []
-    for name, colour, result in (("before", BEFORE, deviation_before), ("after", AFTER, deviation_after)):
+    for name, colour, result in paths:
         keep = result.cutting & ~result.broken
         lines.append(_Line(0, name, colour, result.length_m, result.across_left_m / UM, 1, keep, legend=True))
         lines.append(_Line(1, name, colour, result.length_m, result.across_axis_m / UM, 1, keep, legend=False))
-        lines.append(_Line(2, name, colour, result.length_m, result.along_m / UM, 1, keep, legend=False))
+        if along:
+            lines.append(_Line(2, name, colour, result.length_m, result.along_m / UM, 1, keep, legend=False))
     titles = ("to the left<br>of feed, µm", "out of the<br>part, µm", "along feed, µm<br>(not counted)")
-    return _stacked(lines, titles, (0.3, 0.3, 0.28), "length along the program, m")
+    shares = (0.3, 0.3, 0.28) if along else (0.46, 0.46)
+    return _stacked(lines, titles[: len(shares)], shares, "length along the program, m")
 
 
 def _stacked(

@@ -18,7 +18,7 @@ from counterflex.app.correction.scans import read_scan
 from counterflex.app.inputs import read_job
 from counterflex.app.proof import evaluate, simulate
 from counterflex.app.proof.truth import make_truth
-from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
+from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError, OutputError
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
@@ -104,6 +104,21 @@ def test_constants_go_into_a_new_cell_file_with_which_a_new_plan_is_better(shop:
             correct.run(shop.program, CELL, shop.plan, [shop.part], tmp_path / "again", apply=target, report=False)
     assert new.read_bytes() == text
     assert not (tmp_path / "again").exists()
+
+
+def test_a_cell_file_and_its_folder_are_written_both_or_neither(
+    shop: Shop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full when the last file of the folder is written: no new cell file is left behind."""
+
+    def full(path: Path, *_: object) -> None:
+        raise OutputError("cannot write: No space left on device", where=str(path))
+
+    monkeypatch.setattr(correct, "write_summary", full)
+    new = tmp_path / "made" / "cell.toml"
+    with pytest.raises(OutputError, match="No space left"):
+        correct.run(shop.program, CELL, shop.plan, [shop.part], tmp_path / "out", apply=new, report=False)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_wrong_inputs_are_named_in_one_line_and_nothing_is_written(shop: Shop, tmp_path: Path) -> None:

@@ -20,13 +20,14 @@ RECIPE: Final = "correct"
 _SI: Final = {"relative": "", "m": "m", "rad": "rad"}
 
 
-def apply_constants(result: Corrected, cell: Cell, target: Path, scans: list[Path]) -> dict[str, Any]:
+def apply_constants(result: Corrected, cell: Cell, target: Path, place: Path, scans: list[Path]) -> dict[str, Any]:
     """Write a cell file with the constants of the likeliest explanation.
 
     Args:
         result: Of the job.
         cell: As read; its file is the template.
         target: New cell file.
+        place: Where it is written until the results are complete.
         scans: The measured parts, for the provenance.
 
     Returns:
@@ -66,7 +67,7 @@ def apply_constants(result: Corrected, cell: Cell, target: Path, scans: list[Pat
         ),
     )
     text = updated_text(cell, changes, entry, target.parent)
-    write_new(text, target, "what the part explains")
+    write_new(text, target, place, "what the part explains")
     return {"explanation": best.name, "cell": target.name}
 
 

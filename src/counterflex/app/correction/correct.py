@@ -41,6 +41,7 @@ from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
 from counterflex.evaluate.path_error.expected import Expected, expected
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.path_error_file import read_path_error, write_path_error
 from counterflex.files.plan_file import WORKING_PLANE, read_plan, write_plan
 from counterflex.files.summary_file import read_summary, write_summary
@@ -270,13 +271,16 @@ def run(
     """
     cell = read_cell(cell_file)
     folder = Path(plan_folder)
-    with atomic.atomic_folder(out) as staging:
+    target = None if apply is None else Path(apply)
+    if target is not None:
+        require_new(target, cell.path)
+    with new_file(target) as place, atomic.atomic_folder(out) as staging:
         result = correct(Path(program), cell, folder, scans, progress=progress, **options)
         summary = result.summary
-        if apply is not None:
+        if target is not None and place is not None:
             from counterflex.app.correction.apply import apply_constants
 
-            summary["applied"] = apply_constants(result, cell, Path(apply), scans)
+            summary["applied"] = apply_constants(result, cell, target, place, scans)
         about = {key: summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {key: summary[key] for key in (WORKING_PLANE,) if key in summary}
         lowered = summary["calm_feed"]["extra_s"]

@@ -1,4 +1,4 @@
-"""The job ``inspect``: a scan of a real part against the part that its program makes."""
+"""The job ``inspect``: a scan of a real part, or a log of the tool's path, against what its program makes."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ import hashlib
 from pathlib import Path
 from typing import Any, Final
 
-from counterflex.app.inspection.judging import How, inspect
+from counterflex.app.inspection.judging import How, Inspection, inspect
+from counterflex.app.inspection.path_entry import path_rows
+from counterflex.app.inspection.summary import Inspected
+from counterflex.app.inspection.tool_log import LogHow
+from counterflex.app.inspection.tool_path import InspectedPath
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
 from counterflex.files.summary_file import write_summary
+from counterflex.files.tool_path_file import LoggedPath, write_tool_path
 
 DEVIATIONS: Final = "deviations.parquet"
+TOOL_PATH: Final = "tool-path.parquet"
 REPORT: Final = "report.html"
 SUMMARY: Final = "summary.json"
 
@@ -21,25 +27,26 @@ SUMMARY: Final = "summary.json"
 def run(
     program: Path,
     cell_file: Path,
-    scan: Path,
+    measured: Path,
     out: Path,
     *,
-    how: How,
+    how: How | LogHow,
     before: Path | None = None,
     nominal: Path | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Do the job on files.
 
-    Writes ``deviations.parquet`` (of the last part), ``summary.json`` and ``report.html`` into ``out``.
+    Writes ``deviations.parquet`` (of the last part; ``tool-path.parquet`` of a log), ``summary.json`` and
+    ``report.html`` into ``out``.
 
     Args:
         program: The program that made the part, uncompensated: what was to be made.
         cell_file: Its cell, for blank and tools.
-        scan: Of the part.
+        measured: Scan of the part, or log of the tool's path.
         out: Folder.
-        how: How the scans are read and laid on the part.
-        before: Scan of an earlier part to compare with, or None.
+        how: How scans, or logs, are read and laid on the part.
+        before: The same of an earlier part to compare with, or None.
         nominal: CAD mesh to judge against in place of what the program makes, or None.
         progress: Progress callback, fraction 0 to 1.
 
@@ -48,25 +55,32 @@ def run(
 
     Raises:
         FileFormatError: A file is missing, damaged or of another format.
-        InputError: A scan does not fit the part.
+        InputError: What was measured does not fit the part.
     """
-    inspection = inspect(program, cell_file, scan, how=how, before=before, nominal=nominal, progress=progress)
+    inspection = inspect(program, cell_file, measured, how=how, before=before, nominal=nominal, progress=progress)
     last = list(inspection.parts.values())[-1]
     from counterflex.app.inspection.page import page_of  # plotly is heavy
     from counterflex.report.page import write_page
 
-    registration = last.part.registration
-    measured = MeasuredPart(
-        program.name,
-        hashlib.sha256(program.read_bytes()).hexdigest(),
-        last.file,
-        last.unit,
-        registration.faces,
-        registration.residual_m / UM,
-    )
     with atomic.atomic_folder(out) as staging:
-        write_part_deviations(staging / DEVIATIONS, last.part.rows, measured)
+        _write_rows(staging, inspection, last, program)
         write_summary(staging / SUMMARY, inspection.summary)
         write_page(page_of(inspection), staging / REPORT)
     progress(1.0)
     return inspection.summary
+
+
+def _write_rows(folder: Path, inspection: Inspection, last: Inspected | InspectedPath, program: Path) -> None:
+    """The measured places: of a surface, or of the path of the tool."""
+    digest = hashlib.sha256(program.read_bytes()).hexdigest()
+    if isinstance(last, InspectedPath):
+        logged = LoggedPath(
+            program.name, digest, last.file, last.log.position, last.log.frame, frame_fitted=last.log.fitted
+        )
+        write_tool_path(folder / TOOL_PATH, path_rows(last, inspection.job), logged)
+        return
+    registration = last.part.registration
+    measured = MeasuredPart(
+        program.name, digest, last.file, last.unit, registration.faces, registration.residual_m / UM
+    )
+    write_part_deviations(folder / DEVIATIONS, last.part.rows, measured)

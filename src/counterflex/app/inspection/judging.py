@@ -1,4 +1,4 @@
-"""Scans of real parts laid on the part that their program makes, and measured."""
+"""Scans of real parts, or logs of the tool's path, laid on the part that their program makes, and measured."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import Job, in_working_plane, read_job
 from counterflex.app.inspection.summary import Inspected, summary_of
+from counterflex.app.inspection.tool_log import LogHow, ToolLog, read_tool_log
+from counterflex.app.inspection.tool_path import InspectedPath, judged_path
 from counterflex.app.proof import simulate
 from counterflex.app.proof.cut_logs import log_of_path, top_of
 from counterflex.app.proof.judge import reference_of
@@ -22,7 +24,7 @@ from counterflex.evaluate.feature_finding import find_features
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.cloud import thinned
 from counterflex.evaluate.inspection.coarse import coarse_pose
-from counterflex.evaluate.inspection.feature_rows import scanned_features
+from counterflex.evaluate.inspection.feature_rows import inspected_features
 from counterflex.evaluate.inspection.nominal_part import NominalPart, Shape, nominal_part
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.registration import aligned, register
@@ -71,7 +73,7 @@ class Inspection:
 
     job: Job
     cell: Cell
-    parts: dict[str, Inspected]
+    parts: dict[str, Inspected | InspectedPath]
     features: tuple[FeatureRow, ...]
     summary: dict[str, Any]
 
@@ -79,35 +81,42 @@ class Inspection:
 def inspect(
     program: Path,
     cell_file: Path,
-    scan: Path,
+    measured: Path,
     *,
-    how: How,
+    how: How | LogHow,
     before: Path | None = None,
     nominal: Path | None = None,
     progress: Progress = silent,
 ) -> Inspection:
-    """Judge scans of one or two parts; see :func:`counterflex.app.inspection.inspect.run`."""
+    """Judge scans of one or two parts, or logs of the tool; see :func:`counterflex.app.inspection.inspect.run`."""
     cell = in_working_plane(program, read_cell(cell_file))
     job = read_job(program, cell)
-    scans = {"part": read_scan(scan)} if before is None else {"before": read_scan(before), "after": read_scan(scan)}
-    files = {"part": scan} if before is None else {"before": before, "after": scan}
+    files = {"part": measured} if before is None else {"before": before, "after": measured}
+    read: dict[str, Scan | ToolLog] = {
+        name: read_scan(file) if isinstance(how, How) else read_tool_log(file, how, cell, job.path)
+        for name, file in files.items()
+    }
     progress(0.15)
     part = nominal_of(job, cell, nominal)
     progress(0.4)
-    parts: dict[str, Inspected] = {}
-    for k, (name, one) in enumerate(scans.items()):
-        parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]))
-        progress(0.4 + 0.4 * (k + 1) / len(scans))
+    parts: dict[str, Inspected | InspectedPath] = {}
+    for k, (name, one) in enumerate(read.items()):
+        if isinstance(one, ToolLog):
+            parts[name] = judged_path(one, part, job, cell)
+        elif isinstance(how, How):
+            parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]))
+        progress(0.4 + 0.4 * (k + 1) / len(read))
     tools = simulate.tools_of(job.path)
     features: tuple[FeatureRow, ...] = ()
     if len(tools) == 1:
         candidates = find_features(job.path, part.surface.cutter.radius_m)
-        features = scanned_features(candidates, {name: one.part for name, one in parts.items()})
+        features = inspected_features(candidates, {name: one.part for name, one in parts.items()})
     summary = {
         "job": "inspect",
         "program": program.name,
         "cell": cell.name,
         "nominal": "program" if nominal is None else nominal.name,
+        "judged": "surface" if isinstance(how, How) else "tool path",
         **summary_of(parts, features),
         "counterflex": __version__,
     }

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from counterflex.app.inspection.path_entry import path_entry
+from counterflex.app.inspection.tool_path import InspectedPath
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM, URAD
 from counterflex.evaluate.features import FeatureRow
@@ -38,7 +40,7 @@ class Inspected:
     outliers: int
 
 
-def summary_of(parts: Mapping[str, Inspected], features: tuple[FeatureRow, ...]) -> dict[str, Any]:
+def summary_of(parts: Mapping[str, Inspected | InspectedPath], features: tuple[FeatureRow, ...]) -> dict[str, Any]:
     """The entries ``parts`` and ``features`` of the summary.
 
     Args:
@@ -48,16 +50,7 @@ def summary_of(parts: Mapping[str, Inspected], features: tuple[FeatureRow, ...])
     return {
         "parts": {
             name: {
-                "scan": {
-                    "file": one.file,
-                    "kind": one.scan.kind,
-                    "unit": one.unit,
-                    "points": len(one.scan),
-                    "not_numbers": one.scan.dropped,
-                    "outliers": one.outliers,
-                    "unmatched_share": round(one.part.unmatched_share, 4),
-                    "noise_um": round(one.part.noise_m / UM, 2),
-                },
+                **(_scan(one) if isinstance(one, Inspected) else path_entry(one)),
                 "registration": _registration(one.part.registration),
                 **_surface(one.part.surface_deviation()),
                 "measured": {face: int(np.count_nonzero(one.part.rows.face == k)) for k, face in enumerate(FACES)},
@@ -83,6 +76,21 @@ def summary_of(parts: Mapping[str, Inspected], features: tuple[FeatureRow, ...])
             }
             for row in features
         ],
+    }
+
+
+def _scan(one: Inspected) -> dict[str, Any]:
+    return {
+        "scan": {
+            "file": one.file,
+            "kind": one.scan.kind,
+            "unit": one.unit,
+            "points": len(one.scan),
+            "not_numbers": one.scan.dropped,
+            "outliers": one.outliers,
+            "unmatched_share": round(one.part.unmatched_share, 4),
+            "noise_um": round(one.part.noise_m / UM, 2),
+        }
     }
 
 

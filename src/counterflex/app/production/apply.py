@@ -15,13 +15,16 @@ from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.recipe import Identification
 
 
-def apply_constants(p: Produced, identification: Identification, target: Path, date: str) -> dict[str, Any]:
+def apply_constants(
+    p: Produced, identification: Identification, target: Path, place: Path, date: str
+) -> dict[str, Any]:
     """Write a cell file with the constants found.
 
     Args:
         p: Of the job.
         identification: Its changes are written.
         target: New cell file.
+        place: Where it is written until the results are complete.
         date: As printed.
 
     Returns:
@@ -59,5 +62,5 @@ def apply_constants(p: Produced, identification: Identification, target: Path, d
         ),
     )
     text = updated_text(p.cell, identification.changes, entry, target.parent)
-    write_new(text, target, "what the runs show")
+    write_new(text, target, place, "what the runs show")
     return {"cell": target.name, "constants": p.estimate.level}

@@ -29,6 +29,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM, MS, UM
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.update import new_file
 from counterflex.files.identification_file import write_identification
 from counterflex.files.plan_file import read_plan
 from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE, ForceSensor
@@ -125,9 +126,9 @@ def run(
     date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     identification = identification_of(produced)
     result = result_of(produced, identification, date)
-    with atomic.atomic_folder(out) as staging:
-        if apply is not None:
-            result["applied"] = apply_constants(produced, identification, apply, date)
+    with new_file(apply) as place, atomic.atomic_folder(out) as staging:
+        if apply is not None and place is not None:
+            result["applied"] = apply_constants(produced, identification, apply, place, date)
         result["seconds"] = round(time.perf_counter() - begin, 3)
         write_identification(staging / RESULT, result)
         keep_runs(staging, len(produced.runs) - len(produced.new) + 1, list(produced.new))

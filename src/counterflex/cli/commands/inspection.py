@@ -9,10 +9,12 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Out, Program
+from counterflex.cli.commands.standards.options import FORMATS, frame_of
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.errors import InputError
 
 _UNITS = ("um", "mm", "cm", "inch", "m")
+_POSITIONS = ("measured", "reported", "commanded")
 _FACES = ("x-", "x+", "y-", "y+", "bottom", "top")
 _one_face = arguments.one_of(_FACES, "datum face")
 
@@ -32,16 +34,26 @@ def register(app: typer.Typer) -> None:
 def inspect(
     program: Program,
     cell: CellFile,
+    out: Out,
     scan: Annotated[
-        Path,
+        Path | None,
         typer.Option(
             "--scan",
             help="Scan of the part: PLY, STL, OBJ, table of x y z, DMIS output, QIF.",
             metavar="FILE",
             callback=arguments.file,
         ),
-    ],
-    out: Out,
+    ] = None,
+    tool_log: Annotated[
+        Path | None,
+        typer.Option(
+            "--tool-log",
+            help="In place of a scan: log of the tool along the program, by a tracker (log, export, dataset .toml) or "
+            "run logs of counterflex (folder or .mcap).",
+            metavar="FILE|DIR",
+            callback=arguments.file_or_folder,
+        ),
+    ] = None,
     unit: Annotated[
         str | None,
         typer.Option(
@@ -76,7 +88,10 @@ def inspect(
     before: Annotated[
         Path | None,
         typer.Option(
-            "--before", help="Scan of an earlier part to compare with.", metavar="FILE", callback=arguments.file
+            "--before",
+            help="Scan, or log of the tool, of an earlier part to compare with.",
+            metavar="FILE|DIR",
+            callback=arguments.file_or_folder,
         ),
     ] = None,
     nominal: Annotated[
@@ -88,17 +103,73 @@ def inspect(
             callback=arguments.file,
         ),
     ] = None,
+    frame: Annotated[
+        str | None,
+        typer.Option(
+            "--frame",
+            help="Of a tracker's log: as-measured (the part frame), a cell file with [tracker], X,Y,Z,A,B,C of the "
+            "tracker in the part frame (mm, deg), or fit: laid on the program's path; by default [tracker] of --cell.",
+            metavar="FRAME",
+            callback=frame_of,
+        ),
+    ] = None,
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            help="Of a tracker's log: " + ", ".join(FORMATS) + ".",
+            metavar="NAME",
+            callback=arguments.one_of(FORMATS, "format of a tracker's export"),
+        ),
+    ] = "counterflex",
+    position: Annotated[
+        str | None,
+        typer.Option(
+            "--position",
+            help="Of a run log: measured (by the tracker), reported (by the controller), commanded; by default the "
+            "first of them that it holds, never the commanded one.",
+            metavar="NAME",
+            callback=arguments.one_of(_POSITIONS, "position"),
+        ),
+    ] = None,
+    run: Annotated[
+        int | None,
+        typer.Option("--run", help="Of run logs: number of the run, where a folder holds several.", min=0, metavar="N"),
+    ] = None,
+    cut: Annotated[
+        bool,
+        typer.Option("--cut", help="The part was cut while the tool was logged; without it all feed motion counts."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Judge a real part: its scan against the part that the program makes.
+    """Judge a real part: its scan, or the measured path of the tool, against what the program makes.
 
-    The scan may lie in any pose. It is laid on faces of the blank that the program leaves alone, never on what is to
-    be judged. Writes into DIR: deviations.parquet, report.html (map, sections, features), summary.json.
+    A scan may lie in any pose. It is laid on faces of the blank that the program leaves alone, never on what is to
+    be judged. Of a log of the tool (--tool-log) its deviation from the program's path is judged, and the part that it
+    would leave; the surface is not measured then. Writes into DIR: deviations.parquet (tool-path.parquet of a log),
+    report.html (map, sections, features), summary.json.
 
     Example: `counterflex inspect part.ngc --cell cell.toml --scan part.ply --out inspected`
     """
-    given = [path for path in (program, cell, scan, datum_points, before, nominal) if path is not None]
+    given = [path for path in (program, cell, scan, tool_log, datum_points, before, nominal) if path is not None]
     keep_inputs(out, *given)
+    measured = scan or tool_log
+    if measured is None or (scan is not None and tool_log is not None):
+        raise InputError(
+            "nothing measured is given" if measured is None else "a scan and a log of the tool are given",
+            where="--scan and --tool-log",
+            limit="one of them",
+        )
+    of_scan = {"--unit": unit, "--datum": datum, "--datum-points": datum_points, "--aligned": aligned or None}
+    of_log = {"--frame": frame, "--position": position, "--run": run, "--cut": cut or None}
+    if form != "counterflex":
+        of_log["--format"] = form
+    wrong = [name for name, value in (of_log if tool_log is None else of_scan).items() if value is not None]
+    if wrong:
+        what = "a scan" if tool_log is None else "a log of the tool"
+        raise InputError(f"{what} has no such option", where=wrong[0], hint=f"Leave {wrong[0]} out")
+    if scan is not None and before is not None and before.is_dir():
+        raise InputError("it is a folder", where=f"--before {before}", limit="a scan, as --scan")
     if aligned and (datum is not None or datum_points is not None):
         raise InputError(
             "a scan in the part frame is not moved, so that it takes no datum",
@@ -107,21 +178,28 @@ def inspect(
         )
     from counterflex.app.inspection import inspect as job
     from counterflex.app.inspection.judging import How
+    from counterflex.app.inspection.tool_log import LogHow
 
-    how = How(unit, datum, datum_points, aligned)
-    with progress_bar(f"inspecting {scan.name}") as progress:
-        summary = job.run(program, cell, scan, out, how=how, before=before, nominal=nominal, progress=progress)
+    how: How | LogHow = How(unit, datum, datum_points, aligned)
+    if tool_log is not None:
+        how = LogHow(frame, form, position, run, cut)
+    with progress_bar(f"inspecting {measured.name}") as progress:
+        summary = job.run(program, cell, measured, out, how=how, before=before, nominal=nominal, progress=progress)
     if as_json:
         print_json(summary)
         return
     show(summary)
-    say_written(out, f"wrote {out}: deviations.parquet, report.html, summary.json")
+    rows = "deviations.parquet" if tool_log is None else "tool-path.parquet"
+    say_written(out, f"wrote {out}: {rows}, report.html, summary.json")
 
 
 def show(summary: dict[str, Any]) -> None:
     """Print the tables of an inspection."""
     names = list(summary["parts"])
-    for name in names:
+    logged = summary["judged"] == "tool path"
+    if logged:
+        show_paths(summary, names)
+    for name in [] if logged else names:
         entry = summary["parts"][name]
         scan, pose = entry["scan"], entry["registration"]
         typer.echo(
@@ -135,7 +213,9 @@ def show(summary: dict[str, Any]) -> None:
             )
         )
     print_table(
-        f"{summary['program']}: deviation of the measured surface, mm, along the normal",
+        f"{summary['program']}: deviation of the "
+        + ("surface that this path leaves (not measured)" if logged else "measured surface")
+        + ", mm, along the normal",
         ["surface", *(f"{name}: {figure}" for name in names for figure in ("99.7 %", "largest", "rms"))],
         [
             [kind, *(f"{summary['parts'][name][kind][key]:.3f}" for name in names for key in _KEYS)]
@@ -153,6 +233,45 @@ def show(summary: dict[str, Any]) -> None:
             ],
             note="U: expanded uncertainty of measurement, k = 2. docs/inspect.md",
         )
+
+
+def show_paths(summary: dict[str, Any], names: list[str]) -> None:
+    """Print how the tool was logged, and the figures of its path."""
+    for name in names:
+        log, pose = summary["parts"][name]["log"], summary["parts"][name]["registration"]
+        typer.echo(
+            f"{log['file']}: {log['readings']} positions of the tool, {log['position']}; noise {log['noise_um']:.1f} "
+            f"um; {log['covered_percent']:g} % of the feed motion; "
+            + (
+                f"frame fitted to the path, residual {pose['residual_um']:.1f} um, condition {pose['condition']:g}: "
+                "what a frame absorbs is left out"
+                if log["frame_fitted"]
+                else f"frame: {log['frame']}"
+            )
+        )
+    first = summary["parts"][names[0]]["path"]
+    rows = [(key, "across the feed" if key == "path" else key) for key in first if key != "normal"]
+    print_table(
+        f"{summary['program']}: deviation of the path of the tool, mm",
+        ["path", *(f"{name}: {figure}" for name in names for figure in ("99.7 %", "largest", "rms"))],
+        [
+            [title, *(_of(summary["parts"][name]["path"].get(key), one) for name in names for one in _KEYS)]
+            for key, title in rows
+        ]
+        + [
+            [
+                key.replace("_", " "),
+                *(_of(summary["parts"][name]["path"]["normal"].get(key), one) for name in names for one in _KEYS),
+            ]
+            for key in first["normal"]
+        ],
+        note="floor, wall left, wall right: along the normal of the surface that the tool makes there. Where it cut: "
+        + summary["parts"][names[0]]["log"]["cutting"],
+    )
+
+
+def _of(figures: dict[str, float] | None, key: str) -> str:
+    return "" if figures is None else f"{figures[key]:.3f}"
 
 
 _KEYS = ("p997_mm", "max_mm", "rms_mm")

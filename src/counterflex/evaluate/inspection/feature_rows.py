@@ -1,4 +1,4 @@
-"""Features of scanned parts with their uncertainty."""
+"""Features of inspected parts with their uncertainty."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from counterflex.evaluate.feature_finding import Feature
 from counterflex.evaluate.features import FeatureRow, measure_features
-from counterflex.evaluate.inspection.scanned_part import ScannedPart
+from counterflex.evaluate.inspection.inspected_part import InspectedPart
 
 
-def scanned_features(features: Sequence[Feature], parts: Mapping[str, ScannedPart]) -> tuple[FeatureRow, ...]:
-    """Measure features on scanned parts as on simulated ones, with the standard deviation of each value.
+def inspected_features(features: Sequence[Feature], parts: Mapping[str, InspectedPart]) -> tuple[FeatureRow, ...]:
+    """Measure features on inspected parts as on simulated ones, with the standard deviation of each value.
 
-    It is the root of the sum of squares of two: the change of the mean value when the scan is moved by each principal
-    direction of the covariance of its pose, one standard deviation at a time; and the noise of the scan at one place
-    of a feature.
+    It is the root of the sum of squares of two: the change of the mean value when the part is moved by each principal
+    direction of the covariance of its pose, one standard deviation at a time; and the noise of the measurement at
+    one place of a feature.
 
     Args:
         features: From :func:`~counterflex.evaluate.feature_finding.find_features`.

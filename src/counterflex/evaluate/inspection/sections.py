@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.evaluate.feature_finding import Feature, Groove
 from counterflex.evaluate.features import height_at
-from counterflex.evaluate.inspection.scanned_part import ScannedPart
+from counterflex.evaluate.inspection.inspected_part import InspectedPart
 
 HALF_M: Final = 1.0 * MM
 """Points nearer to the plane of a section than this belong to it."""
@@ -56,12 +56,12 @@ class Section:
     profiles: Mapping[str, Profile]
 
 
-def groove_sections(features: Sequence[Feature], parts: Mapping[str, ScannedPart]) -> tuple[Section, ...]:
+def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPart]) -> tuple[Section, ...]:
     """A section in the middle of each straight groove, as far as it lies in the blank.
 
     Args:
         features: Of the program.
-        parts: Name to scanned part; all of one nominal part.
+        parts: Name to inspected part; all of one nominal part.
     """
     first = next(iter(parts.values()))
     surface = first.part.surface

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -93,12 +94,27 @@ def require_new(target: Path, template: Path) -> None:
         raise InputError("this file is already there", where="--apply", value=target, hint="Name a new cell file")
 
 
-def write_new(text: str, target: Path, what: str) -> None:
+@contextlib.contextmanager
+def new_file(target: Path | None) -> Iterator[Path | None]:
+    """A place for a new cell file beside its target, put there when the block ends well; None without a target.
+
+    Opened around :func:`~counterflex.core.atomic.atomic_folder`, so that the file appears when the folder is complete,
+    and neither of them when it is not.
+    """
+    if target is None:
+        yield None
+        return
+    with atomic.atomic_path(target) as place:
+        yield place
+
+
+def write_new(text: str, target: Path, place: Path, what: str) -> None:
     """Write a cell file that was read back from a trial beside it.
 
     Args:
         text: Of the cell file.
-        target: Its place.
+        target: Where it will be.
+        place: Where it is written: see :func:`new_file`.
         what: What the text says, for the error.
 
     Raises:
@@ -116,7 +132,7 @@ def write_new(text: str, target: Path, what: str) -> None:
         ) from fault
     finally:
         trial.unlink(missing_ok=True)
-    atomic.write_text(target, text)
+    place.write_text(text, encoding="utf-8", newline="\n")
 
 
 def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +16,7 @@ from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.data import Fact
 from counterflex.report.distribution_figure import area_shares
 from counterflex.report.figure_data import AFTER, BEFORE, edges_mm, numbers, scale_limit_mm
+from counterflex.report.inspection.path_figures import MeasuredPath, path_map, path_rows, path_series
 from counterflex.report.inspection.section_figure import enlarged, section_figure
 from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture, single_map_figure
 from counterflex.report.page import render
@@ -38,6 +39,7 @@ class InspectionData:
         sections: Across grooves.
         facts: By part, how it was scanned and placed.
         notes: What the reader must know.
+        paths: By part, where the path of the tool was measured and not the surface; empty for scans.
     """
 
     title: str
@@ -49,6 +51,7 @@ class InspectionData:
     sections: tuple[Section, ...]
     facts: Mapping[str, Sequence[Fact]]
     notes: tuple[str, ...] = ()
+    paths: Mapping[str, MeasuredPath] = field(default_factory=dict)
 
 
 def inspection_page(data: InspectionData) -> str:
@@ -67,6 +70,10 @@ def inspection_page(data: InspectionData) -> str:
     }
     for name, one in data.deviations.items():
         figures[f"space_{'after' if name == 'part' else name}"] = figure_3d(data.surface, one, limit)
+    for name, path in data.paths.items():
+        figures[f"path_{name}"] = path_map(path, fine)
+    if data.paths:
+        figures["path_series"] = path_series(data.paths)
     sections = data.sections[:_MOST_SECTIONS]
     for k, section in enumerate(sections):
         figures[f"section{k}"] = section_figure(section)
@@ -83,6 +90,7 @@ def inspection_page(data: InspectionData) -> str:
         verdict=_verdict(data),
         badge=_badge(data),
         rows=_figure_rows(data),
+        path_rows=path_rows(data.paths),
         features=_feature_rows(data),
         places=[
             (p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", *(_signed(v) for v in (p.before_mm, p.after_mm)[: len(names)]))
@@ -95,6 +103,10 @@ def inspection_page(data: InspectionData) -> str:
 def _verdict(data: InspectionData) -> str:
     """The result in one sentence."""
     figures = [one.surface.p997_m / MM for one in data.deviations.values()]
+    if data.paths:
+        across = [path.figures.path.p997_m / MM for path in data.paths.values()]
+        text = f"99.7 % of the path of the tool lies within {across[-1]:.3f} mm of the program's, across the feed"
+        return text + (f"; before, within {across[0]:.3f} mm." if len(across) == 2 else ".")
     text = f"99.7 % of the measured machined surface lies within {figures[-1]:.3f} mm of the nominal one"
     return text + (f"; before, within {figures[0]:.3f} mm." if len(figures) == 2 else ".")
 

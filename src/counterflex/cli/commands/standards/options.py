@@ -17,8 +17,10 @@ FORMATS = ("counterflex", "spatial-analyzer", "point-table", "dtrack")
 _NAMED = ("as-measured", "fit")
 
 
-def _frame(param: arguments.Param, value: str) -> str:
+def frame_of(param: arguments.Param, value: str | None) -> str | None:
     """Check that it can be a frame, before anything is loaded."""
+    if value is None:
+        return None
     words = value.split(",")
     if value in _NAMED or value.endswith(".toml") or (len(words) == 6 and all(map(_finite, words))):
         return value
@@ -54,7 +56,7 @@ FrameOf = Annotated[
         help="Where the tracker stands in the frame of the commands: as-measured, a cell file with [tracker], "
         "X,Y,Z,A,B,C (mm, deg), or fit: found from the readings (accuracies then leave out what a frame absorbs).",
         metavar="FRAME",
-        callback=_frame,
+        callback=frame_of,
     ),
 ]
 Format = Annotated[

@@ -1,0 +1,46 @@
+"""What features, sections and maps need of an inspected part: a measured surface, or a measured path of the tool."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from counterflex.core.arrays import Float
+from counterflex.evaluate.inspection.nominal_part import NominalPart
+from counterflex.evaluate.inspection.part_deviations import PartDeviations
+from counterflex.evaluate.inspection.registration import Registration
+from counterflex.evaluate.surface import SurfaceDeviation
+
+
+class InspectedPart(Protocol):
+    """A measured part on its nominal one."""
+
+    @property
+    def part(self) -> NominalPart:
+        """What was to be made."""
+
+    @property
+    def registration(self) -> Registration:
+        """How it was laid on it."""
+
+    @property
+    def rows(self) -> PartDeviations:
+        """Deviations at places of the nominal surface."""
+
+    @property
+    def p_part_tcp(self) -> Float:
+        """(n, 3) m, the undisturbed path, part frame."""
+
+    def shifted(self, step: Float) -> InspectedPart:
+        """The same part lying elsewhere by a small shift and turn (6,) about the registration's centre: m, rad."""
+
+    def exits(self, point: Float, direction: Float) -> Float:
+        """See :class:`~counterflex.evaluate.features.MeasurablePart`."""
+
+    def heights(self, xy: Float) -> Float:
+        """See :class:`~counterflex.evaluate.features.MeasurablePart`."""
+
+    def place_sigma_m(self) -> float:
+        """Standard deviation of a wall or floor place by the noise of the measurement alone, m."""
+
+    def surface_deviation(self) -> SurfaceDeviation:
+        """The map."""

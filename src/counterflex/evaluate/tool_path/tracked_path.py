@@ -1,0 +1,223 @@
+"""The logged path against the program's: deviation at every station, smoothed, with its uncertainty."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.evaluate.contact import contact_runs, entry_exit
+from counterflex.evaluate.path_deviation import LOST_M, SPACING_M, PathDeviation, path_deviation
+from counterflex.evaluate.tool_path.curve import begin_on, curve_of, within
+from counterflex.evaluate.tool_path.pose_search import LEAST_SHARE
+from counterflex.evaluate.tool_path.readings import ToolReadings
+from counterflex.evaluate.tool_path.smoothing import adapted, half_window_m, pieces
+from counterflex.path.toolpath import FEED, ToolPath
+
+_BEYOND_M: Final = 0.3 * MM
+"""A station further than this before the start or behind the end is not of the program."""
+_SEEN_M: Final = 2.0 * MM
+"""A place of the path with no station nearer along it was not measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPath:
+    """A measured path of the tool on the program's.
+
+    Attributes:
+        deviation: At stations of the measured path, smoothed; ``cutting`` is all feed motion where it is not known
+            where the tool cut, and there are no entries and exits then.
+        row: (k,) row of the program's path that ends the stretch on which each station lies.
+        sigma_m: (k,) standard deviation of the deviation across the path by the noise of the readings, the larger of
+            both components, m.
+        noise_m: Standard deviation of one reading along one axis, m.
+        window_m: Largest length over which deviations were smoothed, 0 where they were not.
+        covered: Share of the program's feed motion that was measured.
+        left_out: Share of the stations that lie further than 5 mm off the program's path.
+        hidden: (m, 3) m, places of the program's path that were not measured.
+        cut_known: Whether it is known where the tool cut.
+        clock: What ``along_m`` counts from: ``command`` (commanded positions of the log), ``program`` (the program's
+            own clock, its offset in each stretch of feed motion taken away) or empty: it is not known.
+    """
+
+    deviation: PathDeviation
+    row: Int
+    sigma_m: Float
+    noise_m: float
+    window_m: float
+    covered: float
+    left_out: float
+    hidden: Float
+    cut_known: bool
+    clock: str
+
+    @property
+    def p_part(self) -> Float:
+        """(k, 3) m, the tool tip, smoothed."""
+        return self.deviation.p_part_actual
+
+
+def of_program(path: ToolPath, readings: ToolReadings, *, least_share: float = LEAST_SHARE) -> ToolReadings:
+    """The readings from the start of a program to its end, both in the part frame; the rest left out."""
+    program, log = curve_of(path.p_part_tcp), curve_of(readings.p)
+    begin = begin_on(program, log, least_share)
+    slack = 0.05 * program.length_m
+    rows = within(len(readings), log, begin - 1.0 * MM, begin + program.length_m + slack)
+    return readings if np.count_nonzero(rows) < 4 else readings.only(rows)
+
+
+def tracked_path(
+    path: ToolPath, readings: ToolReadings, radius_m: float, engagement: Float | None, where: str
+) -> TrackedPath:
+    """Match readings in the part frame to the program's path, and smooth the deviations.
+
+    Args:
+        path: Of the program.
+        readings: From its start to its end (:func:`of_program`), part frame.
+        radius_m: Of the cutter: shortest length of an entry.
+        engagement: (n,) of the path's rows, how much is cut on the way to each; None where it is not known whether
+            the tool cut.
+        where: For errors.
+
+    Raises:
+        InputError: Hardly a reading lies on the path.
+    """
+    noise = readings.noise_m()
+    spacing = max(SPACING_M, 4.0 * noise)
+    raw = path_deviation(
+        path,
+        readings.clock_s - readings.clock_s[0],
+        readings.p,
+        np.ones(len(readings)),
+        radius_m,
+        command_part_tcp=readings.command_part,
+        spacing_m=spacing,
+    )
+    S = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0), axis=1))])
+    step = raw.p_part_actual - raw.p_part_nominal
+    at_end = (raw.length_m <= 0.0) | (raw.length_m >= S[-1] * (1.0 - 1e-12))
+    beyond = (
+        at_end
+        & (np.linalg.norm(step, axis=1) > _BEYOND_M)
+        & (np.linalg.norm(raw.across, axis=1) < 0.99 * np.linalg.norm(step, axis=1))
+    )
+    lost = np.linalg.norm(step, axis=1) > LOST_M
+    kept = ~lost & ~beyond
+    if np.count_nonzero(kept) < 20:
+        raise InputError(
+            "hardly a reading lies on the program's path",
+            where=where,
+            value=f"{np.count_nonzero(kept)} of {len(kept)} places within {LOST_M / MM:g} mm",
+        )
+    raw = _only(raw, kept)
+    row = np.clip(np.searchsorted(S, raw.length_m, side="left"), 1, len(S) - 1)
+    kind = np.asarray(path.kind)[row]
+    place = np.interp(raw.time_s, readings.clock_s - readings.clock_s[0], np.arange(len(readings)))
+    weight = np.clip(np.gradient(place), 1e-3, 1.0)
+    half_m = half_window_m(noise, float(np.median(weight)) / spacing)
+    half = round(half_m / spacing)
+    runs = pieces(raw.feed_direction, raw.broken, kind)
+    along = raw.along_m if readings.command_part is not None else _ahead(path, raw, S, row)
+    parts = (raw.across_left_m, raw.across_axis_m, along)
+    smooth = [adapted(values, runs, half, weight, noise) for values in parts]
+    even = np.column_stack([values for values, _ in smooth])
+    sigma = np.maximum(smooth[0][1], smooth[1][1])
+    deviation, clock = _with(raw, even, readings, kind == FEED)
+    deviation = _contact(deviation, kind == FEED, None if engagement is None else engagement[row], radius_m)
+    hidden, covered = _hidden(path, S, raw.length_m)
+    return TrackedPath(
+        deviation,
+        row,
+        sigma,
+        noise,
+        2.0 * half * spacing,
+        covered,
+        float(np.mean(lost)),
+        hidden,
+        engagement is not None,
+        clock,
+    )
+
+
+def _only(deviation: PathDeviation, kept: Bool) -> PathDeviation:
+    """Some of the stations; behind those left out the path is broken."""
+    values = {f.name: getattr(deviation, f.name) for f in fields(deviation) if f.name != "spacing_m"}
+    rows = np.flatnonzero(kept)
+    out = replace(deviation, **{name: value[rows] for name, value in values.items()})
+    gap = np.concatenate([[True], np.diff(rows) > 1])
+    return replace(out, broken=out.broken | gap)
+
+
+def _with(raw: PathDeviation, even: Float, readings: ToolReadings, feed: Bool) -> tuple[PathDeviation, str]:
+    """The deviation with its smoothed components across the feed, and the clock that the one along it counts from."""
+    axis = np.cross(raw.feed_direction, raw.left)
+    across = even[:, :1] * raw.left + even[:, 1:2] * axis
+    remains = np.sum((raw.p_part_actual - raw.p_part_nominal) * raw.feed_direction, axis=1)
+    actual = raw.p_part_nominal + across + remains[:, None] * raw.feed_direction
+    along, clock = even[:, 2], "command"
+    if readings.command_part is None:
+        along, clock = even[:, 2], "program"
+        if readings.time_s is None or float(np.percentile(np.abs(along[feed]), 95.0)) > LOST_M:
+            along, clock = np.zeros(len(along)), ""
+    return (
+        replace(
+            raw,
+            p_part_actual=actual,
+            across=across,
+            across_left_m=even[:, 0],
+            across_axis_m=even[:, 1],
+            along_m=along,
+        ),
+        clock,
+    )
+
+
+def _ahead(path: ToolPath, raw: PathDeviation, S: Float, row: Int) -> Float:
+    """(k,) m, progress ahead of the program's clock; what the clocks differ by is taken away by stretch of feed motion.
+
+    The time by the program of the place, less the time of the log, times the programmed feed.
+    """
+    feed = np.asarray(path.kind)[row] == FEED
+    ahead = np.interp(raw.length_m, S, path.time_s) - raw.time_s
+    edges = np.flatnonzero(raw.broken[1:] | (feed[1:] != feed[:-1])) + 1
+    out = np.zeros(len(feed))
+    for first, end in itertools.pairwise([0, *edges.tolist(), len(feed)]):
+        out[first:end] = ahead[first:end] - np.median(ahead[first:end])
+    return out * path.feed_m_s[row]
+
+
+def _contact(deviation: PathDeviation, feed: Bool, engagement: Float | None, radius_m: float) -> PathDeviation:
+    """The deviation with where the tool cut: all feed motion where it is not known."""
+    none = np.zeros(len(feed), np.bool_)
+    if engagement is None:
+        return replace(deviation, engagement=feed.astype(np.float64), cutting=feed, entry=none, exit=none, air=none)
+    cutting: Bool = feed & (engagement > 0.0)
+    runs = contact_runs(cutting, deviation.broken, deviation.spacing_m)
+    entry, leave = entry_exit(runs, engagement, deviation.spacing_m, radius_m)
+    return replace(
+        deviation,
+        engagement=engagement,
+        cutting=cutting,
+        entry=entry & cutting,
+        exit=leave & cutting,
+        air=feed & ~cutting,
+    )
+
+
+def _hidden(path: ToolPath, S: Float, measured_m: Float) -> tuple[Float, float]:
+    """Places of the path's feed motion, 0.5 mm apart, that no station is near; and the share of the others."""
+    s = np.arange(0.0, float(S[-1]), 0.5 * MM)
+    row = np.clip(np.searchsorted(S, s, side="left"), 1, len(S) - 1)
+    s = s[np.asarray(path.kind)[row] == FEED]
+    if len(s) == 0:
+        return np.zeros((0, 3)), 0.0
+    away = cKDTree(measured_m[:, None]).query(s[:, None])[0]
+    unseen = away > _SEEN_M
+    points = np.column_stack([np.interp(s[unseen], S, path.p_part_tcp[:, k]) for k in range(3)])
+    return points, 1.0 - float(np.mean(unseen))
