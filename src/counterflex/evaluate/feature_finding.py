@@ -21,11 +21,13 @@ class Groove:
         name: For the table.
         start: (3,) m tool tip where the groove starts, part frame.
         end: (3,) m tool tip where it ends.
+        radius_m: Of the cutter that made it.
     """
 
     name: str
     start: Float
     end: Float
+    radius_m: float
 
     @property
     def inclined(self) -> bool:
@@ -42,52 +44,58 @@ class CircularPocket:
         centre: (2,) m, part frame.
         path_radius_m: Radius of the outermost turn of the tool centre.
         floor_m: Height of its floor, m.
+        radius_m: Of the cutter that made it.
     """
 
     name: str
     centre: Float
     path_radius_m: float
     floor_m: float
+    radius_m: float
 
 
 Feature = Groove | CircularPocket
 
+_Turn = tuple[Float, float, float, float, float]
+"""Centre, radius, height, angle, radius of the cutter."""
 
-def find_features(nominal: ToolPath, cutter_radius_m: float) -> tuple[Feature, ...]:
+
+def find_features(nominal: ToolPath, cutter_radius_m: float | Float) -> tuple[Feature, ...]:
     """Find candidates in the feed motions of a program; measuring drops those without walls on the part.
 
     A groove is a straight feed motion that runs at least two cutter diameters in the plane; passes over the same line
-    count once, the deepest. A pocket is a closed set of arcs about one centre at one height; its outermost turn and
-    lowest floor count.
+    with one cutter count once, the deepest. A pocket is a closed set of arcs about one centre at one height; its
+    outermost turn and lowest floor count.
 
     Args:
         nominal: Tool path of the original program; arcs sampled by at least four rows each.
-        cutter_radius_m: Cutter radius.
+        cutter_radius_m: Cutter radius; (n,) of the rows where several tools cut.
 
     Returns:
         Grooves in the order of the program, then pockets.
     """
     p, motion = np.asarray(nominal.p_part_tcp), np.asarray(nominal.motion)
-    grooves: list[tuple[Float, Float]] = []
-    turns: list[tuple[Float, float, float, float]] = []
+    radii = np.broadcast_to(np.asarray(cutter_radius_m, dtype=np.float64), (len(motion),))
+    grooves: list[tuple[Float, Float, float]] = []
+    turns: list[_Turn] = []
     edges = np.flatnonzero(np.diff(motion)) + 1
     for first, stop in zip(np.append(0, edges), np.append(edges, len(motion)), strict=True):
         if nominal.kind[stop - 1] != FEED or stop < 2:
             continue
         rows: Float = p[max(first - 1, 0) : stop]
-        chord = rows[-1] - rows[0]
-        if float(np.hypot(chord[0], chord[1])) >= 4.0 * cutter_radius_m and _straight(rows):
-            _add_groove(grooves, rows[0], rows[-1])
+        chord, radius = rows[-1] - rows[0], float(radii[stop - 1])
+        if float(np.hypot(chord[0], chord[1])) >= 4.0 * radius and _straight(rows):
+            _add_groove(grooves, rows[0], rows[-1], radius)
         elif len(rows) >= 4 and float(np.ptp(rows[:, 2])) < UM:
             turn = _turn(rows)
             if turn is not None:
-                turns.append(turn)
+                turns.append((*turn, radius))
     results: list[Feature] = []
     counts = {False: 0, True: 0}
-    for start, end in grooves:
+    for start, end, radius in grooves:
         ramp = abs(float(end[2] - start[2])) > _SAME_M
         counts[ramp] += 1
-        results.append(Groove(f"{'ramp' if ramp else 'groove'} {counts[ramp]}", start, end))
+        results.append(Groove(f"{'ramp' if ramp else 'groove'} {counts[ramp]}", start, end, radius))
     results.extend(_pockets(turns))
     return tuple(results)
 
@@ -99,15 +107,17 @@ def _straight(rows: Float) -> bool:
     return float(np.abs(away - np.outer(away @ unit, unit)).max()) < UM
 
 
-def _add_groove(grooves: list[tuple[Float, Float]], start: Float, end: Float) -> None:
-    for k, (a, b) in enumerate(grooves):
+def _add_groove(grooves: list[tuple[Float, Float, float]], start: Float, end: Float, radius: float) -> None:
+    for k, (a, b, other) in enumerate(grooves):
+        if other != radius:
+            continue
         same = np.abs(a - start)[:2].max() < _SAME_M and np.abs(b - end)[:2].max() < _SAME_M
         back = np.abs(a - end)[:2].max() < _SAME_M and np.abs(b - start)[:2].max() < _SAME_M
         if same or back:
             if start[2] + end[2] < a[2] + b[2]:
-                grooves[k] = (start, end) if same else (end, start)
+                grooves[k] = (start, end, radius) if same else (end, start, radius)
             return
-    grooves.append((start.copy(), end.copy()))
+    grooves.append((start.copy(), end.copy(), radius))
 
 
 def _turn(rows: Float) -> tuple[Float, float, float, float] | None:
@@ -125,11 +135,11 @@ def _turn(rows: Float) -> tuple[Float, float, float, float] | None:
     return centre + rows[:, :2].mean(axis=0), radius, float(rows[0, 2]), float(abs(angle[-1] - angle[0]))
 
 
-def _pockets(turns: list[tuple[Float, float, float, float]]) -> list[Feature]:
-    """Closed turns about one centre, the outermost of each centre at its lowest floor."""
-    closed: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
-    for centre, radius, z, angle in turns:
-        place = (round(float(centre[0]) / _SAME_M), round(float(centre[1]) / _SAME_M))
+def _pockets(turns: list[_Turn]) -> list[Feature]:
+    """Closed turns about one centre with one cutter, the outermost of each centre at its lowest floor."""
+    closed: dict[tuple[int, int, float], dict[tuple[int, int], float]] = {}
+    for centre, radius, z, angle, cutter in turns:
+        place = (round(float(centre[0]) / _SAME_M), round(float(centre[1]) / _SAME_M), cutter)
         circle = (round(radius / _SAME_M), round(z / _SAME_M))
         turned = closed.setdefault(place, {})
         turned[circle] = turned.get(circle, 0.0) + angle
@@ -140,5 +150,5 @@ def _pockets(turns: list[tuple[Float, float, float, float]]) -> list[Feature]:
             radius = max(circle[0] for circle in whole) * _SAME_M
             floor = min(circle[1] for circle in whole) * _SAME_M
             name = f"pocket {len(results) + 1}"
-            results.append(CircularPocket(name, np.array(place) * _SAME_M, radius, floor))
+            results.append(CircularPocket(name, np.array(place[:2]) * _SAME_M, radius, floor, place[2]))
     return results

@@ -19,6 +19,7 @@ from counterflex.evaluate.swept_section import SweptSection, swept_section, wall
 from counterflex.evaluate.tolerances import flatness_k, linear_m
 
 _LEAST_DEPTH_M = 0.2 * MM  # shallower, a wall has no height to be measured at
+_OWN_FLOOR_M = 50.0 * UM  # a level floor that is further from the tip was made by another cut
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class Machined:
     actual: HeightMap
     p_part_actual: Float
     joined: Bool | None = None
+    outline: Float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +100,8 @@ def measure_features(
     features: Sequence[Feature],
     variants: Mapping[str, Machined | MeasurablePart],
     tolerances_m: Mapping[tuple[str, str], float] | None = None,
+    *,
+    outline: Float | None = None,
 ) -> tuple[FeatureRow, ...]:
     """Measure features on every variant and compare them with the undisturbed part.
 
@@ -112,6 +116,8 @@ def measure_features(
         features: From :func:`~counterflex.evaluate.feature_finding.find_features`, or given by hand.
         variants: Name to machining, or to another part that can be measured.
         tolerances_m: (feature, quantity) to +- tolerance; ISO 2768-mK for what is not listed.
+        outline: (n, 2) m, radius and corner radius of the tool that each row of the undisturbed path was run to with;
+            None: of the one tool.
 
     Returns:
         Rows; a feature that the undisturbed part does not show (no walls, no depth) has none.
@@ -122,9 +128,10 @@ def measure_features(
     if not variants:
         raise InputError("there is no machined part to measure")
     reach = surface.cutter.radius_m + surface.reach_m
-    nominal = swept_section(p_part_nominal, surface.cutter, reach)
+    one = surface.cutter
+    nominal = swept_section(p_part_nominal, one if outline is None else outline, reach)
     parts: dict[str, MeasurablePart] = {
-        name: _Swept(swept_section(v.p_part_actual, surface.cutter, reach, v.joined), v.actual)
+        name: _Swept(swept_section(v.p_part_actual, one if v.outline is None else v.outline, reach, v.joined), v.actual)
         if isinstance(v, Machined)
         else v
         for name, v in variants.items()
@@ -167,30 +174,36 @@ def _groove(
     left = np.array([-u[1], u[0]])
     s = np.arange(0.5 * MM, length, MM)
     tip = groove.start + (s / length)[:, None] * run
+    radius = groove.radius_m
     top = height_at(surface.stock, tip[:, :2])
-    height = tip[:, 2] + 0.5 * (top - tip[:, 2])
-    good = np.isfinite(top) & (top - tip[:, 2] > _LEAST_DEPTH_M)
+    wall_top = _wall_top(surface, tip[:, :2], np.tile(left, (len(s), 1)), radius, top)
+    height = tip[:, 2] + 0.5 * (wall_top - tip[:, 2])
+    good = np.isfinite(wall_top) & (wall_top - tip[:, 2] > _LEAST_DEPTH_M)
     point = np.column_stack([tip[:, :2], np.where(good, height, 0.0)])
     sides = {"wall left": np.tile(left, (len(s), 1)), "wall right": np.tile(-left, (len(s), 1))}
     reached = {side: wall_exit(nominal, point, ray, 0.0)[0] for side, ray in sides.items()}
     for value in reached.values():
-        good &= np.abs(value - surface.cutter.radius_m) < UM
+        good &= np.abs(value - radius) < UM
     if int(good.sum()) < 3:
         return []
     position = {
         side: {name: part.exits(point[good], ray[good]) for name, part in parts.items()} for side, ray in sides.items()
     }
-    radius = surface.cutter.radius_m
     rows: list[_Row] = []
     width = {name: position["wall left"][name] + position["wall right"][name] for name in parts}
     rows.append(_row("width", 2.0 * radius, 2.0 * radius, width))
     rows.extend(_row(side, radius, radius, position[side]) for side in sides)
-    depth = top[good] - height_at(surface.nominal, tip[good, :2])
-    deepest = float(depth.max())
-    change = {name: depth - (top[good] - part.heights(tip[good, :2])) for name, part in parts.items()}
-    rows.append(_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}))
+    near = np.inf if groove.inclined else _OWN_FLOOR_M
+    floor = good & (np.abs(height_at(surface.nominal, tip[:, :2]) - tip[:, 2]) < near)
+    if int(floor.sum()) >= 3:  # else a deeper cut has taken the middle of it away
+        depth = top[floor] - height_at(surface.nominal, tip[floor, :2])
+        deepest = float(depth.max())
+        change = {name: depth - (top[floor] - part.heights(tip[floor, :2])) for name, part in parts.items()}
+        rows.append(_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}))
     across = np.linspace(-0.6, 0.6, 7) * radius
     place = (tip[good, None, :2] + across[None, :, None] * left).reshape(-1, 2)
+    own = np.abs(height_at(surface.nominal, place) - np.repeat(tip[good, 2], len(across))) < near
+    place = place[own]
     rows.extend(_flatness(place, surface, parts, float(np.ptp(s[good]))))
     return rows
 
@@ -204,14 +217,16 @@ def _pocket(
     angle = np.arange(0.0, 360.0, 2.0) * DEG
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     place = pocket.centre + pocket.path_radius_m * ray
+    cutter = pocket.radius_m
     top = height_at(surface.stock, place)
-    good = np.isfinite(top) & (top - pocket.floor_m > _LEAST_DEPTH_M)
-    point = np.column_stack([place, np.where(good, 0.5 * (top + pocket.floor_m), 0.0)])
+    wall_top = np.minimum(top, height_at(surface.nominal, place + (cutter + 1.5 * surface.nominal.cell_m) * ray))
+    good = np.isfinite(wall_top) & (wall_top - pocket.floor_m > _LEAST_DEPTH_M)
+    point = np.column_stack([place, np.where(good, 0.5 * (wall_top + pocket.floor_m), 0.0)])
     # the chords of a sampled arc stay inside it by less than this
-    good &= np.abs(wall_exit(nominal, point, ray, 0.0)[0] - surface.cutter.radius_m) < 20.0 * UM
+    good &= np.abs(wall_exit(nominal, point, ray, 0.0)[0] - cutter) < 20.0 * UM
     if int(good.sum()) < 90:
         return []
-    radius = pocket.path_radius_m + surface.cutter.radius_m
+    radius = pocket.path_radius_m + cutter
     diameter, round_, centre = {}, {}, {}
     for name, part in parts.items():
         reached = part.exits(point[good], ray[good])
@@ -223,18 +238,32 @@ def _pocket(
         diameter[name] = np.array([2.0 * circle.radius_m])
         round_[name] = np.array([circle.g_m])
         centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])
+    rings = np.concatenate([pocket.centre + r * ray[good] for r in np.linspace(0.3, 1.0, 5) * pocket.path_radius_m])
+    rings = rings[np.abs(height_at(surface.nominal, rings) - pocket.floor_m) < _OWN_FLOOR_M]
     floor = place[good]
-    depth = top[good] - height_at(surface.nominal, floor)
-    deepest = float(depth.max())
-    change = {name: depth - (top[good] - part.heights(floor)) for name, part in parts.items()}
-    rings = [pocket.centre + r * ray[good] for r in np.linspace(0.3, 1.0, 5) * pocket.path_radius_m]
+    own = np.abs(height_at(surface.nominal, floor) - pocket.floor_m) < _OWN_FLOOR_M
+    floor, depths = floor[own], []
+    if len(floor) >= 3:
+        depth = top[good][own] - height_at(surface.nominal, floor)
+        deepest = float(depth.max())
+        change = {name: depth - (top[good][own] - part.heights(floor)) for name, part in parts.items()}
+        depths = [_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()})]
     return [
         _row("diameter", 2.0 * radius, 2.0 * radius, diameter),
         _row("roundness", 0.0, 2.0 * radius, round_),
         _row("centre", 0.0, radius, centre),
-        _row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}),
-        *_flatness(np.concatenate(rings), surface, parts, 2.0 * radius),
+        *depths,
+        *_flatness(rings, surface, parts, 2.0 * radius),
     ]
+
+
+def _wall_top(surface: NominalSurface, xy: Float, left: Float, radius: float, top: Float) -> Float:
+    """Height of what stands beside a groove, the lower of both sides: its walls end there; ``top`` off the blank."""
+    out = top
+    for sign in (1.0, -1.0):
+        height = height_at(surface.nominal, xy + sign * (radius + 1.5 * surface.nominal.cell_m) * left)
+        out = np.minimum(out, np.where(np.isfinite(height), height, top))
+    return out
 
 
 def _row(quantity: str, nominal: float, size: float, values: Mapping[str, Float]) -> _Row:

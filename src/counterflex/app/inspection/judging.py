@@ -13,14 +13,12 @@ from counterflex.app.inputs import Job, in_working_plane, read_job
 from counterflex.app.inspection.summary import Inspected, summary_of
 from counterflex.app.inspection.tool_log import LogHow, ToolLog, read_tool_log
 from counterflex.app.inspection.tool_path import InspectedPath, judged_path
-from counterflex.app.proof import simulate
 from counterflex.app.proof.cut_logs import log_of_path, top_of
-from counterflex.app.proof.judge import reference_of
+from counterflex.app.proof.judge import candidates_of, outline_of, reference_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
-from counterflex.evaluate.feature_finding import find_features
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.cloud import thinned
 from counterflex.evaluate.inspection.coarse import coarse_pose
@@ -104,13 +102,9 @@ def inspect(
         if isinstance(one, ToolLog):
             parts[name] = judged_path(one, part, job, cell)
         elif isinstance(how, How):
-            parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]))
+            parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]), outline_of(job.path, cell))
         progress(0.4 + 0.4 * (k + 1) / len(read))
-    tools = simulate.tools_of(job.path)
-    features: tuple[FeatureRow, ...] = ()
-    if len(tools) == 1:
-        candidates = find_features(job.path, part.surface.cutter.radius_m)
-        features = inspected_features(candidates, {name: one.part for name, one in parts.items()})
+    features = inspected_features(candidates_of(job.path, cell), {name: one.part for name, one in parts.items()})
     summary = {
         "job": "inspect",
         "program": program.name,
@@ -145,7 +139,9 @@ def nominal_of(job: Job, cell: Cell, mesh: Path | None = None) -> NominalPart:
     return nominal_part(surface, shape)
 
 
-def judged(scan: Scan, part: NominalPart, p_part_tcp: Float, how: How, where: str) -> Inspected:
+def judged(
+    scan: Scan, part: NominalPart, p_part_tcp: Float, how: How, where: str, outline: Float | None = None
+) -> Inspected:
     """Lay one scan on the nominal part and judge it.
 
     Args:
@@ -154,6 +150,7 @@ def judged(scan: Scan, part: NominalPart, p_part_tcp: Float, how: How, where: st
         p_part_tcp: (n, 3) m, the undisturbed path, part frame.
         how: How it is laid.
         where: For errors.
+        outline: (n, 2) m, of the tool at each row of the path; None: one tool.
 
     Raises:
         InputError: It does not fit the part.
@@ -178,7 +175,7 @@ def judged(scan: Scan, part: NominalPart, p_part_tcp: Float, how: How, where: st
         if how.datum is None:
             names = _seen(names, cloud.points, part, T_start)
         registration = register(cloud, part, T_start, names, where, ball)
-    result = scanned_part(cloud, part, registration, p_part_tcp, ball)
+    result = scanned_part(cloud, part, registration, p_part_tcp, ball, outline)
     _check_same(result, where)
     return Inspected(Path(where).name, scan, unit, result, cloud.outliers)
 

@@ -9,7 +9,7 @@ from counterflex.app.compensation.cell_facts import title_of
 from counterflex.app.inspection.judging import Inspection
 from counterflex.app.inspection.summary import Inspected
 from counterflex.app.inspection.tool_path import InspectedPath
-from counterflex.evaluate.feature_finding import find_features
+from counterflex.app.proof.judge import candidates_of
 from counterflex.evaluate.inspection.sections import groove_sections
 from counterflex.report.data import Fact
 from counterflex.report.inspection.page import InspectionData, inspection_page
@@ -31,7 +31,7 @@ def page_of(inspection: Inspection) -> str:
     parts = {name: one.part for name, one in inspection.parts.items()}
     first = next(iter(parts.values()))
     surface = first.part.surface
-    candidates = find_features(inspection.job.path, surface.cutter.radius_m)
+    candidates = candidates_of(inspection.job.path, inspection.cell)
     program = inspection.summary["program"]
     logged = {name: one for name, one in inspection.parts.items() if isinstance(one, InspectedPath)}
     fitted = any(one.log.fitted for one in logged.values())

@@ -87,7 +87,7 @@ def read_tool_log(source: Path, how: LogHow, cell: Cell, path: ToolPath) -> Tool
 
     Raises:
         FileFormatError: It cannot be read.
-        InputError: It does not hold what is asked for.
+        InputError: It does not hold what is requested for.
     """
     if source.is_dir() or source.suffix.lower() == ".mcap":
         return _run_log(source, how)
@@ -165,12 +165,12 @@ def _run_log(source: Path, how: LogHow) -> ToolLog:
     )
 
 
-def _positions(rows: Float, time: Float, asked: str | None, source: Path) -> tuple[str, Int, Float, Float]:
+def _positions(rows: Float, time: Float, requested: str | None, source: Path) -> tuple[str, Int, Float, Float]:
     """Which positions are judged, their rows, places (n, 3) m and times (n,) s."""
     tracked = np.flatnonzero(rows[:, column("flag_tracker_new")] == 1)
     reported = np.flatnonzero(rows[:, column("flag_reported")] == 1)
     have: dict[str, Int] = {"measured": tracked, "reported": reported, "commanded": np.arange(len(rows))}
-    position = asked or ("measured" if len(tracked) else "reported")
+    position = requested or ("measured" if len(tracked) else "reported")
     chosen = have[position]
     if len(chosen) == 0:
         raise InputError(
@@ -204,7 +204,7 @@ def _has_cut(rows: Float) -> bool:
     return bool(np.isfinite(inside) and np.isfinite(outside) and inside > max(_CUTS * outside, 1.0))
 
 
-def _rows(source: Path, asked: int | None) -> tuple[Float, int]:
+def _rows(source: Path, requested: int | None) -> tuple[Float, int]:
     """Records of one run of a folder or file, and its number."""
     if source.is_dir():
         pieces: list[Segment] = list(segments(source))
@@ -215,14 +215,14 @@ def _rows(source: Path, asked: int | None) -> tuple[Float, int]:
     runs = sorted({piece.run for piece in pieces if len(piece.rows)})
     if not runs:
         raise InputError("the run log holds no records", where=str(source))
-    if asked is None and len(runs) > 1:
+    if requested is None and len(runs) > 1:
         raise InputError(
             "the folder holds several runs",
             where=str(source),
             value=", ".join(str(number) for number in runs[:8]),
             hint="Give --run with the number of one",
         )
-    number = runs[0] if asked is None else asked
+    number = runs[0] if requested is None else requested
     if number not in runs:
         raise InputError("there is no such run in the log", where=str(source), value=number, limit=f"{runs[:8]}")
     return np.concatenate([piece.rows for piece in pieces if piece.run == number]), number

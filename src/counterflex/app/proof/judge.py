@@ -19,7 +19,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.surface import surface as surface_of
-from counterflex.evaluate.feature_finding import find_features
+from counterflex.evaluate.feature_finding import Feature, find_features
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
 from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
 from counterflex.evaluate.summary import SeedResult, Variant, summary
@@ -30,7 +30,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary
 from counterflex.path.run import Run
-from counterflex.path.toolpath import FEED
+from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.simulate import mounted_tools
 from counterflex.twin.truth.file import read_truth
 from counterflex.twin.truth.truth import Truth
@@ -66,6 +66,11 @@ class Reference:
             return None
         last = np.maximum(np.searchsorted(path.motion, motion, side="right") - 1, 0)
         return _outlines(mounted_tools(path)[last], self.cell)
+
+    @property
+    def outline(self) -> Float | None:
+        """(n, 2) m, the same at each row of the program's path."""
+        return outline_of(self.job.path, self.cell)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +115,20 @@ def reference_of(job: Job, cell: Cell) -> Reference:
         left = undisturbed_columns(job.path, cell)
         nominal_part = turned_surface(surface_of(left, log_of_path(job.path, cell, top_of(cell))), left.cell_m)
         return Reference(job, cell, widest, None, nominal_part)
-    outline = None if len(tools) < 2 else _outlines(mounted_tools(job.path), cell)
+    outline = outline_of(job.path, cell)
     nominal = simulate.undisturbed(job, cell)
     surface = nominal_surface(cell.stock(), nominal, job.path.p_part_tcp, widest, outline=outline)
     return Reference(job, cell, widest, surface)
+
+
+def outline_of(path: ToolPath, cell: Cell) -> Float | None:
+    """(n, 2) m, radius and corner radius of the tool that each row of a path is run to with; None: one cuts all."""
+    return None if len(simulate.tools_of(path)) < 2 else _outlines(mounted_tools(path), cell)
+
+
+def candidates_of(path: ToolPath, cell: Cell) -> tuple[Feature, ...]:
+    """Features that a program may make, each with the radius of its cutter."""
+    return find_features(path, _outlines(mounted_tools(path), cell)[:, 0])
 
 
 def _outlines(tool: Int, cell: Cell) -> Float:
@@ -159,16 +174,22 @@ def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStoc
 
 
 def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[FeatureRow, ...]:
-    """Grooves, ramps and pockets of the part, measured on every run; none where several tools cut or the tool turns."""
+    """Grooves, ramps and pockets of the part, measured on every run; none where the tool turns."""
     surface = reference.surface
-    if surface is None or len(simulate.tools_of(reference.job.path)) > 1:
+    if surface is None:
         return ()
-    machined = {name: Machined(item.actual, item.deviation.p_part_actual, item.joined) for name, item in judged.items()}
+    machined = {
+        name: Machined(
+            item.actual, item.deviation.p_part_actual, item.joined, reference.outline_at(item.deviation.motion)
+        )
+        for name, item in judged.items()
+    }
     return measure_features(
         surface,
         reference.job.path.p_part_tcp,
-        find_features(reference.job.path, reference.radius_m),
+        candidates_of(reference.job.path, reference.cell),
         machined,
+        outline=reference.outline,
     )
 
 

@@ -25,12 +25,14 @@ def inspected_features(features: Sequence[Feature], parts: Mapping[str, Inspecte
     """
     first = next(iter(parts.values()))
     surface, path = first.part.surface, first.p_part_tcp
-    rows = measure_features(surface, path, features, dict(parts))
+    outline = first.nominal_outline
+    rows = measure_features(surface, path, features, dict(parts), outline=outline)
     square = [{name: parts[name].place_sigma_m() ** 2 for name in row.mean_m} for row in rows]
     for name, part in parts.items():
         values, vectors = np.linalg.eigh(part.registration.covariance)
         for k in np.flatnonzero(values > 0.0):
-            moved = measure_features(surface, path, features, {name: part.shifted(np.sqrt(values[k]) * vectors[:, k])})
+            other_part = {name: part.shifted(np.sqrt(values[k]) * vectors[:, k])}
+            moved = measure_features(surface, path, features, other_part, outline=outline)
             other = {(row.feature, row.quantity): row.mean_m[name] for row in moved if name in row.mean_m}
             for row, sums in zip(rows, square, strict=True):
                 if name in sums and (row.feature, row.quantity) in other:

@@ -30,6 +30,10 @@ class InspectedPart(Protocol):
     def p_part_tcp(self) -> Float:
         """(n, 3) m, the undisturbed path, part frame."""
 
+    @property
+    def nominal_outline(self) -> Float | None:
+        """(n, 2) m, radius and corner radius of the tool at each row of that path; None: one tool."""
+
     def shifted(self, step: Float) -> InspectedPart:
         """The same part lying elsewhere by a small shift and turn (6,) about the registration's centre: m, rad."""
 

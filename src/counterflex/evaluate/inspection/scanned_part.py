@@ -46,6 +46,7 @@ class ScannedPart:
         count: (n,) of each row, how many measured points it is the mean of.
         noise_m: Standard deviation of one measured point.
         unmatched_share: Points of the scan that are of no surface of the part within reach.
+        nominal_outline: (n, 2) m, radius and corner radius of the tool at each row of the path; None: one tool.
         fits: Weights of places that were asked for before.
     """
 
@@ -56,6 +57,7 @@ class ScannedPart:
     count: Int
     noise_m: float
     unmatched_share: float
+    nominal_outline: Float | None = None
     fits: dict[bytes, LocalFit] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -69,7 +71,8 @@ class ScannedPart:
     @cached_property
     def _nominal_section(self) -> SweptSection:
         cutter = self.part.surface.cutter
-        return swept_section(self.p_part_tcp, cutter, cutter.radius_m + self.part.surface.reach_m)
+        outline = cutter if self.nominal_outline is None else self.nominal_outline
+        return swept_section(self.p_part_tcp, outline, cutter.radius_m + self.part.surface.reach_m)
 
     def shifted(self, step: Float) -> ScannedPart:
         """The same scan lying elsewhere by a small shift and turn (6,) about the centre: m, rad.
@@ -210,7 +213,12 @@ def _cell_means(points: Float, deviation: Float, floor: Bool, grid: HeightMap, s
 
 
 def scanned_part(
-    cloud: Cloud, part: NominalPart, registration: Registration, p_part_tcp: Float, ball_radius_m: float = 0.0
+    cloud: Cloud,
+    part: NominalPart,
+    registration: Registration,
+    p_part_tcp: Float,
+    ball_radius_m: float = 0.0,
+    nominal_outline: Float | None = None,
 ) -> ScannedPart:
     """The deviations of a registered scan.
 
@@ -224,6 +232,7 @@ def scanned_part(
         registration: Where the scan lies on it.
         p_part_tcp: (n, 3) m, the undisturbed path, part frame.
         ball_radius_m: Where the points are centres of a probe's ball: its radius, m.
+        nominal_outline: (n, 2) m, radius and corner radius of the tool at each row of the path; None: one tool.
     """
     points = pose.transform(registration.T_part_scan, cloud.points)
     normals = cloud.normals @ registration.T_part_scan[:3, :3].T
@@ -245,7 +254,7 @@ def scanned_part(
     sigma = np.sqrt(noise**2 / cloud.count[rows_of] + by_pose**2)
     rows = PartDeviations(foot, n, deviation, sigma, nearest.face[rows_of].astype(np.int64))
     unmatched = 1.0 - float(np.mean(np.isfinite(nearest.deviation_m)))
-    return ScannedPart(part, registration, rows, p_part_tcp, cloud.count[rows_of], noise, unmatched)
+    return ScannedPart(part, registration, rows, p_part_tcp, cloud.count[rows_of], noise, unmatched, nominal_outline)
 
 
 def _agreeing(foot: Float, deviation: Float, noise: float) -> Bool:

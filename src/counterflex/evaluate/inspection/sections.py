@@ -65,11 +65,12 @@ def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPa
     """
     first = next(iter(parts.values()))
     surface = first.part.surface
-    nominal, radius = surface.nominal, surface.cutter.radius_m
+    nominal = surface.nominal
     out = []
     for groove in features:
         if not isinstance(groove, Groove):
             continue
+        radius = groove.radius_m
         run = (groove.end - groove.start)[:2]
         length = float(np.linalg.norm(run))
         u = run / length

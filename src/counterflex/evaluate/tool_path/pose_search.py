@@ -155,8 +155,8 @@ def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Pla
     for name, factor in UNITS.items():
         for times, text in ((factor, f"it is in {name}"), (1.0 / factor, f"it is {factor:g} times too large")):
             scaled = log.scaled(times)
-            found = places(path, feed, scaled) if _as_large(path, scaled) else []
-            if found and found[0].fits:
+            fitting = places(path, feed, scaled) if _as_large(path, scaled) else []
+            if fitting and fitting[0].fits:
                 return InputError(
                     "the log is of another unit than it states",
                     where=where,

@@ -43,6 +43,7 @@ class SweptPart:
         outline: (k, 2) m, radius and corner radius of the tool at each station.
         actual: What removal along it leaves.
         hidden: (m, 3) m, places of the program's path that were not measured.
+        nominal_outline: (n, 2) m, radius and corner radius of the tool at each row of the undisturbed path.
     """
 
     part: NominalPart
@@ -54,6 +55,7 @@ class SweptPart:
     outline: Float
     actual: HeightMap
     hidden: Float
+    nominal_outline: Float | None = None
 
     @cached_property
     def _section(self) -> SweptSection:
@@ -178,6 +180,8 @@ def swept_part(
     number, kind = tool[track.row], np.asarray(path.kind)[track.row]
     cutters = {int(one): cutter(int(one)) for one in np.unique(number)}
     outline = np.array([[cutters[int(k)].radius_m, cutters[int(k)].corner_radius_m] for k in number])
+    of_rows = {int(one): cutter(int(one)) for one in np.unique(tool)}
+    nominal_outline = np.array([[of_rows[int(k)].radius_m, of_rows[int(k)].corner_radius_m] for k in tool])
     left = part.stock.copy()
     edges = np.flatnonzero(~joined[1:] | (number[1:] != number[:-1])) + 1
     for first, last in itertools.pairwise([0, *edges.tolist(), len(p)]):
@@ -185,7 +189,9 @@ def swept_part(
         if last - begin > 1:
             some = slice(begin, last)
             remove_path(left, p[some], kind[some], cutters[int(number[last - 1])], engagement=False)
-    return SweptPart(part, registration, track, path.p_part_tcp, p, joined, outline, left, track.hidden)
+    return SweptPart(
+        part, registration, track, path.p_part_tcp, p, joined, outline, left, track.hidden, nominal_outline
+    )
 
 
 def surfaces_made(part: NominalPart, track: TrackedPath, radius_m: Float) -> tuple[Bool, Bool, Bool]:
