@@ -195,6 +195,7 @@ def _groove(
     rows.extend(_row(side, radius, radius, position[side]) for side in sides)
     near = np.inf if groove.inclined else _OWN_FLOOR_M
     floor = good & (np.abs(height_at(surface.nominal, tip[:, :2]) - tip[:, 2]) < near)
+    floor &= _clear(surface, tip[:, :2], radius)
     if int(floor.sum()) >= 3:  # else a deeper cut has taken the middle of it away
         depth = top[floor] - height_at(surface.nominal, tip[floor, :2])
         deepest = float(depth.max())
@@ -242,6 +243,7 @@ def _pocket(
     rings = rings[np.abs(height_at(surface.nominal, rings) - pocket.floor_m) < _OWN_FLOOR_M]
     floor = place[good]
     own = np.abs(height_at(surface.nominal, floor) - pocket.floor_m) < _OWN_FLOOR_M
+    own &= _clear(surface, floor, cutter)
     floor, depths = floor[own], []
     if len(floor) >= 3:
         depth = top[good][own] - height_at(surface.nominal, floor)
@@ -255,6 +257,15 @@ def _pocket(
         *depths,
         *_flatness(rings, surface, parts, 2.0 * radius),
     ]
+
+
+def _clear(surface: NominalSurface, xy: Float, radius: float) -> Bool:
+    """Places on which no shifted wall can stand: of a tool that reaches so far only those of crossing cuts can."""
+    if radius <= surface.reach_m:
+        return np.ones(len(xy), np.bool_)
+    j, i, _ = _cells(surface.nominal, xy)
+    out: Bool = np.isinf(surface.rise_m[j, i]) & np.isinf(surface.fall_m[j, i])
+    return out
 
 
 def _wall_top(surface: NominalSurface, xy: Float, left: Float, radius: float, top: Float) -> Float:

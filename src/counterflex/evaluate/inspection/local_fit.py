@@ -15,6 +15,10 @@ LEAST: Final = 3
 """Fewer neighbours say nothing about a place."""
 PLANE: Final = 8
 """Fewer neighbours are averaged; from here on a plane is laid through them."""
+CURVED: Final = 24
+"""Fewer neighbours do not tell how the values bend."""
+_BOTH_SIDES: Final = 0.15
+"""The neighbours' mean is nearer to the place than this share of the radius: they lie on both sides of it."""
 CENTRED: Final = 0.5
 """The neighbours' mean is nearer to the place than this share of the radius: beside them nothing is extrapolated."""
 _STIFF: Final = 1e-4
@@ -44,8 +48,13 @@ class LocalFit:
         return out
 
 
-def local_fit(points: Float, places: Float, radius: float, across: Float | None = None) -> LocalFit:
+def local_fit(
+    points: Float, places: Float, radius: float, across: Float | None = None, *, curved: bool = False
+) -> LocalFit:
     """Weights of a least-squares plane over the neighbours of each place, taken at the place.
+
+    A plane is off by ``k r^2 / 8`` at a place about which the values curve by k. With ``curved`` the surface bends
+    along the first direction, where enough neighbours lie on both sides, and is off by the change of curvature only.
 
     Args:
         points: (n, d) of the measured values, d 2 or 3, m.
@@ -53,6 +62,7 @@ def local_fit(points: Float, places: Float, radius: float, across: Float | None 
         radius: Neighbours are nearer than this, m.
         across: (m, d, 2) two directions in the surface at each place, along which the values may slope; None: the axes
             of a plane (d = 2).
+        curved: Whether the values may bend along the first direction.
     """
     n, m = len(points), len(places)
     if n == 0 or m == 0:
@@ -72,28 +82,30 @@ def local_fit(points: Float, places: Float, radius: float, across: Float | None 
             slope = np.einsum("kd,kdt->kt", step, across[some][place]) / radius
         rows.append(place + some.start)
         columns.append(member)
-        weights.append(_weights(place, slope, count))
         total = np.stack([np.bincount(place, slope[:, k], len(lists)) for k in (0, 1)], axis=1)
         aside = np.linalg.norm(total, axis=1) / np.maximum(count, 1)
+        bent = (count >= CURVED) & (aside < _BOTH_SIDES) if curved else np.zeros(len(lists), np.bool_)
+        weights.append(_weights(place, slope, count, bent))
         known[some] = (count >= LEAST) & (aside < CENTRED)
     row, column, weight = np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
     smoother = sparse.csr_matrix((weight, (row, column)), shape=(m, n))
     return LocalFit(smoother, known)
 
 
-def _weights(place: Int, slope: Float, count: Int) -> Float:
-    """Weight of each neighbour in the constant of the plane through the neighbours of its place."""
+def _weights(place: Int, slope: Float, count: Int, bent: Bool) -> Float:
+    """Weight of each neighbour in the constant of the surface through the neighbours of its place: plane, or bent."""
     m = len(count)
-    A = np.column_stack([np.ones(len(place)), slope])
-    normal = np.zeros((m, 3, 3))
-    for a in range(3):
-        for b in range(a, 3):
+    A = np.column_stack([np.ones(len(place)), slope, np.where(bent[place], slope[:, 0] ** 2, 0.0)])
+    normal = np.zeros((m, 4, 4))
+    for a in range(4):
+        for b in range(a, 4):
             normal[:, a, b] = normal[:, b, a] = np.bincount(place, A[:, a] * A[:, b], m)
     few = count < PLANE
-    normal[few] = np.eye(3) * np.maximum(count[few], 1)[:, None, None]
+    normal[few] = np.eye(4) * np.maximum(count[few], 1)[:, None, None]
     normal[:, 1, 1] += _STIFF * np.maximum(count, 1)  # neighbours in one line: no slope across it
     normal[:, 2, 2] += _STIFF * np.maximum(count, 1)
-    first = np.linalg.solve(normal, np.tile([[1.0], [0.0], [0.0]], (m, 1, 1)))[:, :, 0]
+    normal[~bent, 3, 3] += np.maximum(count[~bent], 1)
+    first = np.linalg.solve(normal, np.tile([[1.0], [0.0], [0.0], [0.0]], (m, 1, 1)))[:, :, 0]
     weight: Float = np.einsum("kt,kt->k", A, first[place])
     weight[few[place]] = 1.0 / np.maximum(count, 1)[place][few[place]]
     return weight

@@ -125,7 +125,7 @@ class ScannedPart:
             else:
                 narrow = np.array([1.0, 1.0, 1.0 / _UP])
                 self.fits[key] = local_fit(
-                    self.rows.points[self._walls] * narrow, places * narrow, 0.75 * self.window_m, across
+                    self.rows.points[self._walls] * narrow, places * narrow, 0.75 * self.window_m, across, curved=True
                 )
         return self.fits[key]
 
