@@ -28,6 +28,7 @@ import trimesh
 
 from counterflex.app.inputs import read_job
 from counterflex.app.inspection.judging import How, inspect
+from counterflex.app.inspection.summary import Inspected
 from counterflex.app.proof import judge, simulate
 from counterflex.app.proof.cut_logs import log_of_run, top_of
 from counterflex.app.proof.truth import truth_of
@@ -85,7 +86,9 @@ def main() -> None:
         by_name = {(row.feature, row.quantity): row for row in measured.features}
         for row in rows:
             compare(seed, row, by_name.get((row.feature, row.quantity)), worst)
-        density, unit = given.points / mesh.area, measured.parts["part"].unit
+        part = measured.parts["part"]
+        assert isinstance(part, Inspected)
+        density, unit = given.points / mesh.area, part.unit
         print(f"{seed}   {given.points} points, {density:.0f} per mm2, unit {unit}, {seconds:.1f} s")
     for name, value in worst.items():
         met = "met" if value <= GOAL_UM else "MISSED"

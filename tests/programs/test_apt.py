@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from counterflex.programs.rotary.poses import Words, commanded_words, turned_pat
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "programs"
 TOLERANCE = 5e-6
+READERS: dict[str, Callable[[str], Program]] = {"linuxcnc": read_gcode, "sinumerik": read_sinumerik, "apt": read_apt}
 ROUNDING = 1e-7 * 0.87 + 1e-9
 GROOVE_MM = ((-12, 15, 42), (-12, 15, 34), (72, 15, 34))
 ARC = "RAPID\nGOTO/10,0,5\nCIRCLE/0,0,5,0,0,1,10,0.06,0.5,0,0\nGOTO/0,10,5\nCIRCLE/0,0,5,0,0,-1,10\nGOTO/10,0,4\n"
@@ -144,7 +146,7 @@ def test_one_groove_in_three_languages_is_one_path_and_gets_the_same_targets() -
         assert path.spindle_rad_s == pytest.approx(nominal.spindle_rad_s)
         write = write_apt if name == "apt" else write_gcode
         text = write(read[name], corrected(path, 3e-4), tolerance_m=TOLERANCE).text
-        back = {"linuxcnc": read_gcode, "sinumerik": read_sinumerik, "apt": read_apt}[name](text)
+        back = READERS[name](text)
         targets[name] = np.array([[*m.p_end, m.feed_m_s] for m in back.motions])
     assert len(targets["linuxcnc"]) > 10
     for name in ("sinumerik", "apt"):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.references.rapid_points import rapid_points
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
@@ -17,6 +16,7 @@ from counterflex.programs.rapid.in_place import write_rapid_in_place
 from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.rapid.read.reader import read_rapid
 from counterflex.programs.robot_text.in_place import InPlaceText
+from rapid_points import rapid_points
 
 _TOLERANCE_M = 5.0 * UM
 _ROUNDING_M = 0.1 * UM

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.references.rapid_points import rapid_points
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, MM_PER_S, RPM
@@ -22,6 +21,7 @@ from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.rapid.read.reader import read_rapid, read_rapid_file
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+from rapid_points import rapid_points
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "programs"
 REST = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]"

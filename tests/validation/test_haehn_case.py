@@ -113,7 +113,7 @@ def test_figures_over_truths() -> None:
 
 def test_refusals(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="truth seeds"):
-        run(tmp_path, seeds=0)
+        run(tmp_path, seeds=[])
     with pytest.raises(InputError, match="truth level"):
         run(tmp_path, level="guessed")
 

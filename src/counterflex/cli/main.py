@@ -38,7 +38,6 @@ from counterflex.cli.commands import (
     program,
     prove,
     question,
-    reproduce,
     rsi,
     soak,
     thermal,
@@ -48,6 +47,7 @@ from counterflex.cli.commands import (
 from counterflex.cli.commands import run as online
 from counterflex.cli.commands.operate import operator, panel
 from counterflex.cli.commands.plan import group as plan
+from counterflex.cli.commands.reproduce import group as reproduce
 from counterflex.cli.commands.standards import iso230, iso9283
 from counterflex.cli.interrupt import end
 from counterflex.cli.output import line_period_s

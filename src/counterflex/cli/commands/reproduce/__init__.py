@@ -1,0 +1,1 @@
+"""Commands of the group ``reproduce``: figures and experiments of published papers."""
