@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 import re
 import tempfile
@@ -38,6 +39,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import truth_of
 from counterflex.core import atomic
+from counterflex.core.errors import CounterflexError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import POSE_KEYS, text_with_place
@@ -123,7 +125,16 @@ def planned(program: Path, known: Cell, *, strategy: bool, compensate: bool, fol
 
 
 def one(folder: Path, level: str, seed: int, way: str, quick: bool) -> Row:
-    """One way on one truth."""
+    """One way on one truth; a planner that refuses gives a row with its reason and without figures."""
+    about: Row = {"level": level, "seed": seed, "way": way}
+    try:
+        return about | figures(folder, level, seed, way, quick)
+    except CounterflexError as fault:
+        return about | {"path_p997_mm": None, "path_max_mm": None, "duration_s": None, "refused": str(fault)}
+
+
+def figures(folder: Path, level: str, seed: int, way: str, quick: bool) -> Row:
+    """Plan, machine and judge one way on one truth."""
     program, base = base_files(folder, quick=quick)
     place, strategy, compensate = WAYS[way]
     known = known_file(folder, level, seed, base)
@@ -144,9 +155,6 @@ def one(folder: Path, level: str, seed: int, way: str, quick: bool) -> Row:
         record = simulate.machine(job, cell, truth_of(catalogue, seed, FAMILIES[FAMILY]))
     path = judge(reference_of(read_job(program, cell), cell), record, record.stock).variant.path.path
     return {
-        "level": level,
-        "seed": seed,
-        "way": way,
         "path_p997_mm": round(path.p997_m / MM, 5),
         "path_max_mm": round(path.max_m / MM, 5),
         "duration_s": round(float(job.machined.time_s[-1]), 2),
@@ -202,21 +210,28 @@ def table(rows: list[Row]) -> list[str]:
         lines += [f"| `{level}`, mm | {names} | median | least gain | time |"]
         lines += ["|---" * (len(seeds) + 4) + "|"]
         for way in WAYS:
-            values = [of[way, seed]["path_p997_mm"] for seed in seeds]
-            less = [100.0 * (1.0 - value / first[seed]) for value, seed in zip(values, seeds, strict=True)]
+            planned_on = [seed for seed in seeds if of[way, seed]["path_p997_mm"] is not None]
+            cells = [f"{of[way, seed]['path_p997_mm']:.3f}" if seed in planned_on else "refused" for seed in seeds]
+            if not planned_on:
+                lines.append(f"| {way} | {' | '.join(cells)} | | | |")
+                continue
+            values = [of[way, seed]["path_p997_mm"] for seed in planned_on]
+            less = [100.0 * (1.0 - value / first[seed]) for value, seed in zip(values, planned_on, strict=True)]
             gain = "" if way == "as it is" else f"{min(less):.0f} %"
             middle = f"{np.median(values):.3f}" + (f", {np.median(less):.0f} % less" if gain else "")
-            seconds = np.median([of[way, seed]["duration_s"] for seed in seeds])
-            lines.append(f"| {way} | {' | '.join(f'{v:.3f}' for v in values)} | {middle} | {gain} | {seconds:.0f} s |")
+            seconds = np.median([of[way, seed]["duration_s"] for seed in planned_on])
+            lines.append(f"| {way} | {' | '.join(cells)} | {middle} | {gain} | {seconds:.0f} s |")
         lines += ["", *goals(of, seeds)]
+        lines += [f"Refused, {r['way']} on {r['seed']}: {r['refused']}" for r in of.values() if "refused" in r]
     return lines
 
 
 def goals(of: dict[tuple[str, int], Row], seeds: list[int]) -> list[str]:
-    """What was asked for, and on how many seeds it was reached."""
+    """What was asked for, and on how many seeds it was reached; a refused way has not reached it."""
 
     def value(way: str, seed: int) -> float:
-        return float(of[way, seed]["path_p997_mm"])
+        found = of[way, seed]["path_p997_mm"]
+        return math.inf if found is None else float(found)
 
     reached = [value("place and posture", s) <= (1.0 - GOAL_PERCENT / 100.0) * value("as it is", s) for s in seeds]
     better = [value("all three and compensation", s) < value("compensation alone", s) for s in seeds]
