@@ -100,7 +100,11 @@ def test_no_file_gets_out_of_its_folder(tmp_path: Path, name: str) -> None:
     assert isinstance(task.arguments[1], Writes)
 
 
-@pytest.mark.parametrize("data", [b"", b"PK", object(), "text", None, packed(Path(), (), {})[:-30]])
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"PK", object(), "text", None, packed(Path(), (), {})[:-30]],
+    ids=["empty", "two bytes", "object", "text", "none", "cut off"],  # an archive has the time in it
+)
 def test_what_is_no_parcel(tmp_path: Path, data: object) -> None:
     with pytest.raises(CounterflexError, match="parcel"):
         unpacked(data, tmp_path)
