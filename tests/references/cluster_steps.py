@@ -50,6 +50,11 @@ def broken() -> float:
     return 1.0 / 0.0
 
 
+def named(name: str) -> dict[str, str]:
+    """Its own name."""
+    return {"name": name}
+
+
 def settings() -> dict[str, object]:
     """What a worker process of this machine is told."""
     return {"ctrl_c": signal.getsignal(signal.SIGINT) == signal.SIG_IGN, "threads": os.environ["OPENBLAS_NUM_THREADS"]}

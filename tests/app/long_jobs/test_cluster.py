@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -92,6 +93,19 @@ def test_faults_come_back_and_the_others_go_on(scheduler: str, tmp_path: Path) -
     assert results == {"far": Failed(said), "waits": Failed(said), "near": 3}
     with pytest.raises(RuntimeError, match="division by zero"):
         run_tasks([Task("x", "", steps.broken)], 1, silent, start=cluster(tmp_path, scheduler=scheduler))
+
+
+def test_the_same_workers_do_a_second_job(scheduler: str, tmp_path: Path) -> None:
+    """Places count from zero again: what they gave before must not be taken for the new results."""
+    with cluster(tmp_path, scheduler=scheduler)(Shares(1), lambda: None) as executor:
+
+        def start(*_: Any) -> contextlib.AbstractContextManager[Executor]:
+            return contextlib.nullcontext(executor)
+
+        for job in range(6):
+            tasks = [Task(f"{job}-{k}", "", steps.named, (f"{job}-{k}",)) for k in range(4)]
+            results = run_tasks(tasks, 1, silent, start=start)
+            assert results == {task.name: {"name": task.name} for task in tasks}
 
 
 def test_workers_of_this_machine_leave_ctrl_c_to_the_job(tmp_path: Path) -> None:

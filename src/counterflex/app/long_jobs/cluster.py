@@ -73,7 +73,8 @@ class _Cluster:
 
     def submit(self, place: int, task: Task) -> None:
         order = ordered(task, self._root)
-        future = self._client.submit(_worked, order, self._topic, place, key=f"{self._topic}-{place}", pure=False)
+        key = f"{self._topic}-{place}-{uuid.uuid4().hex}"  # a key used again could still have the result of before
+        future = self._client.submit(_worked, order, self._topic, place, key=key, pure=False)
         self._running[place] = (task, future)
         self._await(place, future)
 
