@@ -134,7 +134,13 @@ def inspect(
     ] = None,
     run: Annotated[
         int | None,
-        typer.Option("--run", help="Of run logs: number of the run, where a folder holds several.", min=0, metavar="N"),
+        typer.Option(
+            "--run",
+            help="Of run logs: number of the run, where a folder holds several.",
+            min=0,
+            max=arguments.MOST_RECORDS,
+            metavar="N",
+        ),
     ] = None,
     cut: Annotated[
         bool,
