@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, Interrupted
 from counterflex.core.meter import Meter, duration
 from counterflex.core.output_place import is_printed
 from counterflex.core.progress import Progress
@@ -122,6 +122,27 @@ def progress_bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
     else:
         with _lines(meter, line_period_s()):
             yield meter
+
+
+@contextlib.contextmanager
+def resumable_progress(what: str, out: Path | None, kept: str = "finished runs") -> Iterator[Progress]:
+    """As :func:`progress_bar`, for a job that the same command continues.
+
+    Args:
+        what: The job.
+        out: Its folder.
+        kept: What is stored in it by then.
+
+    Raises:
+        Interrupted: Ctrl-C; it says what is stored.
+    """
+    with progress_bar(what) as progress:
+        try:
+            yield progress
+        except KeyboardInterrupt as stop:
+            raise Interrupted(
+                f"interrupted; {kept} are stored", where=str(out), hint="The same command continues"
+            ) from stop
 
 
 def line_period_s() -> float:

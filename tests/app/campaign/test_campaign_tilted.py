@@ -29,5 +29,5 @@ def test_tilted_cut_as_prove_has_it(tmp_path: Path) -> None:
     found = dict(rows.select("truth_level", "compensated_p997_mm").iter_rows())
     assert set(found) == {"catalogue", "exact"}
     assert found["catalogue"] == pytest.approx(proved["catalogue"], rel=1e-9)
-    # A truth from a file differs in the last digit, which can decide about one more iteration of the plan: under 1 um.
+    # A truth from a file differs in the last digit, and the plan's trial in motion makes more of it: under 1 um here.
     assert found["exact"] == pytest.approx(proved["exact"], abs=1e-3)

@@ -10,8 +10,8 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.prove import FamilyName, Workers
-from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, progress_bar
-from counterflex.core.errors import InputError, Interrupted
+from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, resumable_progress
+from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES
 
 
@@ -133,28 +133,23 @@ def campaign(
     if scheduler is not None and (message := open_to_others(require_scheduler_address(scheduler))):
         typer.echo(message, err=True)
     places = () if placements is None else read_placements(placements)
-    with tempfile.TemporaryDirectory() as folder, progress_bar("campaign") as progress:
+    with tempfile.TemporaryDirectory() as folder, resumable_progress("campaign", out, "finished steps") as progress:
         if cell is None:
             cell = Path(folder) / "cell.toml"
             _, part = examples.write(cell)
             programs = programs or [part]
-        try:
-            summary = job.run(
-                cell,
-                out,
-                grid=Grid(programs, places, posture or ()),
-                seeds=numbers,
-                family=family_of(family),
-                truth_file=twin,
-                recipes=(recipe or None) if identify else [],
-                with_exact=exact,
-                workers=scheduler or workers,
-                progress=progress,
-            )
-        except KeyboardInterrupt as stop:
-            raise Interrupted(
-                "interrupted; finished steps are stored", where=str(out), hint="The same command continues"
-            ) from stop
+        summary = job.run(
+            cell,
+            out,
+            grid=Grid(programs, places, posture or ()),
+            seeds=numbers,
+            family=family_of(family),
+            truth_file=twin,
+            recipes=(recipe or None) if identify else [],
+            with_exact=exact,
+            workers=scheduler or workers,
+            progress=progress,
+        )
     if as_json:
         print_json(summary)
     else:

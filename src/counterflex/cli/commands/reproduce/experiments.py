@@ -9,9 +9,12 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.prove import FamilyName, Workers
-from counterflex.cli.output import print_json, print_made_again, print_table, progress_bar
-from counterflex.core.errors import Interrupted
+from counterflex.cli.output import print_json, print_made_again, print_table, resumable_progress
 
+Out = Annotated[
+    Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
 Seeds = Annotated[
     str,
     typer.Option("--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"),
@@ -19,9 +22,7 @@ Seeds = Annotated[
 
 
 def groove(
-    out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
-    ],
+    out: Out,
     seeds: Seeds = "1001-1005",
     level: Annotated[
         str,
@@ -35,7 +36,7 @@ def groove(
         bool, typer.Option("--quick", help="One truth, payload only, straight edge: does it work at all?")
     ] = False,
     workers: Workers = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """A groove of 547 N corrected from force, with pilot control, and by plan and rest (Haehn and Weigold 2020).
 
@@ -47,13 +48,8 @@ def groove(
     numbers = arguments.seeds(seeds)
     from counterflex.validation.reproduce import haehn as job
 
-    with progress_bar("groove") as progress:
-        try:
-            summary = job.run(out, seeds=numbers, level=level, quick=quick, workers=workers, progress=progress)
-        except KeyboardInterrupt as stop:
-            raise Interrupted(
-                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
-            ) from stop
+    with resumable_progress("groove", out) as progress:
+        summary = job.run(out, seeds=numbers, level=level, quick=quick, workers=workers, progress=progress)
     if as_json:
         print_json(summary)
     else:
@@ -78,15 +74,11 @@ def _show_groove(summary: dict[str, Any]) -> None:
 
 
 def paths(
-    out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
-    ],
+    out: Out,
     seeds: Seeds = "1001-1003",
     quick: Annotated[bool, typer.Option("--quick", help="Small paths and one seed: does it work at all?")] = False,
-    workers: Annotated[
-        int | None, typer.Option("--workers", help="Runs at a time; by default one per core.", min=1, max=64)
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    workers: Workers = None,
+    as_json: Json = False,
 ) -> None:
     """Square and circle with a laser tracker in the loop: off, the published integrator, the designed controller.
 
@@ -98,13 +90,8 @@ def paths(
     numbers = arguments.seeds(seeds)
     from counterflex.validation.reproduce import mandiola as job
 
-    with progress_bar("paths") as progress:
-        try:
-            summary = job.run(out, seeds=numbers, quick=quick, workers=workers, progress=progress)
-        except KeyboardInterrupt as stop:
-            raise Interrupted(
-                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
-            ) from stop
+    with resumable_progress("paths", out) as progress:
+        summary = job.run(out, seeds=numbers, quick=quick, workers=workers, progress=progress)
     if as_json:
         print_json(summary)
     else:
@@ -149,16 +136,14 @@ def _show_paths(summary: dict[str, Any]) -> None:
 
 
 def online(
-    out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
-    ],
+    out: Out,
     seeds: Seeds = "1001-1003",
     family: FamilyName = "wide",
     quick: Annotated[
         bool, typer.Option("--quick", help="One truth, its payload identified, worn tool only: does it work at all?")
     ] = False,
     workers: Workers = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """A groove whose plan is wrong as plans are wrong, corrected by force, pilot control, hybrid, tracker and all.
 
@@ -172,15 +157,8 @@ def online(
     from counterflex.twin.truth.family import family_of
     from counterflex.validation.reproduce import online as job
 
-    with progress_bar("online") as progress:
-        try:
-            summary = job.run(
-                out, seeds=numbers, family=family_of(family), quick=quick, workers=workers, progress=progress
-            )
-        except KeyboardInterrupt as stop:
-            raise Interrupted(
-                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
-            ) from stop
+    with resumable_progress("online", out) as progress:
+        summary = job.run(out, seeds=numbers, family=family_of(family), quick=quick, workers=workers, progress=progress)
     if as_json:
         print_json(summary)
     else:
@@ -207,9 +185,7 @@ def _show_online(summary: dict[str, Any]) -> None:
 
 
 def holder(
-    out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
-    ],
+    out: Out,
     seeds: Seeds = "1001-1003",
     family: FamilyName = "wide",
     level: Annotated[
@@ -224,7 +200,7 @@ def holder(
         bool, typer.Option("--quick", help="One truth, its holder identified: does it work at all?")
     ] = False,
     workers: Workers = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """An edge milled by the force of the strain-gauge holder, without and with a plan (Denkena2015, Fig. 1).
 
@@ -238,21 +214,16 @@ def holder(
     from counterflex.twin.truth.family import family_of
     from counterflex.validation.reproduce import holder as job
 
-    with progress_bar("holder") as progress:
-        try:
-            summary = job.run(
-                out,
-                seeds=numbers,
-                family=family_of(family),
-                level=level,
-                quick=quick,
-                workers=workers,
-                progress=progress,
-            )
-        except KeyboardInterrupt as stop:
-            raise Interrupted(
-                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
-            ) from stop
+    with resumable_progress("holder", out) as progress:
+        summary = job.run(
+            out,
+            seeds=numbers,
+            family=family_of(family),
+            level=level,
+            quick=quick,
+            workers=workers,
+            progress=progress,
+        )
     if as_json:
         print_json(summary)
         return

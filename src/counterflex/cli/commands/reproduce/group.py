@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import typer
 
 from counterflex.cli.commands.reproduce import experiments, papers
@@ -14,17 +16,15 @@ _reproduce = typer.Typer(
 
 def register(app: typer.Typer) -> None:
     """Add these commands."""
-    for name, command in (
-        ("denkena2015", papers.denkena2015),
-        ("haehn2020", papers.haehn2020),
-        ("berger2013", papers.berger2013),
-        ("mandiola2023", papers.mandiola2023),
-        ("all", papers.every_paper),
-        ("groove", experiments.groove),
-        ("paths", experiments.paths),
-        ("holder", experiments.holder),
-        ("online", experiments.online),
-    ):
+    commands: dict[str, Callable[..., None]] = {
+        **{name: papers.of_paper(name) for name in papers.ABOUT},
+        "all": papers.every_paper,
+        "groove": experiments.groove,
+        "paths": experiments.paths,
+        "holder": experiments.holder,
+        "online": experiments.online,
+    }
+    for name, command in commands.items():
         _reproduce.command(name)(command)
     _reproduce.callback()(_group)
     app.add_typer(_reproduce, name="reproduce")

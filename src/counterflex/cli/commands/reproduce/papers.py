@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.prove import Workers
-from counterflex.cli.output import print_json, print_table, progress_bar
-from counterflex.core.errors import InputError, Interrupted
+from counterflex.cli.output import print_json, print_table, resumable_progress
+from counterflex.core.errors import InputError
 
 SEEDS = "1001-1003"
 LEVEL = "identified"
@@ -41,80 +42,43 @@ Quick = Annotated[bool, typer.Option("--quick", help="With --long: as briefly as
 Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
 
 
-def denkena2015(
-    out: Pages = None,
-    long: Long = False,
-    seeds: LongSeeds = SEEDS,
-    level: Level = LEVEL,
-    quick: Quick = False,
-    workers: Workers = None,
-    as_json: Json = False,
-) -> None:
-    """Compliance and modes of a KR 500, spindle angle, sensing holder, validation cut (Denkena and Lepper 2015).
+ABOUT: Final = {
+    "denkena2015": "Compliance and modes of a KR 500, spindle angle, sensing holder, validation cut "
+    "(Denkena and Lepper 2015).",
+    "haehn2020": "Virtual joints, 60 load cases, sensor equations, pilot control, groove (Haehn and Weigold 2020).",
+    "berger2013": "Force formulas, cutting data, constants, strategy and stiffness (Berger and others 2013).",
+    "mandiola2023": "Pose from the tracker, gain, square and circle with the tracker in the loop "
+    "(Mandiola and others 2023).",
+}
+"""Papers with commands of their own, and what of them is shown."""
+
+
+def of_paper(name: str) -> Callable[..., None]:
+    """The command of one paper.
+
+    Args:
+        name: One of :data:`ABOUT`.
+    """
+
+    def paper(
+        out: Pages = None,
+        long: Long = False,
+        seeds: LongSeeds = SEEDS,
+        level: Level = LEVEL,
+        quick: Quick = False,
+        workers: Workers = None,
+        as_json: Json = False,
+    ) -> None:
+        _table((name,), out, long, seeds, level, quick, workers, as_json=as_json)
+
+    paper.__doc__ = f"""{ABOUT[name]}
 
     Each figure that the paper prints stands beside ours, with a verdict by a rule stated beforehand: reproduced,
     differs and why, cannot be checked and why.
 
-    Example: `counterflex reproduce denkena2015`
+    Example: `counterflex reproduce {name}`
     """
-    _table(("denkena2015",), out, long, seeds, level, quick, workers, as_json=as_json)
-
-
-def haehn2020(
-    out: Pages = None,
-    long: Long = False,
-    seeds: LongSeeds = SEEDS,
-    level: Level = LEVEL,
-    quick: Quick = False,
-    workers: Workers = None,
-    as_json: Json = False,
-) -> None:
-    """Virtual joints, 60 load cases, sensor equations, pilot control, groove (Haehn and Weigold 2020).
-
-    Each figure that the paper prints stands beside ours, with a verdict by a rule stated beforehand: reproduced,
-    differs and why, cannot be checked and why.
-
-    Example: `counterflex reproduce haehn2020`
-    """
-    _table(("haehn2020",), out, long, seeds, level, quick, workers, as_json=as_json)
-
-
-def berger2013(
-    out: Pages = None,
-    long: Long = False,
-    seeds: LongSeeds = SEEDS,
-    level: Level = LEVEL,
-    quick: Quick = False,
-    workers: Workers = None,
-    as_json: Json = False,
-) -> None:
-    """Force formulas, cutting data, constants, strategy and stiffness (Berger and others 2013).
-
-    Each figure that the paper prints stands beside ours, with a verdict by a rule stated beforehand: reproduced,
-    differs and why, cannot be checked and why.
-
-    Example: `counterflex reproduce berger2013`
-    """
-    _table(("berger2013",), out, long, seeds, level, quick, workers, as_json=as_json)
-
-
-def mandiola2023(
-    out: Pages = None,
-    long: Long = False,
-    seeds: LongSeeds = SEEDS,
-    level: Level = LEVEL,
-    quick: Quick = False,
-    workers: Workers = None,
-    as_json: Json = False,
-) -> None:
-    """Pose from the tracker, gain, square and circle with the tracker in the loop (Mandiola and others 2023).
-
-    Each figure that the paper prints stands beside ours, with a verdict by a rule stated beforehand: reproduced,
-    differs and why, cannot be checked and why.
-
-    Example: `counterflex reproduce mandiola2023`
-    """
-    _table(("mandiola2023",), out, long, seeds, level, quick, workers, as_json=as_json)
+    return paper
 
 
 def every_paper(
@@ -155,22 +119,10 @@ def _table(
         raise InputError("this option says how experiments are run", where=option, hint="Add --long")
     from counterflex.validation.reproduce.papers import pages, table
 
-    with progress_bar("figures of papers") as progress:
-        try:
-            summary = table.run(
-                papers,
-                out,
-                long=long,
-                seeds=numbers,
-                level=level,
-                quick=quick,
-                workers=workers,
-                progress=progress,
-            )
-        except KeyboardInterrupt as stop:
-            raise Interrupted(
-                "interrupted; finished runs are stored", where=str(out), hint="The same command continues"
-            ) from stop
+    with resumable_progress("figures of papers", out) as progress:
+        summary = table.run(
+            papers, out, long=long, seeds=numbers, level=level, quick=quick, workers=workers, progress=progress
+        )
     if as_json:
         print_json(summary)
         return
