@@ -11,21 +11,21 @@ from typing import Any
 
 import pytest
 
+from counterflex.cli.output import resumable_progress
 from counterflex.core.progress import Progress
 
 
-def _stops_at(at: float) -> Any:
-    """A progress bar whose reader presses Ctrl-C at a fraction of the job."""
+@contextlib.contextmanager
+def _stopped_half_way(what: str, out: Path | None, kept: str = "") -> Iterator[Progress]:
+    """The progress of a job whose reader presses Ctrl-C in the middle of it."""
+    with resumable_progress(what, out, kept) as progress:
 
-    @contextlib.contextmanager
-    def bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
         def report(fraction: float, what: str = "") -> None:
-            if fraction >= at:
+            progress(fraction, what)
+            if fraction >= 0.5:
                 raise KeyboardInterrupt
 
         yield report
-
-    return bar
 
 
 def test_an_interrupted_campaign_keeps_what_it_has(
@@ -34,7 +34,7 @@ def test_an_interrupted_campaign_keeps_what_it_has(
     shutil.copy(machined.folder / "truth.toml", folder)
     command = ("campaign", "--cell", "cell.toml", "--twin", "truth.toml", "--recipe", "tracker-frame", "--out", "out")
     with monkeypatch.context() as patched:
-        patched.setattr("counterflex.cli.commands.campaign.progress_bar", _stops_at(0.5))
+        patched.setattr("counterflex.cli.commands.campaign.resumable_progress", _stopped_half_way)
         stopped = counterflex(*command, "--workers", "1")
     assert stopped.status == 130
     assert "finished steps are stored" in stopped.err

@@ -73,17 +73,29 @@ class Page:
         return bool(self.value(f"!!document.querySelector('[data-test=\"{name}\"]')"))
 
     def click(self, name: str) -> None:
-        """Click on the middle of an element as a mouse does."""
-        expression = f"""(() => {{ const r = document.querySelector('[data-test="{name}"]').getBoundingClientRect();
-            return [r.x + r.width / 2, r.y + r.height / 2]; }})()"""
+        """Click on the middle of an element as a mouse does, again while nothing of it reaches the element.
+
+        What opens or closes moves, or lies under another thing for a moment: such a click goes elsewhere.
+        """
+        element = f"document.querySelector('[data-test=\"{name}\"]')"
+        place = f"""(() => {{ const e = {element}, r = e.getBoundingClientRect();
+            const x = r.x + r.width / 2, y = r.y + r.height / 2, top = document.elementFromPoint(x, y);
+            if (!top || !e.contains(top)) return null;
+            e.listens ||= !e.addEventListener('click', () => {{ window.clicked = '{name}'; }}, true);
+            return [x, y]; }})()"""
         self.call("Page.bringToFront")
-        place, before = self.value(expression), None
-        while place != before:  # it may still be moving into its place
+        self.value("window.clicked = ''")
+        end = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end:
+            before = self.value(place)
             time.sleep(_POLL_S)
-            place, before = self.value(expression), place
-        x, y = place
-        for kind in ("mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+            if before is None or self.value(place) != before:  # it is still moving into its place
+                continue
+            for kind in ("mousePressed", "mouseReleased"):
+                self.call("Input.dispatchMouseEvent", type=kind, x=before[0], y=before[1], button="left", clickCount=1)
+            if self.value("window.clicked") != "":  # or the page is another one by now
+                return
+        raise TimeoutError(f"{name} cannot be clicked; the page says: {self.value('document.body.innerText')}")
 
     def press(self, key: str) -> None:
         """Press and release a key."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -109,20 +110,35 @@ sys.exit(int(sys.argv[1]))
 """
 
 
+RUN = """
+import os, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv.pop(1))
+import loaded_commands
+script, work, outputs = map(Path, sys.argv[1:])
+forks = loaded_commands.context()
+for word in ("0", "3", "broken"):
+    output = outputs / f"output-{word}"
+    print(loaded_commands.ended(forks, [str(script), word, "--word"], work, dict(os.environ), output, 60.0))
+"""
+
+
 def test_a_command_with_its_libraries_loaded_ends_as_one_of_a_shell_does(tmp_path: Path) -> None:
-    """Its status, words, folder and output are its own, and so is its state."""
-    tool = _load()
+    """Its status, words, folder and output are its own, and so is its state.
+
+    All from a process of its own: one that forked before, as another test may have let this one, loads nothing.
+    """
     script, work = tmp_path / "script", tmp_path / "work"
     script.write_text(SCRIPT, encoding="utf-8")
     work.mkdir()
-    forks = tool.loaded_commands.context()
     environment = dict(os.environ, MARK="of the page")
     environment.pop("PYTHONPATH", None)
-    for word, status in (("0", 0), ("3", 3), ("broken", 1)):
-        output = tmp_path / f"output-{word}"
-        words = [str(script), word, "--word"]
-        assert tool.loaded_commands.ended(forks, words, work, environment, output, 60.0) == status
-        lines = output.read_text(encoding="utf-8").splitlines()
+    tools = str(Path(__file__).parents[2] / "tools")
+    command = [sys.executable, "-c", RUN, tools, str(script), str(work), str(tmp_path)]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert ended.stdout.split() == ["0", "3", "1"]
+    for word in ("0", "3", "broken"):
+        lines = (tmp_path / f"output-{word}").read_text(encoding="utf-8").splitlines()
         assert f"__main__ True {work} ['{word}', '--word'] None" in lines
         assert {"of the page False True False", "to standard error", "left"} <= set(lines)
         assert ("ValueError: broken" in lines) == (word == "broken")
