@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from counterflex.app.inputs import setting_of
 from counterflex.core.progress import silent
+from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.feed_limits import LimitedFeed, curvature, known, limit_feed, uses
@@ -80,6 +82,22 @@ def test_what_the_least_feed_does_not_reach_is_told(groove: Inputs) -> None:
     result = limited(groove, ProcessLimits(force_n=20.0))
     assert result.share.min() == pytest.approx(LEAST)
     assert result.lines[0].after_share > 1.5
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_chips_stay_within_the_range_of_the_constants(allowed: bool, groove: Inputs) -> None:
+    """The least feed leaves it, and such a plan would be refused; unless the cell file allows that."""
+    cut = undisturbed_cut(groove, silent)
+    thinnest = 0.72 * float(np.median(cut.cut.chip_m[cut.contact]))
+    setting = groove.setting
+    assert isinstance(setting.law, KienzleLaw)
+    law = replace(setting.law, h_min_m=thinnest)
+    changed = replace(groove, setting=replace(setting, law=law, allow_extrapolation=allowed))
+    result = limited(changed, ProcessLimits(force_n=20.0))
+    kept = undisturbed_cut(replace(changed, path=result.path), silent).cut.chip_m[cut.contact]
+    share = float(np.median(result.share[cut.contact]))
+    assert share == pytest.approx(LEAST if allowed else 0.75)
+    assert (float(np.median(kept)) >= thinnest) != allowed
 
 
 def test_of_several_limits_the_hardest_binds(groove: Inputs) -> None:

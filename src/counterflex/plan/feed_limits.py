@@ -6,8 +6,9 @@ power, bending of the tool under the mean force, torque on each axis, deflection
 :data:`EXPONENT` of the feed; so the feed is multiplied by ``(limit / value)^(1 / EXPONENT)`` for the limit that is
 exceeded most, the path is cut anew, and so on until every limit is kept. Acceleration goes with the square. The limit
 that lowered a row most is remembered: it *binds* there. Shares are those of :mod:`counterflex.plan.feed_schedule`: in
-steps, one for a group, never below :data:`counterflex.plan.feed_schedule.LEAST` nor below its least chip. A corner
-without an arc has no curvature; there :mod:`counterflex.plan.feed_schedule` slows down.
+steps, one for a group, never below :data:`counterflex.plan.feed_schedule.LEAST` nor below its least chip, nor so low
+that the mean chip leaves the range of the cutting constants, unless the cell file allows that. A corner without an arc
+has no curvature; there :mod:`counterflex.plan.feed_schedule` slows down.
 """
 
 from __future__ import annotations
@@ -154,7 +155,7 @@ def limit_feed(inputs: Inputs, feeds: FeedGroups, limits_of: Callable[[int], Pro
     free: Bool = (path.kind == FEED) & moves & ~feeds.fixed
     cut = undisturbed_cut(inputs, silent)
     first = now = uses(inputs, cut, limits_of)
-    least = _least(cut)
+    least = _least(cut, 0.0 if inputs.setting.allow_extrapolation else inputs.setting.law.h_min_m)
     share: Float = np.ones(len(path))
     for _ in range(ROUNDS):
         factor = np.min([_factor(name, used) for name, used in now.items()], axis=0)
@@ -193,12 +194,14 @@ def _factor(name: str, used: Float) -> Float:
     return out
 
 
-def _least(cut: UndisturbedCut) -> Float:
-    """(n,) least share of the feed, by the chip too."""
-    fz = cut.cut.feed_per_tooth_m
+def _least(cut: UndisturbedCut, thinnest_m: float) -> Float:
+    """(n,) least share of the feed: its own, by feed per tooth, by the thinnest mean chip of the constants."""
+    fz, chip = cut.cut.feed_per_tooth_m, cut.cut.chip_m
     known_chip = cut.contact & np.isfinite(fz) & (fz > 0.0)
     out: Float = np.maximum(LEAST, np.where(known_chip, LEAST_CHIP_M / np.where(known_chip, fz, 1.0), 0.0))
-    return np.minimum(out, 1.0)
+    inside = cut.contact & (chip >= thinnest_m) & (chip > 0.0)
+    in_steps = np.ceil(thinnest_m / np.where(inside, chip, 1.0) / STEP - 1e-9) * STEP
+    return np.minimum(np.maximum(out, np.where(inside, in_steps, 0.0)), 1.0)
 
 
 def _grouped(share: Float, least: Float, free: Bool, group: Int) -> Float:
