@@ -15,9 +15,10 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, UM
 from counterflex.geometry import rotation
 from counterflex.programs.compensated import CompensatedPath, tool_path
-from counterflex.programs.krl.in_place import KrlText, write_krl_in_place
+from counterflex.programs.krl.in_place import write_krl_in_place
 from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.krl.read.reader import read_krl
+from counterflex.programs.robot_text.in_place import InPlaceText
 
 _NUMBER = re.compile(r"[-+]?\d+\.?\d*")
 _TOLERANCE_M = 5.0 * UM
@@ -36,7 +37,7 @@ def corrected(program: KrlProgram, size_m: float, waves: float, turn_rad: float 
     return CompensatedPath.from_correction(path, correction, rotvec)
 
 
-def read_back(text: KrlText, program: KrlProgram) -> KrlProgram:
+def read_back(text: InPlaceText, program: KrlProgram) -> KrlProgram:
     """The written files, read again."""
     return read_krl(text.files[program.name], name=program.name, data=text.files.get(program.data_name))
 

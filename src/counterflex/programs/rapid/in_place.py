@@ -102,6 +102,7 @@ class _InPlace(InPlace):
         target = self._literal(like.target, p, self._quaternion(like, R_part_tcp))
         zone = "fine" if exact else _ADDED_ZONE if like.exact else text[slice(*like.zone)]
         speed = self._speed_text(like, speed_m_s)
+        self.counts.speeds_changed += speed_m_s is not None
         line = f"MoveL {target},{speed},{zone},{text[slice(*like.rest)]};"
         lead = re.search(r"[^\S\r\n]*\Z", text[: move.start])
         self.edits[move.call].insert(move.start, line + self.program.newline + (" " * 4 if lead is None else lead[0]))
@@ -112,6 +113,7 @@ class _InPlace(InPlace):
         if move.target is None:
             return p
         if speed_m_s is not None:
+            self.counts.speeds_changed += 1
             text = f"{number(speed_m_s / MM_PER_S, 4)}"
             if move.speed_value is None:
                 self.edits[move.call].insert(move.speed[1], f"\\V:={text}")
@@ -131,9 +133,6 @@ class _InPlace(InPlace):
         if move.auxiliary is not None and move.target is not None:
             self.edits[move.call].replace(move.start, move.start + len(move.word), "MoveL")
             self.edits[move.call].replace(move.auxiliary.start, move.target.start, "")
-
-    def divided(self, index: int) -> None:
-        """Points may stand before every instruction."""
 
     # ---- text ------------------------------------------------------------------------------------------------
 

@@ -33,6 +33,7 @@ class Counts:
         arcs_kept: Corrected circles still written as one.
         arcs_as_lines: Corrected circles written as straight moves.
         speeds_changed: Instructions with another speed than programmed.
+        speeds_added: Lines that set the speed, in addition to those of the source.
         targets_declared: Targets changed where they are declared.
         targets_written_out: Targets whose name other places use too, written into the instruction instead.
         routines_copied: Routines written once more, because another call of them needs other targets.
@@ -43,6 +44,7 @@ class Counts:
     arcs_kept: int = 0
     arcs_as_lines: int = 0
     speeds_changed: int = 0
+    speeds_added: int = 0
     targets_declared: int = 0
     targets_written_out: int = 0
     routines_copied: int = 0
@@ -60,6 +62,7 @@ class InPlaceText:
         arcs_kept: See there.
         arcs_as_lines: See there.
         speeds_changed: See there.
+        speeds_added: See there.
         targets_declared: See there.
         targets_written_out: See there.
         routines_copied: See there.
@@ -77,6 +80,7 @@ class InPlaceText:
     arcs_kept: int
     arcs_as_lines: int
     speeds_changed: int
+    speeds_added: int
     targets_declared: int
     targets_written_out: int
     routines_copied: int
@@ -156,9 +160,18 @@ class InPlace(ABC):
     def straightened(self, index: int) -> None:
         """Make a straight motion of a circle."""
 
-    @abstractmethod
     def divided(self, index: int) -> None:
-        """Refuse to add points before a motion where they cannot stand."""
+        """Refuse to add points before a motion where they cannot stand; they may everywhere, if not said otherwise."""
+        del index
+
+    def begun(self, index: int) -> None:
+        """A motion begins."""
+        del index
+
+    def fixed_turn(self, index: int) -> bool:
+        """Whether the program states the angle of a circle, which then stays."""
+        del index
+        return False
 
     # ---- motions ---------------------------------------------------------------------------------------------
 
@@ -169,6 +182,7 @@ class InPlace(ABC):
             self.written[0] = self.rows.nominal[0]
         for index, motion in enumerate(program.motions):
             last = int(self.rows.last[index])
+            self.begun(index)
             if motion.kind == "dwell":
                 self._relieve(index)
             elif motion.kind == "arc":
@@ -234,7 +248,7 @@ class InPlace(ABC):
             return
         points = np.vstack([self.p_here, rows.command[first : last + 1]])
         nominal = rows.nominal[first : last + 1]
-        fit = fitted_circle(motion, points, nominal, fixed_turn=False)
+        fit = fitted_circle(motion, points, nominal, fixed_turn=self.fixed_turn(index))
         steady = float(np.ptp(rows.share[first : last + 1])) <= LEAST_FEED_CHANGE
         if fit is not None and fit.error_m <= self.tolerance_m and steady:
             self.circle(index, fit)
@@ -280,7 +294,6 @@ class InPlace(ABC):
         factor = float(feed_factor(np.array([nominal]), np.array([travel]))[0]) * rows.share_of(before + 1, row)
         if abs(factor - 1.0) <= LEAST_FEED_CHANGE:
             return None
-        self.counts.speeds_changed += 1
         return motion.feed_m_s * factor
 
     def result(self, files: dict[str, str], extra: Sequence[str] = ()) -> InPlaceText:

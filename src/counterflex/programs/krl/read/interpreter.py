@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
-from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import MM, RPM
+from counterflex.core.units import RPM
 from counterflex.programs.krl.program import KrlMotion
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.data_list import Named, key_of
@@ -17,13 +15,12 @@ from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.literals import code_of, number_of
 from counterflex.programs.krl.read.modes import Modes
 from counterflex.programs.krl.read.targets import Targets
-from counterflex.programs.program import Block, Modal, Motion, Word
-from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
+from counterflex.programs.program import Block, Word
+from counterflex.programs.robot_text.execution import Execution
+from counterflex.programs.robot_text.process_words import ProcessWords
 
-_NO_WORDS: Final[tuple[Word, ...]] = ()
 
-
-class Interpreter(Modes):
+class Interpreter(Modes, Execution):
     """State of the controller while a program runs.
 
     Args:
@@ -36,10 +33,8 @@ class Interpreter(Modes):
 
     Attributes:
         moves: What stands behind each motion in the text.
-        rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
         frames: The active frames.
         loose: See :class:`~counterflex.programs.krl.program.KrlProgram`.
-        acting: Lines that act on the cell without the table of the cell file saying what they do.
         extra_text: External axes of the targets, as text.
     """
 
@@ -53,25 +48,20 @@ class Interpreter(Modes):
         *,
         complete: bool,
     ) -> None:
-        super().__init__(name, lines, named, data_name, cell)
+        Modes.__init__(self, name, lines, named, data_name, cell)
+        Execution.__init__(self, self.frames)
         self.complete = complete
         self.targets = Targets(name, lines, named, data_name, cell)
         self.process = None if cell is None else ProcessWords(cell.functions, code_of)
         self.moves: list[KrlMotion] = []
-        self.rotations: list[Float] = []
         self.loose: dict[int, int] = {}
-        self.acting: list[int] = []
-        self._blocks: list[Block] = []
-        self._motions: list[Motion] = []
         self._statements = [line for line in lines if code_of(line).strip()]
         self._running: list[int] = []
         self._called = False
-        self._rpm = 0.0
         self._away: int | None = None
         self._trigger: int | None = None
         self._begun = self._ended = False
         self._swallow = 0
-        self._words: tuple[Word, ...] = _NO_WORDS
 
     @property
     def extra_text(self) -> str:
@@ -93,16 +83,16 @@ class Interpreter(Modes):
         """Execute lines up to the END of their routine."""
         for number in range(first_line, len(self.lines) + 1):
             line = self.lines[number - 1]
-            self.line, self._words, self._called = number, _NO_WORDS, False
+            self.line, self._words, self._called = number, [], False
             code = code_of(line)
-            first, before = len(self._motions), self._modal("G1")
+            first, before = len(self.motions), self.modal("G1")
             if code.strip():
                 self._statement(code)
-            first = len(self._motions) if self._called else first  # the lines of a subprogram have blocks of their own
-            modal = self._modal("G1")
-            if self._words or len(self._motions) > first or modal != before:
-                modal = self._modal(self._motion_code(first))
-            self._blocks.append(Block(number, line, self._words, modal, first, len(self._motions) - first))
+            first = len(self.motions) if self._called else first  # the lines of a subprogram have blocks of their own
+            modal = self.modal("G1")
+            if self._words or len(self.motions) > first or modal != before:
+                modal = self.modal(self.motion_code(first))
+            self._blocks.append(Block(number, line, tuple(self._words), modal, first, len(self.motions) - first))
             if self._ended:
                 break
 
@@ -119,18 +109,8 @@ class Interpreter(Modes):
         self._run_from(begin + 1)
         self._check_end()
         self._running.pop()
-        self.line, self._words, self._called, self._ended = line, _NO_WORDS, True, False
+        self.line, self._words, self._called, self._ended = line, [], True, False
         return True
-
-    def blocks(self, tool_centre: int) -> Iterator[Block]:
-        """The lines passed, with a meaning of their rotary words."""
-        for block in self._blocks:
-            yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
-
-    @property
-    def motions(self) -> Sequence[Motion]:
-        """The motions, without rotary words."""
-        return self._motions
 
     # ---- statements ------------------------------------------------------------------------------------------
 
@@ -154,7 +134,7 @@ class Interpreter(Modes):
         if self._process(code):
             return
         if form.HALT.fullmatch(code) and not self._flow:
-            self._words = (*self._words, Word("M", 0.0, 0, 0))
+            self._words = [*self._words, Word("M", 0.0, 0, 0)]
             return
         if form.ACTS.match(code) and not form.STANDARD.match(code):
             self.acting.append(self.line)
@@ -182,27 +162,14 @@ class Interpreter(Modes):
         if function is None:
             return False
         self._refuse_in_flow(code, "the spindle, coolant or tool is switched")
-        self._do(function)
+        self.do(function)
         self._swallow = function.lines - 1
         return True
 
-    def _do(self, function: ProcessWord) -> None:
-        values, words = function.values, [Word("M", float(function.code), 0, 0)]
-        if function.code in (3, 4):
-            speed = values.get("S", abs(self._rpm))
-            self._rpm = speed if function.code == 3 else -speed
-        elif function.code == 5:
-            self._rpm = 0.0
-        elif function.code == 6:
-            self._change_tool(values)
-        words += [Word(letter, value, 0, 0) for letter, value in values.items() if letter in "SPQER"]
-        words += [Word("T", float(self.frames.tool), 0, 0)] if function.code == 6 else []
-        self._words = (*self._words, *words)
-
-    def _change_tool(self, values: Mapping[str, float]) -> None:
-        if "T" in values:
-            self.frames.tool = int(values["T"])
-        elif "D" in values:
+    def change_tool(self, values: Mapping[str, float]) -> None:
+        """A tool change by the number of the tool, or of its TOOL_DATA."""
+        super().change_tool(values)
+        if "T" not in values and "D" in values:
             self.frames.set_tool_data(int(values["D"]), f"{self.name}:{self.line}")
 
     def _flow_statement(self, code: str) -> bool:
@@ -250,7 +217,7 @@ class Interpreter(Modes):
         if read is None:
             self._away = self.line
             return True
-        if self._away is not None and self._motions:
+        if self._away is not None and self.motions:
             raise self._fault(
                 "the robot comes from a place that is not known, by axes or by a name of the controller "
                 f"(line {self._away})", code, limit="such places before the first target and behind the last one",
@@ -258,7 +225,7 @@ class Interpreter(Modes):
             )  # fmt: skip
         self.frames.require(f"{self.name}:{self.line}:{match.start(1) + 1}")
         self._require_frame_data(code)
-        if word.endswith("PTP") or not self._motions:
+        if word.endswith("PTP") or not self.motions:
             feed = 0.0
         elif read.own_speed is not None:
             feed = self._in_range(code[slice(*read.own_speed)], code)
@@ -272,12 +239,12 @@ class Interpreter(Modes):
         else:
             feed = self._feed_m_s
         made, rotation, words = self.targets.made(
-            read, self._motions[-1] if self._motions else None, self.frames.R_tcp_tool
+            read, self.motions[-1] if self.motions else None, self.frames.R_tcp_tool
         )
         self._away = None
-        self._words = (*self._words, *words)
+        self._words = [*self._words, *words]
         kind = "rapid" if feed == 0.0 else made.kind
-        self._motions.append(
+        self.motions.append(
             replace(
                 made,
                 block=len(self._blocks),
@@ -304,15 +271,8 @@ class Interpreter(Modes):
             if self._flow:
                 return True
             raise self._fault("the time of a wait is no number", code, hint="Write the number itself, in s")
-        if time_s > 0.0 and self._motions and not self._flow:
-            last = self._motions[-1]
-            self._motions.append(
-                Motion(
-                    len(self._blocks), "dwell", last.p_end, last.p_end, 0.0, self._rpm * RPM, self.frames.tool, time_s
-                )
-            )
+        if not self._flow and self.dwell(len(self._blocks), time_s):
             self.moves.append(KrlMotion(self.line, "WAIT"))
-            self.rotations.append(self.rotations[-1])
         return True
 
     def _trigger_statement(self, code: str) -> bool:
@@ -327,7 +287,7 @@ class Interpreter(Modes):
             function = self.process.find([match[2]], 0, f"{self.name}:{self.line}")
             if function is not None:
                 self._refuse_in_flow(code, "the spindle, coolant or tool is switched")
-                self._do(function)
+                self.do(function)
                 self.acting.pop()
         return True
 
@@ -368,15 +328,3 @@ class Interpreter(Modes):
                 value=self.lines[-1].strip()[:60],
                 hint="Post it again, or say --without-end if it is complete",
             )  # fmt: skip
-
-    def _motion_code(self, first: int) -> str:
-        if len(self._motions) == first:
-            return "G1"
-        motion = self._motions[first]
-        if motion.kind == "arc":
-            up = motion.normal is not None and float(motion.normal[2]) * motion.turn_rad >= 0.0
-            return "G3" if up else "G2"
-        return "G0" if motion.kind == "rapid" else "G1"
-
-    def _modal(self, motion: str) -> Modal:
-        return Modal(motion, 17, MM, True, False, 94, (0.0, 0.0, 0.0), self.frames.tool, self._rpm)

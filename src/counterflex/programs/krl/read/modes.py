@@ -35,7 +35,7 @@ class Modes:
         self, name: str, lines: Sequence[str], named: Mapping[str, Named], data_name: str, cell: KrlCell | None
     ) -> None:
         self.name, self.lines, self.named, self.data_name = name, lines, named, data_name
-        self.frames = Frames(cell)
+        self.frames: Frames = Frames(cell)
         self._speed_set = False
         self._spline: float | None = None
         self.line = 0

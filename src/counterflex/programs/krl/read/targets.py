@@ -20,13 +20,14 @@ from counterflex.programs.krl.read.data_list import Named, key_of
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.literals import code_of, components, require_cartesian
 from counterflex.programs.program import Motion, Word
-from counterflex.programs.robot_text.circle import angle_to, circle, turned
+from counterflex.programs.robot_text.cell import ExternalAxes
+from counterflex.programs.robot_text.circle import turned
+from counterflex.programs.robot_text.execution import arc_through
 
 _NAME: Final = re.compile(rf"\s*({form.NAME})\s*")
 _OPEN: Final = re.compile(r"\s*(?=\{)")
 _COMMA: Final = re.compile(r"\s*,")
 _OF_CONTROLLER: Final = re.compile(r"\$(AXIS|POS)_(ACT|RET|INT|FOR|BACK)\w*|X?HOME\d*|XSTART|\$H_POS", re.IGNORECASE)
-_SAME_EXTERNAL: Final = 0.01
 
 
 class Targets:
@@ -46,11 +47,12 @@ class Targets:
     def __init__(
         self, name: str, lines: Sequence[str], named: Mapping[str, Named], data_name: str, cell: KrlCell | None
     ) -> None:
-        self.name, self.lines, self.named, self.data_name, self.cell = name, lines, named, data_name, cell
+        self.name, self.lines, self.named, self.data_name = name, lines, named, data_name
         self.assigned: set[str] = set()
         self._used: dict[str, int] = {}
         self._mentioned: dict[str, int] | None = None
         self._external: dict[str, Component] = {}
+        self._external_axes = ExternalAxes(cell)
         self._seen = False
         self._angles: list[float] | None = None
         self._circle_rad: float | None = None
@@ -204,16 +206,14 @@ class Targets:
         return np.array(values[:3]) * MM, values[3:]
 
     def _arc(self, motion: Motion, read: KrlMotion, p_auxiliary: Float) -> Motion:
-        parts = circle(motion.p_start, p_auxiliary, motion.p_end)
-        if parts is None:
-            raise ProgramError(
-                "the three points of a circle lie on a line", where=f"{self.name}:{read.line}",
-                value=self.lines[read.line - 1].strip()[:60], hint="Write LIN",
-            )  # fmt: skip
-        centre, normal = parts
-        if float(np.linalg.norm(motion.p_start - centre)) > 100.0:
-            raise ProgramError("the radius of a circle is beyond every robot", where=f"{self.name}:{read.line}")
-        turn = angle_to(motion.p_start, motion.p_end, centre, normal)
+        def fault(what: str, hint: str) -> ProgramError:
+            return ProgramError(
+                what, where=f"{self.name}:{read.line}", value=self.lines[read.line - 1].strip()[:60], hint=hint
+            )
+
+        made = arc_through(motion, p_auxiliary, fault)
+        if made.p_centre is None or made.normal is None:
+            raise ValueError("a circle without its centre")
         if self._circle_rad is not None:
             turn = self._circle_rad
             if not 0.0 < abs(turn) <= 40.0 * math.pi:
@@ -221,24 +221,15 @@ class Targets:
                     "CA is out of range", where=f"{self.name}:{read.line}", value=f"{turn / DEG:g} deg",
                     limit="not 0, at most 20 turns",
                 )  # fmt: skip
-            motion = replace(motion, p_end=turned(motion.p_start, centre, normal, turn))
-        return replace(motion, kind="arc", p_centre=centre, normal=normal, turn_rad=turn)
+            made = replace(made, p_end=turned(made.p_start, made.p_centre, made.normal, turn), turn_rad=turn)
+        return made
 
     def _check_external(self, target: Target) -> None:
         """Refuse external axes that move, or stand elsewhere than the cell says."""
         given = {name: part for name, part in target.components.items() if re.fullmatch(r"E[1-6]", name)}
         where = f"{self.data_name if target.in_data else self.name}:{target.line}"
         for name, part in given.items():
-            known = self._external.get(name)
-            expected = None if self.cell is None else self.cell.external_axes.get(int(name[1]))
-            limit = part.value if known is None else known.value
-            limit = limit if expected is None else expected
-            if abs(part.value - limit) > _SAME_EXTERNAL:
-                raise ProgramError(
-                    f"external axis {name} moves, or stands elsewhere than in the cell file", where=where,
-                    value=f"{name} {part.value:g}", limit=f"{name} {limit:g}",
-                    hint="External axes stand still in the cut: [[external_axes]] of the cell file says where",
-                )  # fmt: skip
+            self._external_axes.check(int(name[1]), part.value, name, where)
             self._external.setdefault(name, part)
 
     def _fault(self, what: str, code: str, line: int, at: int, **more: str) -> ProgramError:

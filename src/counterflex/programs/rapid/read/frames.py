@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import DEG, MM
-from counterflex.geometry import rotation
 from counterflex.programs.rapid.read.data import Data, frame, truth
-from counterflex.programs.robot_text.frame_limits import SAME_M, SAME_RAD
-from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+from counterflex.programs.robot_text.cell import RobotTextCell
 
 _FORM: Final = {
     "tooldata": "[TRUE,[[x,y,z],[q1,q2,q3,q4]],[...]]",
@@ -22,31 +19,29 @@ _FORM: Final = {
 }
 
 
-@dataclass(frozen=True)
-class RapidCell:
+@dataclass(frozen=True, kw_only=True)
+class RapidCell(RobotTextCell):
     """What must be known of a cell to read a RAPID program for it.
 
     Attributes:
-        where: Path of the cell file, for messages.
-        tools: Numbers of ``[[tools]]``.
         tool_of_data: Number of the tool by the name of its tooldata in capitals (``tools.tooldata``).
         work_object: Name of the wobjdata that is the part frame (``controller.work_object``); empty: none.
-        T_flange_tcp: (4, 4) m, tool frame that the cell plans with; of a robot that holds the part the part's frame.
-        T_base_part: (4, 4) m, part frame in the robot base (world).
         T_base_tcp: (4, 4) m, tool frame in the robot base, where the robot holds the part; else None.
-        functions: ``[controller.spindle.rapid]``.
-        external_axes: Value of external axes by number, mm or deg.
     """
 
-    where: str
-    tools: Sequence[int]
     tool_of_data: Mapping[str, int]
     work_object: str
-    T_flange_tcp: Float
-    T_base_part: Float
     T_base_tcp: Float | None
-    functions: MachineFunctions
-    external_axes: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def T_tcp(self) -> Float:
+        """(4, 4) m, of a tool on the robot in the flange, of one that stands in the robot base."""
+        return self.T_flange_tcp if self.T_base_tcp is None else self.T_base_tcp
+
+    @property
+    def T_part(self) -> Float:
+        """(4, 4) m, of a part on the table in the robot base, of one on the robot in the flange."""
+        return self.T_base_part if self.T_base_tcp is None else self.T_flange_tcp
 
 
 class Frames:
@@ -98,7 +93,7 @@ class Frames:
         if cell is None:
             return 0 if self.tool else 1, np.eye(3)
         number = cell.tool_of_data.get(name.upper(), 0)
-        only = cell.tools[0] if not number and not self.tool and len(cell.tools) == 1 else 0
+        only = 0 if number or self.tool else cell.only_tool
         held = cell.T_base_tcp is None
         values = (True, np.eye(4)) if name.upper() == "TOOL0" else self._declared(name, "tooldata", routine, where)
         if values is None:
@@ -110,19 +105,7 @@ class Frames:
                 hint="Name the tooldata of the controller in [[tools]], or declare it in the module",
             )  # fmt: skip
         T = _on_side(values, "tool", name, held, cell, where)
-        T_tcp = cell.T_flange_tcp if cell.T_base_tcp is None else cell.T_base_tcp
-        off = T_tcp[:3, :3].T @ (T[:3, 3] - T_tcp[:3, 3])
-        if len(cell.tools) > 1:
-            off[2] = 0.0  # lengths differ from tool to tool, the line they lie on does not
-        if float(np.linalg.norm(off)) > SAME_M:
-            raise ProgramError(
-                f"the tip of {name} is not where the cell has it", where=where,
-                value=f"{np.linalg.norm(off) / MM:.3f} mm from it", limit=f"{SAME_M / MM:g} mm",
-                hint=f"[[end_effector]] and [tcp] in {cell.where}, or the tool of the program, are not of this robot",
-            )  # fmt: skip
-        R_tcp_tool = T_tcp[:3, :3].T @ T[:3, :3]
-        same = float(np.linalg.norm(rotation.log(R_tcp_tool))) < SAME_RAD
-        return number or only, np.eye(3) if same else R_tcp_tool
+        return number or only, cell.R_tcp_tool(T, name, where)
 
     def _check_work_object(self, name: str, routine: int, where: str) -> None:
         cell = self.cell
@@ -139,16 +122,7 @@ class Frames:
             )  # fmt: skip
         on_robot = cell.T_base_tcp is not None
         T = _on_side(values, "work object", name, on_robot, cell, where)
-        T_part = cell.T_flange_tcp if on_robot else cell.T_base_part
-        off_m = float(np.linalg.norm(T[:3, 3] - T_part[:3, 3]))
-        off_rad = float(np.linalg.norm(rotation.log(T_part[:3, :3].T @ T[:3, :3])))
-        if off_m > SAME_M or off_rad > SAME_RAD:
-            raise ProgramError(
-                f"the work object {name} is not the part frame of the cell", where=where,
-                value=f"{off_m / MM:.3f} mm and {off_rad / DEG:.4f} deg from it",
-                limit=f"{SAME_M / MM:g} mm and {SAME_RAD / DEG:g} deg",
-                hint=f"Give [part] in {cell.where} the frame that the program was posted for, or post it again",
-            )  # fmt: skip
+        cell.refuse_other_part_frame(T, f"the work object {name}", where)
 
     def _declared(self, name: str, kind: str, routine: int, where: str) -> tuple[bool, Float] | None:
         """Whether the robot holds it, and its frame (4, 4) m; None where the module does not declare it."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import MM, RPM
-from counterflex.programs.program import Block, Modal, Motion, Word
+from counterflex.core.units import MM
+from counterflex.programs.program import Block, Word
 from counterflex.programs.rapid.program import RapidMotion, RoutineCall
 from counterflex.programs.rapid.read import statements as form
 from counterflex.programs.rapid.read.data import DECLARATION, Data, rotation_of
@@ -20,8 +19,8 @@ from counterflex.programs.rapid.read.literals import Argument, arguments
 from counterflex.programs.rapid.read.routines import Routine, Routines
 from counterflex.programs.rapid.read.scanner import Source, Statement, statements_of
 from counterflex.programs.rapid.read.targets import Targets
-from counterflex.programs.robot_text.circle import angle_to, circle
-from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
+from counterflex.programs.robot_text.execution import Execution
+from counterflex.programs.robot_text.process_words import ProcessWords
 
 _MOST: Final = 2_000_000
 """Statements that are executed at most."""
@@ -36,7 +35,7 @@ class _Flow:
     line: int
 
 
-class Interpreter:
+class Interpreter(Execution):
     """State of the controller while a program runs.
 
     Args:
@@ -48,30 +47,23 @@ class Interpreter:
 
     Attributes:
         moves: What stands behind each motion in the text.
-        motions: Each motion, without rotary words.
-        rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
-        acting: Lines that act on the cell without the table of the cell file saying what they do.
         calls: Executions of routines.
     """
 
     def __init__(
         self, source: Source, routines: Routines, data: Data, cell: RapidCell | None, lines: Sequence[str]
     ) -> None:
-        self.source, self.routines, self.cell, self._lines = source, routines, cell, lines
-        self.frames, self.targets = Frames(cell, data), Targets(data, cell)
+        self.frames: Frames = Frames(cell, data)
+        super().__init__(self.frames)
+        self.source, self.routines, self._lines = source, routines, lines
+        self.targets = Targets(data, cell)
         self.targets.assigned = self.frames.assigned
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code, statements_of)
         self.moves: list[RapidMotion] = []
-        self.motions: list[Motion] = []
-        self.rotations: list[Float] = []
-        self.acting: list[int] = []
         self.calls: list[RoutineCall] = []
-        self._blocks: list[Block] = []
-        self._rpm = 0.0
         self._away: int | None = None
         self._running: list[str] = []
         self._flow: list[_Flow] = []
-        self._words: list[Word] = []
         self._count, self._call, self._ended = 0, -1, False
         self._times: dict[str, int] = {}
 
@@ -84,11 +76,6 @@ class Interpreter:
         self._routine(self.routines.first(), (0, 0))
         repeated = {name for name, times in self._times.items() if times > 1}
         self.calls = [replace(call, repeated=call.routine.upper() in repeated) for call in self.calls]
-
-    def blocks(self, tool_centre: int) -> Iterator[Block]:
-        """The statements executed, with a meaning of their rotary words."""
-        for block in self._blocks:
-            yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
 
     def _routine(self, routine: Routine, place: tuple[int, int]) -> None:
         key = routine.name.upper()
@@ -125,22 +112,24 @@ class Interpreter:
         """Execute a statement with its block; returns how many statements that were."""
         self._words = []
         first, count, index = len(self.motions), 1, len(self._blocks)
-        before = self._modal("G1")
+        before = self.modal("G1")
         self._blocks.append(Block(statement.line, self._lines[statement.line - 1], (), before, first, 0))
         function = None
         if self.process is not None and not statement.structure:
             function = self.process.find(texts, at, self.source.place(statement.start))
         if function is not None:
             self._refuse_in_flow(statement, "the spindle, coolant or tool is switched")
-            self._do(function)
+            self.do(function)
             count = function.lines
         else:
             self._statement(statement)
         if len(self._blocks) == index + 1:  # no call, whose statements have blocks of their own
             made = len(self.motions) - first
-            code = "G1" if not made else _code(self.motions[first])
             self._blocks[index] = replace(
-                self._blocks[index], words=tuple(self._words), modal=self._modal(code), motion_count=made
+                self._blocks[index],
+                words=tuple(self._words),
+                modal=self.modal(self.motion_code(first)),
+                motion_count=made,
             )
         return count
 
@@ -222,16 +211,10 @@ class Interpreter:
             if self._flow:
                 return
             raise self._fault("the time of a wait is no number", statement, hint="Write the number itself, in s")
-        if time_s > 0.0 and self.motions and not self._flow:
-            last = self.motions[-1]
-            block = len(self._blocks) - 1
-            self.motions.append(
-                Motion(block, "dwell", last.p_end, last.p_end, 0.0, self._rpm * RPM, self.frames.tool, time_s)
-            )
+        if not self._flow and self.dwell(len(self._blocks) - 1, time_s):
             self.moves.append(
                 RapidMotion(statement.line, "WaitTime", self._call, statement.start, statement.end, np.eye(3))
             )
-            self.rotations.append(self.rotations[-1])
 
     def _other(self, statement: Statement, word: str) -> None:
         code = statement.code
@@ -266,19 +249,6 @@ class Interpreter:
         else:
             raise self._fault("an unknown statement", statement, hint="docs/rapid.md lists what is read")
 
-    def _do(self, function: ProcessWord) -> None:
-        values, words = function.values, [Word("M", float(function.code), 0, 0)]
-        if function.code in (3, 4):
-            speed = values.get("S", abs(self._rpm))
-            self._rpm = speed if function.code == 3 else -speed
-        elif function.code == 5:
-            self._rpm = 0.0
-        elif function.code == 6 and "T" in values:
-            self.frames.tool = int(values["T"])
-        words += [Word(letter, value, 0, 0) for letter, value in values.items() if letter in "SPQER"]
-        words += [Word("T", float(self.frames.tool), 0, 0)] if function.code == 6 else []
-        self._words += words
-
     # ---- motions ---------------------------------------------------------------------------------------------
 
     def _motion(self, statement: Statement, word: str) -> None:
@@ -305,18 +275,17 @@ class Interpreter:
         target = self.targets.target(points[-1])
         auxiliary = self.targets.target(points[0]) if len(points) > 1 else None
         at = self.targets.speed(speed)
-        p: Float = np.array(target.position_mm) * MM
-        before = self.motions[-1] if self.motions else None
-        rapid = word == "MOVEJ" or before is None
-        motion = Motion(
-            len(self._blocks) - 1, "rapid" if rapid else "feed", p if before is None else before.p_end, p,
-            0.0 if rapid else at.m_s, self._rpm * RPM, self.frames.tool,
-        )  # fmt: skip
-        if auxiliary is not None and before is not None:
-            motion = self._arc(motion, np.array(auxiliary.position_mm) * MM, statement)
         self._away = None
-        self.motions.append(motion)
-        self.rotations.append(rotation_of(target.quat_wxyz) @ R_tcp_tool.T)
+        self.straight(
+            len(self._blocks) - 1,
+            np.array(target.position_mm) * MM,
+            rotation_of(target.quat_wxyz) @ R_tcp_tool.T,
+            0.0 if word == "MOVEJ" else at.m_s,
+        )
+        if auxiliary is not None:
+            self.circle(
+                np.array(auxiliary.position_mm) * MM, lambda what, hint: self._fault(what, statement, hint=hint)
+            )
         self._words += [Word(letter, value, 0, 0) for letter, value in zip("XYZ", target.position_mm, strict=True)]
         exact = self.targets.exact(zone)
         self.moves.append(
@@ -351,16 +320,6 @@ class Interpreter:
                         hint="Post the path without it",
                     )  # fmt: skip
 
-    def _arc(self, motion: Motion, p_auxiliary: Float, statement: Statement) -> Motion:
-        parts = circle(motion.p_start, p_auxiliary, motion.p_end)
-        if parts is None:
-            raise self._fault("the three points of a circle lie on a line", statement, hint="Write MoveL")
-        centre, normal = parts
-        if float(np.linalg.norm(motion.p_start - centre)) > 100.0:
-            raise self._fault("the radius of a circle is beyond every robot", statement)
-        turn = angle_to(motion.p_start, motion.p_end, centre, normal)
-        return replace(motion, kind="arc", p_centre=centre, normal=normal, turn_rad=turn)
-
     # ---- faults ----------------------------------------------------------------------------------------------
 
     def _refuse_in_flow(self, statement: Statement, what: str) -> None:
@@ -374,15 +333,5 @@ class Interpreter:
         value = " ".join(statement.code.split())[:60]
         return ProgramError(what, where=self.source.place(statement.start), value=value, **more)
 
-    def _modal(self, motion: str) -> Modal:
-        return Modal(motion, 17, MM, True, False, 94, (0.0, 0.0, 0.0), self.frames.tool, self._rpm)
-
 
 _STRAIGHT: Final = "Post the path without loops and conditions"
-
-
-def _code(motion: Motion) -> str:
-    if motion.kind == "arc":
-        up = motion.normal is not None and float(motion.normal[2]) * motion.turn_rad >= 0.0
-        return "G3" if up else "G2"
-    return "G0" if motion.kind == "rapid" else "G1"

@@ -17,12 +17,12 @@ from counterflex.programs.rapid.read import data as of
 from counterflex.programs.rapid.read.data import Data
 from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.rapid.read.literals import Aggregate, Argument, aggregate, arguments
+from counterflex.programs.robot_text.cell import ExternalAxes
 
 _FUNCTION: Final = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
 _NAME: Final = re.compile(r"([A-Za-z]\w*)(\s*\{[^}]*\})?")
 _NONE_FROM: Final = 8e8
 """External axes that are not there are 9E9."""
-_SAME_EXTERNAL: Final = 0.01
 _LARGEST_MM_S: Final = 20_000.0
 
 
@@ -52,10 +52,10 @@ class Targets:
     """
 
     def __init__(self, data: Data, cell: RapidCell | None) -> None:
-        self.data, self.cell, self.source = data, cell, data.source
+        self.data, self.source = data, data.source
         self.assigned: set[str] = set()
         self.routine = 0
-        self._external: dict[int, float] = {}
+        self._external = ExternalAxes(cell)
         self._mentioned: dict[str, int] | None = None
 
     # ---- targets ---------------------------------------------------------------------------------------------
@@ -191,14 +191,7 @@ class Targets:
         for index, number in enumerate(numbers or (), start=1):
             if abs(number.value) >= _NONE_FROM:
                 continue
-            expected = None if self.cell is None else self.cell.external_axes.get(index)
-            limit = self._external.setdefault(index, number.value) if expected is None else expected
-            if abs(number.value - limit) > _SAME_EXTERNAL:
-                raise ProgramError(
-                    f"external axis {index} moves, or stands elsewhere than in the cell file",
-                    where=self.source.place(number.start), value=f"{number.value:g}", limit=f"{limit:g}",
-                    hint="External axes stand still in the cut: [[external_axes]] of the cell file says where",
-                )  # fmt: skip
+            self._external.check(index, number.value, f"{index}", self.source.place(number.start))
 
     # ---- speeds and zones ------------------------------------------------------------------------------------
 

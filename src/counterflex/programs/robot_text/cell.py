@@ -1,0 +1,200 @@
+"""What must be known of a cell to read a robot program for it, and the checks of tools and frames against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import rotation
+from counterflex.programs.robot_text.frame_limits import SAME_M, SAME_RAD
+from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+
+_SAME_EXTERNAL: Final = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotTextCell:
+    """What every language of robots needs of a cell.
+
+    Attributes:
+        where: Path of the cell file, for messages.
+        tools: Numbers of ``[[tools]]``.
+        T_flange_tcp: (4, 4) m, tool frame that the cell plans with; of a robot that holds the part the part's frame.
+        T_base_part: (4, 4) m, part frame in the robot base (world).
+        functions: ``[controller.spindle]`` of the language.
+        external_axes: Value of external axes by number, mm or deg.
+    """
+
+    where: str
+    tools: Sequence[int]
+    T_flange_tcp: Float
+    T_base_part: Float
+    functions: MachineFunctions
+    external_axes: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def only_tool(self) -> int:
+        """Number of the tool where there is one; else 0."""
+        return self.tools[0] if len(self.tools) == 1 else 0
+
+    @property
+    def T_tcp(self) -> Float:
+        """(4, 4) m, what the frame of a tool is held against."""
+        return self.T_flange_tcp
+
+    @property
+    def T_part(self) -> Float:
+        """(4, 4) m, what the frame of the targets is held against."""
+        return self.T_base_part
+
+    def R_tcp_tool(self, T_tool: Float, name: str, where: str) -> Float:
+        """Orientation (3, 3) of a program's tool frame in the cell's TCP frame; its axes may be named otherwise.
+
+        Args:
+            T_tool: (4, 4) m, as the program has it.
+            name: Of the tool frame, for messages.
+            where: File and line, for messages.
+
+        Raises:
+            ProgramError: Its tip is elsewhere.
+        """
+        T_tcp = self.T_tcp
+        off = T_tcp[:3, :3].T @ (T_tool[:3, 3] - T_tcp[:3, 3])
+        if len(self.tools) > 1:
+            off[2] = 0.0  # lengths differ from tool to tool, the line they lie on does not
+        if float(np.linalg.norm(off)) > SAME_M:
+            raise ProgramError(
+                f"the tip of {name} is not where the cell has it", where=where,
+                value=f"{np.linalg.norm(off) / MM:.3f} mm from it", limit=f"{SAME_M / MM:g} mm",
+                hint=f"[[end_effector]] and [tcp] in {self.where}, or the tool of the program, are not of this robot",
+            )  # fmt: skip
+        R: Float = T_tcp[:3, :3].T @ T_tool[:3, :3]
+        return np.eye(3) if float(np.linalg.norm(rotation.log(R))) < SAME_RAD else R
+
+    def refuse_other_part_frame(self, T_program: Float, name: str, where: str) -> None:
+        """Refuse a frame of targets that is not the part frame of the cell.
+
+        Args:
+            T_program: (4, 4) m, as the program has it.
+            name: Of the frame, for messages.
+            where: File and line, for messages.
+
+        Raises:
+            ProgramError: It is another one.
+        """
+        T_part = self.T_part
+        off_m = float(np.linalg.norm(T_program[:3, 3] - T_part[:3, 3]))
+        off_rad = float(np.linalg.norm(rotation.log(T_part[:3, :3].T @ T_program[:3, :3])))
+        if off_m > SAME_M or off_rad > SAME_RAD:
+            raise ProgramError(
+                f"{name} is not the part frame of the cell", where=where,
+                value=f"{off_m / MM:.3f} mm and {off_rad / DEG:.4f} deg from it",
+                limit=f"{SAME_M / MM:g} mm and {SAME_RAD / DEG:g} deg",
+                hint=f"Give [part] in {self.where} the frame that the program was posted for, or post it again",
+            )  # fmt: skip
+
+
+@dataclass
+class NumberedFrames:
+    """Tools and frames that a program names by the numbers of the controller, and what is active.
+
+    Attributes:
+        cell: What they are held against; None takes every frame.
+        tool_word: What a tool frame is called, with ``{}`` for its number: ``TOOL_DATA[{}]``.
+        base_word: The same of the frame of the targets.
+        tool_number: ``controller.tool_number``.
+        base_number: ``controller.base_number``.
+        tool_of_data: Number of the tool by that of its frame (``tools.tool_data``).
+        tool: Number of the tool in the spindle; 0 where nothing says it.
+        tool_known: The program said which tool frame is active.
+        base_known: The program said which frame its targets are in.
+        R_tcp_tool: (3, 3) the tool frame in the cell's TCP frame.
+    """
+
+    cell: RobotTextCell | None
+    tool_word: str
+    base_word: str
+    tool_number: int = 1
+    base_number: int = 1
+    tool_of_data: Mapping[int, int] = field(default_factory=dict)
+    tool: int = 0
+    tool_known: bool = False
+    base_known: bool = False
+    R_tcp_tool: Float = field(default_factory=lambda: np.eye(3))
+
+    def set_tool_data(self, number: int, where: str) -> None:
+        """The tool frame with a number is active.
+
+        Raises:
+            ProgramError: The cell plans with another one.
+        """
+        self.tool_known, self.R_tcp_tool = True, np.eye(3)
+        cell = self.cell
+        if cell is None:
+            self.tool = self.tool or number
+        elif number in self.tool_of_data:
+            self.tool = self.tool_of_data[number]
+        elif number == self.tool_number:
+            self.tool = self.tool or cell.only_tool
+        else:
+            known = sorted({self.tool_number, *self.tool_of_data})
+            raise ProgramError(
+                "the program runs with another tool frame than the cell plans with", where=where,
+                value=self.tool_word.format(number), limit=" or ".join(self.tool_word.format(n) for n in known),
+                hint=f"controller.tool_number, or tools.tool_data of the tool, in {cell.where}",
+            )  # fmt: skip
+
+    def set_base_data(self, number: int, where: str) -> None:
+        """The targets are in the frame with a number.
+
+        Raises:
+            ProgramError: The cell's part frame is another one.
+        """
+        self.base_known = True
+        if self.cell is not None and number != self.base_number:
+            word = self.base_word.format(self.base_number)
+            raise ProgramError(
+                "the program is written in another frame than the part frame of the cell", where=where,
+                value=self.base_word.format(number), limit=word,
+                hint=f"controller.base_number in {self.cell.where} says which {word.split('[')[0]} holds the part "
+                "frame",
+            )  # fmt: skip
+
+
+class ExternalAxes:
+    """Refuses external axes that move, or stand elsewhere than the cell says.
+
+    Args:
+        cell: Where they stand by it; None takes the first place for all.
+    """
+
+    def __init__(self, cell: RobotTextCell | None) -> None:
+        self._expected = {} if cell is None else cell.external_axes
+        self._first: dict[int, float] = {}
+
+    def check(self, number: int, value: float, name: str, where: str) -> None:
+        """An external axis of a target.
+
+        Args:
+            number: Of the axis, 1 to 6.
+            value: mm or deg.
+            name: As the language calls it.
+            where: File and line, for messages.
+
+        Raises:
+            ProgramError: It moves.
+        """
+        first = self._first.setdefault(number, value)
+        limit = self._expected.get(number, first)
+        if abs(value - limit) > _SAME_EXTERNAL:
+            raise ProgramError(
+                f"external axis {name} moves, or stands elsewhere than in the cell file", where=where,
+                value=f"{value:g}", limit=f"{limit:g}",
+                hint="External axes stand still in the cut: [[external_axes]] of the cell file says where",
+            )  # fmt: skip

@@ -1,0 +1,153 @@
+"""What every language of robots does while a program is executed: motions, waits, process words, blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import MM, RPM
+from counterflex.programs.program import Block, Modal, Motion, Word
+from counterflex.programs.robot_text.circle import angle_to, circle
+from counterflex.programs.robot_text.process_words import ProcessWord
+
+_LARGEST_RADIUS_M = 100.0
+
+
+class ToolInSpindle(Protocol):
+    """Who knows the number of the tool in the spindle."""
+
+    tool: int
+
+
+class Execution:
+    """Motions and blocks of a program as far as it has run.
+
+    Args:
+        in_spindle: Tells the tool in the spindle.
+
+    Attributes:
+        motions: Each motion, without rotary words.
+        rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
+        acting: Lines that act on the cell without the table of the cell file saying what they do.
+    """
+
+    def __init__(self, in_spindle: ToolInSpindle) -> None:
+        self._in_spindle = in_spindle
+        self.motions: list[Motion] = []
+        self.rotations: list[Float] = []
+        self.acting: list[int] = []
+        self._blocks: list[Block] = []
+        self._rpm = 0.0
+        self._words: list[Word] = []
+
+    def blocks(self, tool_centre: int) -> Iterator[Block]:
+        """What was executed, with a meaning of the rotary words."""
+        for block in self._blocks:
+            yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
+
+    # ---- motions ---------------------------------------------------------------------------------------------
+
+    def straight(self, block: int, p_end: Float, R_part_tcp: Float, feed_m_s: float) -> Motion:
+        """A straight motion to a point; the first one of a program, and one without feed, is a rapid.
+
+        Args:
+            block: Index of its block.
+            p_end: (3,) m.
+            R_part_tcp: (3, 3) orientation of the cell's TCP at its end.
+            feed_m_s: 0 of a motion by axes.
+        """
+        before = self.motions[-1] if self.motions else None
+        rapid = before is None or feed_m_s <= 0.0
+        motion = Motion(
+            block, "rapid" if rapid else "feed", p_end if before is None else before.p_end, p_end,
+            0.0 if rapid else feed_m_s, self._rpm * RPM, self._in_spindle.tool,
+        )  # fmt: skip
+        self.motions.append(motion)
+        self.rotations.append(R_part_tcp)
+        return motion
+
+    def circle(self, p_auxiliary: Float, fault: Callable[[str, str], ProgramError]) -> None:
+        """Make a circle of the last motion, through a point.
+
+        Args:
+            p_auxiliary: (3,) m.
+            fault: Makes the error of a message and a hint.
+
+        Raises:
+            ProgramError: The three points give none.
+        """
+        motion = self.motions[-1]
+        if len(self.motions) > 1:
+            self.motions[-1] = arc_through(motion, p_auxiliary, fault)
+
+    def dwell(self, block: int, time_s: float) -> bool:
+        """A wait where the robot stands; whether one was made."""
+        if time_s <= 0.0 or not self.motions:
+            return False
+        p = self.motions[-1].p_end
+        self.motions.append(Motion(block, "dwell", p, p, 0.0, self._rpm * RPM, self._in_spindle.tool, time_s))
+        self.rotations.append(self.rotations[-1])
+        return True
+
+    # ---- process words ---------------------------------------------------------------------------------------
+
+    def do(self, function: ProcessWord) -> None:
+        """A machine function of the cell file's table."""
+        values, words = function.values, [Word("M", float(function.code), 0, 0)]
+        if function.code in (3, 4):
+            speed = values.get("S", abs(self._rpm))
+            self._rpm = speed if function.code == 3 else -speed
+        elif function.code == 5:
+            self._rpm = 0.0
+        elif function.code == 6:
+            self.change_tool(values)
+        words += [Word(letter, value, 0, 0) for letter, value in values.items() if letter in "SPQER"]
+        words += [Word("T", float(self._in_spindle.tool), 0, 0)] if function.code == 6 else []
+        self._words = [*self._words, *words]
+
+    def change_tool(self, values: Mapping[str, float]) -> None:
+        """A tool change by its words."""
+        if "T" in values:
+            self._in_spindle.tool = int(values["T"])
+
+    # ---- blocks ----------------------------------------------------------------------------------------------
+
+    def modal(self, motion: str) -> Modal:
+        """State of a block whose motion code is given."""
+        return Modal(motion, 17, MM, True, False, 94, (0.0, 0.0, 0.0), self._in_spindle.tool, self._rpm)
+
+    def motion_code(self, first: int) -> str:
+        """Motion code of the block that made the motions from an index on; G1 where it made none."""
+        if len(self.motions) == first:
+            return "G1"
+        motion = self.motions[first]
+        if motion.kind == "arc":
+            up = motion.normal is not None and float(motion.normal[2]) * motion.turn_rad >= 0.0
+            return "G3" if up else "G2"
+        return "G0" if motion.kind == "rapid" else "G1"
+
+
+def arc_through(motion: Motion, p_auxiliary: Float, fault: Callable[[str, str], ProgramError]) -> Motion:
+    """A straight motion as the circle through a point.
+
+    Args:
+        motion: From start to end.
+        p_auxiliary: (3,) m.
+        fault: Makes the error of a message and a hint.
+
+    Raises:
+        ProgramError: The three points give no circle that a robot can go.
+    """
+    parts = circle(np.asarray(motion.p_start), p_auxiliary, np.asarray(motion.p_end))
+    if parts is None:
+        raise fault("the three points of a circle lie on a line", "Write a straight motion")
+    centre, normal = parts
+    if float(np.linalg.norm(np.asarray(motion.p_start) - centre)) > _LARGEST_RADIUS_M:
+        raise fault("the radius of a circle is beyond every robot", "Write a straight motion")
+    turn = angle_to(np.asarray(motion.p_start), np.asarray(motion.p_end), centre, normal)
+    return replace(motion, kind="arc", p_centre=centre, normal=normal, turn_rad=turn)
