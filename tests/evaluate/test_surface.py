@@ -69,6 +69,17 @@ def test_wall_shift_is_recovered_below_the_cell(shift: float) -> None:
     assert surface.wall_area_m2.sum() == pytest.approx(2 * 0.08 * 0.004, rel=0.01)
 
 
+def test_wall_shift_below_a_face_of_the_blank_that_lies_lower_than_nominal() -> None:
+    surface = nominal_surface(blank(), milled(GROOVE), GROOVE, CUTTER)
+    moved = GROOVE + np.array([0.0, 1.4e-3, 0.0])
+    actual = milled(moved)
+    actual.z = np.minimum(actual.z, TOP - 40e-6).astype(np.float32)  # touched off a little too high
+    actual.refresh()
+    found = surface_deviation(surface, actual, moved)
+    right = surface.wall_normal[:, 1] < -0.5
+    np.testing.assert_allclose(found.wall_m[right], 1.4e-3, atol=1e-9)  # not the 0.36 mm up to the untouched face
+
+
 @pytest.mark.parametrize("dz", [2.5e-4, -1.5e-4])
 def test_floor_shift_is_exact_and_positive_where_material_is_left(dz: float) -> None:
     surface = nominal_surface(blank(), milled(GROOVE), GROOVE, CUTTER)

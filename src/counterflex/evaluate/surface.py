@@ -18,9 +18,10 @@ from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.figures import Figures, weighted_figures
-from counterflex.evaluate.swept_section import swept_section, wall_exit
+from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 
 CHANGED_M = 1.0 * UM  # a cell lowered by less was not machined
+_OVER_M = 5.0 * UM  # the tool has been at this height above what it left: rounding of the map, and chords of the path
 HEIGHTS = (0.1, 0.5, 0.9)  # of a wall
 
 
@@ -162,7 +163,7 @@ def surface_deviation(
         inside = min(surface.reach_m, float(np.min(section.radius_m, initial=surface.cutter.radius_m)))
         reached, _ = wall_exit(section, surface.wall_point, surface.wall_normal, inside)
         wall = np.where(np.isfinite(reached), -reached, np.nan)
-        above = _material_above(actual, surface)
+        above = _material_above(actual, surface, section)
         wall = np.where((wall > 0.0) & (above > 0.0), np.minimum(wall, above), wall)
     cells: Float = floor[~np.isnan(floor)].astype(np.float64)
     result = ~np.isnan(wall)
@@ -181,18 +182,24 @@ def surface_deviation(
     )
 
 
-def _material_above(actual: HeightMap, surface: NominalSurface) -> Float:
+def _material_above(actual: HeightMap, surface: NominalSurface, section: SweptSection) -> Float:
     """Height of the machined surface above each wall point, on the side of the cut, m; infinite under the blank's face.
 
     Where a shallow wall meets a floor that is a little too high, the surface above the point is far nearer than the
-    wall beside it.
+    wall beside it. Machined is what the tool has been right above: the face of the real blank may lie lower than that
+    of the nominal one, so that a cell which is lower than the nominal blank need not have been cut.
     """
     ny, nx = actual.z.shape
     side = surface.wall_point[:, :2] - actual.cell_m * surface.wall_normal
     i = np.clip(np.rint((side[:, 0] - actual.x0_m) / actual.cell_m).astype(np.int64), 0, nx - 1)
     j = np.clip(np.rint((side[:, 1] - actual.y0_m) / actual.cell_m).astype(np.int64), 0, ny - 1)
-    machined = actual.z[j, i] < surface.stock.z[j, i] - np.float32(CHANGED_M)
-    out: Float = np.where(machined, actual.z[j, i].astype(np.float64) - surface.wall_point[:, 2], np.inf)
+    z = actual.z[j, i].astype(np.float64)
+    out = np.full(len(z), np.inf)
+    lowered = np.flatnonzero(z < surface.stock.z[j, i] - np.float32(CHANGED_M))
+    i, j = i[lowered], j[lowered]
+    over = np.column_stack([actual.x0_m + i * actual.cell_m, actual.y0_m + j * actual.cell_m, z[lowered] + _OVER_M])
+    cut = ~np.isnan(wall_exit(section, over, surface.wall_normal[lowered], 0.0)[0])
+    out[lowered[cut]] = z[lowered[cut]] - surface.wall_point[lowered[cut], 2]
     return out
 
 

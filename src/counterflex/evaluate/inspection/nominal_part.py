@@ -19,6 +19,8 @@ REACH_M: Final = 3.0 * MM
 """Points further from the nominal surface are not of it."""
 STEEP: Final = 0.55
 """Vertical component of the normal below which a surface is a wall: 56 deg."""
+FACING: Final = float(np.cos(np.radians(30.0)))
+"""Largest angle between the measured and the nominal normal: beyond it a point is of another face, or at an edge."""
 _STEP_M: Final = 1.0 * UM
 
 
@@ -28,14 +30,16 @@ class Nearest:
 
     Attributes:
         deviation_m: (n,) along the nominal normal, positive = outside of the nominal part; nan where the point is of
-            no nominal surface within reach.
+            no nominal surface within reach that looks its way.
         normals: (n, 3) outward unit normals of the nominal surface.
         face: (n,) floor, wall or free (:data:`~counterflex.evaluate.inspection.part_deviations.FACES`).
+        near: (n,) whether a nominal surface is within reach at all, whichever way it looks.
     """
 
     deviation_m: Float
     normals: Float
     face: Int
+    near: Bool
 
 
 class Shape(Protocol):
@@ -75,10 +79,22 @@ class NominalPart:
         x, y, z = self.faces.high - self.faces.low
         return float(2.0 * (x * y + y * z + z * x))
 
-    def nearest(self, points_part: Float) -> Nearest:
-        """Points (n, 3) m, part frame, against the nearer of what was cut and what was left of the blank."""
+    def nearest(self, points_part: Float, looks: Float | None = None) -> Nearest:
+        """Points against the nearest of what was cut and what was left of the blank.
+
+        A wall that is 0.9 mm off lies nearer to the face of the blank that it runs out of than to its own nominal
+        wall, all along the last 0.9 mm. Only surfaces that look the way of a point count for it, therefore.
+
+        Args:
+            points_part: (n, 3) m, part frame.
+            looks: (n, 3) unit normals of the measured surface at the points, of either sign; where one is nan, no
+                surface counts. None: they are not known, and every surface counts.
+        """
         deviation, normals = self._cut(points_part)
         face = np.where(normals[:, 2] > STEEP, FLOOR, WALL)
+        near = np.isfinite(deviation)
+        if looks is not None:
+            deviation[~_agree(looks, normals)] = np.nan
         for name in NAMES:
             normal, distance = self.faces.plane(name)
             off = points_part @ normal - distance
@@ -86,8 +102,12 @@ class NominalPart:
             rows = np.flatnonzero(closer)
             rows = rows[self.faces.on(name, points_part[rows], edges=True)]
             inner = self.faces.on(name, points_part[rows])  # at its edges a face is not to be told from what is beside
+            near[rows[inner]] = True
+            if looks is not None:
+                same = _agree(looks[rows], np.broadcast_to(normal, (len(rows), 3)))
+                rows, inner = rows[same], inner[same]
             deviation[rows], normals[rows], face[rows] = np.where(inner, off[rows], np.nan), normal, FREE
-        return Nearest(deviation, normals, face)
+        return Nearest(deviation, normals, face, near)
 
     def _cut(self, points_part: Float) -> tuple[Float, Float]:
         """Deviation from the cut surface and its normals; nan where the foot of a point is not on the part."""
@@ -141,6 +161,12 @@ class NominalPart:
         points.append(wall)
         normals.append(np.column_stack([-self.surface.wall_normal[::thin], np.zeros(len(wall))]))
         return np.concatenate(points), np.concatenate(normals)
+
+
+def _agree(looks: Float, normals: Float) -> Bool:
+    """Whether measured normals (n, 3), of either sign, are those of surfaces (n, 3)."""
+    out: Bool = np.abs(np.einsum("nk,nk->n", looks, normals)) > FACING  # nan agrees with nothing
+    return out
 
 
 def nominal_part(surface: NominalSurface, log: CutLog | Shape) -> NominalPart:

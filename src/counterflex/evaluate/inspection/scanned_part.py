@@ -10,13 +10,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from counterflex.core.arrays import Bool, Float, Float32, Int
-from counterflex.core.units import DEG, MM, UM
+from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import height_at
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.evaluate.inspection.cloud import Cloud
 from counterflex.evaluate.inspection.local_fit import LocalFit, local_fit
-from counterflex.evaluate.inspection.nominal_part import NominalPart
+from counterflex.evaluate.inspection.nominal_part import FACING, NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.surface import SurfaceDeviation
@@ -30,8 +30,8 @@ _UP: Final = 3.0
 """Up and down a wall the window is so many times wider: what a tool leaves changes along its path first."""
 _NEAR: Final = 8
 _GROSS: Final = 8.0
-_FACING: Final = np.cos(30.0 * DEG)
-"""Largest angle between the measured and the nominal normal: beyond it a point is of another face, or at an edge."""
+_SCANNED: Final = 500
+"""Fewer points were probed one by one: their neighbours do not show which way the surface looks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,7 @@ class ScannedPart:
         near_by = np.isfinite(distance)
         rows = self._walls[np.where(near_by, near, 0)]
         facing = -np.einsum("mkd,md->mk", self.rows.normals[rows][:, :, :2], surface.wall_normal)
-        near_by &= facing > _FACING
+        near_by &= facing > FACING
         count = near_by.sum(axis=1)
         total = np.where(near_by, self.rows.deviation_m[rows], 0.0).sum(axis=1)
         out[count > 0] = total[count > 0] / count[count > 0]
@@ -236,12 +236,8 @@ def scanned_part(
     """
     points = pose.transform(registration.T_part_scan, cloud.points)
     normals = cloud.normals @ registration.T_part_scan[:3, :3].T
-    nearest = part.nearest(points)
+    nearest = part.nearest(points, normals if len(cloud) > _SCANNED else None)
     on = np.isfinite(nearest.deviation_m)
-    known = np.isfinite(normals).all(axis=1)
-    if len(cloud) > 500:
-        facing = np.abs(np.sum(np.nan_to_num(normals) * np.nan_to_num(nearest.normals), axis=1)) > _FACING
-        on &= known & facing
     n = nearest.normals[on]
     deviation = nearest.deviation_m[on]
     foot = points[on] - deviation[:, None] * n
@@ -253,7 +249,7 @@ def scanned_part(
     by_pose = registration.standard_deviation_m(foot, n)
     sigma = np.sqrt(noise**2 / cloud.count[rows_of] + by_pose**2)
     rows = PartDeviations(foot, n, deviation, sigma, nearest.face[rows_of].astype(np.int64))
-    unmatched = 1.0 - float(np.mean(np.isfinite(nearest.deviation_m)))
+    unmatched = 1.0 - float(np.mean(nearest.near))
     return ScannedPart(part, registration, rows, p_part_tcp, cloud.count[rows_of], noise, unmatched, nominal_outline)
 
 
