@@ -79,7 +79,7 @@ class NominalPart:
         x, y, z = self.faces.high - self.faces.low
         return float(2.0 * (x * y + y * z + z * x))
 
-    def nearest(self, points_part: Float, looks: Float | None = None) -> Nearest:
+    def nearest(self, points_part: Float, measured_normals: Float | None = None) -> Nearest:
         """Points against the nearest of what was cut and what was left of the blank.
 
         A wall that is 0.9 mm off lies nearer to the face of the blank that it runs out of than to its own nominal
@@ -87,14 +87,14 @@ class NominalPart:
 
         Args:
             points_part: (n, 3) m, part frame.
-            looks: (n, 3) unit normals of the measured surface at the points, of either sign; where one is nan, no
+            measured_normals: (n, 3) unit normals of the measured surface at the points, of either sign; where one is nan, no
                 surface counts. None: they are not known, and every surface counts.
         """
         deviation, normals = self._cut(points_part)
         face = np.where(normals[:, 2] > STEEP, FLOOR, WALL)
         near = np.isfinite(deviation)
-        if looks is not None:
-            deviation[~_agree(looks, normals)] = np.nan
+        if measured_normals is not None:
+            deviation[~_agree(measured_normals, normals)] = np.nan
         for name in NAMES:
             normal, distance = self.faces.plane(name)
             off = points_part @ normal - distance
@@ -103,8 +103,8 @@ class NominalPart:
             rows = rows[self.faces.on(name, points_part[rows], edges=True)]
             inner = self.faces.on(name, points_part[rows])  # at its edges a face is not to be told from what is beside
             near[rows[inner]] = True
-            if looks is not None:
-                same = _agree(looks[rows], np.broadcast_to(normal, (len(rows), 3)))
+            if measured_normals is not None:
+                same = _agree(measured_normals[rows], np.broadcast_to(normal, (len(rows), 3)))
                 rows, inner = rows[same], inner[same]
             deviation[rows], normals[rows], face[rows] = np.where(inner, off[rows], np.nan), normal, FREE
         return Nearest(deviation, normals, face, near)
@@ -163,9 +163,9 @@ class NominalPart:
         return np.concatenate(points), np.concatenate(normals)
 
 
-def _agree(looks: Float, normals: Float) -> Bool:
+def _agree(measured_normals: Float, normals: Float) -> Bool:
     """Whether measured normals (n, 3), of either sign, are those of surfaces (n, 3)."""
-    out: Bool = np.abs(np.einsum("nk,nk->n", looks, normals)) > FACING  # nan agrees with nothing
+    out: Bool = np.abs(np.einsum("nk,nk->n", measured_normals, normals)) > FACING  # nan agrees with nothing
     return out
 
 
