@@ -13,7 +13,8 @@ from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.schema import read_toml
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.robot_writer.machine_functions import Dialect, only_said
+from counterflex.programs.robot_writer.machine_functions import only_said
+from counterflex.programs.robot_writer.statement_forms import Dialect
 
 KRL = {
     "clockwise": ["$ANOUT[1]={s}/24000.0", "$OUT[17]=TRUE"],

@@ -17,7 +17,8 @@ from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
-from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
+from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+from counterflex.programs.robot_writer.statement_forms import Dialect
 
 START = (0.0, -1.5, 1.6, 0.1, 0.5, -0.2)
 SAID = {3: "ON {s}", 4: "BACK {s}", 5: "OFF", 6: "CHANGE {t}", 7: "MIST", 8: "FLOOD", 9: "DRY"}

@@ -16,8 +16,9 @@ from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.program import Program
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
-from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
+from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.robot_writer.points import RobotText
+from counterflex.programs.robot_writer.statement_forms import Dialect
 
 START = (0.0, -1.5, 1.6, 0.1, 0.5, -0.2)
 KRL = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +19,7 @@ from counterflex.app.compensation.robot_program import (
     tool_data,
 )
 from counterflex.app.inputs import AS_IT_IS, Reading
-from counterflex.app.robot_programs import robot_cell
+from counterflex.app.robot_programs import refuse_held_part, robot_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -27,9 +28,12 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.convert.check import refuse_other_path
 from counterflex.programs.convert.emitter import Emitter, Written
+from counterflex.programs.convert.fanuc import FanucEmitter
+from counterflex.programs.convert.joined import joined
 from counterflex.programs.convert.machine_languages import AptEmitter, GcodeEmitter, SinumerikEmitter
 from counterflex.programs.convert.robot_languages import KrlEmitter, RapidEmitter
 from counterflex.programs.convert.steps import steps
+from counterflex.programs.fanuc.writer import FanucSettings
 from counterflex.programs.krl.writer import KrlSettings
 from counterflex.programs.limits import LANGUAGE_NAMES
 from counterflex.programs.program import ROBOT_DIALECTS, TOOL_VECTOR, Program
@@ -52,6 +56,7 @@ def run(
     *,
     reading: Reading = AS_IT_IS,
     tolerance_m: float = 1.0 * UM,
+    points_per_file: int | None = None,
 ) -> dict[str, Any]:
     """Write a program in another language into ``out``: whole, or not at all.
 
@@ -62,6 +67,7 @@ def run(
         language: One of :data:`~counterflex.programs.limits.LANGUAGE_NAMES`.
         reading: How the program is read.
         tolerance_m: Largest distance of straight pieces from a helix, for languages without one.
+        points_per_file: Most motions of a file of a robot language; None takes the limit of the language.
 
     Returns:
         What was written: files, counts, largest distance of points that were read back, warnings.
@@ -86,12 +92,11 @@ def run(
         refuse_change_in_cut(program, cell)
         refuse_other_height(program)
     sequence = list(steps(program, orientations(program, cell), to_robot=to_robot))
-    written = _emitter(program, cell, language, tolerance_m).write(sequence)
+    written = _emitter(program, cell, language, tolerance_m, points_per_file).write(sequence)
     with atomic.atomic_folder(out) as staging:
         for name, text in written.files.items():
             atomic.write_bytes(staging / name, text.encode("ascii", errors="replace"))
-        main = staging / next(iter(written.files))
-        back = read_program_file(main, dialect=dialect, cell=robot_cell(cell, dialect) if to_robot else None)
+        back = _read_back(written, dialect, cell, staging)
         again = list(steps(back, orientations(back, cell), to_robot=False, comments=False))
         worst = refuse_other_path(
             sequence, written.pieces, again, tolerance_m=tolerance_m,
@@ -118,26 +123,49 @@ def orientations(program: Program, cell: Cell) -> Callable[[int], Float]:
     return lambda index: np.asarray(made[index])
 
 
-def _emitter(program: Program, cell: Cell, language: str, tolerance_m: float) -> Emitter:
+def _read_back(written: Written, dialect: str, cell: Cell, staging: Path) -> Program:
+    """What was written, read by the reader of its language; parts within the program that calls them."""
+    files = joined(written.files, dialect)
+    robot = robot_cell(cell, dialect) if dialect in ROBOT_DIALECTS else None
+    if files == written.files:
+        return read_program_file(staging / next(iter(files)), dialect=dialect, cell=robot)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in files.items():
+            atomic.write_bytes(Path(folder) / name, text.encode("ascii", errors="replace"))
+        return read_program_file(Path(folder) / next(iter(files)), dialect=dialect, cell=robot)
+
+
+def _emitter(program: Program, cell: Cell, language: str, tolerance_m: float, points_per_file: int | None) -> Emitter:
     stem = Path(program.name).stem
     if language in _MACHINES:
         return _MACHINES[language](program.name, stem, tolerance_m)
     controller, name = cell.tables.controller, routine_name(stem)
+    common: dict[str, Any] = {
+        "name": name, "start_axes_rad": [0.0] * 6, "rapid_m_s": controller.rapid_m_s, "cycle_s": controller.cycle_s,
+        "external_axes": held_axes(cell),
+        **({} if points_per_file is None else {"points_per_file": points_per_file}),
+    }  # fmt: skip
     if language == "krl":
         data = tool_data(program, cell, "krl")
         settings = KrlSettings(
-            name=name, start_axes_rad=[0.0] * 6, tool=controller.tool_number, base=controller.base_number,
-            rapid_m_s=controller.rapid_m_s, acc_m_s2=controller.acceleration_m_s2, blend_m=controller.blending_m,
-            cycle_s=controller.cycle_s, external_axes=held_axes(cell), fixed_tool=cell.holds_part,
+            **common, tool=controller.tool_number, base=controller.base_number,
+            acc_m_s2=controller.acceleration_m_s2, blend_m=controller.blending_m, fixed_tool=cell.holds_part,
             tool_data={tool: int(value) for tool, value in data.items()},
         )  # fmt: skip
         return KrlEmitter(program, settings, cell.machine_functions("krl"), tolerance_m)
+    if language == "fanuc":
+        refuse_held_part(cell, "FANUC")
+        data = tool_data(program, cell, "fanuc")
+        fanuc = FanucSettings(
+            **common, tool=controller.tool_number, base=controller.base_number,
+            tool_data={tool: int(value) for tool, value in data.items()},
+        )  # fmt: skip
+        return FanucEmitter(program, fanuc, cell.machine_functions("fanuc"), tolerance_m)
     mass, com = payload(cell)
     rapid = RapidSettings(
-        name=name, start_axes_rad=[0.0] * 6, T_flange_tcp=cell.controller_chain.T_flange_tcp,
+        **common, T_flange_tcp=cell.controller_chain.T_flange_tcp,
         T_base_part=np.eye(4) if cell.holds_part else cell.T_base_part, T_base_tcp=cell.T_base_tcp, tool_mass_kg=mass,
-        p_flange_cog=com, rapid_m_s=controller.rapid_m_s, cycle_s=controller.cycle_s, external_axes=held_axes(cell),
-        tool_data=tool_data(program, cell, "rapid"),
+        p_flange_cog=com, tool_data=tool_data(program, cell, "rapid"),
     )  # fmt: skip
     return RapidEmitter(program, rapid, cell.machine_functions("rapid"), tolerance_m, controller.work_object or "")
 

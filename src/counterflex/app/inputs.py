@@ -28,8 +28,9 @@ from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
 from counterflex.programs.limits import BY_ENDING
 from counterflex.programs.motion_rows import single_straight
-from counterflex.programs.program import KRL_DIALECT, RAPID_DIALECT, ROBOT_DIALECTS, Program
+from counterflex.programs.program import ROBOT_DIALECTS, Program
 from counterflex.programs.reading import dialect_of, read_program_file
+from counterflex.programs.robot_writer.statement_forms import FORMS
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
 from counterflex.programs.rotary.poses import Words, turned_path
@@ -271,10 +272,9 @@ def _check_tools(program: Program, cell: Cell) -> None:
                 limit=", ".join(f"T{number}" for number in sorted(known)),
                 hint=f"Add a [[tools]] table with number = {motion.tool} to {cell.path}"
                 if motion.tool
-                else "Say which tool it is: tools.tool_data, or a statement of tool_change in [controller.spindle.krl]"
-                if program.dialect == KRL_DIALECT
-                else "Say which tool it is: tools.tooldata, or a statement of tool_change in [controller.spindle.rapid]"
-                if program.dialect == RAPID_DIALECT
+                else f"Say which tool it is: tools.{FORMS[program.dialect].data_key}, or a statement of tool_change in "
+                f"[controller.spindle.{program.dialect}]"
+                if program.dialect in FORMS
                 else "Select a tool before the first cut: M6 T...",
             )
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,12 +14,14 @@ from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import tool_orientation
+from counterflex.programs.fanuc.read.interpreter import FanucCell
 from counterflex.programs.krl.read.data_list import data_file_of
 from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.program import KRL_DIALECT, Program
+from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, Program
 from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_writer.statement_forms import Dialect
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6
@@ -36,25 +39,13 @@ def krl_cell(cell: Cell) -> KrlCell:
     Raises:
         InputError: The robot holds the part: KRL programs for such cells are not read.
     """
-    if cell.holds_part:
-        raise InputError(
-            "KRL programs of a robot that holds the part are not read",
-            where=str(cell.path),
-            value='part_on = "flange"',
-            limit='part_on = "table"',
-            hint="Give the G-code that it was made from",
-        )
+    refuse_held_part(cell, "KRL")
     controller, tools = cell.tables.controller, cell.tables.tools
     return KrlCell(
-        where=str(cell.path),
+        **_shared(cell, "krl"),
         tool_number=controller.tool_number,
         base_number=controller.base_number,
-        tools=[tool.number for tool in tools],
         tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
-        T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_base_part=replace(cell, R_part_plane=None).T_base_part,
-        functions=cell.machine_functions("krl"),
-        external_axes={int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
     )
 
 
@@ -62,15 +53,26 @@ def rapid_cell(cell: Cell) -> RapidCell:
     """What a RAPID program is held against."""
     tools = cell.tables.tools
     return RapidCell(
-        where=str(cell.path),
-        tools=[tool.number for tool in tools],
+        **_shared(cell, "rapid"),
         tool_of_data={tool.tooldata.upper(): tool.number for tool in tools if tool.tooldata is not None},
         work_object=cell.tables.controller.work_object or "",
-        T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_base_part=np.eye(4) if cell.holds_part else replace(cell, R_part_plane=None).T_base_part,
         T_base_tcp=cell.T_base_tcp if cell.holds_part else None,
-        functions=cell.machine_functions("rapid"),
-        external_axes={int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
+    )
+
+
+def fanuc_cell(cell: Cell) -> FanucCell:
+    """What a FANUC program is held against.
+
+    Raises:
+        InputError: The robot holds the part: such programs (remote TCP) are not read.
+    """
+    refuse_held_part(cell, "FANUC")
+    controller, tools = cell.tables.controller, cell.tables.tools
+    return FanucCell(
+        **_shared(cell, "fanuc"),
+        tool_number=controller.tool_number,
+        base_number=controller.base_number,
+        tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
     )
 
 
@@ -84,7 +86,40 @@ def robot_cell(cell: Cell, dialect: str) -> RobotCell:
     Raises:
         InputError: As :func:`krl_cell`.
     """
-    return krl_cell(cell) if dialect == KRL_DIALECT else rapid_cell(cell)
+    return _CELLS[dialect](cell)
+
+
+def refuse_held_part(cell: Cell, language: str) -> None:
+    """Refuse a cell whose robot holds the part, for a language that is not read and written for such.
+
+    Raises:
+        InputError: It does.
+    """
+    if cell.holds_part:
+        raise InputError(
+            f"{language} programs of a robot that holds the part are not read",
+            where=str(cell.path),
+            value='part_on = "flange"',
+            limit='part_on = "table"',
+            hint="Give the G-code that it was made from",
+        )
+
+
+def _shared(cell: Cell, language: Dialect) -> dict[str, Any]:
+    """What every language needs of a cell, see :class:`~counterflex.programs.robot_text.cell.RobotTextCell`."""
+    return {
+        "where": str(cell.path),
+        "tools": [tool.number for tool in cell.tables.tools],
+        "T_flange_tcp": cell.controller_chain.T_flange_tcp,
+        "T_base_part": np.eye(4) if cell.holds_part else replace(cell, R_part_plane=None).T_base_part,
+        "functions": cell.machine_functions(language),
+        "external_axes": {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
+    }
+
+
+_CELLS: Final[dict[str, Callable[[Cell], RobotCell]]] = {
+    KRL_DIALECT: krl_cell, RAPID_DIALECT: rapid_cell, FANUC_DIALECT: fanuc_cell,
+}  # fmt: skip
 
 
 def held_as_programmed(program: Program, cell: Cell) -> Cell:

@@ -80,7 +80,12 @@ _LANGUAGES: Final = (
         ),
         (r"^ENDPROC$", r"^ENDMODULE$", r"^WaitTime\b", r"^Set(DO|AO)\b"),
     ),
-    _Signs("a FANUC robot program (LS)", _robot("It"), (r"^/(PROG|ATTR|APPL|MN|POS)\b",), (r"^\d+:\s*[JLC]\s+P\[",)),
+    _Signs(
+        "a FANUC robot program (LS)",
+        _LANGUAGE.format("fanuc", ".ls"),
+        (r"^/(PROG|ATTR|APPL|MN|POS)\b",),
+        (r"^\d+:\s*[JLC]\s+P\[",),
+    ),
     _Signs("Yaskawa INFORM", _robot("It"), (r"^/JOB$", r"^//(NAME|POS|INST)\b"), (r"^MOV[JLC]\s+C\d+", r"^NOP$")),
     _Signs(
         "Staubli VAL 3",

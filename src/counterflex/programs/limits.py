@@ -34,12 +34,12 @@ class Limits:
     source: str
 
 
-ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "apt", "krl", "rapid"]
+ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "apt", "krl", "rapid", "fanuc"]
 DIALECTS: Final[tuple[ProgramDialect, ...]] = get_args(ProgramDialect)
 """Languages of programs that can be read; the first is taken where none is named: that of the file's ending."""
 BY_ENDING: Final = DIALECTS[0]
 LANGUAGE_NAMES: Final[dict[str, str]] = {
-    "krl": "krl", "rapid": "rapid", "gcode": "linuxcnc", "sinumerik": "sinumerik", "apt": "apt",
+    "krl": "krl", "rapid": "rapid", "fanuc": "fanuc", "gcode": "linuxcnc", "sinumerik": "sinumerik", "apt": "apt",
 }  # fmt: skip
 """What a program is converted to, by the name at the prompt: the dialect that it is read in."""
 ENDINGS: Final[dict[str, tuple[str, ...]]] = {
@@ -47,6 +47,7 @@ ENDINGS: Final[dict[str, tuple[str, ...]]] = {
     "apt": (".apt", ".cls", ".cl"),
     "krl": (".src",),
     "rapid": (".mod", ".modx", ".prg"),
+    "fanuc": (".ls",),
 }
 """Endings of the files of each language, lower case, the usual one first; any other file is ``linuxcnc``."""
 
@@ -84,6 +85,15 @@ RAPID: Final = Limits(
     angle_decimals=8,
     source="identifiers: 32 characters (ABB RAPID manual); points per module: limited by program memory only "
     "(cautious)",
+)
+FANUC: Final = Limits(
+    line_characters=255,
+    name_characters=36,
+    points_per_file=1_400,
+    position_decimals=4,
+    angle_decimals=5,
+    source="names: 36 characters (FANUC R-30iB, Operator's manual; 8 before R-30iA); position numbers of a program: "
+    "1 to 1500 (there)",
 )
 
 LINUXCNC_RADIUS_ABSOLUTE_M: Final = 5e-6

@@ -20,7 +20,9 @@ KRL_DIALECT: Final = "krl"
 """Dialect of a program in KUKA KRL, see :class:`counterflex.programs.krl.program.KrlProgram`."""
 RAPID_DIALECT: Final = "rapid"
 """Dialect of a program in ABB RAPID, see :class:`counterflex.programs.rapid.program.RapidProgram`."""
-ROBOT_DIALECTS: Final = (KRL_DIALECT, RAPID_DIALECT)
+FANUC_DIALECT: Final = "fanuc"
+"""Dialect of a FANUC TP listing, see :class:`counterflex.programs.fanuc.program.FanucProgram`."""
+ROBOT_DIALECTS: Final = (KRL_DIALECT, RAPID_DIALECT, FANUC_DIALECT)
 """Dialects of programs that state the orientation of the tool, see
 :class:`counterflex.programs.robot_text.program.RobotProgram`."""
 

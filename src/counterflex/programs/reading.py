@@ -15,13 +15,12 @@ from typing import Final
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
-from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.limits import BY_ENDING, DIALECTS, ENDINGS
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.read.frames import RapidCell
+from counterflex.programs.robot_text.cell import RobotTextCell
 
 LINUXCNC: Final = "linuxcnc"
-RobotCell = KrlCell | RapidCell
+RobotCell = RobotTextCell
 """What a robot program is held against: of the language that it is in."""
 _READERS: Final[dict[str, str]] = {
     LINUXCNC: "counterflex.programs.gcode.read.reader:read_gcode_file",
@@ -32,6 +31,7 @@ _READERS: Final[dict[str, str]] = {
 _ROBOT_READERS: Final[dict[str, str]] = {
     "krl": "counterflex.programs.krl.read.reader:read_krl_file",
     "rapid": "counterflex.programs.rapid.read.reader:read_rapid_file",
+    "fanuc": "counterflex.programs.fanuc.read.reader:read_fanuc_file",
 }
 """The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
 

@@ -18,7 +18,7 @@ from counterflex.files.cell.cell import Cell, resolve
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
 from counterflex.programs.rapid.writer import RapidSettings
-from counterflex.programs.robot_writer.machine_functions import Dialect
+from counterflex.programs.robot_writer.statement_forms import Dialect
 
 CELL = Path(__file__).resolve().parents[2] / "data" / "cells" / "small.toml"
 MAPPED: dict[str, list[str]] = {"clockwise": [], "off": [], "tool_change": [], "flood": [], "coolant_off": []}

@@ -14,5 +14,6 @@ LANGUAGES: Final[Registry[Any]] = Registry(
         "gcode": "counterflex.app.compensation.languages:GCODE",
         "krl": "counterflex.app.compensation.languages:KRL",
         "rapid": "counterflex.app.compensation.languages:RAPID",
+        "fanuc": "counterflex.app.compensation.languages:FANUC",
     },
 )

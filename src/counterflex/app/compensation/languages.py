@@ -16,6 +16,7 @@ import numpy as np
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.app.compensation.robot_program import omissions, other_lengths, routine_name, tool_data
 from counterflex.app.inputs import Job
+from counterflex.app.robot_programs import refuse_held_part
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError, OutputError
 from counterflex.core.units import DEG, UM
@@ -27,6 +28,9 @@ from counterflex.plan.feed_schedule import at_feed, share_between
 from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.apt.writer import write_apt
 from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.fanuc.in_place import write_fanuc_in_place
+from counterflex.programs.fanuc.program import FanucProgram
+from counterflex.programs.fanuc.writer import FanucSettings, FanucWriter
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.krl.in_place import write_krl_in_place
 from counterflex.programs.krl.program import KrlProgram
@@ -35,7 +39,7 @@ from counterflex.programs.program import ROBOT_DIALECTS, Program
 from counterflex.programs.rapid.in_place import write_rapid_in_place
 from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
-from counterflex.programs.robot_writer.machine_functions import Dialect
+from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.programs.rotary.poses import commanded_words
 
 RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
@@ -220,6 +224,27 @@ def _rapid(order: WritingOrder) -> Written:
     return _robot_text(order, RapidWriter, settings, "rapid")
 
 
+def _fanuc(order: WritingOrder) -> Written:
+    if isinstance(order.job.program, FanucProgram):
+        return _in_place(write_fanuc_in_place, order)
+    job, plan, cell = order.job, order.plan, order.cell
+    refuse_held_part(cell, "FANUC")
+    controller, data = cell.tables.controller, tool_data(job.program, cell, "fanuc")
+    settings = FanucSettings(
+        name=routine_name(Path(job.program.name).stem),
+        start_axes_rad=[float(angle) for angle in plan.q[0]],
+        tool=controller.tool_number,
+        base=controller.base_number,
+        rapid_m_s=controller.rapid_m_s,
+        cycle_s=controller.cycle_s,
+        cell=cell.label,
+        job=job_hash(plan),
+        external_axes=held_axes(cell),
+        tool_data={tool: int(value) for tool, value in data.items()},
+    )
+    return _robot_text(order, FanucWriter, settings, "fanuc")
+
+
 def _robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, dialect: Dialect) -> Written:
     job = order.job
     lines = order.cell.machine_functions(dialect).lines
@@ -245,6 +270,7 @@ def payload(cell: Cell) -> tuple[float, list[float]]:
 GCODE: Final = LanguageKind("the language of the program itself", _gcode, orientation=False)
 KRL: Final = LanguageKind("KUKA KRL", _krl, dialect="krl")
 RAPID: Final = LanguageKind("ABB RAPID", _rapid, dialect="rapid")
+FANUC: Final = LanguageKind("FANUC TP listings", _fanuc, dialect="fanuc")
 
 
 def require_tolerance(tolerance_m: float) -> None:

@@ -9,7 +9,7 @@ from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.files.cell.cell import Cell
 from counterflex.programs.krl.writer import krl_pose
-from counterflex.programs.robot_writer.machine_functions import Dialect
+from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.report.data import Fact
 
 _ENOUGH: Final = 0.8

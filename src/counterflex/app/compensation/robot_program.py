@@ -1,4 +1,4 @@
-"""What a robot must be told beside the path: checks and words of jobs that write KRL or RAPID."""
+"""What a robot must be told beside the path: checks and words of jobs that write a language of robots."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from counterflex.programs.limits import RESERVED
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.implied_stops import implied_stops
-from counterflex.programs.robot_writer.machine_functions import Dialect
 from counterflex.programs.robot_writer.parts import changes_tool
+from counterflex.programs.robot_writer.statement_forms import FORMS, Dialect
 
 _HOMING: Final = frozenset((28.0, 30.0, 53.0))
 _NAME_CHARACTERS: Final = 20
@@ -167,7 +167,7 @@ def tool_data(program: Program, cell: Cell, language: Dialect) -> dict[int, str]
             used.setdefault(motion.tool, motion.block)
     unnamed = [tool for tool in used if tool not in named]
     if unnamed and len(used) > 1:
-        key, tools = "tool_data" if language == "krl" else "tooldata", ", ".join(f"T{tool}" for tool in unnamed)
+        key, tools = FORMS[language].data_key, ", ".join(f"T{tool}" for tool in unnamed)
         raise ProgramError(
             "the program changes tools, and the cell file does not say which frame "
             + ("one of them has" if len(unnamed) == 1 else f"{len(unnamed)} of them have"),

@@ -36,6 +36,15 @@ def convert(
             "--tolerance-um", help="Straight pieces of a helix, for languages without one.", min=0.1, max=1000.0
         ),
     ] = 1.0,
+    points_per_file: Annotated[
+        int | None,
+        typer.Option(
+            "--points-per-file",
+            help="Most motions in a file of a robot language; a main program calls the parts (limit of the language).",
+            min=10,
+            max=100_000,
+        ),
+    ] = None,
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
@@ -60,6 +69,7 @@ def convert(
         language,
         reading=Reading(dialect, parameters, complete=not without_end),
         tolerance_m=tolerance_um * UM,
+        points_per_file=points_per_file,
     )
     if as_json:
         print_json(summary)

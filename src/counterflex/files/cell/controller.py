@@ -17,9 +17,9 @@ from counterflex.programs.robot_writer.machine_functions import (
     SPEED,
     TOOL,
     WORDS,
-    Dialect,
     MachineFunctions,
 )
+from counterflex.programs.robot_writer.statement_forms import Dialect
 
 _PLACEHOLDER: Final = re.compile(r"\{[A-Za-z_]*\}")
 _M_CODE: Final = re.compile(r"M(\d{1,3})")
@@ -101,6 +101,8 @@ class SpindleTable(Table):
     pause_s: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
     krl: StatementsTable = StatementsTable()
     rapid: RapidStatementsTable = RapidStatementsTable()
+    fanuc: StatementsTable = StatementsTable()
+    val3: StatementsTable = StatementsTable()
 
     def functions(
         self, language: Dialect, tool_data: dict[int, str] | None = None, where: str = "the cell file"
@@ -108,11 +110,14 @@ class SpindleTable(Table):
         """What the writer of a language calls for every block.
 
         Args:
-            language: ``krl`` or ``rapid``.
+            language: Of the robot.
             tool_data: What the controller calls the tool frame, by number of the tool.
             where: Path of the cell file, for messages.
         """
-        table = self.krl if language == "krl" else self.rapid
+        tables: dict[Dialect, StatementsTable] = {
+            "krl": self.krl, "rapid": self.rapid, "fanuc": self.fanuc, "val3": self.val3,
+        }  # fmt: skip
+        table = tables[language]
         return MachineFunctions(
             language,
             table.by_code(),

@@ -1,7 +1,8 @@
-"""Steps as KUKA KRL and as ABB RAPID: straight motions and circles, process words by the cell file's table."""
+"""Steps in languages of robots: what all share, KUKA KRL, ABB RAPID; process words by the cell file's table."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import abstractmethod
 from typing import ClassVar, Final, Generic, TypeVar
@@ -24,6 +25,8 @@ S = TypeVar("S", bound=RobotSettings)
 _NEARLY_WHOLE_DEG: Final = 340.0
 _FLAT_M: Final = 1e-7
 _HALF_DEG: Final = 180.0
+_STEM: Final = 20
+"""Characters of a name before the number of a part."""
 
 
 class RobotEmitter(Emitter, Generic[S]):
@@ -45,7 +48,8 @@ class RobotEmitter(Emitter, Generic[S]):
         self.settings, self.functions = settings, functions
         self.robot_source = self._is_robot(program)
         self.tool = next((motion.tool for motion in program.motions if motion.tool), 0)
-        self.points = 0
+        self.points = self._in_part = 0
+        self._cuts: list[int] = []
         self._entered: int | None = None
 
     @staticmethod
@@ -78,20 +82,20 @@ class RobotEmitter(Emitter, Generic[S]):
 
     def straight(self, move: Move, share: float) -> None:
         """A point: by axes first and for rapids of robots, else straight."""
+        self._count()
         self._enter(move)
         T = pose.make(self.orientation(move, share), move.at(share))
         free = self.first or (self.robot_source and move.motion.kind == "rapid")
         self.point(T, self._speed(move), free=free)
-        self.points += 1
 
     def _speed(self, move: Move) -> float:
         return move.motion.feed_m_s if move.motion.feed_m_s > 0.0 else self.settings.rapid_m_s
 
     def arc(self, move: Move, start_share: float, end_share: float) -> None:
         """A circle."""
+        self._count()
         self._enter(move)
         self.circle(move, start_share, end_share)
-        self.points += 1
 
     def _enter(self, move: Move) -> None:
         """Frames, before the first point and behind a change of tool."""
@@ -103,13 +107,37 @@ class RobotEmitter(Emitter, Generic[S]):
     def refuse_turn(self, move: Move) -> None:
         """Robots turn in place at a speed of their own."""
 
-    def too_long(self) -> None:
-        """Say where the controller may need the program in parts."""
-        if self.points > self.limits.points_per_file:
-            self.warnings.append(
-                f"{self.points} points in one file: controllers may need it in parts of "
-                f"{self.limits.points_per_file}, as `compensate --as {self.language}` writes it"
-            )
+    def end(self) -> dict[str, str]:
+        """One file, or a main program and parts where there are more points than a file of the controller may have."""
+        cuts = [0, *self._cuts, len(self.lines)]
+        parts = [self.lines[a:b] for a, b in itertools.pairwise(cuts)]
+        if len(parts) == 1:
+            return self.program(self.name, self.lines)
+        names = [f"{self.name[:_STEM]}_{index:03d}" for index in range(1, len(parts) + 1)]
+        files = self.program(self.name, [self.call(name) for name in names])
+        for name, lines in zip(names, parts, strict=True):
+            files |= self.program(name, lines)
+        self.warnings.append(
+            f"{self.points} points: a main program calls {len(parts)} parts of at most "
+            f"{self.settings.points_per_file} points"
+        )
+        return files
+
+    def _count(self) -> None:
+        """Begin a part before a motion, where the file would get too long."""
+        if self._in_part == self.settings.points_per_file:
+            self._cuts.append(len(self.lines))
+            self._in_part = 0
+        self.points += 1
+        self._in_part += 1
+
+    @abstractmethod
+    def program(self, name: str, lines: list[str]) -> dict[str, str]:
+        """Files of a program: the main one, or a part that it calls."""
+
+    @abstractmethod
+    def call(self, part: str) -> str:
+        """Statement that calls a part."""
 
     @abstractmethod
     def frames(self, tool: int) -> None:
@@ -132,11 +160,14 @@ class KrlEmitter(RobotEmitter[KrlSettings]):
     stop: ClassVar[str] = "HALT"
     sign: ClassVar[str] = ";"
 
-    def end(self) -> dict[str, str]:
+    def program(self, name: str, lines: list[str]) -> dict[str, str]:
         """``.src`` and ``.dat``."""
-        check_name(self.name, KRL, "KRL")
-        self.too_long()
-        return {f"{self.name}.src": krl_source(self.name, self.lines), f"{self.name}.dat": krl_data(self.name, [])}
+        check_name(name, KRL, "KRL")
+        return {f"{name}.src": krl_source(name, lines), f"{name}.dat": krl_data(name, [])}
+
+    def call(self, part: str) -> str:
+        """A subprogram."""
+        return f"{part}( )"
 
     def frames(self, tool: int) -> None:
         """$TOOL, $BASE, speeds."""
@@ -203,17 +234,22 @@ class RapidEmitter(RobotEmitter[RapidSettings]):
         self._speeds: dict[str, str] = {}
         self._own_tool = False
 
-    def end(self) -> dict[str, str]:
-        """One module with what it declares."""
+    def program(self, name: str, lines: list[str]) -> dict[str, str]:
+        """One module, the main one with what all declare."""
         settings = self.settings
-        check_name(f"{self.name}_m", RAPID, "RAPID")
-        self.too_long()
-        declared = [f"  ! {self.origin()}"]
-        declared += [f"  {rapid_tool(settings, self._tool_name(0))}"] if self._own_tool else []
-        declared += [] if self.work_object else [f"  {rapid_part(settings, self._wobj)}"]
-        declared += [f"  CONST speeddata {name}:={value};" for value, name in self._speeds.items()]
-        body = [f"    {line}" for line in ("ConfJ \\Off;", "ConfL \\Off;", *self.lines)]
-        return {f"{self.name}.mod": rapid_module(self.name, declared, body)}
+        check_name(f"{name}_m", RAPID, "RAPID")
+        declared: list[str] = []
+        if name == self.name:
+            declared = [f"  ! {self.origin()}"]
+            declared += [f"  {rapid_tool(settings, self._tool_name(0))}"] if self._own_tool else []
+            declared += [] if self.work_object else [f"  {rapid_part(settings, self._wobj)}"]
+            declared += [f"  CONST speeddata {speed}:={value};" for value, speed in self._speeds.items()]
+        free = ("ConfJ \\Off;", "ConfL \\Off;") if name == self.name else ()
+        return {f"{name}.mod": rapid_module(name, declared, [f"    {line}" for line in (*free, *lines)])}
+
+    def call(self, part: str) -> str:
+        """A routine of another module."""
+        return f"{part};"
 
     def begin(self) -> None:
         """The module's head says what made it."""

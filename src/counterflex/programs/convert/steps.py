@@ -13,6 +13,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
+from counterflex.programs.fanuc.program import FanucProgram
 from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word
 from counterflex.programs.rapid.program import RapidProgram
@@ -28,6 +29,7 @@ _REMARK: Final = {
     "linuxcnc": re.compile(r"\(([^()]*)\)|;(.*)"),
     "sinumerik": re.compile(r";(?!\$PATH)(.*)"),
     "apt": re.compile(r"\$\$(.*)"),
+    "fanuc": re.compile(r"^[\s\d]*:\s*!([^;]*)"),
     "krl": re.compile(r"^\s*;(?!\s*(?:END)?FOLD|FOLD|ENDFOLD)(.*)", re.IGNORECASE),
 }
 
@@ -168,7 +170,7 @@ def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], name
     exact = False
     if isinstance(program, KrlProgram):
         exact = not program.moves[index].approximation and not program.moves[index].in_spline
-    elif isinstance(program, RapidProgram):
+    elif isinstance(program, (RapidProgram, FanucProgram)):
         exact = program.moves[index].exact
     return Move(index, motion, R, before, named, exact, block.line)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.codes import WORDS_OF_M
 from counterflex.programs.program import Block
+from counterflex.programs.robot_writer.statement_forms import FORMS, Dialect
 
-Dialect = Literal["krl", "rapid"]
 KEYS: Final[dict[int, str]] = {
     3: "clockwise",
     4: "counter_clockwise",
@@ -29,8 +29,6 @@ _ORDER: Final = (6, 3, 4, 7, 8, 9, 5)
 BEHIND: Final = frozenset({0, 1, 5, 9, 60})
 """M-codes that act when the motions of their block are done (DIN 66025-2): stops, coolant off, spindle off."""
 _BY_HAND: Final = frozenset({3, 4, 5, 6})
-TIMER: Final = 20
-"""Number of the KRL timer that waits use."""
 SPEED, TOOL, DATA = "{s}", "{t}", "{d}"
 WORDS: Final = ("{p}", "{q}", "{e}", "{r}")
 """What stands for a word of an M-code in its statements."""
@@ -54,13 +52,13 @@ class MachineFunctions:
     statements of the spindle or of a tool change are an empty list, a person does it: the program stops there.
 
     Attributes:
-        language: ``krl`` or ``rapid``.
+        language: Of the robot.
         statements: By M-code; a missing one is not mapped.
         ready: Condition that holds while the spindle turns at speed; empty where there is no such signal.
         standing: Condition that holds while the spindle stands; likewise.
         wait_s: How long such a condition is waited for until the program stops, s.
         pause_s: Pause behind a start of the spindle, s.
-        tool_data: What the controller calls the tool frame, by number of the tool: a number (``krl``) or a name.
+        tool_data: What the controller calls the tool frame, by number of the tool: a number or a name.
         where: Place of the table, for messages.
     """
 
@@ -136,9 +134,7 @@ class MachineFunctions:
                         value=f"{' '.join(where.text.split())[:30]}, {' '.join(block.text.split())[:30]}",
                         limit=f"{' '.join(f'{{{letter.lower()}}}' for letter in letters)} in controller.spindle."
                         f"{self.language}.m_codes.M{code} in {self.where}",
-                        hint=f'Write for example M{code} = ["'
-                        + ("$OUT[{p}]=TRUE" if self.language == "krl" else "SetDO do{p},1;")
-                        + '"]',
+                        hint=f'Write for example M{code} = ["{FORMS[self.language].output_of_word}"]',
                     )
 
     def _says(self, code: int, key: str) -> bool:
@@ -177,12 +173,11 @@ class MachineFunctions:
         tool = block.modal.tool
         data = self.tool_data.get(tool)
         if data is None and any(DATA in line for line in statements):
-            key = "tool_data" if self.language == "krl" else "tooldata"
             raise ProgramError(
                 "the cell file does not name the tool data of a tool",
                 where=f"line {block.line}",
                 value=f"T{tool}",
-                limit=f"tools.{key} of T{tool} in {self.where}",
+                limit=f"tools.{FORMS[self.language].data_key} of T{tool} in {self.where}",
             )
         own = _own_words(code, block)
         for key in WORDS:
@@ -204,27 +199,20 @@ class MachineFunctions:
         return out
 
     def _example(self, key: str) -> str:
-        statement = "$OUT[17]=TRUE" if self.language == "krl" else "SetDO doSpindle,1;"
-        return f'{key} = ["{statement}"]'
+        return f'{key} = ["{FORMS[self.language].output}"]'
 
     def _in_place(self) -> list[str]:
-        """KRL runs ahead of the motion; this stops it until the tool is there."""
-        return ["WAIT SEC 0.0"] if self.language == "krl" else []
+        """A controller that runs ahead of the motion waits until the tool is there."""
+        return list(FORMS[self.language].in_place)
 
     def _stop(self, why: str) -> list[str]:
-        return [f"HALT ; {why}"] if self.language == "krl" else [f'TPWrite "{why}";', "Stop;"]
+        return FORMS[self.language].stop(why)
 
     def _pause(self) -> list[str]:
-        if self.pause_s == 0.0:
-            return []
-        return [f"WAIT SEC {self.pause_s:.1f}"] if self.language == "krl" else [f"WaitTime {self.pause_s:.1f};"]
+        return [] if self.pause_s == 0.0 else [FORMS[self.language].pause.format(f"{self.pause_s:.1f}")]
 
     def _until(self, condition: str, fault: str) -> list[str]:
-        if not condition:
-            return []
-        if self.language == "rapid":
-            return [f"WaitUntil {condition}\\MaxTime:={self.wait_s:g};"]
-        return krl_wait(condition, self.wait_s, fault)
+        return FORMS[self.language].until(condition, self.wait_s, fault) if condition else []
 
 
 def _codes(block: Block) -> list[int]:
@@ -240,27 +228,6 @@ def _own_words(code: int, block: Block) -> dict[str, str]:
     """Words that an M-code takes, by what stands for them in statements: ``{"{p}": "1"}`` for M62 P1."""
     letters = WORDS_OF_M.get(code, "")
     return {f"{{{word.letter.lower()}}}": f"{word.value:g}" for word in block.words if word.letter in letters}
-
-
-def krl_wait(condition: str, limit_s: float, fault: str) -> list[str]:
-    """KRL that waits for a condition and halts, again and again, where it does not hold in time.
-
-    Args:
-        condition: KRL expression.
-        limit_s: Time until it halts, s.
-        fault: Said in the line that halts.
-    """
-    return [
-        f"$TIMER_STOP[{TIMER}]=TRUE",
-        f"$TIMER[{TIMER}]=0",
-        f"$TIMER_STOP[{TIMER}]=FALSE",
-        f"WHILE NOT ({condition})",
-        f"IF $TIMER[{TIMER}]>{limit_s * 1000.0:.0f} THEN",
-        f"HALT ; {fault}",
-        "ENDIF",
-        "WAIT SEC 0.012",
-        "ENDWHILE",
-    ]
 
 
 def only_said(lines: Sequence[str], comment: str) -> int | None:

@@ -14,7 +14,7 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.programs.compensated import mark
 from counterflex.programs.limits import Limits
 from counterflex.programs.program import Block, Program
-from counterflex.programs.robot_writer.machine_functions import Dialect, MachineFunctions
+from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.robot_writer.parts import first_tool, robot_parts
 from counterflex.programs.robot_writer.points import (
     BlockLines,
@@ -24,6 +24,7 @@ from counterflex.programs.robot_writer.points import (
     event_motions,
     stops,
 )
+from counterflex.programs.robot_writer.statement_forms import Dialect
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,1 @@
+"""FANUC TP programs in their listing form, LS."""

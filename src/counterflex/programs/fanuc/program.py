@@ -1,0 +1,125 @@
+"""A FANUC TP program as read: its motions, and where in the text the numbers of every position stand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import pose, rotation
+from counterflex.programs.robot_text.program import RobotProgram
+
+LETTERS: Final = "XYZWPR"
+Span = tuple[int, int]
+"""Index of the first character, and the one behind the last."""
+
+
+def frame_of(values: Mapping[str, float]) -> Float:
+    """(4, 4) m of X Y Z (mm) and W P R (deg): W about x, P about y, R about z, all of them fixed axes, in this order.
+
+    ``R = Rz(R) Ry(P) Rx(W)``, the angles of KUKA's A B C in the other order. Source: FANUC Robot series, Operator's
+    manual (R-30iB), "Position data": W, P, R are the rotations about the X, Y and Z axis of the user frame.
+    """
+    angles = np.array([values["R"], values["P"], values["W"]]) * DEG
+    return pose.make(rotation.from_zyx(angles), np.array([values[c] for c in "XYZ"]) * MM)
+
+
+def wpr_of(R_user_tool: Float) -> tuple[float, float, float]:
+    """W, P, R in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
+    r, p, w = (float(angle) for angle in rotation.to_zyx(R_user_tool) / DEG)
+    return w, p, r
+
+
+@dataclass(frozen=True, slots=True)
+class FanucPosition:
+    """An entry of ``/POS``.
+
+    Attributes:
+        number: Of P[].
+        start: Index of its ``P``.
+        end: Index behind its semicolon.
+        index: Where its number and comment stand: between the brackets.
+        numbers: By letter where the numbers stand; empty of one that is given by axes.
+        values: By letter X Y Z in mm, W P R in deg.
+        user_frame: Number of UF; None where it is ``F``, the active one.
+        user_tool: The same of UT.
+        external: By number of the axis E1 to E3: value in mm or deg.
+        groups: Number of motion groups that it has values for.
+    """
+
+    number: int
+    start: int
+    end: int
+    index: Span
+    numbers: Mapping[str, Span]
+    values: Mapping[str, float]
+    user_frame: int | None
+    user_tool: int | None
+    external: Mapping[int, float]
+    groups: int
+
+
+@dataclass(frozen=True, slots=True)
+class FanucMotion:
+    """What stands behind a motion of :attr:`FanucProgram.motions` in the text.
+
+    Attributes:
+        line: 1-based line of the instruction.
+        word: ``J L C A``, or ``WAIT`` of a dwell.
+        start: Index of its word.
+        head: Index at which the line begins, its number included.
+        end: Index of its semicolon.
+        R_tcp_tool: (3, 3) orientation of the active UTOOL in the cell's TCP frame.
+        position: Its end; None of a dwell.
+        named: Where ``P[n]`` of the end stands in the instruction.
+        auxiliary: Point on a circle.
+        auxiliary_named: Where that stands.
+        speed: Where the number of its speed stands.
+        unit_m_s: One unit of that number, m/s; 0 of J.
+        speed_text: The speed as written.
+        termination: As written: FINE, CNT100.
+        exact: It is FINE.
+        rest: What follows the termination.
+    """
+
+    line: int
+    word: str
+    start: int
+    head: int
+    end: int
+    R_tcp_tool: Float
+    position: FanucPosition | None = None
+    named: Span = (0, 0)
+    auxiliary: FanucPosition | None = None
+    auxiliary_named: Span = (0, 0)
+    speed: Span = (0, 0)
+    unit_m_s: float = 0.0
+    speed_text: str = ""
+    termination: str = ""
+    exact: bool = False
+    rest: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FanucProgram(RobotProgram):
+    """A program in the listing form.
+
+    Attributes:
+        text: As read.
+        moves: One for each of ``motions``.
+        positions: Entries of ``/POS`` by number.
+        mentions: How often the code names each of them.
+        main: Index behind the line ``/MN``.
+        behind: Index behind the last entry of ``/POS``, where further ones are put.
+    """
+
+    text: str = ""
+    moves: tuple[FanucMotion, ...] = ()
+    positions: Mapping[int, FanucPosition] = field(default_factory=dict)
+    mentions: Mapping[int, int] = field(default_factory=dict)
+    main: int = 0
+    behind: int = 0

@@ -1,0 +1,88 @@
+"""Read FANUC TP listings strictly: what cannot be known exactly is refused with its line and what to do."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from counterflex.core.errors import ProgramError
+from counterflex.programs.fanuc.program import FanucProgram
+from counterflex.programs.fanuc.read.interpreter import FanucCell, Interpreter
+from counterflex.programs.fanuc.read.listing import Listing
+from counterflex.programs.gcode.read.flow import line_end, split_lines
+from counterflex.programs.program import FANUC_DIALECT, TOOL_VECTOR
+from counterflex.programs.robot_text.axes import tilted, with_axes
+from counterflex.programs.source_text import read_text
+
+
+def read_fanuc(
+    text: str, *, name: str = "program.ls", cell: FanucCell | None = None, complete: bool = True
+) -> FanucProgram:
+    """Execute a listing and return the statements passed and the motions made.
+
+    Positions are of the tool tip in the user frame, which is the part frame; the tool axis and the rotation about it
+    are those of W P R (:func:`~counterflex.programs.fanuc.program.frame_of`). The first position is approached from
+    wherever the robot is: it counts as reached by a rapid without length.
+
+    Args:
+        text: The listing.
+        name: Its name, for errors.
+        cell: What frames and process words are checked against; None takes every frame and knows no process words.
+        complete: Refuse a text without /END: it may have been cut off.
+
+    Returns:
+        The program as executed.
+
+    Raises:
+        ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
+            exactly.
+    """
+    listing = Listing(text, name, complete=complete)
+    positions, lines = listing.positions(), split_lines(text)
+    interpreter = Interpreter(listing, positions, cell, lines)
+    interpreter.run()
+    rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
+    leans = tilted(rotations)
+    return FanucProgram(
+        name=name,
+        dialect=FANUC_DIALECT,
+        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
+        newline=line_end(text),
+        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
+        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
+        straight=True,
+        Rs_part_tcp=rotations,
+        acting=tuple(sorted(set(interpreter.acting))),
+        text=text,
+        moves=tuple(interpreter.moves),
+        positions=positions,
+        mentions=interpreter.mentions,
+        main=listing.main,
+        behind=listing.behind,
+    )
+
+
+def read_fanuc_file(
+    path: str | os.PathLike[str], *, cell: FanucCell | None = None, complete: bool = True
+) -> FanucProgram:
+    """Read a listing.
+
+    Args:
+        path: The file, UTF-8 or Latin-1.
+        cell: See :func:`read_fanuc`.
+        complete: Refuse a file without /END.
+
+    Raises:
+        ProgramError: The file cannot be read, is no text, or is no program that can be executed exactly.
+    """
+    file = Path(path)
+    text, encoding = read_text(file)
+    if encoding == "utf-8-sig":
+        raise ProgramError(
+            "the file begins with a byte order mark, which no controller reads", where=str(file),
+            hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
+        )  # fmt: skip
+    return replace(read_fanuc(text, name=file.name, cell=cell, complete=complete), encoding=encoding)
