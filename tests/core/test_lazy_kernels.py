@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
@@ -118,8 +119,8 @@ def test_no_kernel_of_a_session_is_left_to_be_compiled_in_a_cycle() -> None:
         robot = rig._Robot(rig.nothing)
         session = rig.session(robot)
         rooms = tuple(f"counterflex.{{room}}." for room in ("runtime", "protocols", "sensing", "signals"))
-        ours = [k for k in jit._STATED if k.py_func.__module__.startswith(rooms)]
-        print(len(ours) > 100, [k.py_func.__name__ for k in ours if k._stated])
+        ours = [k for k in jit._ENTRIES if k.py_func.__module__.startswith(rooms)]
+        print(len(ours) > 20, [k.py_func.__name__ for k in ours if k._stated])
         genuine, late = jit._Kernel.compile, []
 
         def compile(self, signature):
@@ -188,11 +189,64 @@ def test_a_kernel_that_calls_another_compiles_it_unless_its_own_code_is_in_the_c
 
 
 def test_kernels_are_compiled_before_they_are_called() -> None:
-    @kernel("float64(float64)")
+    @kernel("float64(float64)", entry=True)
     def square(x: float) -> float:
         return x * x
+
+    @kernel("float64(float64)")
+    def cube(x: float) -> float:
+        return x * x * x
 
     compile_stated("counterflex.plan.nothing")
     assert not square.signatures  # type: ignore[attr-defined]
     compile_stated(__name__)
     assert len(square.signatures) == 1  # type: ignore[attr-defined]
+    assert not cube.signatures  # type: ignore[attr-defined]
+
+
+def kernels_in(tree: ast.Module) -> dict[str, ast.Call]:
+    """Decorator of each kernel of a module that states its signatures."""
+    return {
+        node.name: mark
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        for mark in node.decorator_list
+        if isinstance(mark, ast.Call) and isinstance(mark.func, ast.Name) and mark.func.id == "kernel" and mark.args
+    }
+
+
+def named_in(tree: ast.Module, module: str, kernels: dict[str, dict[str, ast.Call]]) -> set[tuple[str, str]]:
+    """Kernels, module and name, that a module names outside the code of kernels."""
+    within = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and node.name in kernels.get(module, ())
+        for part in ast.walk(node)
+    }
+    known = {name: (module, name) for name in kernels.get(module, ())}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            known |= {a.asname or a.name: (node.module, a.name) for a in node.names}
+    found = set()
+    for node in ast.walk(tree):
+        if id(node) in within:
+            continue
+        if isinstance(node, ast.Name) and node.id in known:
+            found.add(known[node.id])
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in known:
+            found.add((".".join(known[node.value.id]), node.attr))
+    return found
+
+
+def test_what_python_calls_in_a_cycle_is_an_entry_point() -> None:
+    """Any other kernel would be read from the cache, or compiled, in the middle of a run."""
+    root = Path(counterflex.__file__).parent
+    files = {".".join(f.relative_to(root.parent).with_suffix("").parts): f for f in root.rglob("*.py")}
+    trees = {module: ast.parse(file.read_text(encoding="utf-8")) for module, file in files.items()}
+    kernels = {module: kernels_in(tree) for module, tree in trees.items()}
+    rooms = tuple(f"counterflex.{room}." for room in ("core", "signals", "sensing", "runtime", "protocols"))
+    named = {pair for module, tree in trees.items() for pair in named_in(tree, module, kernels)}
+    called = {(m, name) for m, name in named if m.startswith(rooms) and name in kernels.get(m, {})}
+    marked = {pair for pair in called if any(k.arg == "entry" for k in kernels[pair[0]][pair[1]].keywords)}
+    assert len(called) > 30
+    assert called == marked

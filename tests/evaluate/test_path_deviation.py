@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.evaluate import PathDeviation, path_deviation, path_figures
+from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
 from counterflex.path import FEED, RAPID, ToolPath
 
 FEED_M_S = 0.025

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.evaluate import path_deviation, path_figures
+from counterflex.evaluate.path_deviation import path_deviation, path_figures
 from counterflex.path import FEED, ToolPath
 
 

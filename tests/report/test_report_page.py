@@ -18,19 +18,12 @@ from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate import (
-    SeedResult,
-    Variant,
-    nominal_surface,
-    path_deviation,
-    path_figures,
-    summary,
-    surface_deviation,
-    table_rows,
-)
 from counterflex.evaluate.error_budget import error_budget
 from counterflex.evaluate.feature_finding import find_features
 from counterflex.evaluate.features import Machined, measure_features
+from counterflex.evaluate.path_deviation import path_deviation, path_figures
+from counterflex.evaluate.summary import SeedResult, Variant, summary, table_rows
+from counterflex.evaluate.surface import nominal_surface, surface_deviation
 from counterflex.path import FEED, RAPID, ToolPath
 from counterflex.report import (
     Curve,

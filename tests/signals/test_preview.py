@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.signals.preview import Mode, Shaping, by_group, command_for
+from counterflex.signals.preview import Mode, Shaping, _passed, by_group, command_for
 
 STEP = 0.002
 TIME: Float = np.arange(0.0, 2.0, STEP)
@@ -37,6 +38,17 @@ def test_the_structure_makes_of_the_command_what_is_wanted_pair() -> None:
     made = through(MODE, TIME, command)
     assert np.max(np.abs(plain - RISE[:, 0])) > 0.12
     assert np.max(np.abs(made - RISE[:, 0])) < 0.01
+
+
+@pytest.mark.parametrize("damping", [0.05, 1.0, 1.5])
+def test_what_passes_a_mode_swings_as_a_filter_of_another_library_does(damping: float) -> None:
+    mode, step, held = Mode(53.0, damping), 1e-3, np.cumsum(np.random.default_rng(1).normal(size=(2000, 2)), axis=0)
+    w = mode.omega_rad_s
+    numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * damping * w, w * w]), step)
+    b = numerator.ravel()
+    at_rest = lfilter_zi(b, denominator)[:, None] * held[0]
+    expected = lfilter(b, denominator, held, axis=0, zi=at_rest)[0]
+    np.testing.assert_allclose(_passed(held, step, mode), expected, rtol=0, atol=1e-10)
 
 
 def test_a_dead_time_is_sent_ahead() -> None:

@@ -7,7 +7,8 @@ time compile it once: one compiles, the others wait and read it.
 
 Nothing is compiled or read when a module is imported. A kernel that states its signatures is compiled for them, and
 for nothing else, when it is first called or called by a kernel that is being compiled; :func:`compile_stated` does it
-before, where a first call must not wait: the online loop.
+before, where a first call must not wait: the online loop. It does so for entry points only, the kernels that Python
+calls: the code of what these call is part of theirs.
 Set ``NUMBA_DISABLE_JIT=1`` to step through kernels in plain Python.
 """
 
@@ -236,17 +237,17 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
         return super()._reduce_states()
 
 
-_STATED: Final[list[_Kernel]] = []
-"""All kernels of the modules imported so far that state their signatures."""
+_ENTRIES: Final[list[_Kernel]] = []
+"""Entry points of the modules imported so far."""
 
 
 def compile_stated(*rooms: str) -> None:
-    """Compile all kernels that state their signatures, or read them from the cache: after this no call waits for it.
+    """Compile all entry points, or read them from the cache: after this no call of them waits for it.
 
     Args:
         rooms: Modules, or packages with all below them, for example ``counterflex.runtime``; those imported so far.
     """
-    for function in _STATED:
+    for function in _ENTRIES:
         module = function.py_func.__module__
         if any(module == room or module.startswith(room + ".") for room in rooms):
             function.compile_stated()
@@ -259,6 +260,7 @@ def kernel(
     fast: bool = False,
     inline: bool = False,
     waits: bool = False,
+    entry: bool = False,
     **records: Any,
 ) -> Callable[[F], F]:
     """Compile a pure array function with Numba when it is first needed, cached on disk.
@@ -271,6 +273,8 @@ def kernel(
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
         inline: Let Numba inline the function into its callers.
         waits: Called from Python it may wait long: other threads of the process run meanwhile.
+        entry: Python calls it where no call may wait: :func:`compile_stated` is to make it ready. It states its
+            signatures.
         records: Types (:func:`counterflex.core.records.record`, :func:`bundle`) by the name that the signature string
             gives them:
             ``kernel("void(Memory[::1], Row, float64)", Memory=MEMORY, Row=ROW)``, an array of them and an open one.
@@ -298,7 +302,8 @@ def kernel(
         if signature is not None:
             stated = signature if isinstance(signature, list) else [signature]
             compiled.state(tuple(stated), records)
-            _STATED.append(compiled)
+            if entry:
+                _ENTRIES.append(compiled)
         return cast(F, compiled)
 
     return decorate

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import stdtrit
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -152,6 +151,8 @@ class ProcessRecord:
         """Figures of what was taken so far."""
         wear = None
         if self._last is not None and self._last[column("cut_m")] > 0.0:
+            from scipy.special import stdtrit  # heavy, and needed at the end of a run only
+
             names = ("cut_m", "wear_trend", "wear_trend_sigma", "wear_degrees")
             cut, slope, sigma, degrees = (float(self._last[column(name)]) for name in names)
             wide = sigma * float(stdtrit(degrees, 0.975)) if degrees >= 1.0 else 0.0

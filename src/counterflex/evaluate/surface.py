@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from counterflex.core.arrays import Bool, Float, Float32, as_positive
 from counterflex.core.errors import InputError
@@ -111,6 +110,8 @@ def nominal_surface(
     Raises:
         InputError: Grids differ, or a length is out of range.
     """
+    from scipy import ndimage  # heavy, and what only reads figures needs none of it
+
     _same_grid(stock, nominal)
     reach, pitch = as_positive("reach_m", reach_m), as_positive("pitch_m", pitch_m)
     z = nominal.z

@@ -111,7 +111,7 @@ def _pid_states(table: Record) -> Records:
     return out
 
 
-@kernel("void(Loop[::1], Arrays[::1])", Loop=LOOP, Arrays=ARRAYS)
+@kernel("void(Loop[::1], Arrays[::1])", Loop=LOOP, Arrays=ARRAYS, entry=True)
 def cycle(loops: Records, tables: Records) -> None:
     """One cycle; see :class:`counterflex.runtime.loop.Loop`, which owns record and arrays.
 
@@ -143,7 +143,7 @@ def cycle(loops: Records, tables: Records) -> None:
         state.force_at_speed = monitored.results.speed**monitor.exponent
 
 
-@kernel("void(Loop[::1], Arrays[::1], float64[:, ::1], int64, int64)", Loop=LOOP, Arrays=ARRAYS)
+@kernel("void(Loop[::1], Arrays[::1], float64[:, ::1], int64, int64)", Loop=LOOP, Arrays=ARRAYS, entry=True)
 def take_fast(loops: Records, tables: Records, samples: Float, count: int, number: int) -> None:
     """Hand over the force sensor's own samples since the last cycle, ahead of :func:`cycle`.
 

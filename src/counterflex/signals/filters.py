@@ -95,7 +95,7 @@ class Smoother:
         smooth(value, out, self.coefficients, self.memory, self.ring, self.place)
 
 
-@kernel("void(float64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], int64[::1])")
+@kernel("void(float64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], int64[::1])", entry=True)
 def smooth(value: Float, out: Float, coefficients: Float, memory: Float, ring: Float, place: Int) -> None:
     """One sample through low-pass and moving average.
 

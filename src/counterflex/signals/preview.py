@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import solveh_banded
+from scipy.linalg import expm, solveh_banded
 
 from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
+from counterflex.core.jit import kernel
 from counterflex.core.units import MS
 
 _PER_PERIOD: Final = 20
@@ -145,14 +146,25 @@ def _resampled(values: Float, time: Float, grid: Float) -> Float:
 
 def _passed(values: Float, h: float, mode: Mode) -> Float:
     """Output of a mode, at rest before; exact for an input that is held."""
-    from scipy.signal import cont2discrete, lfilter, lfilter_zi
-
-    w, zeta = mode.omega_rad_s, mode.damping_ratio
-    numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * zeta * w, w * w]), h)
-    b = numerator.ravel()
-    start = lfilter_zi(b, denominator)[:, None] * values[0]
-    out: Float = lfilter(b, denominator, values, axis=0, zi=start)[0]
+    w = mode.omega_rad_s
+    swings = np.array([[0.0, 1.0], [-w * w, -2.0 * mode.damping_ratio * w]])
+    out: Float = np.empty_like(values, order="C")
+    _swing(np.ascontiguousarray(values), np.ascontiguousarray(expm(h * swings)), out)
     return out
+
+
+@kernel("void(float64[:, ::1], float64[:, ::1], float64[:, ::1])")
+def _swing(values: Float, after: Float, out: Float) -> None:
+    """Swing of a mode about an input that is held over each step; ``after``: its free swing after one step."""
+    for k in range(values.shape[1]):
+        place, speed = values[0, k], 0.0
+        out[0, k] = place
+        for i in range(1, values.shape[0]):
+            about = values[i - 1, k]
+            off = place - about
+            place = about + after[0, 0] * off + after[0, 1] * speed
+            speed = after[1, 0] * off + after[1, 1] * speed
+            out[i, k] = place
 
 
 def _smoothed(target: Float, bend: Float) -> Float:

@@ -87,8 +87,8 @@ class NominalPart:
 
         Args:
             points_part: (n, 3) m, part frame.
-            measured_normals: (n, 3) unit normals of the measured surface at the points, of either sign; where one is nan, no
-                surface counts. None: they are not known, and every surface counts.
+            measured_normals: (n, 3) unit normals of the measured surface at the points, of either sign; where one is
+                nan, no surface counts. None: they are not known, and every surface counts.
         """
         deviation, normals = self._cut(points_part)
         face = np.where(normals[:, 2] > STEEP, FLOOR, WALL)

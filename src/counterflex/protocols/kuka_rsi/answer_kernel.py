@@ -17,7 +17,11 @@ ARRAYS: Final = addresses("values", "pose", "axes", "free", "buffer", "pieces", 
 Stop, FeedHold, Override and State; -1: not there. ``name``: whom to answer."""
 
 
-@kernel("int64(Arrays[::1], int64, int64, float64[::1], boolean, boolean, boolean, float64, int64)", Arrays=ARRAYS)
+@kernel(
+    "int64(Arrays[::1], int64, int64, float64[::1], boolean, boolean, boolean, float64, int64)",
+    Arrays=ARRAYS,
+    entry=True,
+)
 def answer(
     tables: Records,
     fd: int,

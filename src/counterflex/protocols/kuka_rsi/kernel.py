@@ -88,7 +88,9 @@ def _named_before(data: Bytes, begin: int, b: int, e: int) -> bool:
 
 
 @kernel(
-    "Tuple((int64, int64, int64))(uint8[::1], int64, uint8[::1], uint8[::1], int64[:, ::1], float64[::1], boolean[::1])"
+    "Tuple((int64, int64, int64))"
+    "(uint8[::1], int64, uint8[::1], uint8[::1], int64[:, ::1], float64[::1], boolean[::1])",
+    entry=True,
 )
 def scan(
     data: Bytes, length: int, root: Bytes, names: Bytes, entries: Int, values: Float, seen: Bool
@@ -282,7 +284,7 @@ def scan(
     return OK, counter, i
 
 
-@kernel("int64(uint8[::1], uint8[::1], int64[:, ::1], float64[::1], int64)")
+@kernel("int64(uint8[::1], uint8[::1], int64[:, ::1], float64[::1], int64)", entry=True)
 def compose(out: Bytes, pieces: Bytes, parts: Int, values: Float, counter: int) -> int:
     """Write one telegram.
 

@@ -11,7 +11,7 @@ from counterflex.core.units import DEG, MM
 _DEG, _MM = DEG, MM
 
 
-@kernel("void(float64[::1], int64[::1], float64[::1], int64)")
+@kernel("void(float64[::1], int64[::1], float64[::1], int64)", entry=True)
 def read_pose(values: Float, place: Int, out: Float, at: int) -> None:
     """Pose of six values as rotation by rows and position.
 
@@ -56,7 +56,7 @@ def read_axes(values: Float, place: Int, out: Float, at: int) -> None:
         out[at + k] = values[place[k]] * _DEG
 
 
-@kernel("void(float64[::1], int64[::1], int64[::1], float64[::1], float64[::1])")
+@kernel("void(float64[::1], int64[::1], int64[::1], float64[::1], float64[::1])", entry=True)
 def read_stand(values: Float, pose: Int, axes: Int, nominal: Float, q: Float) -> None:
     """:func:`read_pose` and :func:`read_axes` in one call."""
     read_pose(values, pose, nominal, 0)

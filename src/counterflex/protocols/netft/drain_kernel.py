@@ -21,7 +21,7 @@ FROZEN: Final = 8
 """Samples with the same counts in a row that no living sensor sends."""
 
 
-@kernel("Tuple((int64, int64, boolean, boolean))(int64, boolean, Arrays[::1])", Arrays=ARRAYS)
+@kernel("Tuple((int64, int64, boolean, boolean))(int64, boolean, Arrays[::1])", Arrays=ARRAYS, entry=True)
 def drain_records(fd: int, taken: bool, tables: Records) -> tuple[int, int, bool, bool]:
     """Take every record of a Net F/T that is there.
 

@@ -43,7 +43,7 @@ def big_endian(data: ByteRows, row: int, at: int) -> int:
     )
 
 
-@kernel("void(uint8[:, ::1], int64[::1], int64, float64[:, ::1], Received[::1])", Received=RECEIVED)
+@kernel("void(uint8[:, ::1], int64[::1], int64, float64[:, ::1], Received[::1])", Received=RECEIVED, entry=True)
 def take_records(data: ByteRows, lengths: Int, count: int, samples: Float, received: Records) -> None:
     """Take records in their order.
 

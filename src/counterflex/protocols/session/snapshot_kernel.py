@@ -73,6 +73,7 @@ def share_of(lengths: Float, row: float, fraction: float) -> float:
     Loop=LOOP,
     Memory=MEMORY,
     Snapshot=SNAPSHOT,
+    entry=True,
 )
 def fill(
     loops: Records,

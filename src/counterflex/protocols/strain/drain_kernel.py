@@ -19,7 +19,7 @@ from counterflex.protocols.system.system_calls import receive
 ARRAYS: Final = addresses(*INBOX, "allowed", "samples", "warm", "times", "received")
 
 
-@kernel("int64(int64, Arrays[::1])", Arrays=ARRAYS)
+@kernel("int64(int64, Arrays[::1])", Arrays=ARRAYS, entry=True)
 def drain_strains(fd: int, tables: Records) -> int:
     """Take every strain datagram that is there.
 

@@ -54,7 +54,7 @@ def _number(data: ByteRows, row: int, at: int, size: int) -> int:
     return int(value)
 
 
-@kernel("int64(uint8[:, ::1], int64, int64, float64[::1])")
+@kernel("int64(uint8[:, ::1], int64, int64, float64[::1])", entry=True)
 def read_datagram(data: ByteRows, row: int, length: int, strain: Float) -> int:
     """Read one datagram.
 
@@ -90,6 +90,7 @@ def read_datagram(data: ByteRows, row: int, length: int, strain: Float) -> int:
     "int64(uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1], float64[:, ::1], float64[::1], int64[::1],"
     " Received[::1])",
     Received=RECEIVED,
+    entry=True,
 )
 def take_strains(
     data: ByteRows,

@@ -61,15 +61,15 @@ if THERE:
 
 else:
 
-    @kernel("int64(int64, int64, int64, int64, int64)")
+    @kernel("int64(int64, int64, int64, int64, int64)", entry=True)
     def _recvmmsg(_fd: int, _heads: int, _rows: int, _flags: int, _timeout: int) -> int:
         return -1
 
-    @kernel("int64(int64, int64, int64, int64)")
+    @kernel("int64(int64, int64, int64, int64)", entry=True)
     def _ppoll(_polled: int, _count: int, _timeout: int, _mask: int) -> int:
         return 0
 
-    @kernel("int64(int64, int64, int64, int64, int64, int64)")
+    @kernel("int64(int64, int64, int64, int64, int64, int64)", entry=True)
     def _sendto(_fd: int, _data: int, _length: int, _flags: int, _name: int, _size: int) -> int:
         return -1
 
@@ -105,7 +105,7 @@ def heads(inbox: ByteRows, names: ByteRows) -> tuple[Int, Int]:
     return pieces, out
 
 
-@kernel("int64(int64, int64[:, ::1], uint8[:, ::1], int64[::1], int64[::1])")
+@kernel("int64(int64, int64[:, ::1], uint8[:, ::1], int64[::1], int64[::1])", entry=True)
 def receive(fd: int, heads: Int, names: ByteRows, lengths: Int, hosts: Int) -> int:
     """Take all datagrams that wait at a socket of IPv4, with one call; never waits.
 
@@ -132,7 +132,7 @@ def receive(fd: int, heads: Int, names: ByteRows, lengths: Int, hosts: Int) -> i
             return 0
 
 
-@kernel("int64(int64, int64[:, ::1], uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1])", waits=True)
+@kernel("int64(int64, int64[:, ::1], uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1])", waits=True, entry=True)
 def await_datagrams(
     fd: int, heads: Int, names: ByteRows, lengths: Int, senders: Int, timeout_ns: int, waiting: Int
 ) -> int:

@@ -19,7 +19,7 @@ from counterflex.protocols.tracker import kernel as tracker
 ARRAYS: Final = addresses(*INBOX, "allowed", "pose", "spare", "received")
 
 
-@kernel("boolean(int64, Arrays[::1])", Arrays=ARRAYS)
+@kernel("boolean(int64, Arrays[::1])", Arrays=ARRAYS, entry=True)
 def drain_poses(fd: int, tables: Records) -> bool:
     """Take every tracker datagram that is there.
 

@@ -54,7 +54,7 @@ def _number(data: ByteRows, row: int, at: int, size: int) -> int:
     return int(value)
 
 
-@kernel("int64(uint8[:, ::1], int64, int64, float64[:, ::1], float64[::1])")
+@kernel("int64(uint8[:, ::1], int64, int64, float64[:, ::1], float64[::1])", entry=True)
 def read_datagram(data: ByteRows, row: int, length: int, T: Float, values: Float) -> int:
     """Read one datagram.
 
@@ -102,6 +102,7 @@ def read_datagram(data: ByteRows, row: int, length: int, T: Float, values: Float
     "boolean(uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1], float64[:, ::1], float64[:, ::1],"
     " Received[::1])",
     Received=RECEIVED,
+    entry=True,
 )
 def take_poses(
     data: ByteRows, lengths: Int, hosts: Int, count: int, allowed: Int, T: Float, spare: Float, received: Records
@@ -158,7 +159,7 @@ def take_poses(
     return fresh
 
 
-@kernel("void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], int64)")
+@kernel("void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], int64)", entry=True)
 def tool_pose(T_part_tracker: Float, T_tracker_target: Float, T_target_tcp: Float, out: Float, at: int) -> None:
     """Pose of the tool in the part frame, ``T_part_tracker T_tracker_target T_target_tcp``.
 
@@ -181,7 +182,7 @@ def tool_pose(T_part_tracker: Float, T_tracker_target: Float, T_target_tcp: Floa
         out[at + 9 + i] = r0 * C[0, 3] + r1 * C[1, 3] + r2 * C[2, 3] + p
 
 
-@kernel("float64(Received[::1], float64, float64[:, ::1])", Received=RECEIVED)
+@kernel("float64(Received[::1], float64, float64[:, ::1])", Received=RECEIVED, entry=True)
 def mean_pose(received: Records, most: float, T: Float) -> float:
     """Mean of the poses that :func:`take_poses` has summed up since its sums were set to zero.
 

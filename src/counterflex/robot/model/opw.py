@@ -14,10 +14,9 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from py_opw_kinematics import _internal as _library
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
@@ -38,8 +37,10 @@ LIMIT_SLACK_RAD: Final = 1e-9
 
 
 @functools.lru_cache(maxsize=64)
-def _engine(opw: Opw) -> _library.Robot:
+def _engine(opw: Opw) -> Any:
     """The library's solver on plain arrays, in mm and rad; its public class wraps every pose in a slow object."""
+    from py_opw_kinematics import _internal as _library  # with SciPy's rotations: most processes solve no posture
+
     opw = checked(opw)
     o1, o2, o3, o4, o5, o6 = opw.offsets_rad
     f1, f2, f3, f4, f5, f6 = (sign < 0 for sign in opw.signs)

@@ -24,7 +24,7 @@ LEAST_FORCE_N: Final = 20.0
 """Predicted force below which a direction tells nothing about its factor."""
 
 
-@kernel("float64(float64[::1], float64[::1], float64, float64, float64)")
+@kernel("float64(float64[::1], float64[::1], float64, float64, float64)", entry=True)
 def blend(measured: Float, predicted: Float, share: float, threshold_n: float, step: float) -> float:
     """Pilot control: how much of the prediction is blended in.
 

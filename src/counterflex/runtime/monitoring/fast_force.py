@@ -156,7 +156,10 @@ def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: flo
 
 
 @kernel(
-    "void(float64[:, ::1], int64, int64, float64, int64, Settings[::1], Memory[::1])", Settings=SETTINGS, Memory=MEMORY
+    "void(float64[:, ::1], int64, int64, float64, int64, Settings[::1], Memory[::1])",
+    Settings=SETTINGS,
+    Memory=MEMORY,
+    entry=True,
 )
 def take_samples(
     samples: Float, count: int, number: int, turn_per_s: float, teeth: int, settings: Records, memories: Records

@@ -230,6 +230,7 @@ def _reset_events(m: Record) -> None:
     Settings=SETTINGS,
     Memory=MEMORY,
     Plan=PLAN,
+    entry=True,
 )
 def watch(
     given: Record, result: Record, place: Float, path: Records, plan: Records, settings: Records, memories: Records

@@ -48,6 +48,7 @@ def falling(value: float, near: float, least: float) -> float:
     PlanRow=PLAN_ROW,
     Settings=SETTINGS,
     Memory=MEMORY,
+    entry=True,
 )
 def ask_speed(result: Record, place: Float, plan: Records, settings: Records, memories: Records) -> None:
     """One cycle.

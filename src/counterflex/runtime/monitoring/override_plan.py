@@ -74,7 +74,7 @@ LOOP: Final = record(
 """The loop as a plan is driven through it."""
 
 
-@kernel("void(float64[::1], float64[:, ::1], float64[:, ::1], Loop[::1], float64[::1])", Loop=LOOP)
+@kernel("void(float64[::1], float64[:, ::1], float64[:, ::1], Loop[::1], float64[::1])", Loop=LOOP, entry=True)
 def drive(time: Float, need: Float, sent: Float, loops: Records, error: Float) -> None:
     """Remaining error of a plan.
 
@@ -113,7 +113,7 @@ def drive(time: Float, need: Float, sent: Float, loops: Records, error: Float) -
         t += d.period
 
 
-@kernel("void(float64[::1], float64[::1], float64)")
+@kernel("void(float64[::1], float64[::1], float64)", entry=True)
 def within_rate(time: Float, speed: Float, change_per_s: float) -> None:
     """Lower a speed over the plan's time until it nowhere changes by more than a rate; changed in place.
 
@@ -128,7 +128,7 @@ def within_rate(time: Float, speed: Float, change_per_s: float) -> None:
         speed[i] = min(speed[i], most)
 
 
-@kernel("void(float64[::1], float64[::1], float64, float64, float64[::1])")
+@kernel("void(float64[::1], float64[::1], float64, float64, float64[::1])", entry=True)
 def least_about(time: Float, speed: Float, before: float, after: float, out: Float) -> None:
     """Least speed of the rows from ``before`` seconds ahead of each row's time to ``after`` seconds behind it."""
     n = time.shape[0]

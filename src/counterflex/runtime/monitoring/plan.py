@@ -37,7 +37,7 @@ def _at(time: Float, force: Float, t: float, begin: int, out: Float) -> None:
         out[k] = (1.0 - u) * force[i, k] + u * force[j, k]
 
 
-@kernel("void(float64[::1], float64[::1], float64[:, ::1], float64, float64, float64, float64[:, ::1])")
+@kernel("void(float64[::1], float64[::1], float64[:, ::1], float64, float64, float64, float64[:, ::1])", entry=True)
 def bounds(time: Float, distance: Float, force: Float, late: float, time_s: float, place_m: float, out: Float) -> None:
     """Least and largest size of the force, and least cosine of its direction to the one here, about each row.
 

@@ -189,6 +189,7 @@ def _follow(c: Record, trail: Records, commanded: Float) -> None:
     Chain=CHAIN,
     Trail=TRAIL,
     Check=CHECK,
+    entry=True,
 )
 def angles_agree(
     q: Float,

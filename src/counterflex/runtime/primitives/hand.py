@@ -42,7 +42,7 @@ def part_axes(settings: Record, nominal: Float, out: Float) -> None:
                 out[3 * i + j] = a * nominal[3 * j] + b * nominal[3 * j + 1] + c * nominal[3 * j + 2]
 
 
-@kernel("void(Settings, float64[::1], float64[::1], int64, float64)", Settings=SETTINGS)
+@kernel("void(Settings, float64[::1], float64[::1], int64, float64)", Settings=SETTINGS, entry=True)
 def turned_load(settings: Record, nominal: Float, w: Float, at: int, way: float) -> None:
     """Wrench on the tool about its tip into that on the hand about its origin, or back: part axes, in place.
 

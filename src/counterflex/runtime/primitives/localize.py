@@ -42,7 +42,7 @@ def _on_segment(plan: Records, row: int, x: float, y: float, z: float) -> tuple[
     return ex * ex + ey * ey + ez * ez, u
 
 
-@kernel("float64(Plan[::1], float64[::1], float64, float64, float64, int64)", Plan=PLAN)
+@kernel("float64(Plan[::1], float64[::1], float64, float64, float64, int64)", Plan=PLAN, entry=True)
 def follow(plan: Records, place: Float, x: float, y: float, z: float, window: int) -> float:
     """Bring the place on the path up to date.
 

@@ -26,6 +26,7 @@ from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
     "void(Chain, float64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[::1],"
     " float64[::1])",
     Chain=CHAIN,
+    entry=True,
 )
 def _process_torque(
     chain: Compact,

@@ -102,7 +102,7 @@ def _agree(c: Record, p: Record) -> bool:
     return agree
 
 
-@kernel("boolean(Pair, Paired, float64, int64)", Pair=PAIR, Paired=PAIRED)
+@kernel("boolean(Pair, Paired, float64, int64)", Pair=PAIR, Paired=PAIRED, entry=True)
 def pair_step(c: Record, p: Record, dt: float, fresh: int) -> bool:
     """One cycle.
 

@@ -101,7 +101,7 @@ def bent_rotation(chain: Compact, carried: Record, q: Float, w_tcp_base: Float, 
                 rest[3 * i + j] = total
 
 
-@kernel("void(Arrays[::1], float64[::1], float64[::1], float64, float64)", Arrays=ARRAYS)
+@kernel("void(Arrays[::1], float64[::1], float64[::1], float64, float64)", Arrays=ARRAYS, entry=True)
 def sensor_wrench(tables: Records, q: Float, w_sensor: Float, time_s: float, temperature_c: float) -> None:
     """Process wrench of one reading; see :meth:`SensorWrench.__call__`.
 

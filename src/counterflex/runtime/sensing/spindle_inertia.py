@@ -128,7 +128,7 @@ def _begin(s: Record, w: Float, moves: bool) -> None:
         s.result[k], s.acceleration[k] = w[k], 0.0
 
 
-@kernel("void(float64[::1], int64, float64[::1], float64[::1], int64, Inertia[::1])", Inertia=INERTIA)
+@kernel("void(float64[::1], int64, float64[::1], float64[::1], int64, Inertia[::1])", Inertia=INERTIA, entry=True)
 def _remove(poses: Float, at: int, w: Float, C: Float, elapsed: int, inertias: Records) -> None:
     """One telegram; see :class:`SpindleInertia`.
 

@@ -237,7 +237,7 @@ def observe(holders: Records, observeds: Records, samples: Float, warm: Float, t
     return 0 if agree else 2
 
 
-@kernel("void(Holder[::1], Observed[::1], float64, float64)", Holder=HOLDER, Observed=OBSERVED)
+@kernel("void(Holder[::1], Observed[::1], float64, float64)", Holder=HOLDER, Observed=OBSERVED, entry=True)
 def begin(holders: Records, observeds: Records, force_n: float, zero_um_m: float) -> None:
     """Begin anew: no force, zeros as taken; deviations of both given."""
     h, o = holders[0], observeds[0]

@@ -69,7 +69,7 @@ class ObserverTuning:
             as_positive("holder: slew_n", value)
 
 
-@kernel("int64(Arrays[::1], float64[::1], int64)", Arrays=ARRAYS)
+@kernel("int64(Arrays[::1], float64[::1], int64)", Arrays=ARRAYS, entry=True)
 def strain_wrench(tables: Records, q: Float, count: int) -> int:
     """Process wrench of a cycle's samples; see :meth:`StrainWrench.__call__`.
 

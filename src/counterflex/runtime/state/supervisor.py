@@ -218,7 +218,7 @@ def supervise(at: Record, given: Record, settings: Record) -> None:
     at.state, at.cause = following, cause
 
 
-@kernel("float64(int64, int64)")
+@kernel("float64(int64, int64)", entry=True)
 def risen(cycles: int, rise: int) -> float:
     """Share 0..1 of the correction after some cycles of fading in: ``10 x^3 - 15 x^4 + 6 x^5`` (least jerk)."""
     x = min(1.0, cycles / rise)

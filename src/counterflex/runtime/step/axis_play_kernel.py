@@ -63,7 +63,14 @@ def compensate_play(plays: Records, memory: Records, q: Float, added: Float, beg
             m.added += min(max(requested - m.added, -p.step), p.step)
 
 
-@kernel("void(Given, Result, Play[::1], Played[::1], int64[::1])", Given=GIVEN, Result=RESULT, Play=PLAY, Played=PLAYED)
+@kernel(
+    "void(Given, Result, Play[::1], Played[::1], int64[::1])",
+    Given=GIVEN,
+    Result=RESULT,
+    Play=PLAY,
+    Played=PLAYED,
+    entry=True,
+)
 def play_after(given: Record, result: Record, plays: Records, memory: Records, begun: Int) -> None:
     """After the step of a cycle: add to its axis correction; where an input is no number, what was added stays.
 

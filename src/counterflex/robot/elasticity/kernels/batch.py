@@ -53,6 +53,7 @@ def load_pose(
     "int64(Chain, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, :, ::1], int64, int64)",
     waits=True,
     Chain=CHAIN,
+    entry=True,
 )
 def pose_range(chain: Compact, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int) -> int:
     """Poses (n, 4, 4) of the TCP under load for the points first..last-1; number that did not converge."""
@@ -74,6 +75,7 @@ def pose_range(chain: Compact, q: Float, w: Float, how: int, gravity: int, out: 
     "int64(Chain, float64[:, ::1], float64[:, ::1], int64, int64, float64[:, ::1], int64, int64)",
     waits=True,
     Chain=CHAIN,
+    entry=True,
 )
 def deflection_range(
     chain: Compact, q: Float, w: Float, how: int, gravity: int, out: Float, first: int, last: int
@@ -94,7 +96,7 @@ def deflection_range(
     return failed
 
 
-@kernel("int64(Chain, float64[:, ::1], int64, float64[:, ::1], int64, int64)", Chain=CHAIN)
+@kernel("int64(Chain, float64[:, ::1], int64, float64[:, ::1], int64, int64)", Chain=CHAIN, entry=True)
 def sag_range(chain: Compact, q: Float, how: int, out: Float, first: int, last: int) -> int:
     """Sag (n, 6), pose under own weight minus weightless pose, for the points first..last-1; number not converged."""
     m = len(chain.stations) - 1
@@ -110,7 +112,7 @@ def sag_range(chain: Compact, q: Float, how: int, out: Float, first: int, last: 
     return failed
 
 
-@kernel("void(Chain, float64[:, ::1], float64[:, ::1], int64, int64)", waits=True, Chain=CHAIN)
+@kernel("void(Chain, float64[:, ::1], float64[:, ::1], int64, int64)", waits=True, Chain=CHAIN, entry=True)
 def compliance_range(chain: Compact, q: Float, out: Float, first: int, last: int) -> None:
     """Cartesian compliances (n, 36) for the points first..last-1."""
     m = len(chain.stations) - 1
@@ -121,7 +123,7 @@ def compliance_range(chain: Compact, q: Float, out: Float, first: int, last: int
         tcp_compliance(chain, frame, q[n], out[n])
 
 
-@kernel("void(Chain, float64[:, ::1], float64[:, ::1], int64, int64)", Chain=CHAIN)
+@kernel("void(Chain, float64[:, ::1], float64[:, ::1], int64, int64)", Chain=CHAIN, entry=True)
 def jacobian_range(chain: Compact, q: Float, out: Float, first: int, last: int) -> None:
     """Rigid Jacobians (n, 36) for the points first..last-1."""
     m = len(chain.stations) - 1
@@ -136,6 +138,7 @@ def jacobian_range(chain: Compact, q: Float, out: Float, first: int, last: int) 
     "void(Chain, float64[:, ::1], float64[:, ::1], int64, float64[:, ::1], int64[::1], int64, int64)",
     waits=True,
     Chain=CHAIN,
+    entry=True,
 )
 def step_range(
     chain: Compact, q: Float, w: Float, gravity: int, out: Float, status: Int, first: int, last: int
