@@ -152,6 +152,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         monkeypatch.setattr("counterflex.app.doctor.machine_file", lambda: folder / "machine.json")
     if words[0] == "log":
         run_log(folder)
+        for other in ("monday", "tuesday") if words[1] == "compare" else ():
+            shutil.copytree(folder / "log", folder / other)
     if words[0] in ("twin", "campaign"):
         shutil.copy(machined.folder / "truth.toml", folder)
     if words[0] == "twin":

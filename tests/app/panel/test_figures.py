@@ -68,9 +68,12 @@ def test_a_tool_that_stands_keeps_its_last_direction() -> None:
 
 
 def test_what_remains_is_what_the_force_bends_less_what_is_corrected() -> None:
-    """docs/conventions.md: a correction opposes the deflection; remaining is their sum, across the feed, in um."""
+    """docs/conventions.md: a correction opposes the deflection; remaining is their sum, across the feed, in um.
+
+    The program takes back 100 um that the plan predicted; the loop computes by what that is missed.
+    """
     shots = moving(12)
-    shots["deflection"][:, 1] = 300e-6
+    shots["deflection"][:, 1] = 200e-6
     shots["contained"][:, 1] = -100e-6
     shots["in_effect"][:, 1] = -150e-6
     shots["in_effect"][:, 2] = -20e-6

@@ -72,12 +72,14 @@ class FeedFrame:
 def deviations(shots: Records) -> dict[str, Float]:
     """(n, 3) m, part axes: where the tool stands against the original program, as the loop computes it.
 
-    ``predicted``: deflection under the force that the correction is computed from. ``corrected``: what the program
-    contains and what is in effect of the correction sent. ``remaining``: their sum.
+    ``predicted``: deflection under the force that the correction is computed from, and the planned deflection that the
+    program takes back. ``corrected``: what the program contains and what is in effect of the correction sent.
+    ``remaining``: their sum. With a compensated program the loop computes the deflection by which the planned one is
+    missed: what the program contains stands for the planned one with the other sign.
     """
-    predicted = shots["deflection"][:, :3]
-    corrected = shots["contained"][:, :3] + shots["in_effect"][:, :3]
-    return {"predicted": predicted, "corrected": corrected, "remaining": predicted + corrected}
+    contained, effect = shots["contained"][:, :3], shots["in_effect"][:, :3]
+    missed = shots["deflection"][:, :3]
+    return {"predicted": missed - contained, "corrected": contained + effect, "remaining": missed + effect}
 
 
 def _number(value: float, digits: int = 1) -> float | None:

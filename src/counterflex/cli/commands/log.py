@@ -1,4 +1,4 @@
-"""Commands on a run log: log show, log replay, log export, log repair."""
+"""Commands on a run log: log show, log replay, log export, log repair; those on ended runs are added."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import MOST_RECORDS
+from counterflex.cli.commands.operate import run_history
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
-_log = typer.Typer(no_args_is_help=True, help="What an online run logged: show it, replay it, export it, repair it.")
+_log = typer.Typer(no_args_is_help=True, help="What online runs logged: show, replay, export, repair, compare.")
 _SHOWN = 20
 INCOMPLETE: Final = 5
 """Exit status: what there is was read, but cycles are missing or something cannot be read."""
@@ -27,6 +28,7 @@ def register(app: typer.Typer) -> None:
     _log.command("replay")(replay)
     _log.command("export")(export)
     _log.command("repair")(repair)
+    run_history.register(_log)
     app.add_typer(_log, name="log")
 
 

@@ -1,0 +1,125 @@
+"""The job ``log history``: all runs below a folder with their figures, and trends over runs of the same program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app.run_history.logged_run import read_runs
+from counterflex.core import atomic
+from counterflex.core.errors import CounterflexError, FileFormatError
+from counterflex.core.progress import Progress, silent
+from counterflex.evaluate.run_trend import trend
+from counterflex.files.summary_file import write_summary
+
+TRENDS: Final[dict[str, tuple[str, str, Callable[[dict[str, Any]], float | None]]]] = {
+    "force_ratio": ("wear: measured by planned force", "", lambda row: row["force_ratio"]),
+    "correction_across": ("drift: mean correction across the feed", "um", lambda row: _mean(row, 0)),
+    "correction_along_tool": ("drift: mean correction along the tool", "um", lambda row: _mean(row, 1)),
+    "remaining": ("remaining deviation, 99.7 %", "um", lambda row: row["remaining_um"]),
+    "measured": ("measured deviation, 99.7 %", "um", lambda row: row["measured_um"]),
+    "force_peak": ("largest force", "N", lambda row: row["force_peak_n"]),
+    "reply_p99": ("time to answer, 99 %", "us", lambda row: (row["reply_us"] or {}).get("p99")),
+}
+"""What is followed over the runs of a program: title, unit, and how a row says it."""
+
+
+def _mean(row: dict[str, Any], place: int) -> float | None:
+    values = row["mean_correction_um"]
+    return None if values is None else float(values[place])
+
+
+def log_folders(folder: Path) -> list[Path]:
+    """Folders with a run log: this one and those below it, by name.
+
+    Raises:
+        FileFormatError: There is none.
+    """
+    folders = sorted({file.parent for file in folder.rglob("run-*.mcap")})
+    if not folders:
+        raise FileFormatError(
+            "there is no run log in this folder or below it", where=str(folder), hint="Expected run-000.mcap"
+        )
+    return folders
+
+
+def history(folder: Path, out: Path | None = None, progress: Progress = silent) -> dict[str, Any]:
+    """Runs below a folder; with ``out``, write ``report.html`` and ``summary.json``.
+
+    Args:
+        folder: Searched with all folders below it.
+        out: Folder of the results, or None.
+        progress: Progress callback, fraction 0 to 1.
+
+    Returns:
+        ``runs``: rows of :func:`counterflex.app.run_history.logged_run.read_runs` in the order in which they began;
+        ``programs``: runs of the same program with their trends; ``unreadable`` folders and why.
+
+    Raises:
+        FileFormatError: There is no run log, or none can be read.
+    """
+    rows: list[dict[str, Any]] = []
+    unreadable: list[dict[str, str]] = []
+    refused: CounterflexError | None = None
+    folders = log_folders(folder)
+    for k, place in enumerate(folders):
+        progress(k / len(folders), place.name)
+        try:
+            rows += [one.row for one in read_runs(place)]
+        except CounterflexError as fault:
+            refused = refused or fault
+            unreadable.append({"folder": str(place), "why": str(fault)})
+    if not rows and refused is not None:
+        raise refused
+    rows.sort(key=lambda row: (row["begun"] or "", row["folder"], row["run"]))
+    summary = {
+        "job": "log history",
+        "folder": str(folder),
+        "runs": rows,
+        "programs": _programs(rows),
+        "unreadable": unreadable,
+        "incomplete": bool(unreadable) or any(row["incomplete"] for row in rows),
+        "counterflex": __version__,
+    }
+    if out is not None:
+        from counterflex.report.page import write_page
+        from counterflex.report.run_history.page import history_page
+
+        with atomic.atomic_folder(out) as staging:
+            write_page(history_page(summary), staging / "report.html")
+            write_summary(staging / "summary.json", summary)
+    progress(1.0)
+    return summary
+
+
+def _programs(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Runs by program, those with several first; their trends."""
+    by_program: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        if row["program_sha256"] is not None:
+            by_program.setdefault(row["program_sha256"], []).append(row)
+    return [
+        {
+            "program": runs[0]["program"],
+            "program_sha256": sha256,
+            "runs": [{"folder": row["folder"], "run": row["run"]} for row in runs],
+            "figures": {name: [of(row) for row in runs] for name, (_, _, of) in TRENDS.items()},
+            "trends": [
+                {
+                    "figure": name,
+                    "title": title,
+                    "unit": unit,
+                    "runs": one.runs,
+                    "mean": round(one.mean, 4),
+                    "slope_per_run": round(one.slope, 5),
+                    "half_width95": round(one.half_width, 5),
+                    "clear": one.clear,
+                }
+                for name, (title, unit, of) in TRENDS.items()
+                if (one := trend([of(row) for row in runs])) is not None
+            ],
+        }
+        for sha256, runs in sorted(by_program.items(), key=lambda item: -len(item[1]))
+    ]

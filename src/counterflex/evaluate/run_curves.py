@@ -1,0 +1,190 @@
+"""What a run log says along the path: deviation across the feed, correction sent, force; and their figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.units import NS
+from counterflex.runtime.record_ring import column
+from counterflex.runtime.state.supervisor import State
+
+_BASE: Final = 10
+"""Cycles to both sides over which the direction of the feed is taken."""
+_STANDS_M_S: Final = 1e-3
+"""Below this speed of the commanded point the direction of the feed is the last one."""
+_LEAST_N: Final = 50.0
+"""Force that counts as a cut where no plan says where it cuts."""
+SHARE: Final = 0.997
+
+
+@dataclass(frozen=True, eq=False)
+class RunCurves:
+    """Curves of a run, one row per record.
+
+    Pairs are across the feed (to its left, seen from the spindle) and along the tool (out of the spindle), m.
+
+    Attributes:
+        time_ns: (n,) when the telegram came, monotonic.
+        length_m: (n,) place along the program as the loop followed it; 0 without a plan.
+        cut: (n,) material is cut: by the plan, without one where the force says so.
+        active: (n,) the loop corrects, or would: state active.
+        sides: (n, 2, 3) the two directions, part axes.
+        deflection_m: (n, 2) under the force that the correction is computed from: with a compensated program that by
+            which the planned force is missed.
+        sent_m: (n, 2) correction sent.
+        measured_m: (n, 2) deviation that a tracker measures; not a number between its samples.
+        force_n: (n,) size of the measured force on the tool; not a number while it is not good.
+        planned_n: (n,) size of the planned one; not a number without a plan.
+        ratio: (n,) measured by planned force; not a number where it is not known.
+    """
+
+    time_ns: Float
+    length_m: Float
+    cut: Bool
+    active: Bool
+    sides: Float
+    deflection_m: Float
+    sent_m: Float
+    measured_m: Float
+    force_n: Float
+    planned_n: Float
+    ratio: Float
+
+    def __len__(self) -> int:
+        """Records."""
+        return len(self.time_ns)
+
+    @property
+    def judged(self) -> Bool:
+        """(n,) where deviations count: in the cut; in a run that cuts nothing, while the loop is active."""
+        return self.cut if self.cut.any() else self.active
+
+
+def curves_of(rows: Float, *, planned: bool) -> RunCurves:
+    """Curves of records that follow each other.
+
+    Args:
+        rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
+        planned: The run had a plan.
+    """
+    sides = sides_of(rows)
+
+    def three(name: str, *axes: str) -> Float:
+        return rows[:, [column(f"{name}_{axis}") for axis in axes or ("x", "y", "z")]]
+
+    def pair(values: Float) -> Float:
+        out: Float = np.einsum("nij,nj->ni", sides, values)
+        return out
+
+    force = np.linalg.norm(three("wrench", "fx", "fy", "fz"), axis=1)
+    force = np.where(rows[:, column("w_good")] > 0, force, np.nan)
+    plan = np.linalg.norm(three("predicted", "fx", "fy", "fz"), axis=1) if planned else np.full(len(rows), np.nan)
+    deviation, new = three("deviation"), rows[:, column("flag_tracker_new")] > 0
+    seen = new & np.any(deviation != 0.0, axis=1)
+    ratio = rows[:, column("force_ratio")]
+    cut = rows[:, column("cutting")] > 0.5 if planned else np.nan_to_num(force) > _LEAST_N
+    return RunCurves(
+        rows[:, column("received_ns")],
+        rows[:, column("path_m")],
+        cut,
+        rows[:, column("out_state")] == State.ACTIVE,
+        sides,
+        pair(three("deflection")),
+        pair(three("correction")),
+        np.where(seen[:, None], pair(deviation), np.nan),
+        force,
+        plan,
+        np.where(ratio > 0.0, ratio, np.nan),
+    )
+
+
+def sides_of(rows: Float) -> Float:
+    """(n, 2, 3) directions across the feed, to its left seen from the spindle, and along the tool, part axes.
+
+    Args:
+        rows: (n, WIDTH).
+    """
+    n = len(rows)
+    place = rows[:, [column(f"nominal_{axis}") for axis in "xyz"]]
+    tool = rows[:, [column(f"nominal_R{axis}2") for axis in range(3)]]
+    if n < 2:
+        return np.stack([np.zeros((n, 3)), tool], axis=1)
+    k = np.arange(n)
+    before, after = np.maximum(k - _BASE, 0), np.minimum(k + _BASE, n - 1)
+    step = place[after] - place[before]
+    span = NS * (rows[after, column("received_ns")] - rows[before, column("received_ns")])
+    moves = np.linalg.norm(step, axis=1) > _STANDS_M_S * np.maximum(span, 1e-9)
+    last = np.maximum.accumulate(np.where(moves, k, -1))
+    first = int(np.argmax(moves)) if moves.any() else 0
+    feed = step[np.where(last < 0, first, last)]
+    across = np.cross(-tool, feed)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.divide(across, length, out=np.zeros_like(across), where=length > 1e-12)
+    return np.stack([across, tool], axis=1)
+
+
+def joined(parts: Sequence[RunCurves]) -> RunCurves:
+    """Curves of a whole run from those of its segments; at least one."""
+    return RunCurves(*(np.concatenate([getattr(one, field.name) for one in parts]) for field in fields(RunCurves)))
+
+
+def largest_share(pairs_m: Float, where: Bool) -> float | None:
+    """m, size below which 99.7 % lies; None where nothing is known.
+
+    Args:
+        pairs_m: (n, 2).
+        where: (n,) what counts.
+    """
+    size = np.linalg.norm(pairs_m[where], axis=1)
+    size = size[np.isfinite(size)]
+    return float(np.quantile(size, SHARE)) if len(size) else None
+
+
+def mean_pair(pairs_m: Float, where: Bool) -> Float | None:
+    """(2,) m, mean where it counts; None where nothing is known."""
+    rows = pairs_m[where]
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    return rows.mean(axis=0) if len(rows) else None
+
+
+def figures(curves: RunCurves, contained_m: Float | None) -> dict[str, Any]:
+    """Figures of a run, SI; None where something was not measured or is not known.
+
+    Args:
+        curves: Of the run.
+        contained_m: (n, 2) correction that the program contains, or None where it is not known.
+    """
+    judged, force = curves.judged, curves.force_n[np.isfinite(curves.force_n)]
+    ratio = curves.ratio[judged & np.isfinite(curves.ratio)]
+    pairs = deviations(curves, contained_m)
+    return {
+        **{f"{name}_m": largest_share(values, judged) for name, values in pairs.items()},
+        "mean_sent_m": mean_pair(curves.sent_m, judged),
+        "force_peak_n": float(force.max()) if len(force) else None,
+        "ratio": float(np.median(ratio)) if len(ratio) else None,
+    }
+
+
+def deviations(curves: RunCurves, contained_m: Float | None) -> dict[str, Float]:
+    """(n, 2) m: where the tool stands against the original program, as the loop computes it and as a tracker measures.
+
+    ``predicted``: deflection, and the planned one that the program takes back. ``corrected``: what the program contains
+    and the loop sends. ``remaining``: their sum, without the robot's lag. The first two are not a number where
+    it is not known what the program contains.
+
+    Args:
+        curves: Of the run.
+        contained_m: (n, 2), or None.
+    """
+    contained = np.full_like(curves.sent_m, np.nan) if contained_m is None else contained_m
+    return {
+        "predicted": curves.deflection_m - contained,
+        "corrected": contained + curves.sent_m,
+        "remaining": curves.deflection_m + curves.sent_m,
+        "measured": curves.measured_m,
+    }

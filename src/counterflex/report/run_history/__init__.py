@@ -1,0 +1,1 @@
+"""Pages of runs that have ended: history with trends, two runs beside each other, one run again."""

@@ -1,0 +1,186 @@
+"""Pages of runs that have ended, as HTML text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.evaluate.run_curves import RunCurves
+from counterflex.report.page import render
+from counterflex.report.run_history.figures import curves_figure, trend_figure
+
+_SHOWN: Final = 200
+_HISTORY: Final = {
+    "begun": "begun (UTC)",
+    "program": "program",
+    "folder": "folder",
+    "run": "run",
+    "seconds": "s",
+    "share_percent": "path, %",
+    "predicted_um": "predicted, µm",
+    "corrected_um": "corrected, µm",
+    "remaining_um": "remaining, µm",
+    "measured_um": "measured, µm",
+    "force_peak_n": "force, N",
+    "force_ratio": "measured / planned force",
+    "incidents": "incidents",
+    "reply_p99_us": "answer p99, µs",
+    "reply_max_us": "answer max, µs",
+    "telegrams_lost": "telegrams lost",
+    "records_lost": "records lost",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ShownRun:
+    """A run on a page.
+
+    Attributes:
+        name: As it is called there.
+        figures: By name; None: not known.
+        curves: Along the path.
+        contained_m: (n, 2) m, correction that the program contains, or None.
+        incidents: Plain values: number, time_s, state, cause.
+        actions: What operators did: time_s, who, from, action, done, refused.
+        facts: What the run was made of.
+    """
+
+    name: str
+    figures: Mapping[str, float | None]
+    curves: RunCurves
+    contained_m: Float | None
+    incidents: Sequence[Mapping[str, Any]]
+    actions: Sequence[Mapping[str, Any]]
+    facts: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class _Section:
+    title: str
+    lead: str = ""
+    heads: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    figure: str = ""
+
+
+@dataclass(frozen=True)
+class _Page:
+    title: str
+    subtitle: str
+    created: str = ""
+    notes: list[str] = field(default_factory=list)
+
+
+def history_page(summary: Mapping[str, Any]) -> str:
+    """The page of all runs and of the trends over runs of the same program.
+
+    Args:
+        summary: See :func:`counterflex.app.run_history.history.history`.
+    """
+    rows = []
+    for row in summary["runs"]:
+        reply = row["reply_us"] or {}
+        flat = {**row, "reply_p99_us": reply.get("p99"), "reply_max_us": reply.get("max")}
+        rows.append(tuple(_text(flat[name]) for name in _HISTORY))
+    lead = (
+        "Deviations: 99.7 % of the cut, across the feed and along the tool. Predicted: deflection under the force of"
+        " the run. Corrected: by program and loop. Remaining: their sum, by the model, without the robot's lag."
+        " Measured: by a tracker. –: not known."
+    )
+    sections = [_Section("Runs", lead, tuple(_HISTORY.values()), tuple(rows))]
+    figures: dict[str, Any] = {}
+    for k, program in enumerate(summary["programs"]):
+        if len(program["runs"]) < 2:
+            continue
+        trends = tuple(
+            (
+                one["title"] + (f", {one['unit']}" if one["unit"] else ""),
+                _text(one["mean"]),
+                f"{one['slope_per_run']:+.4g} ± {one['half_width95']:.2g}",
+                "changes" if one["clear"] else "no change to be told",
+                str(one["runs"]),
+            )
+            for one in program["trends"]
+        )
+        titles = {
+            one["figure"]: one["title"] + (f", {one['unit']}" if one["unit"] else "") for one in program["trends"]
+        }
+        drawn = trend_figure({name: program["figures"][name] for name in titles}, titles)
+        name = f"trend{k}"
+        if drawn is not None:
+            figures[name] = drawn
+        lead = "Change from run to run, least squares, with its 95 % interval; from four runs on."
+        heads = ("figure", "mean", "change per run", "verdict", "runs")
+        title = f"{program['program'] or program['program_sha256'][:12]}: {len(program['runs'])} runs"
+        sections.append(_Section(title, lead, heads, trends, name if drawn is not None else ""))
+    notes = [f"{one['folder']} cannot be read: {one['why']}" for one in summary["unreadable"]]
+    head = _Page("Runs", summary["folder"], notes=notes)
+    verdict = f"{len(summary['runs'])} runs of {len(summary['programs'])} known programs."
+    return render("run_history.html.j2", figures, [], data=head, verdict=verdict, sections=sections)
+
+
+def runs_page(title: str, runs: Sequence[ShownRun], names: Mapping[str, str], notes: list[str]) -> str:
+    """The page of one run, or of two beside each other.
+
+    Args:
+        title: Headline.
+        runs: One or two.
+        names: Headings of the figures by name, in order.
+        notes: What has to be known before.
+    """
+    heads = ("figure", *(one.name for one in runs), *(("difference",) if len(runs) == 2 else ()))
+    rows = []
+    for name, text in names.items():
+        values = [one.figures[name] for one in runs]
+        change = []
+        if len(values) == 2:
+            known = values[0] is not None and values[1] is not None
+            change = [f"{(values[1] or 0.0) - (values[0] or 0.0):+.4g}" if known else "–"]
+        rows.append((text, *(_text(v) for v in values), *change))
+    by_length = all(float(np.max(one.curves.length_m)) > 0.0 for one in runs)
+    figures = {"curves": curves_figure([(one.name, one.curves, one.contained_m) for one in runs], by_length=by_length)}
+    sections = [
+        _Section("Figures", "", heads, tuple(rows)),
+        _Section(
+            "Curves",
+            "Deviation in the cut only. Click a name in the legend to hide its curve.",
+            figure="curves",
+        ),
+    ]
+    for one in runs:
+        sections += _story(one)
+    head = _Page(title, " and ".join(one.name for one in runs), notes=notes)
+    return render("run_history.html.j2", figures, [], data=head, verdict="", sections=sections)
+
+
+def _story(run: ShownRun) -> list[_Section]:
+    """What happened in a run, and what it was made of."""
+    out = []
+    if run.incidents:
+        keys = ("number", "time_s", "state", "cause")
+        rows = tuple(tuple(_text(one[key]) for key in keys) for one in run.incidents[:_SHOWN])
+        out.append(_Section(f"Holds and faults of {run.name}", "", ("number", "time, s", "state", "cause"), rows))
+    if run.actions:
+        rows = tuple(
+            (
+                _text(one.get("time_s")),
+                str(one.get("who", "")),
+                str(one.get("from", "")),
+                str(one.get("action", one.get("text", ""))),
+                "done" if one.get("done") else str(one.get("refused", "")),
+            )
+            for one in run.actions[:_SHOWN]
+        )
+        out.append(_Section(f"Operators of {run.name}", "", ("time, s", "who", "from", "action", "outcome"), rows))
+    out.append(_Section(f"What {run.name} was made of", "", ("", ""), tuple((k, v) for k, v in run.facts.items())))
+    return out
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "–"
+    return f"{value:g}" if isinstance(value, float) else str(value).replace("_", " ")
