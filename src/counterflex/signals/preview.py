@@ -153,7 +153,7 @@ def _passed(values: Float, h: float, mode: Mode) -> Float:
     return out
 
 
-@kernel("void(float64[:, ::1], float64[:, ::1], float64[:, ::1])")
+@kernel("void(float64[:, ::1], float64[:, ::1], float64[:, ::1])", entry=True)
 def _swing(values: Float, after: Float, out: Float) -> None:
     """Swing of a mode about an input that is held over each step; ``after``: its free swing after one step."""
     for k in range(values.shape[1]):
