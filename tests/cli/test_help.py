@@ -69,6 +69,16 @@ JOBS = ("soak", "faults", "reproduce")
 ALONE = [example for example in EXAMPLES if not example.startswith(LIVE + JOBS)]
 
 
+SHORTER = {
+    "campaign": ["--workers", "1"],
+    "demo": ["--workers", "1", "--seeds", "1"],
+    "prove": ["--workers", "1", "--seeds", "1", "--no-exact"],
+    "plan map": ["--points", "3"],
+    "plan placement": ["--candidates", "64"],
+}
+"""Options behind examples that would take long: whether one runs shows with the last of two values too."""
+
+
 PLUNGED = "G21 G17 G90 G94\nM6 T1\nM3 S13000\nG0 X10 Y15\nG0 Z22\nG1 Z17 F600\nX50 F1500\nG0 Z40\nM30\n"
 """A slot that begins with a plunge: something to soften."""
 
@@ -166,10 +176,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[:2] == ["identify", "history"]:
         found = ("identify", "tracker-frame", "points.toml", "--cell", "cell.toml", "--out", "out")
         assert counterflex(*found).status == 0
-    if words[0] in ("prove", "demo", "campaign"):
-        words += ["--workers", "1"]
-    if words[:2] == ["plan", "placement"]:
-        words += ["--candidates", "64"]
+    for command, shorter in SHORTER.items():
+        words += shorter if example.startswith(command) else []
     if words[:2] == ["plan", "entry"]:
         (folder / "part.ngc").write_text(PLUNGED, encoding="utf-8")
     ended = counterflex(*words)
