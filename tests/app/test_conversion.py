@@ -18,9 +18,9 @@ from counterflex.programs.convert.steps import Move, Process, steps
 from counterflex.programs.program import Program
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-LANGUAGES = ("gcode", "sinumerik", "apt", "krl", "rapid", "fanuc")
-ROBOTS = ("krl", "rapid", "fanuc")
-LATER = ("fanuc",)
+LANGUAGES = ("gcode", "sinumerik", "apt", "krl", "rapid", "fanuc", "val3")
+ROBOTS = ("krl", "rapid", "fanuc", "val3")
+LATER = ("fanuc", "val3")
 """Their conversion with every other language is not tried, only with these: one of machines, one of robots."""
 PAIRS = [
     (there, back)
@@ -53,6 +53,14 @@ mist = ["DO[18]=ON"]
 flood = ["DO[19]=ON"]
 coolant_off = ["DO[18]=OFF", "DO[19]=OFF"]
 tool_change = ["CALL CHANGE({t})"]
+"""
+VAL3 = """clockwise = ["aioSpeed={s}", "dioRun=true"]
+counter_clockwise = ["aioSpeed={s}", "dioBack=true"]
+off = ["dioRun=false"]
+mist = ["dioMist=true"]
+flood = ["dioFlood=true"]
+coolant_off = ["dioMist=false", "dioFlood=false"]
+tool_change = ["call change({t})"]
 """
 PROGRAM = """(all that languages share)
 G21 G17 G90 G94 G54
@@ -93,7 +101,7 @@ def shop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The cell of the examples with outputs for all machine functions, and the program in each language."""
     folder = tmp_path_factory.mktemp("shop")
     text = (EXAMPLES / "cells" / "kr300_d16_small.toml").read_text(encoding="utf-8")
-    for language, table in (("krl", KRL), ("rapid", RAPID), ("fanuc", FANUC)):
+    for language, table in (("krl", KRL), ("rapid", RAPID), ("fanuc", FANUC), ("val3", VAL3)):
         text = re.sub(rf"(\[controller\.spindle\.{language}\]\n)[^\[]*(?:\[\]\n[^\[]*)*", rf"\1{table}\n", text)
     for number in (1, 2):
         names = f'number = {number}\ntool_data = {number}\ntooldata = "tMill{number}"\n'
@@ -109,7 +117,8 @@ def shop(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def main_file(folder: Path) -> Path:
     """The program in a folder."""
-    return next(file for file in folder.iterdir() if file.suffix != ".dat")
+    beside = (".dat", ".dtx", ".pjx")
+    return next(file for file in folder.iterdir() if file.suffix not in beside and file.stem not in ("start", "stop"))
 
 
 def read(file: Path, cell: Cell) -> Program:
@@ -222,8 +231,9 @@ def test_a_long_program_is_written_in_parts(language: str, shop: Path, tmp_path:
     about = conversion.run(shop / "part.ngc", shop / "cell.toml", tmp_path / "out", language, points_per_file=10)
     whole = conversion.run(shop / "part.ngc", shop / "cell.toml", tmp_path / "whole", language)
     assert about["motions_out"] == whole["motions_out"]
-    parts = [file for file in about["files"] if not file.endswith(".dat")]
-    motion = re.compile(r"^\s*(?:\d+:)?\s*(?:PTP|LIN|CIRC|Move[JLC]|[JLC] P\[)", re.MULTILINE)
+    parts = [file for file in about["files"] if not file.endswith((".dat", ".dtx", ".pjx"))]
+    parts = [file for file in parts if file not in ("start.pgx", "stop.pgx")]
+    motion = re.compile(r"^\s*(?:\d+:)?\s*(?:PTP|LIN|CIRC|Move[JLC]|[JLC] P\[|move[jlc]\()", re.MULTILINE)
     texts = [(tmp_path / "out" / file).read_text(encoding="ascii") for file in parts]
     counts = [len(motion.findall(text)) for text in texts]
     assert counts[0] == 0

@@ -33,6 +33,7 @@ from counterflex.programs.convert.joined import joined
 from counterflex.programs.convert.machine_languages import AptEmitter, GcodeEmitter, SinumerikEmitter
 from counterflex.programs.convert.robot_languages import KrlEmitter, RapidEmitter
 from counterflex.programs.convert.steps import steps
+from counterflex.programs.convert.val3 import Val3Emitter
 from counterflex.programs.fanuc.writer import FanucSettings
 from counterflex.programs.krl.writer import KrlSettings
 from counterflex.programs.limits import LANGUAGE_NAMES
@@ -40,6 +41,7 @@ from counterflex.programs.program import ROBOT_DIALECTS, TOOL_VECTOR, Program
 from counterflex.programs.rapid.writer import RapidSettings
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.val3.application import Val3Settings
 
 _MACHINES: Final[dict[str, type[Emitter]]] = {
     "gcode": GcodeEmitter,
@@ -161,6 +163,14 @@ def _emitter(program: Program, cell: Cell, language: str, tolerance_m: float, po
             tool_data={tool: int(value) for tool, value in data.items()},
         )  # fmt: skip
         return FanucEmitter(program, fanuc, cell.machine_functions("fanuc"), tolerance_m)
+    if language == "val3":
+        refuse_held_part(cell, "VAL3")
+        val3 = Val3Settings(
+            **common, T_flange_tcp=cell.controller_chain.T_flange_tcp, T_base_part=cell.T_base_part,
+            blend_m=controller.blending_m, tool_data=tool_data(program, cell, "val3"),
+        )  # fmt: skip
+        val3.check()
+        return Val3Emitter(program, val3, cell.machine_functions("val3"), tolerance_m)
     mass, com = payload(cell)
     rapid = RapidSettings(
         **common, T_flange_tcp=cell.controller_chain.T_flange_tcp,

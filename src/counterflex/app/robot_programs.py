@@ -17,19 +17,22 @@ from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.fanuc.read.interpreter import FanucCell
 from counterflex.programs.krl.read.data_list import data_file_of
 from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, Program
+from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, VAL3_DIALECT, Program
 from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
+from counterflex.programs.val3.read.data_file import data_file_of as val3_data_file_of
+from counterflex.programs.val3.read.interpreter import Val3Cell
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6
 
 
 def companions(file: Path) -> tuple[Path, ...]:
-    """Files that belong to a program and are read with it: the ``.dat`` beside a ``.src``."""
-    data = data_file_of(file) if file.suffix.lower() == ".src" else None
+    """Files that belong to a program and are read with it: the ``.dat`` of a ``.src``, the ``.dtx`` of a ``.pgx``."""
+    reads = {".src": data_file_of, ".pgx": val3_data_file_of}.get(file.suffix.lower())
+    data = None if reads is None else reads(file)
     return () if data is None else (data,)
 
 
@@ -76,6 +79,20 @@ def fanuc_cell(cell: Cell) -> FanucCell:
     )
 
 
+def val3_cell(cell: Cell) -> Val3Cell:
+    """What a VAL3 program is held against.
+
+    Raises:
+        InputError: The robot holds the part: such programs are not read.
+    """
+    refuse_held_part(cell, "VAL3")
+    tools = cell.tables.tools
+    return Val3Cell(
+        **_shared(cell, "val3"),
+        tool_of_data={tool.tooldata: tool.number for tool in tools if tool.tooldata is not None},
+    )
+
+
 def robot_cell(cell: Cell, dialect: str) -> RobotCell:
     """What a robot program in a language is held against.
 
@@ -118,7 +135,7 @@ def _shared(cell: Cell, language: Dialect) -> dict[str, Any]:
 
 
 _CELLS: Final[dict[str, Callable[[Cell], RobotCell]]] = {
-    KRL_DIALECT: krl_cell, RAPID_DIALECT: rapid_cell, FANUC_DIALECT: fanuc_cell,
+    KRL_DIALECT: krl_cell, RAPID_DIALECT: rapid_cell, FANUC_DIALECT: fanuc_cell, VAL3_DIALECT: val3_cell,
 }  # fmt: skip
 
 

@@ -89,7 +89,7 @@ _LANGUAGES: Final = (
     _Signs("Yaskawa INFORM", _robot("It"), (r"^/JOB$", r"^//(NAME|POS|INST)\b"), (r"^MOV[JLC]\s+C\d+", r"^NOP$")),
     _Signs(
         "Staubli VAL 3",
-        _robot("It"),
+        _LANGUAGE.format("val3", ".pgx"),
         (r"staubli\.com/robotics/VAL3", r"^(movel|movej|movec)\s*\(\s*\w+\s*,\s*\w+\s*,\s*\w+\s*\)"),
         (r"^begin$", r"^waitEndMove\b"),
     ),

@@ -34,12 +34,13 @@ class Limits:
     source: str
 
 
-ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "apt", "krl", "rapid", "fanuc"]
+ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "apt", "krl", "rapid", "fanuc", "val3"]
 DIALECTS: Final[tuple[ProgramDialect, ...]] = get_args(ProgramDialect)
 """Languages of programs that can be read; the first is taken where none is named: that of the file's ending."""
 BY_ENDING: Final = DIALECTS[0]
 LANGUAGE_NAMES: Final[dict[str, str]] = {
-    "krl": "krl", "rapid": "rapid", "fanuc": "fanuc", "gcode": "linuxcnc", "sinumerik": "sinumerik", "apt": "apt",
+    "krl": "krl", "rapid": "rapid", "fanuc": "fanuc", "val3": "val3",
+    "gcode": "linuxcnc", "sinumerik": "sinumerik", "apt": "apt",
 }  # fmt: skip
 """What a program is converted to, by the name at the prompt: the dialect that it is read in."""
 ENDINGS: Final[dict[str, tuple[str, ...]]] = {
@@ -48,6 +49,7 @@ ENDINGS: Final[dict[str, tuple[str, ...]]] = {
     "krl": (".src",),
     "rapid": (".mod", ".modx", ".prg"),
     "fanuc": (".ls",),
+    "val3": (".pgx",),
 }
 """Endings of the files of each language, lower case, the usual one first; any other file is ``linuxcnc``."""
 
@@ -94,6 +96,14 @@ FANUC: Final = Limits(
     angle_decimals=5,
     source="names: 36 characters (FANUC R-30iB, Operator's manual; 8 before R-30iA); position numbers of a program: "
     "1 to 1500 (there)",
+)
+VAL3: Final = Limits(
+    line_characters=255,
+    name_characters=24,
+    points_per_file=3_000,
+    position_decimals=4,
+    angle_decimals=5,
+    source="no published figures for names and sizes: memory of the controller (cautious)",
 )
 
 LINUXCNC_RADIUS_ABSOLUTE_M: Final = 5e-6

@@ -22,7 +22,9 @@ RAPID_DIALECT: Final = "rapid"
 """Dialect of a program in ABB RAPID, see :class:`counterflex.programs.rapid.program.RapidProgram`."""
 FANUC_DIALECT: Final = "fanuc"
 """Dialect of a FANUC TP listing, see :class:`counterflex.programs.fanuc.program.FanucProgram`."""
-ROBOT_DIALECTS: Final = (KRL_DIALECT, RAPID_DIALECT, FANUC_DIALECT)
+VAL3_DIALECT: Final = "val3"
+"""Dialect of a Staubli VAL3 program, see :class:`counterflex.programs.val3.program.Val3Program`."""
+ROBOT_DIALECTS: Final = (KRL_DIALECT, RAPID_DIALECT, FANUC_DIALECT, VAL3_DIALECT)
 """Dialects of programs that state the orientation of the tool, see
 :class:`counterflex.programs.robot_text.program.RobotProgram`."""
 

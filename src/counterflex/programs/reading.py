@@ -32,6 +32,7 @@ _ROBOT_READERS: Final[dict[str, str]] = {
     "krl": "counterflex.programs.krl.read.reader:read_krl_file",
     "rapid": "counterflex.programs.rapid.read.reader:read_rapid_file",
     "fanuc": "counterflex.programs.fanuc.read.reader:read_fanuc_file",
+    "val3": "counterflex.programs.val3.read.reader:read_val3_file",
 }
 """The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
 

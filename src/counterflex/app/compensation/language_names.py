@@ -15,5 +15,6 @@ LANGUAGES: Final[Registry[Any]] = Registry(
         "krl": "counterflex.app.compensation.languages:KRL",
         "rapid": "counterflex.app.compensation.languages:RAPID",
         "fanuc": "counterflex.app.compensation.languages:FANUC",
+        "val3": "counterflex.app.compensation.languages:VAL3",
     },
 )

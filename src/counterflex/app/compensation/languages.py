@@ -41,6 +41,10 @@ from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.programs.rotary.poses import commanded_words
+from counterflex.programs.val3.application import Val3Settings
+from counterflex.programs.val3.in_place import write_val3_in_place
+from counterflex.programs.val3.program import Val3Program
+from counterflex.programs.val3.writer import Val3Writer
 
 RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
 """What stands beside the program files."""
@@ -245,6 +249,28 @@ def _fanuc(order: WritingOrder) -> Written:
     return _robot_text(order, FanucWriter, settings, "fanuc")
 
 
+def _val3(order: WritingOrder) -> Written:
+    if isinstance(order.job.program, Val3Program):
+        return _in_place(write_val3_in_place, order)
+    job, plan, cell = order.job, order.plan, order.cell
+    refuse_held_part(cell, "VAL3")
+    controller = cell.tables.controller
+    settings = Val3Settings(
+        name=routine_name(Path(job.program.name).stem),
+        start_axes_rad=[float(angle) for angle in plan.q[0]],
+        T_flange_tcp=cell.controller_chain.T_flange_tcp,
+        T_base_part=cell.T_base_part,
+        blend_m=controller.blending_m,
+        rapid_m_s=controller.rapid_m_s,
+        cycle_s=controller.cycle_s,
+        cell=cell.label,
+        job=job_hash(plan),
+        external_axes=held_axes(cell),
+        tool_data=tool_data(job.program, cell, "val3"),
+    )
+    return _robot_text(order, Val3Writer, settings, "val3")
+
+
 def _robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, dialect: Dialect) -> Written:
     job = order.job
     lines = order.cell.machine_functions(dialect).lines
@@ -271,6 +297,7 @@ GCODE: Final = LanguageKind("the language of the program itself", _gcode, orient
 KRL: Final = LanguageKind("KUKA KRL", _krl, dialect="krl")
 RAPID: Final = LanguageKind("ABB RAPID", _rapid, dialect="rapid")
 FANUC: Final = LanguageKind("FANUC TP listings", _fanuc, dialect="fanuc")
+VAL3: Final = LanguageKind("Staubli VAL3", _val3, dialect="val3")
 
 
 def require_tolerance(tolerance_m: float) -> None:

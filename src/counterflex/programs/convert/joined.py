@@ -9,6 +9,7 @@ from typing import Final
 from counterflex.programs.fanuc.read.listing import Listing
 
 _PROC: Final = re.compile(r"^  PROC .*?^  ENDPROC\n", re.DOTALL | re.MULTILINE)
+_BODY: Final = re.compile(r"begin\n(.*)end\n", re.DOTALL)
 _NUMBERED: Final = re.compile(r"\bP\[(\d+)\]")
 
 
@@ -37,6 +38,8 @@ def joined(files: Mapping[str, str], language: str) -> dict[str, str]:
         text = text.replace("ENDMODULE\n", f"{routines}ENDMODULE\n")
     elif language == "fanuc":
         text = _fanuc(text, {name.upper(): part for name, part in parts.items()})
+    elif language == "val3":
+        text = re.sub(r"^  call (\w+)\(\)\n", lambda match: _BODY.findall(parts[match[1]])[0], text, flags=re.MULTILINE)
     return {main: text} | {name: data for name, data in others if name.startswith(f"{stem}.")}
 
 

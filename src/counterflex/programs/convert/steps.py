@@ -20,6 +20,7 @@ from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.machine_functions import BEHIND
+from counterflex.programs.val3.program import Val3Program
 
 ENDS: Final = frozenset((2, 17, 30, 60, 98, 99))
 _ORDER: Final = (6, 3, 4, 7, 8, 9, 5)
@@ -30,6 +31,7 @@ _REMARK: Final = {
     "sinumerik": re.compile(r";(?!\$PATH)(.*)"),
     "apt": re.compile(r"\$\$(.*)"),
     "fanuc": re.compile(r"^[\s\d]*:\s*!([^;]*)"),
+    "val3": re.compile(r"^\s*//(.*)"),
     "krl": re.compile(r"^\s*;(?!\s*(?:END)?FOLD|FOLD|ENDFOLD)(.*)", re.IGNORECASE),
 }
 
@@ -170,7 +172,7 @@ def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], name
     exact = False
     if isinstance(program, KrlProgram):
         exact = not program.moves[index].approximation and not program.moves[index].in_spline
-    elif isinstance(program, (RapidProgram, FanucProgram)):
+    elif isinstance(program, (RapidProgram, FanucProgram, Val3Program)):
         exact = program.moves[index].exact
     return Move(index, motion, R, before, named, exact, block.line)
 

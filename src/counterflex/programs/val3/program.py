@@ -1,0 +1,131 @@
+"""A VAL3 program as read: its motions, and where in the data file the numbers of every point stand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import pose, rotation
+from counterflex.programs.robot_text.program import RobotProgram
+
+LETTERS: Final = ("x", "y", "z", "rx", "ry", "rz")
+Span = tuple[int, int]
+"""Index of the first character, and the one behind the last."""
+Key = tuple[str, int]
+"""Name of a variable and index of the element: ``p`` and ``p[0]`` are the same."""
+
+
+def frame_of(values: Mapping[str, float]) -> Float:
+    """(4, 4) m of x y z (mm) and rx ry rz (deg): about x, then the new y, then the new z.
+
+    ``R = Rx(rx) Ry(ry) Rz(rz)``. Source: Staubli VAL3 Reference manual, type ``trsf``: "rotation about the X axis, then
+    about the new Y axis, then about the new Z axis"; RoboDK's post for VAL3 writes points so.
+    """
+    rx, ry, rz = (values[letter] * DEG for letter in LETTERS[3:])
+    R: Float = rotation.about_x(rx) @ rotation.about_y(ry) @ rotation.about_z(rz)
+    return pose.make(R, np.array([values[letter] for letter in LETTERS[:3]]) * MM)
+
+
+def rotations_of(R: Float) -> tuple[float, float, float]:
+    """rx, ry, rz in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
+    rz, ry, rx = (float(angle) for angle in rotation.to_zyx(R.T) / DEG)
+    return -rx, -ry, -rz
+
+
+@dataclass(frozen=True, slots=True)
+class Val3Value:
+    """An element of a variable of the data file.
+
+    Attributes:
+        data: Index in :attr:`Val3Program.data` of the ``<`` of its Value; -1 where the file does not write it.
+        end: Index of the ``/>`` or ``>`` of that tag.
+        attributes: Text by name of attribute.
+        spans: Where each text stands.
+    """
+
+    data: int
+    end: int
+    attributes: Mapping[str, str]
+    spans: Mapping[str, Span]
+
+
+@dataclass(frozen=True, slots=True)
+class Val3Data:
+    """A variable of the data file.
+
+    Attributes:
+        kind: ``pointRx``, ``frame``, ``tool``, ``mdesc``, ...
+        head: Its opening tag.
+        values: Elements by index.
+    """
+
+    kind: str
+    head: str
+    values: Mapping[int, Val3Value]
+
+
+@dataclass(frozen=True, slots=True)
+class Val3Motion:
+    """What stands behind a motion of :attr:`Val3Program.motions` in the text.
+
+    Attributes:
+        line: 1-based line of the statement.
+        word: ``movej movel movec``, or ``delay`` of a dwell.
+        start: Index of the word in the text.
+        head: Index at which its line begins; of a wait that of the ``waitEndMove()`` before it.
+        R_tcp_tool: (3, 3) orientation of the tool in the cell's TCP frame.
+        point: Its end; None of a dwell.
+        named: Where the point stands in the statement.
+        auxiliary: Point on a circle.
+        auxiliary_named: Where that stands.
+        tool: As written.
+        speed: Variable of its mdesc.
+        speed_named: Where that stands.
+        exact: It stops at its end.
+        changed_speed: The program changes other fields of the mdesc than its speed.
+    """
+
+    line: int
+    word: str
+    start: int
+    head: int
+    R_tcp_tool: Float
+    point: Key | None = None
+    named: Span = (0, 0)
+    auxiliary: Key | None = None
+    auxiliary_named: Span = (0, 0)
+    tool: str = ""
+    speed: Key = ("", 0)
+    speed_named: Span = (0, 0)
+    exact: bool = False
+    changed_speed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Val3Program(RobotProgram):
+    """A program in VAL3.
+
+    Attributes:
+        text: The program file.
+        data: The data file.
+        data_name: Its name.
+        moves: One for each of ``motions``.
+        variables: Of the data file, by name.
+        mentions: How often the code names each point.
+        code: Index of the first character behind ``begin``.
+        datas_end: Index of ``</Datas>`` in the data file.
+    """
+
+    text: str = ""
+    data: str = ""
+    data_name: str = ""
+    moves: tuple[Val3Motion, ...] = ()
+    variables: Mapping[str, Val3Data] = field(default_factory=dict)
+    mentions: Mapping[Key, int] = field(default_factory=dict)
+    code: int = 0
+    datas_end: int = 0
