@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,63 +13,13 @@ from counterflex.app.panel.figures import FeedFrame
 from counterflex.app.run_history.history import history, log_folders
 from counterflex.app.run_history.logged_run import one_run, read_runs
 from counterflex.app.run_history.pages import compare, page
-from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.records import records
 from counterflex.evaluate.run_curves import sides_of
 from counterflex.evaluate.run_trend import LEAST_RUNS, trend
-from counterflex.files.logs.run_log import RunLog
 from counterflex.protocols.processes.snapshot_layout import SNAPSHOT
-from counterflex.runtime.record_ring import WIDTH, column
-from counterflex.runtime.state.supervisor import Cause, State
-
-CYCLES = 600
-FEED = 0.02
-
-
-def rows_of(*, bend_m: float = 1e-4, sent_m: float = -8e-5, ratio: float = 1.0, force_n: float = 200.0) -> Float:
-    """A straight cut along x, tool pointing down: bent to the left, corrected to the right, and a hold at the end."""
-    rows = np.zeros((CYCLES, WIDTH))
-    k = np.arange(CYCLES)
-
-    def put(name: str, values: Any) -> None:
-        rows[:, column(name)] = values
-
-    put("counter_ms", 4 * k)
-    put("received_ns", 1e9 + 4e6 * k)
-    put("sent_ns", 1e9 + 4e6 * k + 1e5)
-    for name in ("elapsed", "w_good", "cutting", "nominal_R00"):
-        put(name, 1.0)
-    put("nominal_R11", -1.0)
-    put("nominal_R22", -1.0)
-    put("nominal_x", FEED * 0.004 * k)
-    put("path_m", FEED * 0.004 * k)
-    put("deflection_y", bend_m)
-    put("deflection_x", 5e-4)  # along the feed: not counted
-    put("correction_y", sent_m)
-    put("wrench_fy", force_n)
-    put("predicted_fy", force_n / ratio)
-    put("force_ratio", ratio)
-    put("out_state", np.where(k < 500, State.ACTIVE, State.HOLD))
-    put("out_cause", np.where(k < 500, 0, Cause.OPERATOR))
-    put("cycle", k + 1)
-    return rows
-
-
-def write(folder: Path, rows: Float, *, begun_s: float = 0.0, program: str = "a" * 64, plan: bool = False) -> Path:
-    names = {"program": "groove.ngc"} | ({"plan": "plan.parquet"} if plan else {})
-    about = {
-        "counterflex": "0.1.0",
-        "files": names,
-        "sha256": {"program": program, "plan": hashlib.sha256(b"none").hexdigest()},
-        "compensated": plan,
-        "wall_minus_monotonic_ns": round((1.8e9 + begun_s) * 1e9),
-    }
-    log = RunLog(folder, about)
-    log.add(rows, 1.0)
-    log.note({"time_ns": int(1.5e9), "who": "anna", "action": "stop", "done": True})
-    log.close()
-    return folder
+from counterflex.runtime.record_ring import column
+from straight_cut_log import rows_of, write
 
 
 def test_figures_count_across_the_feed_and_along_the_tool_only(tmp_path: Path) -> None:

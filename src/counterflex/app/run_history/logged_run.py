@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,6 +14,7 @@ from counterflex.app.run.incidents import Numbered, numbered
 from counterflex.app.run.log import micro
 from counterflex.app.run.missing import LogMissing
 from counterflex.app.run.process_events import shown_process
+from counterflex.app.run_history.run_files import file_of_run
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import NS, PERCENT, UM
@@ -40,7 +39,7 @@ class LoggedRun:
             plan file of the run is not there to say it.
         incidents: Holds and faults.
         actions: What operators did, with ``time_s`` since the first record.
-        files: That the run was made of, by kind.
+        about: What the run was made of, as its log says.
     """
 
     row: dict[str, Any]
@@ -48,7 +47,7 @@ class LoggedRun:
     contained_m: Float | None
     incidents: tuple[Numbered, ...]
     actions: tuple[dict[str, Any], ...]
-    files: dict[str, str]
+    about: dict[str, Any]
 
 
 @dataclass
@@ -163,7 +162,7 @@ def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *,
         {"time_s": round((int(a["time_ns"]) - begin_ns) * NS, 3), **{k: v for k, v in a.items() if k != "time_ns"}}
         for a in one.actions
     )
-    return LoggedRun(row, curves, contained, tuple(incidents), actions, files)
+    return LoggedRun(row, curves, contained, tuple(incidents), actions, about)
 
 
 def _um(value_m: float | None) -> float | None:
@@ -187,15 +186,12 @@ def _plan_of(about: Mapping[str, Any], folder: Path) -> tuple[Float, Float] | No
     """Place along the program and correction contained in it, m; None where the plan of the run is not there any more.
 
     As the loop reads it: places count along the program as it is sent; what was measured on parts moves the nominal.
-    The path of the plan was relative to where the run was started: often the folder that the log lies in.
     """
-    name, sha256 = about.get("files", {}).get("plan"), about.get("sha256", {}).get("plan")
-    plan = None
-    for place in () if name is None else (Path(name), folder.absolute().parent / name):
-        with contextlib.suppress(OSError, CounterflexError):
-            if hashlib.sha256(place.read_bytes()).hexdigest() == sha256:
-                plan, _ = read_plan(place)
-                break
+    file = file_of_run(about, "plan", folder)
+    try:
+        plan, _ = (None, None) if file is None else read_plan(file)
+    except CounterflexError:
+        return None
     if plan is None:
         return None
     compensated = bool(about.get("compensated", True))

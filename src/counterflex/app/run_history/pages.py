@@ -123,7 +123,11 @@ def _write(out: Path, summary: dict[str, Any], runs: list[LoggedRun], title: str
             one.contained_m,
             [incident.shown() for incident in one.incidents],
             list(one.actions),
-            {**one.files, "begun": one.row["begun"] or "not known", "folder": one.row["folder"]},
+            {
+                **{str(k): str(v) for k, v in one.about.get("files", {}).items()},
+                "begun": one.row["begun"] or "not known",
+                "folder": one.row["folder"],
+            },
         )
         for one in runs
     ]

@@ -8,10 +8,9 @@ from typing import Annotated, Any, Final
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import MOST_RECORDS
-from counterflex.cli.commands.operate import run_history
+from counterflex.cli.commands.operate import log_export, run_history
 from counterflex.cli.commands.program import CellFile
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import print_json, print_table, progress_bar
 
 _log = typer.Typer(no_args_is_help=True, help="What online runs logged: show, replay, export, repair, compare.")
 _SHOWN = 20
@@ -26,7 +25,7 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     _log.command("show")(show)
     _log.command("replay")(replay)
-    _log.command("export")(export)
+    _log.command("export")(log_export.export)
     _log.command("repair")(repair)
     run_history.register(_log)
     app.add_typer(_log, name="log")
@@ -293,52 +292,6 @@ def _omitted(missing: int, skipped: int) -> str:
     parts = [f"{missing} cycles missing"] if missing else []
     parts += [f"{skipped} not computed: after a gap"] if skipped else []
     return "".join(f", {part}" for part in parts)
-
-
-def export(
-    folder: Folder,
-    csv: Annotated[Path, typer.Option("--csv", help="File to write.", metavar="FILE", callback=arguments.output_file)],
-    incident: Annotated[
-        int | None,
-        typer.Option(
-            "--incident",
-            help="Only the cycles around this hold or fault, as `log show` counts.",
-            min=1,
-            max=MOST_RECORDS,
-        ),
-    ] = None,
-    before: Annotated[int, typer.Option("--before", help="Cycles before the incident.", min=0, max=MOST_RECORDS)] = 250,
-    after: Annotated[int, typer.Option("--after", help="Cycles after its first one.", min=0, max=MOST_RECORDS)] = 250,
-) -> None:
-    """Write every record as a line of CSV, in SI units and part axes; numbers read back bit for bit.
-
-    With --incident only the cycles around one hold or fault, with units in the headings, and state and cause in words.
-    Ends with status 5 when cycles are missing in what was written.
-
-    Example: `counterflex log export log --csv run.csv`
-    """
-    keep_inputs(csv, *sorted(folder.glob("run-*.mcap*")), option="--csv")
-    if incident is None:
-        from counterflex.app.run import log as job
-
-        with progress_bar("exporting") as progress:
-            count, missing = job.export(folder, csv, progress)
-        for line in (*missing.lines(), f"wrote {csv}: {count} records"):
-            say_written(csv, line)
-        _end(incomplete=missing.incomplete)
-        return
-    from counterflex.app.run.incidents import export_incident
-
-    with progress_bar("exporting") as progress:
-        done = export_incident(folder, incident, csv, before=before, after=after, progress=progress)
-    shown = done.of.shown()
-    lost = f", {done.missing} cycles in between have no record" if done.missing else ""
-    say_written(
-        csv,
-        f"wrote {csv}: {done.cycles} cycles around the {shown['state']} of cycle {shown['cycle']}"
-        f" ({shown['cause'].replace('_', ' ')}){lost}",
-    )
-    _end(incomplete=done.missing > 0)
 
 
 def repair(folder: Folder) -> None:

@@ -1,0 +1,1 @@
+"""The job ``log export --to``: a run for other viewers."""
