@@ -304,6 +304,7 @@ def run(seconds: float, groups: int) -> dict[str, Any]:
                 at = (0.0, [0] * CLIENTS) if watched is None else (watched.processor_s(), list(watched.counts))
                 blocks.append((group, with_panel, robot.block(seconds)))
                 loads.append(os.getloadavg()[0])
+                _say(len(blocks), with_panel, blocks[-1][2], loads[-1])
                 if watched is not None:
                     used += watched.processor_s() - at[0]
                     rates += [(b - a) / seconds for a, b in zip(at[1], watched.counts, strict=True)]
@@ -341,6 +342,12 @@ def run(seconds: float, groups: int) -> dict[str, Any]:
         "stolen": round((after[1] - before[1]) / max(1, after[0] - before[0]), 4),
         "environment": environment(),
     }
+
+
+def _say(number: int, with_panel: bool, times: dict[str, Float], load: float) -> None:
+    """A line for each block, so that a run that is ended early has said something."""
+    shown = {name: _micro(values) for name, values in times.items()}
+    print(f"block {number} {'with' if with_panel else 'without'} panel, load {load:.2f}: {shown}", file=sys.stderr)
 
 
 def _micro(times: Float) -> dict[str, float]:
