@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from counterflex.app import conversion
-from counterflex.app.inputs import AS_IT_IS
+from counterflex.app.inputs import AS_IT_IS, Reading
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError, ProgramError
 from counterflex.core.units import UM
@@ -174,6 +174,17 @@ def test_there_and_back(there: str, back: str, shop: Path, tmp_path: Path) -> No
     expected = [word for word in words(one) if word != (("M", 5.0),)]
     assert stops == expected
     assert len(words(two)) == len(words(one)) or (robot and back not in ROBOTS)
+
+
+def test_twincat_there_and_back(shop: Path, tmp_path: Path) -> None:
+    """Its files have no ending of their own: they are read by the name of the dialect."""
+    conversion.run(shop / "part.ngc", shop / "cell.toml", tmp_path / "there", "twincat")
+    file = tmp_path / "there" / "part.nc"
+    conversion.run(file, shop / "cell.toml", tmp_path / "back", "gcode", reading=Reading("twincat"))
+    cell = read_cell(shop / "cell.toml")
+    one, two = read(shop / "part.ngc", cell), read(tmp_path / "back" / "part.ngc", cell)
+    assert gap(polyline(one)[::3], polyline(two)) < 1.4 * UM
+    assert words(one) == words(two)
 
 
 def test_a_helix_becomes_straight_moves_for_robots(shop: Path, tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from counterflex.programs.convert.check import refuse_other_path
 from counterflex.programs.convert.emitter import Emitter, Written
 from counterflex.programs.convert.fanuc import FanucEmitter
 from counterflex.programs.convert.joined import joined
-from counterflex.programs.convert.machine_languages import AptEmitter, GcodeEmitter, SinumerikEmitter
+from counterflex.programs.convert.machine_languages import AptEmitter, GcodeEmitter, SinumerikEmitter, TwincatEmitter
 from counterflex.programs.convert.robot_languages import KrlEmitter, RapidEmitter
 from counterflex.programs.convert.steps import steps
 from counterflex.programs.convert.val3 import Val3Emitter
@@ -46,6 +46,7 @@ from counterflex.programs.val3.application import Val3Settings
 _MACHINES: Final[dict[str, type[Emitter]]] = {
     "gcode": GcodeEmitter,
     "sinumerik": SinumerikEmitter,
+    "twincat": TwincatEmitter,
     "apt": AptEmitter,
 }
 

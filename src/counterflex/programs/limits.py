@@ -34,13 +34,13 @@ class Limits:
     source: str
 
 
-ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "apt", "krl", "rapid", "fanuc", "val3"]
+ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "twincat", "apt", "krl", "rapid", "fanuc", "val3"]
 DIALECTS: Final[tuple[ProgramDialect, ...]] = get_args(ProgramDialect)
 """Languages of programs that can be read; the first is taken where none is named: that of the file's ending."""
 BY_ENDING: Final = DIALECTS[0]
 LANGUAGE_NAMES: Final[dict[str, str]] = {
     "krl": "krl", "rapid": "rapid", "fanuc": "fanuc", "val3": "val3",
-    "gcode": "linuxcnc", "sinumerik": "sinumerik", "apt": "apt",
+    "gcode": "linuxcnc", "sinumerik": "sinumerik", "twincat": "twincat", "apt": "apt",
 }  # fmt: skip
 """What a program is converted to, by the name at the prompt: the dialect that it is read in."""
 ENDINGS: Final[dict[str, tuple[str, ...]]] = {

@@ -25,6 +25,7 @@ RobotCell = RobotTextCell
 _READERS: Final[dict[str, str]] = {
     LINUXCNC: "counterflex.programs.gcode.read.reader:read_gcode_file",
     "sinumerik": "counterflex.programs.gcode.sinumerik.reader:read_sinumerik_file",
+    "twincat": "counterflex.programs.gcode.twincat.reader:read_twincat_file",
     "apt": "counterflex.programs.apt.reader:read_apt_file",
 }
 """``module:function`` of each language; the function takes the file and, by name, ``machine`` and ``complete``."""

@@ -135,7 +135,8 @@ class GcodeEmitter(MachineEmitter):
         words = ["G2" if self.clockwise(move) else "G3"]
         words += [f"{c}{number(float(v), _DECIMALS)}" for c, v in zip("XYZ", move.at(end_share) / MM, strict=True)]
         words += [f"{'IJK'[axis]}{number(float(offset[axis]), _DECIMALS + 1)}" for axis in (first, second)]
-        turns = max(1, math.ceil(abs(motion.turn_rad) / (2.0 * math.pi) - 1e-6))
+        turn = abs(motion.turn_rad) * (end_share - start_share)
+        turns = max(1, math.ceil(turn / (2.0 * math.pi) - 1e-6))
         words += [self.turns(turns)] if turns > 1 else []
         self.lines.append(" ".join(words) + self._feed(move))
 
@@ -171,6 +172,39 @@ class SinumerikEmitter(GcodeEmitter):
     def turns(self, count: int) -> str:
         """Turns besides the first."""
         return f"TURN={count - 1}"
+
+
+class TwincatEmitter(GcodeEmitter):
+    """TwinCAT NC I; the tool is upright: the control has no word for its axis."""
+
+    language: ClassVar[str] = "twincat"
+    ending: ClassVar[str] = ".nc"
+    codes: ClassVar[frozenset[int]] = frozenset(range(160)) - {2, 17, 30}
+
+    def begin(self) -> None:
+        """Units, plane, distances."""
+        self.comment(self.origin())
+        self.lines.append("G17 G54 G71 G90")
+        self._plane = 17
+
+    def straight(self, move: Move, share: float) -> None:
+        """G0 or G1. Raises a ProgramError for a tool that is not upright."""
+        if self.turning:
+            raise self.refuse(move.line, "tool axis", "the tool is not upright", _TURN_HINT)
+        super().straight(move, share)
+
+    def dwell(self, move: Move) -> None:
+        """G4 in seconds."""
+        self.lines.append(f"G4 X{number(move.motion.duration_s, 4)}")
+
+    def arc_shares(self, move: Move) -> list[float] | None:
+        """One turn at a time."""
+        turns = max(1, math.ceil(abs(move.motion.turn_rad) / (2.0 * math.pi) - 1e-6))
+        return [k / turns for k in range(1, turns + 1)] if self.plane(move) else None
+
+    def turns(self, count: int) -> str:
+        """Never needed: each turn is a block."""
+        raise AssertionError(count)
 
 
 class AptEmitter(MachineEmitter):

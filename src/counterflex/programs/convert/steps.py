@@ -28,6 +28,7 @@ _NO_EFFECT: Final = frozenset((48, 49))
 _TOGETHER: Final = frozenset("SPQER")
 _REMARK: Final = {
     "linuxcnc": re.compile(r"\(([^()]*)\)|;(.*)"),
+    "twincat": re.compile(r"\(([^()]*)\)"),
     "sinumerik": re.compile(r";(?!\$PATH)(.*)"),
     "apt": re.compile(r"\$\$(.*)"),
     "fanuc": re.compile(r"^[\s\d]*:\s*!([^;]*)"),

@@ -11,19 +11,15 @@ from counterflex.core.similar import close_to
 from counterflex.programs.gcode.sinumerik.scanner import Address, Line, Name
 from counterflex.programs.gcode.sinumerik.words import (
     AXES,
-    CARRIED,
-    CARRIED_VALUES,
-    GROUP,
-    M_CODES,
-    REFUSED,
     REFUSED_CALL,
     REFUSED_CYCLE,
     ROTARY,
+    SINUMERIK,
     VECTOR,
+    WordTable,
 )
 from counterflex.programs.program import Word
 
-DIALECT: Final = "Sinumerik"
 Fault = Callable[[str, int, object, str | None], ProgramError]
 _ROLES: Final = {"CR": "R", "TURN": "P", "A3": "I", "B3": "J", "C3": "K", "S1": "S"}
 _OF_DWELL: Final = {"F": "P", "S": "Q"}
@@ -37,6 +33,7 @@ class Block:
         line: As scanned.
         fault: Makes an error on this line from what, column, value and hint.
         text: The line, for errors.
+        table: Words of the dialect.
 
     Raises:
         ProgramError: A word that is unknown, refused, or there twice.
@@ -48,8 +45,8 @@ class Block:
         parameters: R parameters that the block sets.
     """
 
-    def __init__(self, line: Line, fault: Fault, text: str) -> None:
-        self._fault, self._text = fault, text
+    def __init__(self, line: Line, fault: Fault, text: str, table: WordTable = SINUMERIK) -> None:
+        self._fault, self._text, self._table = fault, text, table
         self.groups: dict[str, str] = {}
         self.m: list[int] = []
         self.given: dict[str, Address] = {}
@@ -60,31 +57,34 @@ class Block:
             self._name(name)
         for address in line.addresses:
             self._address(address)
-        self._unused = set(self.given) - {"N"} - CARRIED_VALUES
+        self._unused = set(self.given) - {"N"} - table.carried_values
 
     def _shown(self, start: int, end: int) -> str:
         return self._text[start:end].strip()[:40]
 
     def _name(self, name: Name) -> None:
         shown = self._shown(name.start, name.end)
-        if name.name in REFUSED or name.name.startswith(("CYCLE", "HOLES", "SLOT", "POCKET", "LONGHOLE", "ORI")):
-            if name.name not in CARRIED:
-                what, hint = REFUSED.get(name.name, REFUSED_CYCLE)
+        if name.name in self._table.refused or name.name.startswith(self._table.cycles or "0"):
+            if name.name not in self._table.carried:
+                what, hint = self._table.refused.get(name.name, REFUSED_CYCLE)
                 raise self._fault(f"{what}: {name.name}", name.start, shown, hint)
             return
-        if name.name in GROUP:
+        if name.name in self._table.group:
             self._group(name.name, name.start)
         elif name.name == "RET":
             self.m.append(17)
-        elif name.name not in CARRIED:
-            close = close_to(name.name, [*GROUP, *CARRIED], 1)
+        elif name.name not in self._table.carried:
+            close = close_to(name.name, [*self._table.group, *self._table.carried], 1)
             if name.called:
                 raise self._fault(REFUSED_CALL[0], name.start, shown, REFUSED_CALL[1])
-            what, hint = f"an unknown word of the {DIALECT} dialect", f"Did you mean {close[0]}?" if close else ""
+            what, hint = (
+                f"an unknown word of the {self._table.dialect} dialect",
+                f"Did you mean {close[0]}?" if close else "",
+            )
             raise self._fault(what, name.start, shown, hint or None)
 
     def _group(self, code: str, start: int) -> None:
-        group = GROUP[code]
+        group = self._table.group[code]
         if group in self.groups:
             raise self._fault(
                 f"two words of the group '{group}' in one block", start, f"{self.groups[group]} and {code}",
@@ -97,17 +97,17 @@ class Block:
         shown = self._shown(address.start, address.end)
         if address.name == "G" and address.value is not None:
             code = f"G{address.value:g}"
-            if code in REFUSED:
-                what, hint = REFUSED[code]
+            if code in self._table.refused:
+                what, hint = self._table.refused[code]
                 raise self._fault(what, address.start, shown, hint)
-            if code not in GROUP:
-                raise self._fault(f"an unknown G code of the {DIALECT} dialect", address.start, shown, None)
+            if code not in self._table.group:
+                raise self._fault(f"an unknown G code of the {self._table.dialect} dialect", address.start, shown, None)
             self._group(code, address.start)
             self._codes.append(Word("G", address.value, address.start, address.end))
             return
         if address.name in ("M", "M1") and address.value is not None:
-            if address.value not in M_CODES:
-                raise self._fault(f"an unknown M code of the {DIALECT} dialect", address.start, shown,
+            if address.value not in self._table.m_codes:
+                raise self._fault(f"an unknown M code of the {self._table.dialect} dialect", address.start, shown,
                                   "M functions of the machine builder are not read")  # fmt: skip
             self.m.append(int(address.value))
             self._codes.append(Word("M", address.value, address.start, address.end))
@@ -116,13 +116,13 @@ class Block:
         if parameter is not None and address.value is not None:
             self.parameters[int(parameter[1])] = address.value
             return
-        if address.name in REFUSED:
-            what, hint = REFUSED[address.name]
+        if address.name in self._table.refused:
+            what, hint = self._table.refused[address.name]
             raise self._fault(what, address.start, shown, hint)
         if address.name == "L":
             raise self._fault(REFUSED_CALL[0], address.start, shown, REFUSED_CALL[1])
-        if address.name not in _TAKEN and address.name not in CARRIED_VALUES:
-            raise self._fault(f"an unknown word of the {DIALECT} dialect", address.start, shown, None)
+        if address.name not in _TAKEN and address.name not in self._table.carried_values:
+            raise self._fault(f"an unknown word of the {self._table.dialect} dialect", address.start, shown, None)
         if address.name in self.given:
             raise self._fault("the word appears twice in one block", address.start, shown, None)
         self.given[address.name] = address

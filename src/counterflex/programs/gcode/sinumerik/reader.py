@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import line_end, split_lines
@@ -15,9 +15,9 @@ from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.block import Block
 from counterflex.programs.gcode.sinumerik.moves import MoveMaker, frame_of
-from counterflex.programs.gcode.sinumerik.scanner import scan
+from counterflex.programs.gcode.sinumerik.scanner import Line, scan
 from counterflex.programs.gcode.sinumerik.state import State
-from counterflex.programs.gcode.sinumerik.words import AXES, M_END, ROTARY, VECTOR
+from counterflex.programs.gcode.sinumerik.words import AXES, M_END, ROTARY, SINUMERIK, VECTOR, WordTable
 from counterflex.programs.program import Block as ReadBlock
 from counterflex.programs.program import Modal, Program
 from counterflex.programs.source_text import read_text
@@ -54,7 +54,7 @@ def read_sinumerik(
     lines = split_lines(text)
     if not any(line.strip() for line in lines):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a file with a Sinumerik program")
-    run = _Run(name, lines, tool_names or {})
+    run = Run(name, lines, tool_names or {})
     ended = False
     for index in range(len(lines)):
         if not ended:
@@ -96,8 +96,16 @@ def read_sinumerik_file(
     return replace(program, encoding=encoding)
 
 
-class _Run:
-    """One pass through a program."""
+class Run:
+    """One pass through a program.
+
+    Args:
+        name: Of the program, for errors.
+        lines: Of it.
+        tool_names: Number of a tool by its name in capitals.
+    """
+
+    table: ClassVar[WordTable] = SINUMERIK
 
     def __init__(self, name: str, lines: tuple[str, ...], tool_names: Mapping[str, int]) -> None:
         self._name, self._lines, self._tool_names = name, lines, tool_names
@@ -117,7 +125,7 @@ class _Run:
         def fault(what: str, column: int, value: object, hint: str | None) -> ProgramError:
             return error_at(self._name, number, what, column, value, hint)
 
-        block = Block(scan(text, self._name, number, self._constants), fault, text)
+        block = Block(self.scanned(text, number), fault, text, self.table)
         first = len(self.maker.motions)
         self._constants |= block.parameters
         self._frame(block)
@@ -129,6 +137,10 @@ class _Run:
         block.finish()
         self._append(number, text, block.words(dwell, moves), first)
         return any(code in M_END for code in block.m)
+
+    def scanned(self, text: str, number: int) -> Line:
+        """Words of a line."""
+        return scan(text, self._name, number, self._constants)
 
     def _append(self, number: int, text: str, words: tuple[Any, ...], first: int) -> None:
         modal = self._state.modal()

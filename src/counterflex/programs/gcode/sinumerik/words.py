@@ -6,7 +6,33 @@ Source: SINUMERIK 840D sl, Programming Manual Fundamentals and Job Planning: lis
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
+
+
+@dataclass(frozen=True)
+class WordTable:
+    """Words of a dialect that is read as Sinumerik is.
+
+    Attributes:
+        dialect: Its name, for errors.
+        group: Modal group of each code or word that is read.
+        carried: Words that change no target.
+        carried_values: The same with a value.
+        refused: Words that are known and not taken, with the reason and what to do.
+        m_codes: M codes that are read.
+        cycles: Beginnings of the names of machining cycles.
+    """
+
+    dialect: str
+    group: Mapping[str, str]
+    carried: frozenset[str]
+    carried_values: frozenset[str]
+    refused: Mapping[str, tuple[str, str]]
+    m_codes: frozenset[int]
+    cycles: tuple[str, ...]
+
 
 _OFFSETS: Final = ("G54", "G55", "G56", "G57", *(f"G{number}" for number in range(505, 600)))
 GROUP: Final[dict[str, str]] = {
@@ -80,3 +106,7 @@ ROTARY: Final = "ABC"
 VECTOR: Final = ("A3", "B3", "C3")
 M_CODES: Final = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 17, 19, 30, *range(40, 46)))
 M_END: Final = frozenset((2, 17, 30))
+SINUMERIK: Final = WordTable(
+    "Sinumerik", GROUP, CARRIED, CARRIED_VALUES, REFUSED, M_CODES,
+    ("CYCLE", "HOLES", "SLOT", "POCKET", "LONGHOLE", "ORI"),
+)  # fmt: skip

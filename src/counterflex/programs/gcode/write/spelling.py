@@ -54,5 +54,6 @@ SPELLINGS: Final[dict[str, Spelling]] = {
         "CR=", ("A3=", "B3=", "C3="), ("; ", ""), SINUMERIK.line_characters,
         re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE),
     ),
+    "twincat": Spelling("U", ("I", "J", "K"), ("(", ")"), LINUXCNC.line_characters, re.compile(r"\s*%")),
 }  # fmt: skip
 """By :attr:`~counterflex.programs.program.Program.dialect`."""

@@ -1,0 +1,1 @@
+"""Reads the G-code of TwinCAT NC I (DIN 66025)."""
