@@ -408,9 +408,18 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
         "cell example --out part.ngc/new/cell.toml",
         ["part.ngc/new/cell.toml", "cannot write"],
     ),
+    "import of a program": (
+        "cell import part.ngc --robot kuka_kr300_r2500_ultra --out new.toml",
+        ["part.ngc", "no kind that is read", "$config.dat"],
+    ),
+    "import for no robot": ("cell import part.ngc --robot kr3000 --out new.toml", ["kr3000", "robot"]),
+    "import over a file": (
+        "cell import part.ngc --robot kuka_kr300_r2500_ultra --out cell.toml",
+        ["cell.toml", "--out"],
+    ),
     "program missing": ("path prt.ngc", ["prt.ngc", "no such file", "Did you mean part.ngc?"]),
     "program is a folder": ("path temporary", ["temporary", "it is a folder"]),
-    "dialect unknown": ("path part.ngc --dialect fanuc", ["dialect", "fanuc", "linuxcnc"]),
+    "dialect unknown": ("path part.ngc --dialect heidenhain", ["dialect", "heidenhain", "linuxcnc"]),
     "table over the program": ("path part.ngc --csv part.ngc", ["--csv part.ngc", "replace part.ngc"]),
     "table over a folder": ("path part.ngc --csv temporary", ["temporary", "a folder has this name"]),
     "language unknown": (
@@ -418,8 +427,8 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
         ["--as", "sinumerik", "gcode, krl, rapid"],
     ),
     "conversion to an unknown language": (
-        "convert part.ngc --cell cell.toml --out out --to fanuc",
-        ["--to", "fanuc", "krl, rapid, gcode"],
+        "convert part.ngc --cell cell.toml --out out --to heidenhain",
+        ["--to", "heidenhain", "krl, rapid, fanuc, val3, gcode"],
     ),
     "conversion to its own language": (
         "convert part.ngc --cell cell.toml --out out --to gcode",

@@ -358,6 +358,19 @@ def robot_or_cell(param: Param, value: Any) -> Any:
     return value
 
 
+def robot(_: Param, value: Any) -> Any:
+    """A robot of the catalogue.
+
+    Raises:
+        InputError: There is none of this name.
+    """
+    if value is not None:
+        from counterflex.robot.model import catalog
+
+        catalog.entry(value)
+    return value
+
+
 def scheduler(_: Param, value: Any) -> Any:
     """Address of a scheduler of dask.
 

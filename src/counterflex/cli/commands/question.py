@@ -9,6 +9,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import numbers
+from counterflex.cli.commands.cell_import import cell_import
 from counterflex.cli.output import print_json, print_table
 from counterflex.core.errors import InputError
 
@@ -30,6 +31,7 @@ def register(app: typer.Typer) -> None:
     app.command()(deflection)
     _cell.command("check")(cell_check)
     _cell.command("example")(cell_example)
+    _cell.command("import")(cell_import)
     app.add_typer(_cell, name="cell")
 
 

@@ -1,0 +1,131 @@
+"""Backup of an ABB controller: tooldata and wobjdata of its modules, base frame of MOC.cfg."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.controller_import.frames import ControllerData, Load
+from counterflex.core.errors import FileFormatError
+from counterflex.core.units import MM
+from counterflex.geometry import pose, rotation
+from counterflex.programs.rapid.read.data import DECLARATION, frame, truth
+from counterflex.programs.rapid.read.literals import Aggregate, aggregate
+from counterflex.programs.rapid.read.scanner import Source
+from counterflex.programs.robot_text.process_words import NUMBER
+
+_CFG: Final = re.compile(r"\s*MOC:CFG_", re.IGNORECASE)
+_MODULE: Final = re.compile(r"^\s*MODULE\s+\w+", re.IGNORECASE | re.MULTILINE)
+_SECTION: Final = re.compile(r"^([A-Z][A-Z0-9_]*):[^\S\r\n]*$", re.MULTILINE)
+_KEY: Final = re.compile(r"-(\w+)\s+(\"[^\"]*\"|[^\s\\-]\S*|-[\d.]\S*)")
+_CALIBRATED: Final = re.compile(r"absacc|abs_acc|_error_|arm_calib", re.IGNORECASE)
+
+
+def is_configuration(text: str) -> bool:
+    """Whether a text is a ``MOC.cfg``."""
+    return _CFG.match(text) is not None
+
+
+def is_module(text: str) -> bool:
+    """Whether a text is a RAPID module."""
+    return _MODULE.search(text) is not None
+
+
+def read_module(text: str, where: str) -> ControllerData:
+    """Tooldata and wobjdata of a module (``SYS.sys``, ``user.sys``, program modules).
+
+    Tools that stand, work objects that the robot holds or that a mechanical unit moves are left out, with a note.
+
+    Args:
+        text: The module.
+        where: Its name, for errors.
+
+    Raises:
+        FileFormatError: A declaration is damaged.
+    """
+    out = ControllerData("ABB")
+    source = Source(text, where)
+    for statement in source.statements():
+        match = DECLARATION.match(statement.code)
+        if match is None or match[1].lower() not in ("tooldata", "wobjdata") or match[3] or not match[4]:
+            continue
+        start = statement.start + match.end()
+        parts = aggregate(source.code, start, statement.end)
+        if parts is None:
+            raise FileFormatError(
+                f"{match[2]} is no {match[1]} with its numbers", where=source.place(start),
+                value=" ".join(statement.code[match.end() :].split())[:60], hint="Give the module of a backup",
+            )  # fmt: skip
+        (_tool if match[1].lower() == "tooldata" else _work_object)(out, match[2], parts, source.place(start))
+    return out
+
+
+def _tool(out: ControllerData, name: str, parts: Aggregate, where: str) -> None:
+    items = parts.items
+    T = frame(items[1]) if len(items) == 3 else None
+    if T is None or truth(items[0]) is None:
+        raise FileFormatError(f"{name} is no tooldata that is read", where=where, value=name,
+                              limit="[TRUE,[[x,y,z],[q1,q2,q3,q4]],[mass,[x,y,z],[q],ix,iy,iz]]")  # fmt: skip
+    if not truth(items[0]):
+        out.notes.append(f"{name} stands beside the robot (robhold FALSE) and is left out")
+        return
+    out.tools[name] = T
+    load = items[2]
+    if isinstance(load, Aggregate) and len(load.items) >= 2 and isinstance(load.items[1], Aggregate):
+        com, mass = load.items[1].numbers((3,)), load.items[0]
+        value = getattr(mass, "value", 0.0)
+        if com is not None and value > 0.001:
+            x, y, z = (part.value * MM for part in com)
+            out.loads[name] = Load(value, (x, y, z))
+
+
+def _work_object(out: ControllerData, name: str, parts: Aggregate, where: str) -> None:
+    items = parts.items
+    user, of_object = (frame(items[3]), frame(items[4])) if len(items) == 5 else (None, None)
+    if user is None or of_object is None:
+        raise FileFormatError(f"{name} is no wobjdata that is read", where=where, value=name,
+                              limit='[FALSE,TRUE,"",[[x,y,z],[q1,q2,q3,q4]],[[0,0,0],[1,0,0,0]]]')  # fmt: skip
+    if truth(items[0]) or not truth(items[1]):
+        out.notes.append(f"{name} is on the robot, or moved by a mechanical unit, and is left out")
+        return
+    out.bases[name] = user @ of_object
+
+
+def read_configuration(text: str, where: str) -> ControllerData:
+    """Base frame of the robot from ``MOC.cfg``, type ROBOT; positions there are in m.
+
+    Args:
+        text: The file.
+        where: Its name, for errors.
+
+    Raises:
+        FileFormatError: The base frame is no pose.
+    """
+    out = ControllerData("ABB")
+    sections = list(_SECTION.finditer(text))
+    for match, end in zip(sections, [*(one.start() for one in sections[1:]), len(text)], strict=True):
+        if match[1].upper() != "ROBOT":
+            continue
+        given: dict[str, str] = dict(_KEY.findall(text[match.end() : end]))
+        p = np.array([_number(given, f"base_frame_pos_{axis}", 0.0, where) for axis in "xyz"])
+        q = np.array([_number(given, f"base_frame_orient_u{i}", float(i == 0), where) for i in range(4)])
+        if abs(float(np.linalg.norm(q)) - 1.0) > 1e-3:
+            raise FileFormatError("the base frame of the robot is no rotation", where=where, value=q.tolist(),
+                                  limit="base_frame_orient_u0 to u3 of length 1")  # fmt: skip
+        out.T_world_base = pose.make(rotation.from_quat_wxyz(q / np.linalg.norm(q)), p)
+        break
+    if _CALIBRATED.search(text):
+        out.notes.append(
+            "MOC.cfg holds calibrated kinematics (absolute accuracy). Their form is not published and they are not "
+            "read: the robot is that of the catalogue; identify kinematics measures it"
+        )
+    return out
+
+
+def _number(given: dict[str, str], key: str, default: float, where: str) -> float:
+    text = given.get(key, f"{default}")
+    if not re.fullmatch(NUMBER, text):
+        raise FileFormatError(f"{key} is no number", where=where, value=text[:40])
+    return float(text)

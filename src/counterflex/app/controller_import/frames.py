@@ -1,0 +1,91 @@
+"""What a controller knows of its cell: tools, bases, loads, where the robot stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.similar import close_to
+
+
+@dataclass(frozen=True)
+class Load:
+    """Load data of a tool.
+
+    Attributes:
+        mass_kg: > 0.
+        p_flange_com: (3,) m, centre of gravity in the flange.
+    """
+
+    mass_kg: float
+    p_flange_com: tuple[float, float, float]
+
+
+@dataclass
+class ControllerData:
+    """Frames by the names of the controller: numbers as text on KUKA, names on ABB.
+
+    Attributes:
+        kind: ``KUKA``, ``ABB`` or ``RoboDK``.
+        tools: (4, 4) m, tool in the flange.
+        bases: (4, 4) m, frame in the world.
+        loads: By name of the tool.
+        titles: What people call a tool (``tool 1``) or base (``base 1``).
+        T_world_base: (4, 4) m, robot base in the world.
+        notes: What the user should know, one sentence each.
+    """
+
+    kind: str = ""
+    tools: dict[str, Float] = field(default_factory=dict)
+    bases: dict[str, Float] = field(default_factory=dict)
+    loads: dict[str, Load] = field(default_factory=dict)
+    titles: dict[str, str] = field(default_factory=dict)
+    T_world_base: Float = field(default_factory=lambda: np.eye(4))
+    notes: list[str] = field(default_factory=list)
+
+    def merge(self, other: ControllerData) -> None:
+        """Take what another file of the same controller says.
+
+        Raises:
+            InputError: It is of another kind of controller, or both name the same frame differently.
+        """
+        if self.kind and other.kind != self.kind:
+            raise InputError("the files are of different controllers", value=other.kind, limit=self.kind)
+        self.kind = other.kind
+        for what, mine, theirs in (("tool", self.tools, other.tools), ("base", self.bases, other.bases)):
+            for name, T in theirs.items():
+                if name in mine and not np.allclose(mine[name], T, rtol=0.0, atol=1e-9):
+                    raise InputError(f"two files give the {what} {name} differently", value=name,
+                                     hint="Give the files of one controller and one backup")  # fmt: skip
+                mine[name] = T
+        self.loads |= other.loads
+        self.titles |= other.titles
+        self.notes += other.notes
+        if not np.array_equal(other.T_world_base, np.eye(4)):
+            self.T_world_base = other.T_world_base
+
+    def base_in_robot(self, name: str) -> Float:
+        """(4, 4) m, a base in the robot's base frame."""
+        out: Float = np.linalg.inv(self.T_world_base) @ self.named(name, "base")
+        return out
+
+    def named(self, name: str, what: str) -> Float:
+        """(4, 4) m, a tool or base by name, capitals or not.
+
+        Raises:
+            InputError: There is none.
+        """
+        frames = self.tools if what == "tool" else self.bases
+        by_capitals = {key.upper(): key for key in frames}
+        key = by_capitals.get(name.upper())
+        if key is None:
+            close = close_to(name, list(frames), 1)
+            raise InputError(
+                f"the controller has no {what} of this name", value=name,
+                limit=", ".join(list(frames)[:12]) or "none is set",
+                hint=f"Did you mean {close[0]}?" if close else f"Give the file that sets the {what}",
+            )  # fmt: skip
+        return frames[key]

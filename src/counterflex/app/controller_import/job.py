@@ -1,0 +1,211 @@
+"""Import: data of a controller and a robot of the catalogue as the start of a cell file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.controller_import.abb import is_configuration, is_module, read_configuration, read_module
+from counterflex.app.controller_import.frames import ControllerData
+from counterflex.app.controller_import.kuka import is_kuka, read_kuka
+from counterflex.app.controller_import.poses import Residual, read_poses, residuals
+from counterflex.app.controller_import.robodk import read_robodk
+from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError, ModelError
+from counterflex.core.units import DEG, MM
+from counterflex.files.cell.cell import read_cell
+from counterflex.geometry import rotation
+from counterflex.programs.source_text import read_text
+from counterflex.robot.elasticity.chain import ElasticChain, flange
+from counterflex.robot.model import catalog
+
+_KINDS: Final = "$config.dat (KUKA), modules and MOC.cfg (ABB), a JSON file of a RoboDK station"
+
+
+def run(
+    files: Sequence[Path],
+    out: Path,
+    robot: str,
+    *,
+    tool: str = "",
+    base: str = "",
+    poses: Path | None = None,
+    tolerance_m: float = 0.5 * MM,
+    tolerance_rad: float = 0.05 * DEG,
+) -> dict[str, Any]:
+    """Write a cell file from what a controller knows; nothing is written where the poses do not fit.
+
+    Args:
+        files: Of the controller.
+        out: The cell file; must not exist.
+        robot: Of the catalogue.
+        tool: Name of the tool; may be left out where there is one.
+        base: Name of the base that is the part frame; likewise.
+        poses: Table of joint angles and poses that the controller shows, see
+            :func:`~counterflex.app.controller_import.poses.read_poses`.
+        tolerance_m: Largest distance of forward kinematics from a pose.
+        tolerance_rad: Largest angle.
+
+    Returns:
+        What was imported and how the poses fit.
+
+    Raises:
+        FileFormatError: A file cannot be read.
+        InputError: A tool or base that is not there, or several and none is named.
+        ModelError: The poses do not fit; names tool, base, distance and which of them is off.
+    """
+    if out.exists():
+        raise InputError("this file is already there", where="--out", value=out, hint="Name a new cell file")
+    model, data = catalog.load(robot), read_files(files)
+    tool, base = _only(tool, data, "tool"), _only(base, data, "base")
+    fits: list[Residual] = []
+    if poses is not None:
+        shown = read_poses(read_text(poses)[0], poses.name, tool, base)
+        chain = ElasticChain.build(model)
+        fits = residuals(shown, flange(chain, np.array([one.q for one in shown])), data)
+        _refuse_misfit(fits, tolerance_m, tolerance_rad, poses.name)
+    text = cell_text(data, robot, tool, base, [file.name for file in files], fits)
+    with atomic.atomic_path(out) as place:
+        place.write_text(text, encoding="utf-8", newline="\n")
+        read_cell(place)
+    return {
+        "cell": str(out), "controller": data.kind, "robot": robot, "tool": tool, "base": base,
+        "tools": list(data.tools), "bases": list(data.bases), "notes": data.notes,
+        "poses": [
+            {
+                "tool": one.tool, "base": one.base, "poses": one.count, "rms_mm": round(one.rms_m / MM, 4),
+                "largest_mm": round(one.largest_m / MM, 4), "largest_deg": round(one.largest_rad / DEG, 4),
+                "line": one.line,
+            }
+            for one in fits
+        ],
+    }  # fmt: skip
+
+
+def read_files(files: Sequence[Path]) -> ControllerData:
+    """Data of all files of a controller.
+
+    Raises:
+        FileFormatError: A file is of no kind that is read.
+    """
+    out = ControllerData()
+    for file in files:
+        if file.suffix.lower() == ".rdk":
+            raise FileFormatError(
+                "a RoboDK station (.rdk) is a binary file and is not read", where=str(file), limit=_KINDS,
+                hint="Write its tools and frames as JSON by the script of docs/cell-import.md",
+            )  # fmt: skip
+        text, _ = read_text(file)
+        if is_kuka(text):
+            out.merge(read_kuka(text, file.name))
+        elif is_configuration(text):
+            out.merge(read_configuration(text, file.name))
+        elif text.lstrip().startswith("{"):
+            out.merge(read_robodk(text, file.name))
+        elif is_module(text):
+            out.merge(read_module(text, file.name))
+        else:
+            first = text.strip().splitlines()[0][:60] if text.strip() else "empty"
+            raise FileFormatError("a file of no kind that is read", where=str(file), value=first, limit=_KINDS)
+    return out
+
+
+def _only(name: str, data: ControllerData, what: str) -> str:
+    """The name as the controller spells it; the only one where none is given."""
+    frames = data.tools if what == "tool" else data.bases
+    if name:
+        data.named(name, what)
+        return next(key for key in frames if key.upper() == name.upper())
+    if len(frames) != 1:
+        named = [f"{key} ({data.titles[f'{what} {key}']})" if f"{what} {key}" in data.titles else key for key in frames]
+        raise InputError(
+            f"which {what} the cell has is not said" if frames else f"the files set no {what}",
+            value=", ".join(named[:12]) or "none",
+            hint=f"Name it with --{what}" if frames else f"Give the file with the {what} data",
+        )  # fmt: skip
+    return next(iter(frames))
+
+
+def _refuse_misfit(fits: Sequence[Residual], tolerance_m: float, tolerance_rad: float, where: str) -> None:
+    bad = [one for one in fits if not one.fits(tolerance_m, tolerance_rad)]
+    if not bad:
+        return
+    worst = max(bad, key=lambda one: one.largest_m / tolerance_m + one.largest_rad / tolerance_rad)
+    good_tools = {one.tool for one in fits if one not in bad}
+    good_bases = {one.base for one in fits if one not in bad}
+    suspect = worst.suspect
+    if not suspect and worst.tool in good_tools and worst.base not in good_bases:
+        suspect = "base"
+    elif not suspect and worst.base in good_bases and worst.tool not in good_tools:
+        suspect = "tool"
+    name = {"tool": f"tool {worst.tool}", "base": f"base {worst.base}"}.get(suspect, "")
+    raise ModelError(
+        f"{name or f'tool {worst.tool} in base {worst.base}'} does not fit the poses that the controller shows",
+        where=f"{where}:{worst.line}", value=f"{worst.largest_m / MM:.3f} mm, {worst.largest_rad / DEG:.3f} deg off",
+        limit=f"{tolerance_m / MM:g} mm, {tolerance_rad / DEG:g} deg",
+        hint=(f"{name} is off by the same in all poses: its data are not those that were active" if worst.suspect else
+              "Check the robot, the names of tool and base, and that angles and poses are of the same moment")
+        + ". Nothing was written",
+    )  # fmt: skip
+
+
+def cell_text(
+    data: ControllerData, robot: str, tool: str, base: str, files: Sequence[str], fits: Sequence[Residual]
+) -> str:
+    """Text of the cell file.
+
+    Args:
+        data: Of the controller.
+        robot: Of the catalogue.
+        tool: Name of the tool.
+        base: Name of the base.
+        files: Where the data are from.
+        fits: How the poses fit.
+    """
+    source = ", ".join(files)
+    load = data.loads.get(tool)
+    source = "".join(c if c.isprintable() else "?" for c in source)
+    lines = [
+        f"# Start of a cell file, imported from {source} of a {data.kind} controller.",
+        *(f"# Forward kinematics within {one.largest_m / MM:.3f} mm and {one.largest_rad / DEG:.4f} deg of {one.count} "
+          f"poses of tool {one.tool} in base {one.base}.".replace("\n", " ") for one in fits),
+        "# Add bodies with their compliance to [[end_effector]], the blank to [part], [[tools]] and [material]:",
+        "# docs/cell-file.md.",
+        'format = "counterflex-cell"', "version = 1", f"name = {json.dumps(f'{robot}, tool {tool}, base {base}')}", "",
+        "[robot]", f'catalog = "{robot}"', "",
+    ]  # fmt: skip
+    lines += ["# Rigid until it is known how it bends.", "[[end_effector]]", 'name = "tool"']
+    if load is not None:
+        lines += [f"mass_kg = {_text(load.mass_kg)}"]
+        lines += [f"com_{axis}_mm = {_text(value / MM)}" for axis, value in zip("xyz", load.p_flange_com, strict=True)]
+    lines += [
+        f'source = "load data of {source}"'
+        if load is not None
+        else f'source = "mass not known: {source} has no load data"'
+    ]
+    lines += ["", "[tcp]", *_pose_lines(data.named(tool, "tool")), ""]
+    lines += ["# How the base was measured is not in the file: see measured_with in docs/cell-file.md.", "[part]"]
+    lines += [*_pose_lines(data.base_in_robot(base)), 'measured_with = "external"', "", "[controller]"]
+    if data.kind == "KUKA":
+        lines += [f"tool_number = {tool}", f"base_number = {base}"]
+    elif data.kind == "ABB" and base.isascii() and base.isidentifier():
+        lines += [f'work_object = "{base}"']
+    return "\n".join([*lines, ""])
+
+
+def _pose_lines(T: Float) -> list[str]:
+    angles = rotation.to_zyx(T[:3, :3]) / DEG
+    return [
+        *(f"{axis}_mm = {_text(float(value) / MM)}" for axis, value in zip("xyz", T[:3, 3], strict=True)),
+        *(f"{axis}_deg = {_text(float(value))}" for axis, value in zip("abc", angles, strict=True)),
+    ]
+
+
+def _text(value: float) -> str:
+    """A number of TOML with six decimals at most."""
+    return f"{round(value, 6) + 0.0!r}"

@@ -1,0 +1,74 @@
+"""The command that starts a cell file from what a controller knows: ``cell import``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.output import print_json, print_table
+from counterflex.core.units import DEG, MM
+
+
+def cell_import(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help="$config.dat of a KUKA, modules and MOC.cfg of an ABB, or JSON of a RoboDK station.",
+            metavar="FILE...",
+            callback=arguments.file,
+        ),
+    ],
+    robot: Annotated[
+        str,
+        typer.Option(
+            "--robot", help="Robot of the catalogue: counterflex robots.", metavar="NAME", callback=arguments.robot
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Cell file to write; an existing file is kept.", callback=arguments.output_file),
+    ] = Path("cell.toml"),
+    tool: Annotated[str, typer.Option("--tool", help="Tool of the controller (where there is one: that one).")] = "",
+    base: Annotated[str, typer.Option("--base", help="Base that is the part frame (likewise).")] = "",
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            "--poses",
+            help="Table q1_deg..q6_deg, x_mm..c_deg, tool, base of poses that the controller shows: they must fit.",
+            metavar="CSV",
+            callback=arguments.file,
+        ),
+    ] = None,
+    tolerance_mm: Annotated[float, typer.Option("--tolerance-mm", help="Of the poses.", min=0.001, max=100.0)] = 0.5,
+    tolerance_deg: Annotated[float, typer.Option("--tolerance-deg", help="Of the poses.", min=0.001, max=10.0)] = 0.05,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what was imported as JSON.")] = False,
+) -> None:
+    """Start a cell file from tool, base and load data of a controller, and hold them against poses that it shows.
+
+    The robot is that of the catalogue; what a controller does not know (compliances, blank, tools, material) is yours
+    to add. Where forward kinematics does not lead to a pose, the message says by how much and which frame is off.
+
+    Example: `counterflex cell import '$config.dat' --robot kuka_kr300_r2500_ultra --tool 1 --base 1 --out cell.toml`
+    """
+    from counterflex.app.controller_import import job
+
+    answer = job.run(
+        files, out, robot, tool=tool, base=base, poses=poses, tolerance_m=tolerance_mm * MM,
+        tolerance_rad=tolerance_deg * DEG,
+    )  # fmt: skip
+    if as_json:
+        print_json(answer)
+        return
+    if answer["poses"]:
+        print_table(
+            "Forward kinematics against the poses that the controller shows",
+            ["tool", "base", "poses", "rms mm", "largest mm", "largest deg", "in line"],
+            [[f"{value}" for value in row.values()] for row in answer["poses"]],
+        )
+    for note in answer["notes"]:
+        typer.echo(f"note: {note}")
+    frames = f"tool {answer['tool']} and base {answer['base']}"
+    typer.echo(f"wrote {answer['cell']}: {frames} of a {answer['controller']} controller")
