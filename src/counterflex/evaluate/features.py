@@ -13,8 +13,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import CircularPocket, Feature, Groove
+from counterflex.evaluate.floor_filter import FloorMap
 from counterflex.evaluate.iso230.circularity import circularity
-from counterflex.evaluate.surface import NominalSurface
+from counterflex.evaluate.surface import NominalSurface, floor_rise
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.evaluate.tolerances import flatness_k, linear_m
 
@@ -67,7 +68,11 @@ class MeasurablePart(Protocol):
         """
 
     def heights(self, xy: Float) -> Float:
-        """Height of the part at places (n, 2) m, part frame; (n,) m, nan where it is not known."""
+        """Height of the floor at places (n, 2) m, part frame, filtered (:mod:`~counterflex.evaluate.floor_filter`).
+
+        Returns:
+            (n,) m; nan where it is not known.
+        """
 
 
 @dataclass(frozen=True)
@@ -85,13 +90,13 @@ class _Swept:
     """A simulated part: walls from the section of its tool path, floors from its map."""
 
     section: SweptSection
-    actual: HeightMap
+    floor: FloorMap
 
     def exits(self, point: Float, direction: Float) -> Float:
         return wall_exit(self.section, point, direction, 0.0)[0]
 
     def heights(self, xy: Float) -> Float:
-        return height_at(self.actual, xy)
+        return self.floor.heights(xy)
 
 
 def measure_features(
@@ -106,7 +111,8 @@ def measure_features(
     """Measure features on every variant and compare them with the undisturbed part.
 
     Walls are exact sections of the tool paths half way up the wall, every millimetre (every 2 deg in pockets), where
-    the undisturbed part has a wall on both sides. Depths come from the height map along the centre line; a ramp's
+    the undisturbed part has a wall on both sides. Depths and flatness are those of the filtered floor
+    (:mod:`~counterflex.evaluate.floor_filter`). Depths come from along the centre line; a ramp's
     depth is its deepest, changed by the largest deviation of any station. Flatness is the zone that holds
     the deviation of the floor after its best plane is taken out.
 
@@ -131,7 +137,10 @@ def measure_features(
     one = surface.cutter
     nominal = swept_section(p_part_nominal, one if outline is None else outline, reach)
     parts: dict[str, MeasurablePart] = {
-        name: _Swept(swept_section(v.p_part_actual, one if v.outline is None else v.outline, reach, v.joined), v.actual)
+        name: _Swept(
+            swept_section(v.p_part_actual, one if v.outline is None else v.outline, reach, v.joined),
+            FloorMap(surface.nominal, floor_rise(surface, v.actual)),
+        )
         if isinstance(v, Machined)
         else v
         for name, v in variants.items()

@@ -151,13 +151,7 @@ def surface_deviation(
     Raises:
         InputError: Grids differ, or values are not finite.
     """
-    _same_grid(surface.nominal, actual)
-    rise = actual.z - surface.nominal.z
-    covered = (rise > 0.5 * surface.rise_m) | (-rise > 0.5 * surface.fall_m)
-    foot, edge = _steps(actual.z, _wall_step(actual.cell_m))
-    flank = (np.isfinite(surface.rise_m) | np.isfinite(surface.fall_m)) & ((foot > 0.0) | (edge > 0.0))
-    covered |= flank
-    floor: Float32 = np.where(surface.floor & ~covered, rise * surface.normal_z, np.float32(np.nan))
+    floor: Float32 = floor_rise(surface, actual) * surface.normal_z
     wall = np.full(len(surface.wall_point), np.nan)
     if len(wall):
         section = swept_section(p_part_actual, surface.cutter if outline is None else outline, surface.reach_m, joined)
@@ -181,6 +175,27 @@ def surface_deviation(
         wall_resolution_m=0.1 * UM,
         wall_lost_m2=float(surface.wall_area_m2[~result].sum()),
     )
+
+
+def floor_rise(surface: NominalSurface, actual: HeightMap) -> Float32:
+    """How much higher the floor of a machined part is than nominal, (ny, nx) m.
+
+    NaN off the floors and where a shifted wall stands on the floor (:class:`SurfaceDeviation`).
+
+    Args:
+        surface: From :func:`nominal_surface`.
+        actual: Map as machined; same grid.
+
+    Raises:
+        InputError: Grids differ.
+    """
+    _same_grid(surface.nominal, actual)
+    rise = actual.z - surface.nominal.z
+    covered = (rise > 0.5 * surface.rise_m) | (-rise > 0.5 * surface.fall_m)
+    foot, edge = _steps(actual.z, _wall_step(actual.cell_m))
+    covered |= (np.isfinite(surface.rise_m) | np.isfinite(surface.fall_m)) & ((foot > 0.0) | (edge > 0.0))
+    out: Float32 = np.where(surface.floor & ~covered, rise, np.float32(np.nan))
+    return out
 
 
 def _material_above(actual: HeightMap, surface: NominalSurface, section: SweptSection) -> Float:

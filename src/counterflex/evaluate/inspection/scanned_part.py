@@ -14,11 +14,12 @@ from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import height_at
 from counterflex.evaluate.figures import weighted_figures
+from counterflex.evaluate.floor_filter import floor_fit
 from counterflex.evaluate.inspection.cloud import Cloud
-from counterflex.evaluate.inspection.local_fit import LocalFit, local_fit
 from counterflex.evaluate.inspection.nominal_part import FACING, NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
+from counterflex.evaluate.local_fit import LocalFit, local_fit
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.geometry import pose
@@ -100,7 +101,7 @@ class ScannedPart:
         return out
 
     def heights(self, xy: Float) -> Float:
-        """See :class:`~counterflex.evaluate.features.MeasurablePart`: nominal height and what was left on the floor."""
+        """See :class:`~counterflex.evaluate.features.MeasurablePart`: nominal height and filtered rise of the floor."""
         fit = self._fit(b"floor", xy, None)
         rise = self.rows.deviation_m[self._floors] / self.rows.normals[self._floors, 2]
         out: Float = height_at(self.part.surface.nominal, xy) + fit.values(rise)
@@ -121,7 +122,7 @@ class ScannedPart:
         key = kind + np.ascontiguousarray(places).tobytes()
         if key not in self.fits:
             if across is None:
-                self.fits[key] = local_fit(self.rows.points[self._floors, :2], places, self.window_m)
+                self.fits[key] = floor_fit(self.rows.points[self._floors, :2], places, self.pitch_m)
             else:
                 narrow = np.array([1.0, 1.0, 1.0 / _UP])
                 self.fits[key] = local_fit(

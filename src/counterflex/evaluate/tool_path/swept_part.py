@@ -18,10 +18,11 @@ from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import height_at
 from counterflex.evaluate.figures import weighted_figures
+from counterflex.evaluate.floor_filter import FloorMap
 from counterflex.evaluate.inspection.nominal_part import NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
-from counterflex.evaluate.surface import SurfaceDeviation, surface_deviation
+from counterflex.evaluate.surface import SurfaceDeviation, floor_rise, surface_deviation
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.evaluate.tool_path.tracked_path import TrackedPath
 from counterflex.path.toolpath import ToolPath
@@ -63,6 +64,11 @@ class SweptPart:
         return swept_section(self.p_part_actual, self.outline, surface.cutter.radius_m + surface.reach_m, self.joined)
 
     @cached_property
+    def _floor(self) -> FloorMap:
+        surface = self.part.surface
+        return FloorMap(surface.nominal, floor_rise(surface, self.actual))
+
+    @cached_property
     def _hidden(self) -> cKDTree | None:
         return cKDTree(self.hidden[:, :2]) if len(self.hidden) else None
 
@@ -83,7 +89,7 @@ class SweptPart:
 
     def heights(self, xy: Float) -> Float:
         """See :class:`~counterflex.evaluate.features.MeasurablePart`: what the measured moves leave."""
-        return np.where(self._shown(xy), height_at(self.actual, xy), np.nan)
+        return np.where(self._shown(xy), self._floor.heights(xy), np.nan)
 
     def shifted(self, step: Float) -> SweptPart:
         """The same path lying elsewhere by a small shift and turn (6,) about the registration's centre: m, rad."""

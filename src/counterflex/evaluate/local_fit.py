@@ -85,27 +85,41 @@ def local_fit(
         total = np.stack([np.bincount(place, slope[:, k], len(lists)) for k in (0, 1)], axis=1)
         aside = np.linalg.norm(total, axis=1) / np.maximum(count, 1)
         bent = (count >= CURVED) & (aside < _BOTH_SIDES) if curved else np.zeros(len(lists), np.bool_)
-        weights.append(_weights(place, slope, count, bent))
+        weights.append(regression(place, slope, count, bent))
         known[some] = (count >= LEAST) & (aside < CENTRED)
     row, column, weight = np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
     smoother = sparse.csr_matrix((weight, (row, column)), shape=(m, n))
     return LocalFit(smoother, known)
 
 
-def _weights(place: Int, slope: Float, count: Int, bent: Bool) -> Float:
-    """Weight of each neighbour in the constant of the surface through the neighbours of its place: plane, or bent."""
+def regression(place: Int, slope: Float, count: Int, bent: Bool | None = None, weight: Float | None = None) -> Float:
+    """Weight of each neighbour in the constant of the surface through the neighbours of its place.
+
+    Args:
+        place: (k,) of m places, whose neighbour each is.
+        slope: (k, 2) where it lies in the surface from there, in radii.
+        count: (m,) neighbours of each place.
+        bent: (m,) whether the surface bends along the first direction; None: planes.
+        weight: (k,) of each neighbour in the sum of squares that is least; None: all alike.
+
+    Returns:
+        (k,); fewer than :data:`PLANE` neighbours are averaged.
+    """
     m = len(count)
-    A = np.column_stack([np.ones(len(place)), slope, np.where(bent[place], slope[:, 0] ** 2, 0.0)])
+    w = np.ones(len(place)) if weight is None else weight
+    curved = np.zeros(m, np.bool_) if bent is None else bent
+    A = np.column_stack([np.ones(len(place)), slope, np.where(curved[place], slope[:, 0] ** 2, 0.0)])
     normal = np.zeros((m, 4, 4))
     for a in range(4):
         for b in range(a, 4):
-            normal[:, a, b] = normal[:, b, a] = np.bincount(place, A[:, a] * A[:, b], m)
+            normal[:, a, b] = normal[:, b, a] = np.bincount(place, w * A[:, a] * A[:, b], m)
+    total = np.where(count > 0, normal[:, 0, 0], 1.0)
     few = count < PLANE
-    normal[few] = np.eye(4) * np.maximum(count[few], 1)[:, None, None]
-    normal[:, 1, 1] += _STIFF * np.maximum(count, 1)  # neighbours in one line: no slope across it
-    normal[:, 2, 2] += _STIFF * np.maximum(count, 1)
-    normal[~bent, 3, 3] += np.maximum(count[~bent], 1)
+    normal[few] = np.eye(4) * total[few, None, None]
+    normal[:, 1, 1] += _STIFF * total  # neighbours in one line: no slope across it
+    normal[:, 2, 2] += _STIFF * total
+    normal[~curved, 3, 3] += total[~curved]
     first = np.linalg.solve(normal, np.tile([[1.0], [0.0], [0.0], [0.0]], (m, 1, 1)))[:, :, 0]
-    weight: Float = np.einsum("kt,kt->k", A, first[place])
-    weight[few[place]] = 1.0 / np.maximum(count, 1)[place][few[place]]
-    return weight
+    out: Float = w * np.einsum("kt,kt->k", A, first[place])
+    out[few[place]] = (w / total[place])[few[place]]
+    return out
