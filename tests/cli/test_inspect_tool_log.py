@@ -147,8 +147,10 @@ def test_a_known_deviation_comes_back_by_surface(work: Path, counterflex: Callab
     for values, true in ((rows.deviation_m[:, 0], LEFT), (rows.deviation_m[:, 1], UP)):
         off = values[middle] * 1e3 - true
         assert np.sqrt(np.mean(off**2)) < 0.008
-        spread = np.std(off * 1e-3 / rows.standard_deviation_m[middle])
-        assert 0.4 < spread < 2.0  # they scatter as their standard deviations say
+        # a straight stretch is smoothed as one: its stations are off by nearly the same, within what is stated
+        stated = rows.standard_deviation_m[middle]
+        assert np.sqrt(np.mean((off * 1e-3 / stated) ** 2)) < 2.0
+        assert np.median(stated) < 5e-6
     floor, wall_left, wall_right = (np.nanmean(rows.normal_m[middle], axis=0) * 1e3).tolist()
     assert abs(floor - UP) < 0.005
     assert abs(wall_left + LEFT) < 0.005  # too far to the left: too much taken there

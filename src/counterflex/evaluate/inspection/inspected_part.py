@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+
 from counterflex.core.arrays import Float
 from counterflex.evaluate.inspection.nominal_part import NominalPart
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
@@ -36,6 +38,9 @@ class InspectedPart(Protocol):
 
     def shifted(self, step: Float) -> InspectedPart:
         """The same part lying elsewhere by a small shift and turn (6,) about the registration's centre: m, rad."""
+
+    def redrawn(self, rng: np.random.Generator) -> InspectedPart | None:
+        """The same part with the noise of its measurement added once more; None where that is not possible."""
 
     def exits(self, point: Float, direction: Float) -> Float:
         """See :class:`~counterflex.evaluate.features.MeasurablePart`."""

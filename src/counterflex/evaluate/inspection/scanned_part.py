@@ -83,6 +83,11 @@ class ScannedPart:
         change = self.registration.sensitivity(self.rows.points, self.rows.normals) @ step
         return replace(self, rows=replace(self.rows, deviation_m=self.rows.deviation_m + change))
 
+    def redrawn(self, rng: np.random.Generator) -> ScannedPart:
+        """The same scan with its noise once more; the noise of the pose, which all points have in common, is not."""
+        noise = rng.standard_normal(len(self.rows)) * self.noise_m / np.sqrt(self.count)
+        return replace(self, rows=replace(self.rows, deviation_m=self.rows.deviation_m + noise))
+
     def exits(self, point: Float, direction: Float) -> Float:
         """See :class:`~counterflex.evaluate.features.MeasurablePart`: nominal exit less what was left on the wall.
 

@@ -104,6 +104,9 @@ class SweptPart:
         z = np.where(cut, grid.z + rise.astype(np.float32), grid.z).astype(np.float32)
         return replace(self, p_part_actual=moved, actual=replace(grid, z=z))
 
+    def redrawn(self, rng: np.random.Generator) -> None:
+        """None: each draw would be a removal of its own."""
+
     def place_sigma_m(self) -> float:
         """Standard deviation of a wall or floor place by the noise of the readings, median where the tool cut, m."""
         some = self.track.deviation.cutting

@@ -17,7 +17,7 @@ from counterflex.evaluate.path_deviation import LOST_M, SPACING_M, PathDeviation
 from counterflex.evaluate.tool_path.curve import begin_on, curve_of, within
 from counterflex.evaluate.tool_path.pose_search import LEAST_SHARE
 from counterflex.evaluate.tool_path.readings import ToolReadings
-from counterflex.evaluate.tool_path.smoothing import adapted, half_window_m, pieces
+from counterflex.evaluate.tool_path.smoothing import NOISELESS_M, WINDOW_M, pieces, smoothed
 from counterflex.path.toolpath import FEED, ToolPath
 
 _BEYOND_M: Final = 0.3 * MM
@@ -120,12 +120,10 @@ def tracked_path(
     kind = np.asarray(path.kind)[row]
     place = np.interp(raw.time_s, readings.clock_s - readings.clock_s[0], np.arange(len(readings)))
     weight = np.clip(np.gradient(place), 1e-3, 1.0)
-    half_m = half_window_m(noise, float(np.median(weight)) / spacing)
-    half = round(half_m / spacing)
     runs = pieces(raw.feed_direction, raw.broken, kind)
     along = raw.along_m if readings.command_part is not None else _ahead(path, raw, S, row)
     parts = (raw.across_left_m, raw.across_axis_m, along)
-    smooth = [adapted(values, runs, half, weight, noise) for values in parts]
+    smooth = [smoothed(values, runs, weight, noise, spacing) for values in parts]
     even = np.column_stack([values for values, _ in smooth])
     sigma = np.maximum(smooth[0][1], smooth[1][1])
     deviation, clock = _with(raw, even, readings, kind == FEED)
@@ -136,7 +134,7 @@ def tracked_path(
         row,
         sigma,
         noise,
-        2.0 * half * spacing,
+        WINDOW_M if noise > NOISELESS_M else 0.0,
         covered,
         float(np.mean(lost)),
         hidden,
