@@ -68,6 +68,7 @@ WALK = textwrap.dedent(
                 continue
             given = {"to": "h:1", "peer": "h:1", "listen": "h:1", "value": "1", "recipe": "payload"}
             given |= {"target": "file.txt", "joints_deg": "0,0,0,0,0,0", "language": "krl"}
+            given |= {"robot": "kuka_kr300_r2500_ultra"}
             value = given.get(name)
             if value is None:
                 folder = getattr(info.callback, "__name__", "") in ("folder",)

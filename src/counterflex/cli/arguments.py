@@ -358,6 +358,18 @@ def robot_or_cell(param: Param, value: Any) -> Any:
     return value
 
 
+def frame_name(param: Param, value: Any) -> Any:
+    """Name of a tool or base of a controller; empty for none.
+
+    Raises:
+        InputError: It holds other characters than such names.
+    """
+    if value and not re.fullmatch(r"[\w .$()+-]{1,64}", value):
+        raise InputError("no name of a frame on a controller", where=param.opts[0], value=value[:40],
+                         limit="letters, digits, blanks, _ . $ ( ) + -, at most 64")  # fmt: skip
+    return value
+
+
 def robot(_: Param, value: Any) -> Any:
     """A robot of the catalogue.
 

@@ -31,8 +31,15 @@ def cell_import(
         Path,
         typer.Option("--out", help="Cell file to write; an existing file is kept.", callback=arguments.output_file),
     ] = Path("cell.toml"),
-    tool: Annotated[str, typer.Option("--tool", help="Tool of the controller (where there is one: that one).")] = "",
-    base: Annotated[str, typer.Option("--base", help="Base that is the part frame (likewise).")] = "",
+    tool: Annotated[
+        str,
+        typer.Option(
+            "--tool", help="Tool of the controller (where there is one: that one).", callback=arguments.frame_name
+        ),
+    ] = "",
+    base: Annotated[
+        str, typer.Option("--base", help="Base that is the part frame (likewise).", callback=arguments.frame_name)
+    ] = "",
     poses: Annotated[
         Path | None,
         typer.Option(
