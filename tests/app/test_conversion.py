@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from counterflex.app import conversion
-from counterflex.app.inputs import AS_IT_IS, Reading
+from counterflex.app.inputs import AS_IT_IS, Reading, machine_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError, ProgramError
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.programs.convert.steps import Move, Process, steps
 from counterflex.programs.program import Program
+from counterflex.programs.rotary.fitted import fitted
+from counterflex.programs.rotary.poses import Words, turned_path
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LANGUAGES = ("gcode", "sinumerik", "apt", "krl", "rapid", "fanuc", "val3")
@@ -223,6 +225,50 @@ def test_what_a_language_cannot_say_is_refused_with_its_line(shop: Path, tmp_pat
         with pytest.raises(ProgramError, match=match):
             conversion.run(tmp_path / name, cell, tmp_path / "out", language)
         assert not (tmp_path / "out").exists()
+
+
+ROTARY = """G21 G17 G90 G94 G54
+T1 M6
+S9000 M3
+G0 X0 Y0 Z120 B0 C0
+{0}
+G0 X10 Y5 Z80 B10 C20
+G1 X30 Y-5 Z70 B25 C60 F1200
+G1 X40 Y10 Z70 F1500
+G0 X40 Y10 Z150 B0 C0
+{1}
+M5
+M30
+"""
+
+
+@pytest.mark.parametrize(("on", "off"), [("G43.4 H1", "G49"), ("", "")])
+@pytest.mark.parametrize("language", ["krl", "fanuc"])
+def test_rotary_words_become_orientations(language: str, on: str, off: str, tmp_path: Path) -> None:
+    """Tip and axis of the robot lie within 10 um, and 33 urad, of where the machine of the cell file has them."""
+    bench = EXAMPLES / "cells" / "kr300_bc_table.toml"
+    table = "" if language == "krl" else "\n[controller.spindle.fanuc]\nclockwise = []\noff = []\ntool_change = []\n"
+    text = bench.read_text(encoding="utf-8").replace("[controller.spindle.krl]", f"{table}[controller.spindle.krl]")
+    (tmp_path / "cell.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "part.ngc").write_text(ROTARY.format(on, off), encoding="ascii")
+    conversion.run(tmp_path / "part.ngc", tmp_path / "cell.toml", tmp_path / "out", language, tolerance_m=10.0 * UM)
+    cell = read_cell(tmp_path / "cell.toml")
+    made = read(main_file(tmp_path / "out"), cell)
+    source = fitted(read(tmp_path / "part.ngc", cell), machine_of(cell))
+    truth = turned_path(source, Words.of(source, machine_of(cell)), step_m=0.3e-3, rapid_speed_m_s=0.2).path
+    points = [np.asarray(motion.p_end) for motion in made.motions if motion.kind != "dwell"]
+    axes = [np.asarray(motion.abc_end) for motion in made.motions if motion.kind != "dwell"]
+    line = np.hstack([np.array(points), 0.3 * np.array(axes)])
+    rows = np.hstack([truth.p_part_tcp, 0.3 * truth.axis_part])
+    a, step = line[:-1], np.diff(line, axis=0)
+    length2 = np.maximum(np.sum(step * step, axis=1), 1e-30)
+    for row in rows[1::7]:
+        share = np.clip(np.sum((row - a) * step, axis=1) / length2, 0.0, 1.0)
+        assert np.linalg.norm(row - a - share[:, None] * step, axis=1).min() < 15.0 * UM
+    feeds = [motion.feed_m_s for motion in made.motions]
+    if on:  # F is that of the tip
+        assert any(feed == pytest.approx(0.02, rel=1e-3) for feed in feeds)
+        assert any(feed == pytest.approx(0.025, rel=1e-3) for feed in feeds)
 
 
 def test_a_tilted_tool_travels(shop: Path, tmp_path: Path) -> None:

@@ -137,6 +137,9 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         (folder / "cell.toml").unlink()
         (folder / "part.ngc").unlink()
         (folder / "rsi.xml").unlink(missing_ok=True)
+    if words[:2] == ["cell", "import"]:
+        (folder / "cell.toml").unlink()
+        shutil.copy(Path(__file__).parents[2] / "examples" / "controller" / "config.dat", folder / "$config.dat")
     if words[0] == "simulate":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out").status == 0
         shutil.copy(machined.folder / "truth.toml", folder)

@@ -18,7 +18,7 @@ from counterflex.app.compensation.robot_program import (
     routine_name,
     tool_data,
 )
-from counterflex.app.inputs import AS_IT_IS, Reading
+from counterflex.app.inputs import AS_IT_IS, Reading, machine_of
 from counterflex.app.robot_programs import refuse_held_part, robot_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -32,6 +32,7 @@ from counterflex.programs.convert.fanuc import FanucEmitter
 from counterflex.programs.convert.joined import joined
 from counterflex.programs.convert.machine_languages import AptEmitter, GcodeEmitter, SinumerikEmitter, TwincatEmitter
 from counterflex.programs.convert.robot_languages import KrlEmitter, RapidEmitter
+from counterflex.programs.convert.rotary import with_tool_vectors
 from counterflex.programs.convert.steps import steps
 from counterflex.programs.convert.val3 import Val3Emitter
 from counterflex.programs.fanuc.writer import FanucSettings
@@ -41,6 +42,7 @@ from counterflex.programs.program import ROBOT_DIALECTS, TOOL_VECTOR, Program
 from counterflex.programs.rapid.writer import RapidSettings
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.rotary.fitted import turns
 from counterflex.programs.val3.application import Val3Settings
 
 _MACHINES: Final[dict[str, type[Emitter]]] = {
@@ -94,6 +96,7 @@ def run(
     if to_robot and not isinstance(program, RobotProgram):
         refuse_change_in_cut(program, cell)
         refuse_other_height(program)
+    program = _without_rotary_words(program, cell, tolerance_m)
     sequence = list(steps(program, orientations(program, cell), to_robot=to_robot))
     written = _emitter(program, cell, language, tolerance_m, points_per_file).write(sequence)
     with atomic.atomic_folder(out) as staging:
@@ -106,6 +109,15 @@ def run(
             whole_frame=to_robot,
         )  # fmt: skip
     return _summary(program, cell, language, written, worst, [*warnings, *_free_rotation(program, language)])
+
+
+def _without_rotary_words(program: Program, cell: Cell, tolerance_m: float) -> Program:
+    """Tool vectors in place of the rotary words of the machine that the cell file describes."""
+    machine = machine_of(cell)
+    vectors = all(program.blocks[motion.block].modal.tool_centre == TOOL_VECTOR for motion in program.motions)
+    if machine is None or vectors or isinstance(program, RobotProgram) or not turns(program):
+        return program
+    return with_tool_vectors(program, machine, tolerance_m=tolerance_m, rapid_m_s=cell.tables.controller.rapid_m_s)
 
 
 def orientations(program: Program, cell: Cell) -> Callable[[int], Float]:
