@@ -114,9 +114,12 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str) -> Hypothesis:
         raise InputError(
             "the scan fits the part in no pose",
             where=where,
-            value=f"{_mm(best.score_m)} off in the mean",
-            limit=f"<= {_mm(WORST_M)}",
-            hint="Is it a scan of this part, and the program the one that made it? --datum-points gives the pose",
+            value=f"{_mm(best.score_m)} off in the mean"
+            if np.isfinite(best.score_m)
+            else f"points over {_extent(points, axes)}",
+            limit=f"<= {_mm(WORST_M)}" if np.isfinite(best.score_m) else _size(part),
+            hint="Is it a scan of this part, and the program the one that made it? Were tables, clamps and "
+            "stray points cut away? --datum-points gives the pose",
         )
     other = next((one for one in proper[1:] if _differs(one.T_part_scan, best.T_part_scan)), None)
     if other is not None and other.score_m < 1.25 * best.score_m + 10.0 * UM:
@@ -127,6 +130,18 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str) -> Hypothesis:
             hint="Give three or more points of the scan and of the part: --datum-points FILE",
         )
     return best
+
+
+def _extent(points: Float, axes: Float) -> str:
+    """What all but a few points (n, 3) take up along their main axes."""
+    ends = np.percentile(points @ axes.T, [0.3, 99.7], axis=0)
+    return " x ".join(f"{v / MM:.0f}" for v in sorted(ends[1] - ends[0], reverse=True)) + " mm"
+
+
+def _size(part: NominalPart) -> str:
+    """Of the blank."""
+    sides = sorted(part.faces.high - part.faces.low, reverse=True)
+    return "a blank of " + " x ".join(f"{v / MM:.0f}" for v in sides) + " mm"
 
 
 def _mm(value_m: float) -> str:
