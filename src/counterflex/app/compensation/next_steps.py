@@ -8,6 +8,7 @@ from typing import Any, Final
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.files.cell.cell import Cell
+from counterflex.programs.fanuc.spelling import values_text
 from counterflex.programs.krl.writer import krl_pose
 from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.report.data import Fact
@@ -37,12 +38,26 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
     files = ", ".join(summary["files"])
     if cell.T_base_tcp is not None:
         return _against_fixed_tool(files, language, cell, krl_pose(cell.T_base_tcp))
-    frame, tool = krl_pose(cell.T_base_part), krl_pose(cell.controller_chain.T_flange_tcp)
+    T_flange_tcp = cell.controller_chain.T_flange_tcp
+    frame, tool = krl_pose(cell.T_base_part), krl_pose(T_flange_tcp)
     if language == "krl":
         return (
             Fact("Copy", files, "", "to KRC:\\R1\\Program, all of them"),
             Fact(f"BASE_DATA[{controller.base_number}]", frame, "mm, deg", "the part frame that was planned with"),
             *_tool_frames(cell, "krl", tools, tool, f"TOOL_DATA[{controller.tool_number}]"),
+        )
+    if language == "fanuc":
+        part, tip = (values_text(T).replace("\n\t", " ").strip() for T in (cell.T_base_part, T_flange_tcp))
+        return (
+            Fact("Load", files, "", "as ASCII listings, all of them"),
+            Fact(f"UFRAME[{controller.base_number}]", part, "mm, deg", "the part frame that was planned with"),
+            *_tool_frames(cell, "fanuc", tools, tip, f"UTOOL[{controller.tool_number}]"),
+            Fact("CONFIG", "N U T, 0, 0, 0", "", "of every position: change it where the robot stands otherwise"),
+        )
+    if language == "val3":
+        return (
+            Fact("Load", files, "", "as an application; it brings its frame, and its tool unless the cell names one"),
+            *_tool_frames(cell, "val3", tools, tool, ""),
         )
     if language == "rapid":
         return (
@@ -75,7 +90,8 @@ def _against_fixed_tool(files: str, language: str, cell: Cell, tool: str) -> tup
 def _tool_frames(cell: Cell, language: Dialect, tools: Sequence[int], frame: str, other: str) -> list[Fact]:
     """Tool frames that a robot program uses by name: of the tools that have one, else ``other`` (empty: none)."""
     named = cell.machine_functions(language).tool_data
-    names = {number: f"TOOL_DATA[{named[number]}]" if language == "krl" else named[number] for number in named}
+    form = {"krl": "TOOL_DATA[{}]", "fanuc": "UTOOL[{}]"}.get(language, "{}")
+    names = {number: form.format(named[number]) for number in named}
     own = [(names.get(number, other), number) for number in tools]
     if len(tools) > 1:
         what = "its tip, measured on this robot; lengths differ from tool to tool, the direction does not"
