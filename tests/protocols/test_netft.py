@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import socket
+import threading
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from counterflex.core.errors import ProtocolError
+from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.protocols.netft import telegram as netft
+from counterflex.protocols.netft.link import fetch_scaling
 
 U32 = st.integers(0, 2**32 - 1)
 I32 = st.integers(-(2**31), 2**31 - 1)
@@ -143,3 +146,18 @@ def test_requests_that_do_not_fit_are_refused() -> None:
         netft.read_request(b"\0" * 8)
     with pytest.raises(ProtocolError):
         netft.write_record(netft.Record(0, 0, 0, (2**31, 0, 0, 0, 0, 0)))
+
+
+def test_a_port_that_says_back_what_it_hears_is_no_sensor_yet() -> None:
+    """As a connection does that has met itself, while the sensor's port is free: it is tried again, not given up."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def echo() -> None:
+            with server.accept()[0] as met:
+                met.sendall(met.recv(4096))
+
+        thread = threading.Thread(target=echo)
+        thread.start()
+        with pytest.raises(OutputError, match="does not serve its scaling: GET"):
+            fetch_scaling("127.0.0.1", server.getsockname()[1])
+        thread.join()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import http.client
 import socket
 import urllib.error
 import urllib.request
@@ -145,7 +146,8 @@ def fetch_scaling(host: str, port: int = 80, timeout_s: float = 3.0) -> netft.Sc
     try:
         with urllib.request.urlopen(where, timeout=timeout_s) as answer:
             document = answer.read(_LONGEST_DOCUMENT)
-    except (urllib.error.URLError, OSError, ValueError) as fault:
+    except (urllib.error.URLError, http.client.HTTPException, OSError, ValueError) as fault:
+        # among them: a connection to a free port of this computer that has met itself and hears its own request
         raise OutputError(
             f"the force sensor does not serve its scaling: {getattr(fault, 'reason', fault)}",
             where=where,
