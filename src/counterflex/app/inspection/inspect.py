@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,6 +34,8 @@ def run(
     how: How | LogHow,
     before: Path | None = None,
     nominal: Path | None = None,
+    tolerances_m: Mapping[tuple[str, str], float] | None = None,
+    more: Callable[[Path, dict[str, Any]], None] | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Do the job on files.
@@ -48,6 +51,8 @@ def run(
         how: How scans, or logs, are read and laid on the part.
         before: The same of an earlier part to compare with, or None.
         nominal: CAD mesh to judge against in place of what the program makes, or None.
+        tolerances_m: (feature, quantity) to +- tolerance, m; general tolerances for what is not listed.
+        more: Writes more into the folder, given the one that it is made in and the summary.
         progress: Progress callback, fraction 0 to 1.
 
     Returns:
@@ -57,7 +62,16 @@ def run(
         FileFormatError: A file is missing, damaged or of another format.
         InputError: What was measured does not fit the part.
     """
-    inspection = inspect(program, cell_file, measured, how=how, before=before, nominal=nominal, progress=progress)
+    inspection = inspect(
+        program,
+        cell_file,
+        measured,
+        how=how,
+        before=before,
+        nominal=nominal,
+        tolerances_m=tolerances_m,
+        progress=progress,
+    )
     last = list(inspection.parts.values())[-1]
     from counterflex.app.inspection.page import page_of  # plotly is heavy
     from counterflex.report.page import write_page
@@ -66,6 +80,8 @@ def run(
         _write_rows(staging, inspection, last, program)
         write_summary(staging / SUMMARY, inspection.summary)
         write_page(page_of(inspection), staging / REPORT)
+        if more is not None:
+            more(staging, inspection.summary)
     progress(1.0)
     return inspection.summary
 

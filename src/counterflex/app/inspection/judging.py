@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,7 @@ def inspect(
     how: How | LogHow,
     before: Path | None = None,
     nominal: Path | None = None,
+    tolerances_m: Mapping[tuple[str, str], float] | None = None,
     progress: Progress = silent,
 ) -> Inspection:
     """Judge scans of one or two parts, or logs of the tool; see :func:`counterflex.app.inspection.inspect.run`."""
@@ -104,7 +106,9 @@ def inspect(
         elif isinstance(how, How):
             parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]), outline_of(job.path, cell))
         progress(0.4 + 0.4 * (k + 1) / len(read))
-    features = inspected_features(candidates_of(job.path, cell), {name: one.part for name, one in parts.items()})
+    named = {name: one.part for name, one in parts.items()}
+    features = inspected_features(candidates_of(job.path, cell), named, tolerances_m)
+    _require_used(tolerances_m or {}, features)
     summary = {
         "job": "inspect",
         "program": program.name,
@@ -116,6 +120,17 @@ def inspect(
     }
     progress(0.9)
     return Inspection(job, cell, parts, features, summary)
+
+
+def _require_used(tolerances_m: Mapping[tuple[str, str], float], features: tuple[FeatureRow, ...]) -> None:
+    measured = [(row.feature, row.quantity) for row in features]
+    for feature, quantity in tolerances_m:
+        if (feature, quantity) not in measured:
+            raise InputError(
+                "a tolerance is given of what is not measured on this part",
+                value=f"{quantity} of {feature}",
+                limit=", ".join(f"{q} of {f}" for f, q in measured) or "nothing is",
+            )
 
 
 def nominal_of(job: Job, cell: Cell, mesh: Path | None = None) -> NominalPart:

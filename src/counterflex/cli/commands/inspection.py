@@ -19,7 +19,7 @@ _FACES = ("x-", "x+", "y-", "y+", "bottom", "top")
 _one_face = arguments.one_of(_FACES, "datum face")
 
 
-def _faces(param: arguments.Param, value: str | None) -> str | None:
+def datum_faces(param: arguments.Param, value: str | None) -> str | None:
     """Check the names of faces before anything is read."""
     if value is not None:
         _one_face(param, [name.strip() for name in value.split(",")])
@@ -70,7 +70,7 @@ def inspect(
             help="Faces of the blank that place the scan: some of x-,x+,y-,y+,bottom,top; by default all scanned ones "
             "that the program does not machine.",
             metavar="FACES",
-            callback=_faces,
+            callback=datum_faces,
         ),
     ] = None,
     datum_points: Annotated[
@@ -100,6 +100,15 @@ def inspect(
             "--nominal",
             help="CAD mesh in mm, part frame, to judge against in place of what the program makes.",
             metavar="STL",
+            callback=arguments.file,
+        ),
+    ] = None,
+    tolerances: Annotated[
+        Path | None,
+        typer.Option(
+            "--tolerances",
+            help="Tolerances of the drawing: columns feature, quantity, tolerance_mm; without it ISO 2768-mK.",
+            metavar="CSV",
             callback=arguments.file,
         ),
     ] = None,
@@ -157,7 +166,9 @@ def inspect(
 
     Example: `counterflex inspect part.ngc --cell cell.toml --scan part.ply --out inspected`
     """
-    given = [path for path in (program, cell, scan, tool_log, datum_points, before, nominal) if path is not None]
+    given = [
+        path for path in (program, cell, scan, tool_log, datum_points, before, nominal, tolerances) if path is not None
+    ]
     keep_inputs(out, *given)
     measured = scan or tool_log
     if measured is None or (scan is not None and tool_log is not None):
@@ -186,11 +197,26 @@ def inspect(
     from counterflex.app.inspection.judging import How
     from counterflex.app.inspection.tool_log import LogHow
 
+    permitted = None
+    if tolerances is not None:
+        from counterflex.files.tolerances_file import read_tolerances
+
+        permitted = read_tolerances(tolerances)
     how: How | LogHow = How(unit, datum, datum_points, aligned)
     if tool_log is not None:
         how = LogHow(frame, form, position, run, cut)
     with progress_bar(f"inspecting {measured.name}") as progress:
-        summary = job.run(program, cell, measured, out, how=how, before=before, nominal=nominal, progress=progress)
+        summary = job.run(
+            program,
+            cell,
+            measured,
+            out,
+            how=how,
+            before=before,
+            nominal=nominal,
+            tolerances_m=permitted,
+            progress=progress,
+        )
     if as_json:
         print_json(summary)
         return

@@ -19,7 +19,11 @@ _ONCE_MORE: Final = float(np.sqrt(2.0)) - 1.0
 """Growth of the standard deviation of noise when it is drawn once more."""
 
 
-def inspected_features(features: Sequence[Feature], parts: Mapping[str, InspectedPart]) -> tuple[FeatureRow, ...]:
+def inspected_features(
+    features: Sequence[Feature],
+    parts: Mapping[str, InspectedPart],
+    tolerances_m: Mapping[tuple[str, str], float] | None = None,
+) -> tuple[FeatureRow, ...]:
     """Measure features on inspected parts as on simulated ones, with the standard deviation of each value.
 
     It is the root of the sum of squares of two: the change of the mean value when the part is moved by each principal
@@ -32,11 +36,12 @@ def inspected_features(features: Sequence[Feature], parts: Mapping[str, Inspecte
     Args:
         features: From :func:`~counterflex.evaluate.feature_finding.find_features`.
         parts: Name to part; all of one nominal part.
+        tolerances_m: (feature, quantity) to +- tolerance, m; general tolerances for what is not listed.
     """
     first = next(iter(parts.values()))
     surface, path = first.part.surface, first.p_part_tcp
     outline = first.nominal_outline
-    rows = list(measure_features(surface, path, features, dict(parts), outline=outline))
+    rows = list(measure_features(surface, path, features, dict(parts), outline=outline, tolerances_m=tolerances_m))
     square = [{name: parts[name].place_sigma_m() ** 2 for name in row.mean_m} for row in rows]
     for name, part in parts.items():
         values, vectors = np.linalg.eigh(part.registration.covariance)

@@ -1,0 +1,144 @@
+"""The benchmark part: written for whoever mills it, judged from its scan, compared with other results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.inspection import datum_faces
+from counterflex.cli.commands.program import CellFile, Out
+from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+
+_METHODS = ("uncompensated", "catalogue", "identified", "corrected", "online")
+group = typer.Typer(help="A part that any laboratory can mill, measure and compare.", no_args_is_help=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    app.add_typer(group, name="benchmark-part")
+
+
+@group.command()
+def write(out: Out) -> None:
+    """Write the benchmark part: program, drawing, tolerances.
+
+    Into DIR: cf1.ngc (G-code), cf1.svg (A4 drawing), cf1-tolerances.csv (as `inspect --tolerances` reads them).
+
+    Example: `counterflex benchmark-part write --out benchmark-part`
+    """
+    from counterflex.app.benchmark_part import part
+
+    say_written(out, f"wrote {out}: {', '.join(part.write(out))}")
+
+
+@group.command()
+def judge(
+    cell: CellFile,
+    scan: Annotated[
+        Path,
+        typer.Option("--scan", help="Scan of the part, as for `inspect`.", metavar="FILE", callback=arguments.file),
+    ],
+    laboratory: Annotated[str, typer.Option("--laboratory", help="Who milled it.", metavar="NAME")],
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help=f"How its program was made: {', '.join(_METHODS)}.",
+            metavar="NAME",
+            callback=arguments.one_of(_METHODS, "method"),
+        ),
+    ],
+    out: Out,
+    robot_name: Annotated[
+        str | None, typer.Option("--robot", help="Name of the robot; by default that of the cell.", metavar="NAME")
+    ] = None,
+    material_name: Annotated[
+        str | None, typer.Option("--material", help="By default that of the cell.", metavar="NAME")
+    ] = None,
+    datum: Annotated[
+        str,
+        typer.Option(
+            "--datum", help="Faces that place the scan, as for `inspect`.", metavar="FACES", callback=datum_faces
+        ),
+    ] = "x-,x+,y-,y+,top",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Judge a benchmark part from its scan, by drawing and tolerances.
+
+    Writes into DIR what `inspect` writes, and result.json for `benchmark-part compare`.
+
+    Example: `counterflex benchmark-part judge --cell cell.toml --scan cf1.ply --laboratory A --method online --out out`
+    """
+    keep_inputs(out, cell, scan)
+    from counterflex.app.benchmark_part.judge import About
+    from counterflex.app.benchmark_part.judge import judge as job
+    from counterflex.app.inspection.judging import How
+
+    about = About(laboratory, method, robot_name, material_name)
+    with progress_bar(f"inspecting {scan.name}") as progress:
+        result = job(cell, scan, out, about, how=How(datum=datum), progress=progress)
+    if as_json:
+        print_json(result.model_dump(mode="json"))
+        return
+    print_table(
+        f"{result.part}: {result.label}; surface 99.7 %: {result.surface_p997_mm:.3f} mm",
+        ["feature", "quantity", "nominal mm", "tolerance mm", "worst mm", "U um (k=2)", "within"],
+        [
+            [
+                row.feature,
+                row.quantity,
+                f"{row.nominal_mm:g}",
+                f"{row.tolerance_mm:g}",
+                f"{row.worst_mm:.3f}",
+                f"{row.uncertainty_um:.1f}",
+                "yes" if row.within else "NO",
+            ]
+            for row in result.features
+        ],
+        note=f"{sum(row.within for row in result.features)} of {len(result.features)} within their tolerance.",
+    )
+    say_written(out, f"wrote {out}: result.json, deviations.parquet, report.html, summary.json")
+
+
+@group.command()
+def compare(
+    results: Annotated[
+        list[Path], typer.Argument(help="Files result.json of judge.", metavar="RESULT...", callback=arguments.file)
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
+) -> None:
+    """Compare results of the benchmark part: worst deviation of every feature, um.
+
+    Example: `counterflex benchmark-part compare before/result.json after/result.json`
+    """
+    from counterflex.app.benchmark_part.judge import compare as job
+
+    answer = job(results)
+    if as_json:
+        print_json(answer)
+        return
+    labels = [row["label"] for row in answer["results"]]
+    rows = [
+        [
+            row["feature"],
+            row["quantity"],
+            f"{row['tolerance_um']:g}",
+            *(
+                f"{value:+.0f}{'' if inside else ' !'}"
+                for value, inside in zip(row["deviation_um"], row["within"], strict=True)
+            ),
+        ]
+        for row in answer["features"]
+    ]
+    rows.append(["all", "within", "", *(f"{row['within']} of {row['of']}" for row in answer["results"])])
+    surfaces = (f"{row['surface_p997_mm']:.3f} mm" for row in answer["results"])
+    rows.append(["surface", "99.7 %", "", *surfaces])
+    print_table(
+        f"{answer['part']}: deviation from nominal, um",
+        ["feature", "quantity", "tolerance", *labels],
+        rows,
+        note="! outside its tolerance",
+    )
