@@ -250,7 +250,7 @@ def run_page(path: Path, work: Path, forks: Any = None) -> tuple[int, int, Count
         shutil.copytree(_folder_of(base, work), folder, dirs_exist_ok=True)
     if page.steps and path.suffix != ".py" and named not in FROM_NOTHING:
         for copied in ("examples", "tests/outside"):
-            shutil.copytree(ROOT / copied, folder / copied)
+            shutil.copytree(ROOT / copied, folder / copied, dirs_exist_ok=True)
     started = False
     for step in page.steps:
         failed, said = run_step(step, folder, forks if started else None)

@@ -19,6 +19,7 @@ WALK = textwrap.dedent(
     from counterflex.cli import main, start
 
     FREE = {"containing", "session", "host", "listen", "name", "sentype", "only", "pattern", "stall"}
+    FREE |= {"laboratory", "robot_name", "material_name"}
 
     def commands(app, path=()):
         for item in app.registered_commands:

@@ -17,9 +17,11 @@ import trimesh
 import typer
 
 from counterflex.app import examples
+from counterflex.app.benchmark_part.part import program_sha256
 from counterflex.app.run.loop import online_loop
 from counterflex.cli.main import app
 from counterflex.evaluate.loop_timing import LoopSamples
+from counterflex.files.benchmark_result import MEASURED, BenchmarkResult, FeatureResult, write_benchmark_result
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.writer import write_dataset
 from counterflex.files.logs.run_log import RunLog
@@ -158,6 +160,12 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         shutil.copytree(machined.folder / "run", folder / "run-after")
     if words[0] == "inspect":
         scan(folder)
+    if words[0] == "benchmark-part":
+        shipped_files = Path(__file__).parents[2] / "examples"
+        shutil.copy(shipped_files / "cells" / "kr300_d16_small.toml", folder / "cell.toml")
+        shutil.copy(shipped_files / "scans" / "benchmark_part.ply", folder / "cf1.ply")
+        for name in ("before", "after"):
+            write_benchmark_result(folder / name / "result.json", made_result(name))
     if words[0] == "thermal":
         shutil.copy(Path(__file__).parents[2] / "examples" / "touches.csv", folder)
     if words[0] == "doctor":
@@ -189,6 +197,22 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     assert ended.out
     if "--out" in words:
         assert (folder / words[words.index("--out") + 1]).exists()
+
+
+def made_result(laboratory: str) -> BenchmarkResult:
+    """A benchmark part without any deviation."""
+    rows = [
+        FeatureResult(
+            feature=row.feature, quantity=row.quantity, nominal_mm=row.nominal_mm, tolerance_mm=row.tolerance_mm,
+            worst_mm=row.nominal_mm, mean_mm=row.nominal_mm, uncertainty_um=10.0, within=True,
+        )
+        for row in MEASURED
+    ]  # fmt: skip
+    return BenchmarkResult(
+        laboratory=laboratory, robot="KR 300", material="EN AW-2017", method="identified", scan="cf1.ply",
+        program_sha256=program_sha256(), scan_points=30_000, scan_noise_um=10.0, placed_by=("x-", "y-", "top"),
+        residual_um=5.0, surface_p997_mm=0.03, features=tuple(rows), counterflex="0.1.0",
+    )  # fmt: skip
 
 
 def rapid(folder: Path, counterflex: Any) -> None:

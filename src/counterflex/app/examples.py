@@ -9,7 +9,10 @@ from typing import Final
 
 from counterflex.core import atomic
 from counterflex.core.errors import OutputError
+from counterflex.robot.model import catalog
 
+ROBOT: Final = "kuka_kr300_r2500_ultra"
+"""Robot of the demonstration cell."""
 _ONLINE: Final = """
 # How counterflex run corrects while milling. Where the force sensor sits and what hangs behind it is measured, not
 # known from a drawing: identify payload writes the table [sensor].
@@ -48,23 +51,44 @@ def write(cell: Path) -> list[Path]:
     return _write({cell: text("cell.toml"), cell.parent / "part.ngc": text("part.ngc")})
 
 
-def write_all(cell: Path) -> list[Path]:
+def with_robot(cell: str, robot: str) -> str:
+    """Text of a demonstration cell with another robot of the catalogue; all else, the part's place too, is as it was.
+
+    Args:
+        cell: Text of the cell file.
+        robot: Name in the catalogue.
+
+    Raises:
+        InputError: The catalogue has no such robot.
+    """
+    model = catalog.entry(robot).model.split(" (")[0].replace('"', "'")
+    _, _, rest = cell.partition("\n")  # the first line says which robot it is
+    rest = rest.replace(f'catalog = "{ROBOT}"', f'catalog = "{robot}"')
+    rest = rest.replace('name = "KR 300 R2500 ultra', f'name = "{model}', 1)
+    return f"# {model} of the catalogue; spindle, tools, material and part are those of the demonstration cell.\n{rest}"
+
+
+def write_all(cell: Path, robot: str = ROBOT) -> list[Path]:
     """Write what the first steps need: a cell that also corrects online, its part, an RSI configuration, a small job.
 
     Args:
         cell: Of the cell file, ``NAME.toml``. Beside it: ``part.ngc``, ``rsi.xml``, and ``NAME-small.toml`` with
             ``groove.ngc``, which take seconds where the others take minutes.
+        robot: Of the catalogue, in place of that of the demonstration.
 
     Raises:
+        InputError: The catalogue has no such robot.
         OutputError: A file is there already, or the folder cannot be written.
     """
-    folder = cell.parent
+    folder, large, little = cell.parent, text("cell.toml"), small()
+    if robot != ROBOT:
+        large, little = with_robot(large, robot), with_robot(little, robot)
     return _write(
         {
-            cell: text("cell.toml") + _ONLINE,
+            cell: large + _ONLINE,
             folder / "part.ngc": text("part.ngc"),
             folder / "rsi.xml": text("rsi.xml"),
-            folder / f"{cell.stem}-small{cell.suffix}": small() + _ONLINE,
+            folder / f"{cell.stem}-small{cell.suffix}": little + _ONLINE,
             folder / "groove.ngc": text("groove.ngc"),
         }
     )

@@ -19,6 +19,7 @@ from typer.core import TyperCommand, TyperGroup
 from counterflex import __version__
 from counterflex.cli.commands import (
     ads,
+    benchmark_part,
     campaign,
     convert,
     correct,
@@ -111,7 +112,7 @@ PANELS: Final = {
         "convert",
         "correct",
     ),
-    "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect"),
+    "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect", "benchmark-part"),
     "Identify": ("identify", "production", "dataset", "holder", "campaign"),
     "Measure": ("iso9283", "iso230", "thermal"),
     "Online": ("run", "operator", "panel", "panel-user", "log", "rsi", "egm"),
@@ -194,7 +195,7 @@ for room in (
     room.register(app)
 for room in (plan, holder, online, operator, panel, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
-for room in (iso9283, iso230, thermal):
+for room in (iso9283, iso230, thermal, benchmark_part):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)
@@ -240,14 +241,19 @@ def _without_commands(info: Any) -> Any:
 
 def _version(value: bool) -> None:
     if value:
-        typer.echo(f"counterflex {__version__}")
+        from counterflex.core.build_data import sentence
+
+        typer.echo(sentence(__version__))
         raise typer.Exit
 
 
 @app.callback()
 def _main(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Print version, commit, Python and platform, and stop."
+        ),
     ] = False,
 ) -> None:
     pass

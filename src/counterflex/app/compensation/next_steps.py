@@ -128,7 +128,7 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...
         elif after["max_mm"] > (1.0 - _ENOUGH) * before["max_mm"]:
             steps.append(
                 f"Up to {after['max_mm']:.3f} mm remain where the force changes faster than the robot follows. A lower "
-                f"feed there reduces it: counterflex compensate {program} --feed-for-tolerance-um "
+                f"feed there reduces it: counterflex compensate {program} -s compensation.feed_for_tolerance_um="
                 f"{500.0 * after['max_mm']:.0f} ..."
             )
     steps.append("Run the program above the part first, at reduced speed, with the tool that was planned with.")
@@ -165,7 +165,7 @@ def after_proof(rows: Sequence[FeatureRow], summary: Mapping[str, Any]) -> tuple
     steps.append(
         f"The largest error that remains, {path['max_mm']:.3f} mm, is {_PLACES[part]}. "
         + (
-            "A lower feed there reduces it: counterflex compensate --feed-for-tolerance-um."
+            "A lower feed there reduces it: counterflex compensate -s compensation.feed_for_tolerance_um=50."
             if part != "plateau"
             else "There the constants of the model decide: measure the cell, counterflex identify."
         )

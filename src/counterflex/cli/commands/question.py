@@ -332,6 +332,14 @@ def cell_example(
     out: Annotated[
         Path, typer.Option("--out", help="Where to write it; an existing file is kept.", callback=arguments.output_file)
     ] = Path("cell.toml"),
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--robot",
+            help="Another robot of the catalogue (`counterflex robots`), with the same spindle, tools and part.",
+            metavar="NAME",
+        ),
+    ] = None,
 ) -> None:
     """Write the demonstration cell (KR 300 with a spindle) as an example, with files to try it.
 
@@ -342,5 +350,10 @@ def cell_example(
     """
     from counterflex.app import examples
 
-    for path in examples.write_all(out):
+    for path in examples.write_all(out, examples.ROBOT if robot is None else robot):
         typer.echo(f"wrote {path}")
+    if robot not in (None, examples.ROBOT):
+        typer.echo(
+            "the part stands where it suits the KR 300; choose its place: counterflex plan placement groove.ngc "
+            f"--cell {out.stem}-small{out.suffix} --out placed"
+        )

@@ -133,7 +133,8 @@ def run(
         typer.echo(f"warning: {line}", err=True)
 
     if line_period_s() > 0.0:
-        typer.echo("preparing the loop: cell, plan, sensors", err=True)
+        other = "; start the simulated cell now, it is waited for" if lockstep else ""
+        typer.echo(f"preparing the loop: cell, plan, sensors{other}", err=True)
     summary = job.run(settings, out, watch=show_status, most_s=trial.run.seconds, started=started, warn=warn)
     if as_json:
         print_json(summary)
