@@ -63,6 +63,7 @@ LIVE = (
     "tracker bridge",
     "operator",
     "panel",
+    "opcua",
     "ads",
 )
 """Commands that wait for each other or for a device: tests of their own run them over sockets."""

@@ -46,7 +46,7 @@ from counterflex.cli.commands import (
     twin,
 )
 from counterflex.cli.commands import run as online
-from counterflex.cli.commands.operate import operator, panel
+from counterflex.cli.commands.operate import opcua, operator, panel
 from counterflex.cli.commands.plan import group as plan
 from counterflex.cli.commands.reproduce import group as reproduce
 from counterflex.cli.commands.standards import iso230, iso9283
@@ -115,7 +115,7 @@ PANELS: Final = {
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect", "benchmark-part"),
     "Identify": ("identify", "production", "dataset", "holder", "campaign"),
     "Measure": ("iso9283", "iso230", "thermal"),
-    "Online": ("run", "operator", "panel", "panel-user", "log", "rsi", "egm"),
+    "Online": ("run", "operator", "panel", "panel-user", "opcua", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
     "Tools": ("doctor", "extensions", "soak", "faults", "reproduce"),
 }
@@ -193,7 +193,7 @@ for room in (
     campaign,
 ):
     room.register(app)
-for room in (plan, holder, online, operator, panel, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
+for room in (plan, holder, online, operator, panel, opcua, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
 for room in (iso9283, iso230, thermal, benchmark_part):
     room.register(app)

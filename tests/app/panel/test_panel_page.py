@@ -6,60 +6,22 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from browser import Browser, chromium
-from counterflex.protocols.processes.actions import Actions, actions_path
-from counterflex.protocols.processes.control_array import Life, Panel
-from counterflex.protocols.processes.operator_words import OperatorFile
-from counterflex.protocols.processes.snapshot import SnapshotMemory, SnapshotReader, snapshot_path
+from counterflex.protocols.processes.control_array import Panel
+from counterflex.protocols.processes.snapshot import SnapshotReader, snapshot_path
 from counterflex.runtime.state.states import State
-from counterflex.validation.faults.process_rig import ProcessRig
+from loop_that_runs import Run
 
 pytest.importorskip("nicegui", reason="the extra panel is not installed")
 pytestmark = [
     pytest.mark.skipif(chromium() is None, reason="no Chromium on this computer"),
     pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="processes cannot be stopped here"),
 ]
-
-
-class Run:
-    """A loop in a process of its own, as ``run`` starts it; its robot goes on in a thread here."""
-
-    def __init__(self, folder: Path) -> None:
-        self.rig = ProcessRig(folder)
-        self.folder = folder
-        words = self.rig._words.path
-        self._memory = SnapshotMemory(words)
-        self.actions = Actions(actions_path(words), make=True)
-        self.rig.start_loop()
-        self.rig.control[Life.MAY_ARM] = 1
-        self._file = OperatorFile(folder, words)
-        self._end = threading.Event()
-        self.want = False
-        self.answered = 0
-        self._thread = threading.Thread(target=self._go_on, daemon=True)
-        self._thread.start()
-
-    def _go_on(self) -> None:
-        rig = self.rig
-        while not self._end.wait(0.004):
-            rig.robot.frees["Enable"] = float(self.want and rig.state in (State.ARMED, State.ACTIVE))
-            if not rig.robot.stopped:
-                force = 300.0 if rig.state == State.ACTIVE and not rig.robot.feed_hold else 0.0
-                self.answered += rig.cycle(force)
-
-    def close(self) -> None:
-        self._end.set()
-        self._thread.join()
-        self._file.close()
-        self._memory.close()
-        self.actions.close()
-        self.rig.__exit__()
 
 
 class PanelProcess:

@@ -1,0 +1,302 @@
+"""The OPC UA server: a process beside the loop that reads the run's snapshot and writes it into an address space."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import contextvars
+import logging
+import os
+import time
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from asyncua import Server, ua
+from asyncua.common.node import Node as UaNode
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
+from asyncua.server.user_managers import UserManager
+
+from counterflex import __version__
+from counterflex.app.opcua.nodes import NODES, OWN, UNITS, Node, View, occurred
+from counterflex.app.opcua.observed_run import ObservedRun
+from counterflex.app.opcua.settings import OpcuaSettings, require_safe
+from counterflex.app.panel.access import Sessions
+from counterflex.app.panel.watched_run import Seen
+from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.files.panel_users import PanelUsers
+
+NAMESPACE: Final = "urn:counterflex:opcua"
+_NICE: Final = 5
+"""Priority below that of everything that runs beside it, the loop above all."""
+_TYPES: Final = {
+    str: ua.VariantType.String,
+    bool: ua.VariantType.Boolean,
+    int: ua.VariantType.Int64,
+    float: ua.VariantType.Double,
+}
+_caller: contextvars.ContextVar[str] = contextvars.ContextVar("caller", default="")
+"""Name of the operator whose call is served; empty: he is none."""
+
+
+class _Users(UserManager):  # type: ignore[misc]
+    """Who may: with a file of users only they, by their password; without one everybody, to read."""
+
+    def __init__(self, users: PanelUsers | None) -> None:
+        self._users, self._tries = users, Sessions()
+        self.operators: set[str] = set()
+
+    def get_user(self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None) -> Any:  # noqa: ARG002 - as the library calls it
+        """The user, or None."""
+        if self._users is None:
+            return User(UserRole.User)  # of the library's roles the one that may read
+        if not username or not self._tries.may_try("opcua"):
+            return None
+        text = password.decode("utf-8", "replace") if isinstance(password, bytes) else str(password or "")
+        role = self._users.role(str(username), text)
+        if role is None:
+            self._tries.wrong("opcua")
+            return None
+        (self.operators.add if role == "operator" else self.operators.discard)(str(username))
+        return User(UserRole.User, str(username))
+
+
+class _Session(InternalSession):  # type: ignore[misc]
+    """A session of a client: it reads; its calls are served for operators only, nothing is written."""
+
+    async def call(self, params: Any) -> Any:
+        """Serve calls with the name of the caller."""
+        name = str(self.user.name or "")
+        known = self.iserver.user_manager
+        operates = isinstance(known, _Users) and name in known.operators
+        token = _caller.set(name if operates else "")
+        try:
+            return await super().call(params)
+        finally:
+            _caller.reset(token)
+
+    async def write(self, params: Any) -> Any:
+        """Refuse to write from outside."""
+        if self.external:
+            return [ua.StatusCode(ua.StatusCodes.BadUserAccessDenied) for _ in params.NodesToWrite]
+        return await super().write(params)
+
+
+class _Inner(InternalServer):  # type: ignore[misc]
+    """Makes sessions of :class:`_Session`."""
+
+    def create_session(self, name: str, user: Any = None, external: bool = False) -> Any:
+        """A session."""
+        who = User(UserRole.Anonymous) if user is None else user
+        return _Session(self, self.aspace, self.subscription_service, name, user=who, external=external)
+
+
+class OpcuaServer:
+    """A server.
+
+    Args:
+        settings: Checked by :func:`.settings.require_safe`.
+        started: Told the address, once.
+
+    Raises:
+        FileFormatError: The file of users is none.
+    """
+
+    def __init__(self, settings: OpcuaSettings, started: Callable[[str], None]) -> None:
+        self._settings, self._started = settings, started
+        self._run = ObservedRun(settings.folder)
+        self._nodes: list[tuple[Node, UaNode]] = []
+        self._written: dict[str, tuple[Any, int]] = {}
+        self._before: Mapping[str, Any] = {}
+        self._last_fault = ""
+        users = None if settings.users is None else PanelUsers(settings.users)
+        self._server = Server(iserver=_Inner(user_manager=_Users(users)))
+
+    async def serve(self) -> None:
+        """Serve until the task is cancelled.
+
+        Raises:
+            OutputError: The port cannot be opened, or certificate or key cannot be read.
+        """
+        settings, server = self._settings, self._server
+        with contextlib.suppress(OSError, AttributeError):
+            os.nice(_NICE)
+        await server.init()
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        server.set_endpoint(f"opc.tcp://{host}:{settings.port}/counterflex")
+        server.set_server_name("counterflex")
+        await server.set_application_uri(NAMESPACE)
+        await server.set_build_info(NAMESPACE, "counterflex", "counterflex", __version__, "", datetime.now(UTC))
+        await self._secure()
+        await self._build()
+        try:
+            await server.start()
+        except OSError as fault:
+            raise OutputError(
+                f"the port cannot be opened: {fault.strerror or fault}",
+                where=f"{settings.host}:{settings.port}",
+                hint="Is another OPC UA server running? Give another --port",
+            ) from None
+        try:
+            binary = server.bserver
+            port = settings.port
+            if binary is not None and binary._server is not None:
+                port = binary._server.sockets[0].getsockname()[1]
+            self._started(f"opc.tcp://{host}:{port}/counterflex")
+            await self._follow()
+        finally:
+            self._run.close()
+            await server.stop()
+
+    async def _secure(self) -> None:
+        settings, server = self._settings, self._server
+        tokens = [ua.AnonymousIdentityToken] if settings.users is None else [ua.UserNameIdentityToken]
+        server.set_identity_tokens(tokens)
+        if settings.certificate is None or settings.key is None:
+            server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+            return
+        server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
+        try:
+            await server.load_certificate(str(settings.certificate))
+            await server.load_private_key(str(settings.key))
+        except (OSError, ValueError, TypeError) as fault:
+            raise OutputError(
+                f"certificate or key cannot be read: {fault}",
+                where=f"{settings.certificate}, {settings.key}",
+                hint="Both as .pem or .der, the key without a password",
+            ) from None
+
+    async def _build(self) -> None:
+        """The address space."""
+        server = self._server
+        space = await server.register_namespace(NAMESPACE)
+        folders: dict[str, UaNode] = {}
+
+        async def folder(path: str) -> UaNode:
+            if path not in folders:
+                above, _, name = path.rpartition("/")
+                parent = await folder(above) if above else server.nodes.objects
+                folders[path] = await parent.add_object(ua.NodeId(path, space), ua.QualifiedName(name, space))
+            return folders[path]
+
+        for node in NODES:
+            above, _, name = node.path.rpartition("/")
+            parent = await folder(above)
+            kind = _TYPES[type(node.default)]
+            variable = await parent.add_variable(
+                ua.NodeId(node.path, space), ua.QualifiedName(name, space), node.default, kind
+            )
+            if node.unit:
+                await variable.add_property(
+                    ua.NodeId(f"{node.path}/EngineeringUnits", space),
+                    ua.QualifiedName("EngineeringUnits", 0),
+                    _unit(node.unit),
+                )
+            self._nodes.append((node, variable))
+        outputs = []
+        for name, data_type in (("Done", ua.ObjectIds.Boolean), ("Message", ua.ObjectIds.String)):
+            argument = ua.Argument()
+            argument.Name, argument.DataType, argument.ValueRank = name, ua.NodeId(data_type), -1
+            outputs.append(argument)
+        own = await folder(OWN)
+        await own.add_method(
+            ua.NodeId(f"{OWN}/Acknowledge", space),
+            ua.QualifiedName("Acknowledge", space),
+            self._acknowledge,
+            [],
+            outputs,
+        )
+        self._events = await server.get_event_generator()
+
+    async def _acknowledge(self, _parent: Any) -> Any:
+        who = _caller.get()
+        if not who:
+            return ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
+        try:
+            answer = await asyncio.to_thread(self._run.acknowledge, who)
+        except CounterflexError as fault:
+            done, text = False, str(fault)
+        else:
+            done, text = bool(answer["done"]), answer["refused"] or f"done ({answer['state']})"
+        return [ua.Variant(done, ua.VariantType.Boolean), ua.Variant(text, ua.VariantType.String)]
+
+    async def _follow(self) -> None:
+        """One look at the run after another; what goes wrong in one is said, and the next one comes all the same."""
+        period, due = 1.0 / self._settings.rate_hz, time.monotonic()
+        while True:
+            try:
+                await self._look()
+            except Exception as fault:
+                if repr(fault) != self._last_fault:  # once, not five times a second
+                    self._last_fault = repr(fault)
+                    logging.getLogger("counterflex.opcua").exception("a look at the run failed")
+            due = max(due + period, time.monotonic())
+            await asyncio.sleep(max(0.001, due - time.monotonic()))
+
+    async def _look(self) -> None:
+        run = self._run
+        run.poll()
+        view = View(run.seen, run.about, run.figures, run.last, run.why)
+        for node, variable in self._nodes:
+            value, code = value_of(node, view)
+            if self._written.get(node.path) != (value, code):
+                self._written[node.path] = value, code
+                data = ua.DataValue(
+                    ua.Variant(value, _TYPES[type(node.default)]),
+                    StatusCode=ua.StatusCode(code),
+                    SourceTimestamp=datetime.now(UTC),
+                )
+                await variable.write_value(data)
+        for message, severity in occurred(self._before, run.figures):
+            self._events.event.Severity = severity
+            await self._events.trigger(message=message)
+        self._before = run.figures
+
+
+def value_of(node: Node, view: View) -> tuple[Any, int]:
+    """Value of a node, of the kind of its default, and the status code that goes with it.
+
+    Bad_NoCommunication: no run, or nothing of it yet. Bad_NotConnected: the run has no such source. Uncertain: the last
+    value of a loop that is silent or has ended.
+    """
+    if node.live and (view.seen == Seen.WAITING or not view.figures):
+        return node.default, ua.StatusCodes.BadNoCommunication
+    value = node.of(view)
+    if value is None:
+        return node.default, ua.StatusCodes.BadNotConnected
+    stale = node.live and view.seen != Seen.RUNNING
+    return type(node.default)(value), ua.StatusCodes.UncertainLastUsableValue if stale else ua.StatusCodes.Good
+
+
+def _unit(name: str) -> Any:
+    code, sign, text = UNITS[name]
+    number = -1
+    if code:
+        number = 0
+        for letter in code.encode():
+            number = number << 8 | letter
+    return ua.EUInformation(
+        NamespaceUri="http://www.opcfoundation.org/UA/units/un/cefact",
+        UnitId=number,
+        DisplayName=ua.LocalizedText(sign),
+        Description=ua.LocalizedText(text),
+    )
+
+
+def serve(settings: OpcuaSettings, started: Callable[[str], None]) -> None:
+    """Serve a run over OPC UA until the process is asked to end.
+
+    Args:
+        settings: See there.
+        started: Told the address.
+
+    Raises:
+        InputError: It would not be safe, or the library is missing.
+        CounterflexError: As :class:`OpcuaServer`.
+    """
+    require_safe(settings)
+    logging.getLogger("asyncua").setLevel(logging.ERROR)
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(OpcuaServer(settings, started).serve())

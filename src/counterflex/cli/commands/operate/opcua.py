@@ -1,0 +1,65 @@
+"""The command opcua: a run for the plant."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from counterflex.cli import arguments
+
+PORT = 4840
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command."""
+    app.command("opcua")(opcua)
+
+
+def opcua(
+    log: Annotated[
+        Path,
+        typer.Argument(help="Folder that `run` is given with --out.", metavar="DIR", callback=arguments.output_folder),
+    ],
+    host: Annotated[
+        str, typer.Option("--host", help="Address to listen on; others need users and encryption.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", help="TCP port; 0 takes a free one.", min=0, max=65535)] = PORT,
+    users: Annotated[
+        Path | None,
+        typer.Option("--users", help="File of users (panel-user).", metavar="FILE", callback=arguments.file),
+    ] = None,
+    certificate: Annotated[
+        Path | None,
+        typer.Option(
+            "--certificate", help="Certificate of the server (.pem, .der).", metavar="FILE", callback=arguments.file
+        ),
+    ] = None,
+    key: Annotated[
+        Path | None,
+        typer.Option("--key", help="Private key of the certificate.", metavar="FILE", callback=arguments.file),
+    ] = None,
+) -> None:
+    """Serve state, figures and alarms of a run over OPC UA, named after OPC 40010-1 as far as it fits.
+
+    Start it before or during the run; it waits for a run in DIR. It is a process beside the loop that only reads: it
+    cannot stop or delay it. With --users, operators may call one method, Acknowledge, as `operator reset`. Ctrl-C
+    closes it. Needs the extra `opcua`.
+
+    Without --users whoever reaches it may read. With --host of a network it needs --users, --certificate and --key.
+
+    Example: `counterflex opcua log`
+    """
+    from counterflex.app.opcua.settings import OpcuaSettings, require_safe
+
+    settings = OpcuaSettings(log, host, port, users, certificate, key)
+    require_safe(settings)
+    from counterflex.app.opcua.server import serve
+
+    def started(address: str) -> None:
+        typer.echo(f"OPC UA: {address}")
+        sys.stdout.flush()
+
+    serve(settings, started)
