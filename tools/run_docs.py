@@ -166,6 +166,8 @@ def _run(command: Command, folder: Path, alone: threading.Event, forks: Any) -> 
     """Run one command: whether it ended as wanted, and what to print: time, and else its output."""
     begin = time.perf_counter()
     words = shlex.split(command.words)
+    if "|" in words:
+        words = ["bash", "-c", command.words]
     with tempfile.NamedTemporaryFile("w+") as output:
         if forks is not None and words[0] == _SCRIPT and not command.stopped:
             status = loaded_commands.ended(forks, words, folder, _environment(), Path(output.name), _MOST_S)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -30,3 +33,11 @@ def test_a_robot_that_is_not_in_the_catalogue_writes_nothing(tmp_path: Path) -> 
     with pytest.raises(InputError, match="no robot 'kuka_kr2700'"):
         examples.write_all(tmp_path / "cell.toml", "kuka_kr2700")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_list_of_robots_loads_neither_planner_nor_compiler() -> None:
+    script = "import sys, counterflex.app.robot_list as r; r.robots(); print([m for m in sys.modules])"
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = set(ast.literal_eval(ended.stdout))
+    assert "counterflex.robot.model.catalog" in loaded
+    assert not loaded & {"numba", "scipy", "polars", "counterflex.plan", "counterflex.files.cell.cell"}

@@ -96,6 +96,14 @@ def test_a_command_that_ends_otherwise_fails(tmp_path: Path) -> None:
     assert "ZeroDivisionError" in said[0]
 
 
+def test_what_stands_before_a_bar_is_given_to_what_stands_behind_it(tmp_path: Path) -> None:
+    """The status is that of the last command; a bar within quotes is none."""
+    tool = _load()
+    given = tool.Command("echo 3 | python -c 'import sys; sys.exit(int(sys.stdin.read()) | 0)'", exits=(3,))
+    assert tool.run_step({"": [given]}, tmp_path)[0] == 0
+    assert tool.run_step({"": [tool.Command("python -c 'raise SystemExit(1 | 2)'", exits=(3,))]}, tmp_path)[0] == 0
+
+
 SCRIPT = """
 import atexit, os, sys, textwrap
 atexit.register(print, "left")

@@ -7,10 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.cut_points import corner_points, points_of_program
-from counterflex.app.inputs import read_job
-from counterflex.app.unknown_stiffness import unknown_stiffness
-from counterflex.app.unknowns import shown, unknowns
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
@@ -28,24 +24,6 @@ from counterflex.robot.model import catalog
 from counterflex.robot.model.elastic_region import beyond_regions
 
 UNIT_FORCE_N = 100.0
-
-
-def robots() -> list[dict[str, Any]]:
-    """One row per catalogue robot: name, model, reach, payload, and the status of each group of numbers."""
-    rows = []
-    for name in catalog.names():
-        entry = catalog.entry(name)
-        rows.append(
-            {
-                "name": name,
-                "model": f"{entry.manufacturer} {entry.model}",
-                "reach_mm": entry.reach_mm,
-                "payload_kg": entry.payload_kg,
-                "status": {group: source.status for group, source in entry.sources.items()},
-                "source": {group: source.source for group, source in entry.sources.items()},
-            }
-        )
-    return rows
 
 
 def load_chain(robot_or_cell: str) -> tuple[ElasticChain, Cell | None]:
@@ -144,6 +122,8 @@ def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
         path: The cell file.
         program: G-code file in whose cut the unknowns are judged; None is a force at a corner of the blank.
     """
+    from counterflex.app.unknown_stiffness import unknown_stiffness
+
     cell = read_cell(path)
     chain = cell.chain
     warnings: list[str] = [one.sentence() for one in unusual(cell.tables)]
@@ -190,6 +170,10 @@ def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
 
 def _unknowns(cell: Cell, program: str | Path | None) -> dict[str, Any] | None:
     """What is not known and what it leaves; None where the program cuts nothing."""
+    from counterflex.app.cut_points import corner_points, points_of_program  # the planner is heavy
+    from counterflex.app.inputs import read_job
+    from counterflex.app.unknowns import shown, unknowns
+
     points = corner_points(cell) if program is None else points_of_program(read_job(program, cell), cell)
     return None if points is None else shown(unknowns(cell, points), points, cell.path.name)
 

@@ -45,12 +45,12 @@ def robots(
 
     Example: `counterflex robots kuka_kr300_r2500_ultra`
     """
-    from counterflex.app import questions
+    from counterflex.app import robot_list
     from counterflex.robot.model import catalog
 
     if name is not None:
         catalog.entry(name)
-    rows = [row for row in questions.robots() if name in (None, row["name"])]
+    rows = [row for row in robot_list.robots() if name in (None, row["name"])]
     if as_json:
         print_json(rows)
     elif name is not None:
