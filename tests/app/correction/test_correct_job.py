@@ -135,6 +135,8 @@ def test_wrong_inputs_are_named_in_one_line_and_nothing_is_written(shop: Shop, t
     write_part_deviations(elsewhere, moved, MeasuredPart("part.ngc", "", "x.ply", "mm", (), 1.0))
     empty = tmp_path / "empty"
     empty.mkdir()
+    raw = tmp_path / "scan.ply"
+    raw.write_bytes(b"ply\nformat ascii 1.0\n")
     plan, part = shop.plan, shop.part
     cases: list[tuple[tuple[Path, Path, list[Path]], dict[str, Any], type[CounterflexError], str]] = [
         ((shop.program, plan, []), {}, InputError, "no measured part"),
@@ -142,6 +144,7 @@ def test_wrong_inputs_are_named_in_one_line_and_nothing_is_written(shop: Shop, t
         ((shop.program, plan, [empty]), {}, FileFormatError, "no measured part in this folder"),
         ((other, plan, [part]), {}, InputError, "the plan is of another program"),
         ((shop.program, plan, [foreign]), {}, InputError, "another program's part"),
+        ((shop.program, plan, [raw]), {}, FileFormatError, "not a file of part deviations.*counterflex inspect"),
         ((shop.program, plan, [elsewhere]), {}, InputError, "too few places that this program made"),
         ((shop.program, plan, [part]), {"limit_m": 20 * UM}, ModelError, "more than is allowed at a time|change the"),
     ]

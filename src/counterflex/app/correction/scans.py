@@ -23,6 +23,7 @@ from counterflex.files.run_file import read_run
 DEVIATIONS: Final = "deviations.parquet"
 """File of a folder that ``inspect`` wrote."""
 _PROVEN: Final = ("compensated.parquet", "compensated-surface.npz")
+_PARQUET: Final = b"PAR1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,15 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
             where=str(path),
             limit=f"{DEVIATIONS} of counterflex inspect, or the folder of simulate or prove",
         )
+    with file.open("rb") as stream:
+        if stream.read(4) != _PARQUET:
+            raise FileFormatError(
+                "not a file of part deviations",
+                where=str(file),
+                limit=f"{DEVIATIONS} of counterflex inspect",
+                hint="A scan is laid on the part first: counterflex inspect PROGRAM --cell CELL --scan FILE "
+                "--out FOLDER; then --scan FOLDER here",
+            )
     deviations, part = read_part_deviations(file)
     if part.program_sha256 not in ("", digest):
         raise InputError(
