@@ -253,9 +253,10 @@ class Watcher:
     """
 
     def __init__(self, link: str, pictures: Path) -> None:
-        from browser import Browser
+        import browser
 
-        self._pictures, self._browser = pictures, Browser()
+        browser.PATIENCE_S = MOST_S  # the loop may compile its kernels first
+        self._pictures, self._browser = pictures, browser.Browser()
         self._page = self._browser.page()
         self._page.open(link)
         shown = "(document.querySelector('[data-test=\"state\"]') || {}).innerText"
