@@ -116,7 +116,7 @@ def test_any_machine_is_the_product_of_its_turns(machine: RotaryMachine, seed: i
 @settings(max_examples=60)
 @given(name=st.sampled_from(sorted(MACHINES)), tilt=st.floats(0.1, 1.5), turn=angles, seed=st.integers(0, 10_000))
 def test_a_direction_leads_back_to_its_angles(name: str, tilt: float, turn: float, seed: int) -> None:
-    machine, off = MACHINES[name], 0.02 * np.random.default_rng(seed).normal(size=(1, 3))
+    machine, off = MACHINES[name], np.random.default_rng(seed).uniform(-0.04, 0.04, (1, 3))  # never nearly singular
     known = words(tilt if name == "table-table" else 0.0, 0.0 if name == "table-table" else tilt, turn)
     off[:, known[0] == 0.0] = 0.0
     np.testing.assert_allclose(machine.turned_to(machine.tool_axis(known), known + off), known, atol=1e-9)

@@ -39,6 +39,8 @@ COMMON = {
     ("force_sensor.REFERENCE_C", "strain_holder.StrainHolder.reference_c"): "ISO 1",
     ("controller.CYCLE_S", "proposal.CYCLE_S"): "cycle of KUKA RSI, data sheet",
     ("controller.Controller.cycle_s", "proposal.CYCLE_S"): "cycle of KUKA RSI, data sheet",
+    ("controller.CYCLE_S", "application.Val3Settings.cycle_s"): "cycle of a Staubli controller, which is also 4 ms",
+    ("controller.Controller.cycle_s", "application.Val3Settings.cycle_s"): "cycle of a Staubli controller, also 4 ms",
     ("controller.Controller.acceleration_m_s2", "inputs.Setting.acceleration_m_s2"): "key of the cell file, round",
     ("plant.STEP_S", "elastic_motion.STEP_S"): "step of integration",
     ("column_material._TINY_M", "column_block_kernels._TINY_M"): "below it two ends of material are one: rounding",
