@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from counterflex.app.panel.access import LOOPBACK
+from counterflex.app.panel.access import require_protected
 from counterflex.core.errors import InputError
 
 PORT: Final = 4840
@@ -36,11 +36,6 @@ class OpcuaSettings:
     key: Path | None = None
     rate_hz: float = RATE_HZ
 
-    @property
-    def local(self) -> bool:
-        """Only this computer reaches it."""
-        return self.host in LOOPBACK
-
 
 def require_safe(settings: OpcuaSettings) -> None:
     """Refuse a server that others could reach without a password or could listen to.
@@ -48,19 +43,7 @@ def require_safe(settings: OpcuaSettings) -> None:
     Raises:
         InputError: Users or encryption are missing, or the library is not installed.
     """
-    if (settings.certificate is None) != (settings.key is None):
-        raise InputError(
-            "encryption needs a certificate and its key", value="one of them", limit="--certificate FILE --key FILE"
-        )
-    lacking = [] if settings.users is not None else ["passwords (--users FILE)"]
-    lacking += [] if settings.certificate is not None else ["encryption (--certificate FILE --key FILE)"]
-    if not settings.local and lacking:
-        raise InputError(
-            "an OPC UA server that other computers reach needs passwords and encryption",
-            where=f"--host {settings.host}",
-            value=f"without {' and '.join(lacking)}",
-            hint="Make users with counterflex panel-user; leave out --host to serve this computer only",
-        )
+    require_protected("an OPC UA server", "encryption", settings)
     if importlib.util.find_spec("asyncua") is None:
         raise InputError(
             "the OPC UA server needs the package asyncua", hint='Install it with pip install "counterflex[opcua]"'

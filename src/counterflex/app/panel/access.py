@@ -7,9 +7,11 @@ import time
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
-from typing import Any, Final
+from pathlib import Path
+from typing import Any, Final, Protocol
 from urllib.parse import parse_qs, urlsplit
 
+from counterflex.core.errors import InputError
 from counterflex.files.panel_users import Role
 
 COOKIE: Final = "counterflex-panel"
@@ -48,6 +50,46 @@ class Session:
     def operates(self) -> bool:
         """He may ask something of the loop."""
         return self.role == "operator"
+
+
+class Served(Protocol):
+    """What a server is started with, as far as others may reach it."""
+
+    @property
+    def host(self) -> str: ...  # noqa: D102
+    @property
+    def users(self) -> Path | None: ...  # noqa: D102
+    @property
+    def certificate(self) -> Path | None: ...  # noqa: D102
+    @property
+    def key(self) -> Path | None: ...  # noqa: D102
+
+
+def require_protected(server: str, encryption: str, settings: Served) -> None:
+    """Refuse a server that other computers could reach without a password or could listen to.
+
+    Args:
+        server: What it is called, with its article.
+        encryption: What its encryption is called.
+        settings: What it is to be started with.
+
+    Raises:
+        InputError: Users or encryption are missing, or only one of certificate and key is given.
+    """
+    if (settings.certificate is None) != (settings.key is None):
+        raise InputError(
+            f"{encryption} needs a certificate and its key", value="one of them",
+            limit="--certificate FILE --key FILE",
+        )  # fmt: skip
+    lacking = [] if settings.users is not None else ["passwords (--users FILE)"]
+    lacking += [] if settings.certificate is not None else [f"{encryption} (--certificate FILE --key FILE)"]
+    if settings.host not in LOOPBACK and lacking:
+        raise InputError(
+            f"{server} that other computers reach needs passwords and {encryption}",
+            where=f"--host {settings.host}",
+            value=f"without {' and '.join(lacking)}",
+            hint="Make users with counterflex panel-user; leave out --host to serve this computer only",
+        )
 
 
 class Sessions:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from counterflex.app.panel.access import LOOPBACK
+from counterflex.app.panel.access import LOOPBACK, require_protected
 from counterflex.core.errors import InputError
 
 PORT: Final = 8642
@@ -55,24 +55,7 @@ def require_safe(settings: PanelSettings) -> None:
     Raises:
         InputError: Users or TLS are missing, or the page library is not installed.
     """
-    if (settings.certificate is None) != (settings.key is None):
-        raise InputError(
-            "TLS needs a certificate and its key",
-            value="one of them",
-            limit="--certificate FILE --key FILE",
-        )
-    lacking = []
-    if settings.users is None:
-        lacking.append("passwords (--users FILE)")
-    if not settings.secure:
-        lacking.append("TLS (--certificate FILE --key FILE)")
-    if not settings.local and lacking:
-        raise InputError(
-            "a panel that other computers reach needs passwords and TLS",
-            where=f"--host {settings.host}",
-            value=f"without {' and '.join(lacking)}",
-            hint="Make users with counterflex panel-user; leave out --host to serve this computer only",
-        )
+    require_protected("a panel", "TLS", settings)
     if importlib.util.find_spec("nicegui") is None:
         raise InputError(
             "the panel needs the package nicegui",
