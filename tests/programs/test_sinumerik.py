@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import math
 import re
 import sys
@@ -173,11 +174,11 @@ def test_tool_vectors_and_rotary_words() -> None:
         ("G1 X5 F100 BRISKK", r"part:2:12: an unknown word of the Sinumerik dialect; got BRISKK\. Did you mean BRISK"),
         ("G43 H1", r"part:2:1: an unknown G code of the Sinumerik dialect; got G43"),
         ("M77", "an unknown M code of the Sinumerik dialect; got M77"),
-        ("MCALL CYCLE81(10,0,2,-5)", "not read: MCALL"),
-        ("CYCLE83(10,0,2,-5)", r"machining cycles are not read: CYCLE83; got CYCLE83\(10,0,2,-5\)"),
+        ("MCALL POCKET3(10,0,2,-5)", "machining cycles are not read: POCKET3"),
+        ("CYCLE84(10,0,2,-5)", r"machining cycles are not read: CYCLE84; got CYCLE84\(10,0,2,-5\)"),
         ("CYCLE800()", "this frame is not read: CYCLE800"),
         ("SCALE X2", "this frame is not read"),
-        ("CIP X1 Y1 I1=5 J1=5", "the arc through a point CIP is not read"),
+        ("CT X1 Y1", "the tangential arc CT is not read"),
         ("G41 X5", "cutter radius compensation G41"),
         ("G1 X=R7 F100", "the R parameter has no value; got R7"),
         ("G1 X=(R1+5) F100", "the value of X is no plain number"),
@@ -376,3 +377,78 @@ def test_a_tool_by_its_name() -> None:
     text = 'T="End mill D10 z3"\nM6\nG0 X0 Y0 Z5\nT1 M6\nG0 X1\nM30\n'
     program = read_sinumerik(text, tool_names=cell.tool_names)
     assert [motion.tool for motion in program.motions] == [2, 1]
+
+
+@pytest.mark.parametrize(("ours", "linuxcnc"), [("CYCLE81(60,40,2,10)", "G81 R42 Z10"),
+                                                ("CYCLE82(60,40,2,,30,0.5)", "G82 R42 Z10 P0.5")])  # fmt: skip
+@pytest.mark.parametrize("plane", ["G17", "G18"])
+def test_drilling_cycles_are_those_of_linuxcnc(ours: str, linuxcnc: str, plane: str) -> None:
+    """MCALL behind each position makes the holes that LinuxCNC's reader makes of G81 and G82."""
+    first, second, third = {"G17": ("X", "Y", "Z"), "G18": ("Z", "X", "Y")}[plane]
+    head = f"{plane} {{}} G90 G94 F300\nG0 {first}10 {second}20\nG0 {third}60\n"
+    one = read_sinumerik(
+        head.format("G71") + f"MCALL {ours}\n{first}30 {second}5\n{first}40\nMCALL\nG0 {first}0\nM30\n", complete=True
+    )
+    depth = linuxcnc.replace("Z10", f"{third}10")
+    two = read_gcode(head.format("G21 G98") + f"{depth} {first}30 {second}5\n{first}40\nG80\nG0 {first}0\nM30\n")
+    moves, truths = (
+        [m for m in made.motions if m.kind == "dwell" or np.any(m.p_end != m.p_start)] for made in (one, two)
+    )
+    assert [m.kind for m in moves] == [m.kind for m in truths]
+    for move, truth in zip(moves, truths, strict=True):
+        np.testing.assert_allclose(move.p_end, truth.p_end, atol=1e-12)
+        assert move.feed_m_s == pytest.approx(truth.feed_m_s)
+        assert move.duration_s == truth.duration_s
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(1.0, 30.0), st.floats(0.5, 80.0), st.sampled_from([0.0, 1.0, 3.0, -0.8]), st.sampled_from([0, 1]))
+def test_deep_holes_get_deeper_stroke_by_stroke(first: float, more: float, degression: float, removal: int) -> None:
+    """Depths fall to the final one, no stroke is below half the degression, rapids stay above the depth reached."""
+    bottom = 40.0 - first - more
+    call = f"CYCLE83(60,40,2,{bottom:.4f},,{40.0 - first:.4f},,{degression},0,0,0.5,{removal})"
+    made = read_sinumerik(f"G17 G71 G90 G94 F300\nG0 X0 Y0 Z60\n{call}\nM30\n", complete=True)
+    depth, strokes = 40.0, []
+    for motion in made.motions[1:-1]:
+        z = float(motion.p_end[2]) / MM
+        if motion.kind == "rapid":
+            assert z > depth + 0.5
+        elif z < depth:
+            strokes.append(depth - z)
+            depth = z
+    assert depth == pytest.approx(bottom, abs=1e-3)
+    assert strokes[0] == pytest.approx(first, abs=1e-3)
+    if degression > 0.0 and len(strokes) > 2:
+        assert min(strokes[1:]) > 0.5 * min(degression, first) - 1e-3
+        assert all(b <= a + degression + 1e-3 for a, b in itertools.pairwise(strokes[1:]))
+    assert float(made.motions[-1].p_end[2]) == pytest.approx(0.06)
+    with pytest.raises(ProgramError, match=r"program:3.*is corrected, and is not written back"):
+        path = tool_path(made)
+        write_gcode(made, CompensatedPath.from_correction(path, np.full((len(path), 3), 1e-4)))
+
+
+def test_an_arc_through_a_point_is_that_of_its_centre() -> None:
+    """CIP in the plane as G3, absolute and incremental; and one that leaves the plane."""
+    head = "G17 G71 G90 G94 F600\nG0 X10 Y0 Z5\n"
+    truth = read_sinumerik(head + "G3 X-10 Y0 I-10 J0\nM30\n").motions[-1]
+    for line in ("CIP X-10 Y0 I1=0 J1=10", "G91 CIP X-20 Y0 I1=-10 J1=10", "CIP X=-10 I1=AC(0) J1=IC(10)"):
+        arc = read_sinumerik(f"{head}{line}\nM30\n").motions[-1]
+        assert arc.p_centre == pytest.approx(truth.p_centre, abs=1e-12)
+        assert float(arc.normal[2]) * arc.turn_rad == pytest.approx(truth.turn_rad)  # type: ignore[index]
+    slanted = read_sinumerik(head + "CIP X-10 Y0 Z5 I1=0 J1=0 K1=15\nM30\n").motions[-1]
+    assert slanted.turn_rad == pytest.approx(math.pi)
+    np.testing.assert_allclose(np.abs(slanted.normal), [0.0, 1.0, 0.0], atol=1e-12)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("line", "match"),
+    [
+        ("CYCLE81(60,40,2,a)", "no plain number"), ("CYCLE81(,40)", "without RTP and RFP"),
+        ("CYCLE81(60,40,2,45)", "needs a depth"), ("CYCLE83(60,40,2,10)", "needs a first depth"),
+        ("CYCLE83(60,40,2,10,,30,,5,0,0,1,1,3)", "behind VARI"), ("CYCLE84(60,40,2,10)", "machining cycles"),
+        ("CIP X20 Y0 I1=15 J1=0", "lie on a line"), ("G0 Z41\nCYCLE81(60,40,2,10)", "begins below"),
+    ],
+)  # fmt: skip
+def test_cycles_that_are_not_whole_are_refused(line: str, match: str) -> None:
+    with pytest.raises(ProgramError, match=rf"program:[34]:\d+.*{match}"):
+        read_sinumerik(f"G17 G71 G90 G94 F300\nG0 X0 Y0 Z60\n{line}\nM30\n")

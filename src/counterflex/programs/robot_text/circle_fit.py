@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.geometry.circle import angle_to, circle, turned
 from counterflex.programs.program import Motion
-from counterflex.programs.robot_text.circle import angle_to, circle, turned
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, RPM
+from counterflex.geometry.circle import angle_to, circle
 from counterflex.programs.program import Block, Modal, Motion, Word
-from counterflex.programs.robot_text.circle import angle_to, circle
 from counterflex.programs.robot_text.process_words import ProcessWord
 
 _LARGEST_RADIUS_M = 100.0

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.errors import ProgramError
+from counterflex.geometry.circle import angle_to, circle
 from counterflex.programs.program import Motion
-from counterflex.programs.robot_text.circle import angle_to, circle
 
 _SAME_CIRCLE_M: Final = 5e-6
 Fault = Callable[[str, str], ProgramError]

@@ -22,8 +22,10 @@ from counterflex.programs.program import Word
 
 Fault = Callable[[str, int, object, str | None], ProgramError]
 _ROLES: Final = {"CR": "R", "TURN": "P", "A3": "I", "B3": "J", "C3": "K", "S1": "S"}
+MIDDLE: Final = ("I1", "J1", "K1")
+"""Point on the arc of CIP."""
 _OF_DWELL: Final = {"F": "P", "S": "Q"}
-_TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNH", "CR", "AR", "TURN", "RPL", "S1"))
+_TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNH", "CR", "AR", "TURN", "RPL", "S1", *MIDDLE))
 
 
 class Block:
@@ -43,6 +45,8 @@ class Block:
         m: M codes.
         given: Addresses by name.
         parameters: R parameters that the block sets.
+        cycle: Call of a drilling cycle, as written; empty where there is none.
+        modal_call: MCALL: the cycle is made behind the blocks that follow, or none is any more.
     """
 
     def __init__(self, line: Line, fault: Fault, text: str, table: WordTable = SINUMERIK) -> None:
@@ -51,6 +55,7 @@ class Block:
         self.m: list[int] = []
         self.given: dict[str, Address] = {}
         self.parameters: dict[int, float] = {}
+        self.cycle, self.modal_call = "", False
         self._codes: list[Word] = []
         self._columns: dict[str, int] = {}
         for name in line.names:
@@ -64,6 +69,13 @@ class Block:
 
     def _name(self, name: Name) -> None:
         shown = self._shown(name.start, name.end)
+        if name.name in self._table.drilling and name.called and not self.cycle:
+            self.cycle = self._text[name.start : name.end]
+            self._columns[name.name] = name.start
+            return
+        if name.name == "MCALL" and self._table.drilling:
+            self.modal_call = True
+            return
         if name.name in self._table.refused or name.name.startswith(self._table.cycles or "0"):
             if name.name not in self._table.carried:
                 what, hint = self._table.refused.get(name.name, REFUSED_CYCLE)

@@ -10,9 +10,11 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MINUTE, RPM
+from counterflex.geometry.circle import angle_to, circle
 from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre, by_radius
 from counterflex.programs.gcode.read.motion import FARTHEST_M
-from counterflex.programs.gcode.sinumerik.block import Block
+from counterflex.programs.gcode.sinumerik.block import MIDDLE, Block
+from counterflex.programs.gcode.sinumerik.cycles import Cycle
 from counterflex.programs.gcode.sinumerik.state import PLANE_AXES, State
 from counterflex.programs.gcode.sinumerik.words import AXES, ROTARY, VECTOR
 from counterflex.programs.program import TOOL_VECTOR, Motion, MotionKind
@@ -207,6 +209,56 @@ class MoveMaker:
         feed = self._feed(block, length, 0.0)
         shape = (state.to_part(centre), state.turned(normal), arc.turn_rad)
         self._append(number, "arc", p_part, self._angles(block), feed, arc=shape)
+
+    def through(self, block: Block, number: int) -> None:
+        """Execute CIP: the arc through the point I1= J1= K1=, which counts as the end does (G90, G91)."""
+        self.require_place(block)
+        state = self._state
+        before = state.to_work(state.p_part)
+        middle = before.copy()
+        for axis, name in enumerate(MIDDLE):
+            value = block.take(name)
+            if value is not None:
+                middle[axis] = value * state.unit_m + (0.0 if block.absolute(name, state.absolute) else before[axis])
+        p_end, p_middle = self.target(block), state.to_part(middle)
+        parts = circle(state.p_part, p_middle, p_end)
+        if parts is None:
+            raise block.fault("the three points of CIP lie on a line", "CIP", hint="Write G1")
+        turn = angle_to(state.p_part, p_end, *parts)
+        length = float(np.linalg.norm(state.p_part - parts[0])) * turn
+        angles = self._angles(block)
+        self._append(number, "arc", p_end, angles, self._feed(block, length, 0.0), arc=(*parts, turn))
+
+    def drill(self, block: Block, number: int, cycle: Cycle) -> None:
+        """Execute a drilling cycle where the tool stands.
+
+        Raises:
+            ProgramError: The tool stands below the height that it feeds from, or is turned.
+        """
+        self.require_place(block)
+        state = self._state
+        third = PLANE_AXES[state.plane][2]
+        if state.traori:
+            raise block.fault("a drilling cycle under TRAORI is not read", cycle.name)
+        if state.to_work(state.p_part)[third] < cycle.safe_m - 1e-9:
+            raise block.fault("a drilling cycle begins below RFP + SDIS: which way the control takes is not known",
+                              cycle.name, hint="Go to the retraction plane before")  # fmt: skip
+        for move in cycle.moves():
+            if move.kind == "dwell":
+                rpm = abs(state.spindle_rpm)
+                if move.time_s < 0.0 and rpm == 0.0:
+                    raise block.fault("a dwell in revolutions with the spindle stopped", cycle.name)
+                time_s = move.time_s if move.time_s > 0.0 else -move.time_s * MINUTE / rpm
+                self._append(number, "dwell", state.p_part, state.angles, duration_s=time_s)
+                continue
+            p_work = state.to_work(state.p_part)
+            way = abs(move.height_m - float(p_work[third]))
+            if way < 1e-12:
+                continue
+            p_work[third] = move.height_m
+            feed = (0.0, 0.0) if move.kind == "rapid" else self._feed(block, way, 0.0)
+            kind: MotionKind = "rapid" if move.kind == "rapid" else "feed"
+            self._append(number, kind, state.to_part(p_work), state.angles, (feed[0] * move.share, feed[1]))
 
     def _whole(self, block: Block, name: str) -> int:
         value = block.take(name)

@@ -14,6 +14,7 @@ from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.block import Block
+from counterflex.programs.gcode.sinumerik.cycles import Cycle, cycle_of
 from counterflex.programs.gcode.sinumerik.moves import MoveMaker, frame_of
 from counterflex.programs.gcode.sinumerik.scanner import Line, scan
 from counterflex.programs.gcode.sinumerik.state import State
@@ -112,6 +113,7 @@ class Run:
         self._state = State(vectors=any(_VECTOR_WORD.match(line) for line in lines))
         self._constants: dict[int, float] = {}
         self._modals: dict[Modal, Modal] = {}
+        self._modal: Cycle | None = None
         self.maker = MoveMaker(self._state)
         self.blocks: list[ReadBlock] = []
 
@@ -134,18 +136,34 @@ class Run:
         if dwell:
             self.maker.dwell(block, len(self.blocks))
         moves = self._move(block)
+        drilled = self._drill(block, moves)
         block.finish()
-        self._append(number, text, block.words(dwell, moves), first)
+        special = drilled or (moves and self._state.motion == "CIP")
+        self._append(number, text, block.words(dwell, moves), first, cycle=special)
         return any(code in M_END for code in block.m)
 
     def scanned(self, text: str, number: int) -> Line:
         """Words of a line."""
         return scan(text, self._name, number, self._constants)
 
-    def _append(self, number: int, text: str, words: tuple[Any, ...], first: int) -> None:
+    def _drill(self, block: Block, moves: bool) -> bool:
+        """Drilling cycles: called alone, or behind each block that moves (MCALL); whether one was made."""
+        cycle = None
+        if block.cycle:
+            cycle = cycle_of(block.cycle, self._state.unit_m, lambda what: block.fault(what, block.cycle[:7].upper()))
+        if block.modal_call:
+            self._modal = cycle
+            return False
+        cycle = cycle if cycle is not None else self._modal if moves else None
+        if cycle is not None:
+            self.maker.drill(block, len(self.blocks), cycle)
+        return cycle is not None
+
+    def _append(self, number: int, text: str, words: tuple[Any, ...], first: int, *, cycle: bool = False) -> None:
         modal = self._state.modal()
         modal = self._modals.setdefault(modal, modal)
-        self.blocks.append(ReadBlock(number, text, words, modal, first, len(self.maker.motions) - first))
+        count = len(self.maker.motions) - first
+        self.blocks.append(ReadBlock(number, text, words, modal, first, count, cycle=cycle))
 
     def _frame(self, block: Block) -> None:
         """Plane, TRANS, ATRANS, ROT, AROT, and the settable offset."""
@@ -238,7 +256,9 @@ class Run:
         if not state.motion:
             first = next(name for name in (*AXES, *ROTARY, *VECTOR) if block.has(name))
             raise block.fault("an axis word, but no motion code is active", first, hint="Write G0, G1, G2 or G3")
-        if arc:
+        if state.motion == "CIP":
+            maker.through(block, len(self.blocks))
+        elif arc:
             maker.arc(block, len(self.blocks), clockwise=state.motion == "G2")
         else:
             maker.straight(block, len(self.blocks), rapid=state.motion == "G0")

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from counterflex.programs.gcode.sinumerik.cycles import NAMES
+
 
 @dataclass(frozen=True)
 class WordTable:
@@ -23,6 +25,7 @@ class WordTable:
         refused: Words that are known and not taken, with the reason and what to do.
         m_codes: M codes that are read.
         cycles: Beginnings of the names of machining cycles.
+        drilling: Names of cycles that are read.
     """
 
     dialect: str
@@ -32,11 +35,12 @@ class WordTable:
     refused: Mapping[str, tuple[str, str]]
     m_codes: frozenset[int]
     cycles: tuple[str, ...]
+    drilling: tuple[str, ...] = ()
 
 
 _OFFSETS: Final = ("G54", "G55", "G56", "G57", *(f"G{number}" for number in range(505, 600)))
 GROUP: Final[dict[str, str]] = {
-    **dict.fromkeys(("G0", "G1", "G2", "G3"), "motion"),
+    **dict.fromkeys(("G0", "G1", "G2", "G3", "CIP"), "motion"),
     "G4": "dwell",
     **dict.fromkeys(("G17", "G18", "G19"), "plane"),
     **dict.fromkeys(("G70", "G71", "G700", "G710"), "unit"),
@@ -68,7 +72,7 @@ _MOVES: Final = "Let the CAM system write the moves of the cycle"
 _UNROLLED: Final = "Post the program without subprograms, jumps and calculations"
 _FLOW: Final = """
 IF ELSE ENDIF FOR ENDFOR WHILE ENDWHILE REPEAT REPEATB UNTIL LOOP ENDLOOP GOTO GOTOF GOTOB GOTOC CASE CALL EXTCALL PCALL
-MCALL PROC DEF REDEF ID IDS WHEN WHENEVER DO EVERY
+PROC DEF REDEF ID IDS WHEN WHENEVER DO EVERY
 """
 REFUSED: Final[dict[str, tuple[str, str]]] = {
     "G41": ("cutter radius compensation G41 depends on the control's tool table", _CAM),
@@ -80,7 +84,6 @@ REFUSED: Final[dict[str, tuple[str, str]]] = {
     **dict.fromkeys(("G58", "G59"), ("axial offsets G58 and G59 are not read", "Use TRANS and ATRANS")),
     **dict.fromkeys(("G110", "G111", "G112", "AP", "RP"), ("polar coordinates are not read", "Post X, Y and Z")),
     **dict.fromkeys(("G96", "G961", "G97", "G971"), ("constant cutting speed is turning, not milling", "Use S in rpm")),
-    "CIP": ("the arc through a point CIP is not read", "Post G2 or G3 with I J K or CR="),
     "CT": ("the tangential arc CT is not read", "Post G2 or G3 with I J K or CR="),
     **dict.fromkeys(("ASPLINE", "BSPLINE", "CSPLINE", "POLY", "OEMIPO1"), ("splines are not read", "Post G1")),
     **dict.fromkeys(("RND", "RNDM", "CHF", "CHR"), ("chamfers and roundings are not read", _CAM)),
@@ -108,5 +111,5 @@ M_CODES: Final = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 17, 19, 30, *range(40,
 M_END: Final = frozenset((2, 17, 30))
 SINUMERIK: Final = WordTable(
     "Sinumerik", GROUP, CARRIED, CARRIED_VALUES, REFUSED, M_CODES,
-    ("CYCLE", "HOLES", "SLOT", "POCKET", "LONGHOLE", "ORI"),
+    ("CYCLE", "HOLES", "SLOT", "POCKET", "LONGHOLE", "ORI"), NAMES,
 )  # fmt: skip

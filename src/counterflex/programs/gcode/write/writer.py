@@ -14,7 +14,7 @@ from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.emit import Emitter
 from counterflex.programs.gcode.write.spelling import SPELLINGS
 from counterflex.programs.gcode.write.written_line import without_comments
-from counterflex.programs.motion_rows import motion_rows, written_error
+from counterflex.programs.motion_rows import MotionRows, motion_rows, written_error
 from counterflex.programs.program import Program
 from counterflex.programs.rotary.poses import CommandedWords
 
@@ -134,6 +134,7 @@ def write_gcode(
             largest_dwell_error_m=rows.dwell_error_m,
             largest_dropped_rotation_rad=dropped,
         )
+    _refuse_own_cycles(program, rows)
     spelling = SPELLINGS[program.dialect]
     emitter = Emitter(program, rows, tolerance_m, decimals)
     lines = [part for line in emitter.run() for part in _short_enough(line, program)]
@@ -158,6 +159,24 @@ def write_gcode(
         largest_dwell_error_m=rows.dwell_error_m,
         largest_dropped_rotation_rad=dropped,
     )
+
+
+def _refuse_own_cycles(program: Program, rows: MotionRows) -> None:
+    """Refuse corrected blocks whose moves the writer cannot say: drilling cycles and CIP of Sinumerik.
+
+    Raises:
+        ProgramError: There is one.
+    """
+    if program.dialect == "linuxcnc":
+        return
+    for block in program.blocks:
+        here = range(block.first_motion, block.first_motion + block.motion_count)
+        if block.cycle and any(rows.moved[index] for index in here):
+            raise ProgramError(
+                "a drilling cycle or CIP is corrected, and is not written back", where=f"{program.name}:{block.line}",
+                value=block.text.strip()[:60],
+                hint="Post its moves as G0, G1, G2 and G3, or write another language (--as, convert)",
+            )  # fmt: skip
 
 
 def _short_enough(line: str, program: Program) -> list[str]:

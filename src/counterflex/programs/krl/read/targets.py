@@ -14,6 +14,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
+from counterflex.geometry.circle import turned
 from counterflex.programs.krl.program import LETTERS, Component, KrlMotion, Target
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.data_list import Named, key_of
@@ -21,7 +22,6 @@ from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.literals import code_of, components, require_cartesian
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.cell import ExternalAxes
-from counterflex.programs.robot_text.circle import turned
 from counterflex.programs.robot_text.execution import arc_through
 
 _NAME: Final = re.compile(rf"\s*({form.NAME})\s*")

@@ -1,4 +1,4 @@
-"""Circles of robot programs: by an auxiliary and an end point, or by an angle."""
+"""Circles through three points, and places on them by an angle."""
 
 from __future__ import annotations
 
