@@ -45,7 +45,7 @@ LANGUAGE_NAMES: Final[dict[str, str]] = {
 """What a program is converted to, by the name at the prompt: the dialect that it is read in."""
 ENDINGS: Final[dict[str, tuple[str, ...]]] = {
     "sinumerik": (".mpf", ".spf"),
-    "apt": (".apt", ".cls", ".cl"),
+    "apt": (".apt", ".aptsource", ".cls", ".cl", ".ncl"),
     "krl": (".src",),
     "rapid": (".mod", ".modx", ".prg"),
     "fanuc": (".ls",),

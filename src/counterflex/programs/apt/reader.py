@@ -14,7 +14,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
-from counterflex.programs.apt.statements import Argument, Statement, place, statements
+from counterflex.programs.apt.statements import TOOL_ON_CIRCLE, Argument, Statement, place, statements
+from counterflex.programs.apt.tool_on_circle import ToolOnCircle
 from counterflex.programs.apt.words import CARRIED, COOLANT, FEEDS, POST, READ, REFUSED
 from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.flow import line_end, split_lines
@@ -24,6 +25,7 @@ from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Moti
 from counterflex.programs.source_text import read_text
 
 _AXIS_OFF: Final = 1e-9
+TOOL_ON_FORM: Final = "As CATIA writes it: INDIRV/i,j,k and TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,xe,ye,ze)"
 
 
 def read_apt(text: str, *, name: str = "program", complete: bool = False) -> Program:
@@ -115,6 +117,7 @@ class _Run:
         self._rpm, self._turns, self._tool = 0.0, 0, 0
         self._rapid = False
         self._arc: Statement | None = None
+        self._indirv: tuple[float, float, float] | None = None
         self._msys: tuple[float | None, ...] | None = None
         self._motion, self._plane = "G1", 17
 
@@ -156,6 +159,8 @@ class _Run:
             return self._delay(part)
         if major in ("CIRCLE", "MOVARC"):
             return self._circle(part)
+        if major == TOOL_ON_CIRCLE:
+            return self._tool_on_circle(part)
         self._settings(part)
         return []
 
@@ -170,6 +175,9 @@ class _Run:
             self._p, self._axis = self._point(part)
         elif major == "TLAXIS":
             self._axis = self._direction(part, part.numbers())
+        elif major == "INDIRV":
+            i, j, k = self._values(part, (3,))
+            self._indirv = i, j, k
         elif major == "MULTAX":
             self._allow(part, ("ON", "OFF"))
         elif major in ("CUTCOM", "CYCLE"):
@@ -313,6 +321,40 @@ class _Run:
         self._motion = "G2" if clockwise else "G3"
         length = math.hypot(solution.radius_m * solution.turn_rad, float(p[third] - self._p[third]))
         return (middle, normal, solution.turn_rad), length
+
+    def _tool_on_circle(self, part: Statement) -> list[Word]:
+        """TLON,GOFWD on a circle to a line, after INDIRV: an arc in a plane parallel to xy."""
+        numbers = part.numbers()
+        if len(numbers) != 10:
+            raise self._fault(part, "the circle needs 4 numbers and the line 6", hint=TOOL_ON_FORM)
+        if self._indirv is None or self._rapid or self._turning:
+            what = "a rapid on an arc" if self._rapid else "an arc with a tool axis other than z"
+            raise self._fault(
+                part, "TLON,GOFWD without INDIRV before it" if self._indirv is None else what, hint=TOOL_ON_FORM
+            )
+        circle = ToolOnCircle.of([n.value or 0.0 for n in numbers], self._unit_m, "INTOF" in part.words())
+        fault = circle.fault(self._p, self._indirv)
+        if fault is not None:
+            raise self._fault(part, fault, hint=TOOL_ON_FORM)
+        p, clockwise = circle.p_end, circle.clockwise(self._p, self._indirv)
+        p[2] = self._p[2]
+        p.flags.writeable = False
+        ends = [(float(q[0]), float(q[1])) for q in (self._p, p, circle.p_centre)]
+        try:
+            solution = by_centre(ends[0], ends[1], ends[2], clockwise, 1, self._unit_m)
+        except ArcFault as fault_of_arc:
+            raise self._fault(part, f"{fault_of_arc.what} ({fault_of_arc.value})") from fault_of_arc
+        if circle.ends_elsewhere(solution.turn_rad):
+            what = "the end is not the first point of the line that the circle meets"
+            raise self._fault(part, what, hint="Write ON,2,INTOF, for more than half a turn, and for it alone")
+        self._plane, self._motion = 17, "G2" if clockwise else "G3"
+        middle = np.array([*ends[2], self._p[2]])
+        feed = self._speed(part, solution.radius_m * abs(solution.turn_rad), 0.0)
+        self._append("arc", p, self._axis, feed, centre=middle, normal=np.array([0.0, 0.0, 1.0]),
+                     turn_rad=solution.turn_rad)  # fmt: skip
+        self._indirv = None
+        places = zip("IJKRXYZ", [*numbers[:4], *numbers[7:]], strict=True)
+        return [Word(letter, a.value or 0.0, a.start, a.end, True) for letter, a in places]
 
     def _units(self, part: Statement) -> None:
         words = part.words() if part.major == "UNITS" else [part.major]

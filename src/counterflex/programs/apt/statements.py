@@ -16,6 +16,15 @@ LARGEST: Final = 1e9
 _MAJOR: Final = re.compile(r"\s*([A-Z][A-Z0-9_\- ]*?)\s*(/|$)", re.IGNORECASE)
 _TEXT: Final = re.compile(r"\s*(PARTNO|PPRINT|REMARK|INSERT|TOOL PATH|MACHIN|PLABEL|PAINT)\b", re.IGNORECASE)
 _ARGUMENT: Final = re.compile(r"\s*([^,\s]+)\s*(,|$)")
+_TOOL_ON: Final = re.compile(r"\s*(TLON|TLLFT|TLRGT)\b\s*,?", re.IGNORECASE)
+_TOOL_ON_CIRCLE: Final = re.compile(
+    r"\s*TLON\s*,\s*GOFWD\s*/\s*\(?\s*CIRCLE\s*/([^()A-Z]*?)(?:\)\s*|\s*),\s*ON\s*,\s*(2\s*,\s*(?:INTOF\s*,\s*)?)?"
+    r"\(?\s*LINE\s*/([^()A-Z]*?)\)?\s*",
+    re.IGNORECASE,
+)
+TOOL_ON_CIRCLE: Final = "TLON,GOFWD"
+"""Major word of the circular motion that CATIA writes; its arguments: centre, radius, both points of the line, and the
+word INTOF where the second intersection with the line is meant."""
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[ED][+-]?\d+)?", re.IGNORECASE)
 
 
@@ -103,26 +112,46 @@ def _statement(code: str, text: str, line: int, name: str) -> Statement:
     free = _TEXT.match(code)
     if free is not None:
         return Statement(line, text, free[1].upper())
-    major = _MAJOR.match(code.replace("\n", " ").rstrip())
+    flat = code.replace("\n", " ").rstrip()
+    if _TOOL_ON.match(flat):
+        return _tool_on(flat, text, line, name)
+    major = _MAJOR.match(flat)
     if major is None:
         where = place(name, line, text, len(code) - len(code.lstrip()))
         raise ProgramError("this is no statement of APT", where=where, value=code.strip()[:40])
+    arguments = _arguments(flat, major.end(), len(flat), Statement(line, text, ""), name)
+    return Statement(line, text, major[1].upper(), tuple(arguments))
+
+
+def _tool_on(flat: str, text: str, line: int, name: str) -> Statement:
+    """A tool that follows a shape; read is the circle to a line."""
+    match = _TOOL_ON_CIRCLE.fullmatch(flat)
+    if match is None:
+        return Statement(line, text, flat.split(",")[0].strip().upper())
+    whole = Statement(line, text, TOOL_ON_CIRCLE)
+    arguments = [a for part in (1, 3) for a in _arguments(flat, match.start(part), match.end(part), whole, name)]
+    if match[2] is not None:
+        arguments.append(Argument("INTOF", None, match.start(2), match.end(2)))
+    return Statement(line, text, TOOL_ON_CIRCLE, tuple(arguments))
+
+
+def _arguments(flat: str, at: int, end: int, part: Statement, name: str) -> list[Argument]:
+    """Words and numbers between two places of a statement without line feeds."""
     arguments: list[Argument] = []
-    flat, at = code.replace("\n", " ").rstrip(), major.end()
-    while at < len(flat):
-        match = _ARGUMENT.match(flat, at)
+    while at < end:
+        match = _ARGUMENT.match(flat, at, end)
         if match is None:
             raise ProgramError(
-                "an argument is missing or stands without a comma", where=place(name, line, text, at),
+                "an argument is missing or stands without a comma", where=place(name, part.line, part.text, at),
                 value=flat[at : at + 30].strip(),
             )  # fmt: skip
         number = _NUMBER.fullmatch(match[1])
         value = float(match[1].upper().replace("D", "E")) if number else None
         if value is not None and not abs(value) <= LARGEST:
             raise ProgramError(
-                "a number is out of range", where=place(name, line, text, match.start(1)), value=match[1],
+                "a number is out of range", where=place(name, part.line, part.text, match.start(1)), value=match[1],
                 limit=f"<= {LARGEST:g}",
             )  # fmt: skip
         arguments.append(Argument(match[1].upper(), value, match.start(1), match.end(1)))
         at = match.end()
-    return Statement(line, text, major[1].upper(), tuple(arguments))
+    return arguments

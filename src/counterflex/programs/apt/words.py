@@ -12,16 +12,16 @@ from counterflex.programs.apt.statements import FREE_TEXT
 
 CARRIED: Final = FREE_TEXT | frozenset(
     ("CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "CLEARP", "OPSKIP", "SEQNO", "SELCTL", "TOOLNO",
-     "TPRINT", "END-OF-PATH", "MSYS", "NOPOST", "CLPRNT", "DISPLY", "MODE", "HEAD", "CLRSRF", "ARCSLP", "FIXTURE")
+     "TPRINT", "END-OF-PATH", "MSYS", "NOPOST", "CLPRNT", "DISPLY", "AUTOPS", "SELECTL", "SWITCH", "MODE", "HEAD", "CLRSRF", "ARCSLP", "FIXTURE")
 )  # fmt: skip
 """Words that change no target."""
 READ: Final = (
-    "GOTO", "GODLTA", "FROM", "CIRCLE", "MOVARC", "RAPID", "FEDRAT", "SPINDL", "COOLNT", "LOADTL", "TLAXIS", "MULTAX",
+    "GOTO", "GODLTA", "FROM", "CIRCLE", "MOVARC", "INDIRV", "RAPID", "FEDRAT", "SPINDL", "COOLNT", "LOADTL", "TLAXIS", "MULTAX",
     "UNITS", "MM", "INCH", "INCHES", "DELAY", "STOP", "OPSTOP", "CUTCOM", "CYCLE", "FINI",
 )  # fmt: skip
 POST: Final = "Let the CAM system write GOTO"
 REFUSED: Final[dict[str, tuple[str, str]]] = {
-    **dict.fromkeys(("INDIRV", "INDIRP", "TLON", "TLLFT", "TLRGT", "GOFWD", "GOLFT", "GORGT", "GOBACK", "GO"),
+    **dict.fromkeys(("INDIRP", "TLON", "TLLFT", "TLRGT", "GOFWD", "GOLFT", "GORGT", "GOBACK", "GO"),
                     ("geometry that a post processor must solve is not read", "Write the file with CIRCLE or GOTO")),
     **dict.fromkeys(("GOHOME", "RETRCT", "ORIGIN", "TRANS", "ROTATE", "ROTABL", "ROTHED", "COPY", "TRACUT"),
                     ("motions and frames of the machine are not read", POST)),

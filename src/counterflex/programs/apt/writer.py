@@ -11,6 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, as_positive
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MINUTE
+from counterflex.programs.apt import tool_on_circle
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, written_turn
 from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
@@ -149,7 +150,7 @@ class _Writer:
 
     @staticmethod
     def _is_circle(block: Block) -> bool:
-        return block.text.lstrip().upper().startswith(("CIRCLE", "MOVARC"))
+        return block.text.lstrip().upper().startswith(("CIRCLE", "MOVARC", "INDIRV"))
 
     def _motion(self, block: Block, index: int) -> None:
         motion, rows = self.program.motions[index], self.rows
@@ -261,6 +262,7 @@ class _Writer:
 
     def _arc(self, block: Block, index: int, motion: Motion) -> None:
         circle, rows = self._circle, self.rows
+        on_circle = block.text.lstrip().upper().startswith("TLON")
         if circle is None or motion.p_centre is None or motion.normal is None:
             raise ProgramError(
                 "an arc without its CIRCLE cannot be corrected", where=f"{self.program.name}:{block.line}"
@@ -278,16 +280,23 @@ class _Writer:
             piece = waiting.pop()
             row = first - 1 + piece.last
             if piece.centre is not None:
-                centre = self._fitted(piece, points, share, axes)
+                level = not on_circle or np.ptp(points[piece.first : piece.last + 1, 2]) <= self.resolution_m
+                centre = self._fitted(piece, points, share, axes) if level else None
                 if centre is None:
                     waiting += straight_pieces(points, share, piece.first, piece.last, self.tolerance_m)[::-1]
                     continue
-                self._write_circle(circle, axes, centre)
+                if on_circle:
+                    self._tool_on_circle(centre, rows.command[row], piece.turn_rad, row)
+                else:
+                    self._write_circle(circle, axes, centre)
                 arcs += 1
             else:
                 self.checked[first + piece.first : row + 1] = True
                 lines += 1
-            if row == last:
+            if on_circle:
+                if piece.centre is None:
+                    self.lines.append("GOTO/" + self._numbers(block, rows.command[row], row))
+            elif row == last:
                 self._edited(block, rows.command[row], row)
             else:
                 self.lines.append("GOTO/" + self._numbers(block, rows.command[row], row))
@@ -315,6 +324,16 @@ class _Writer:
             return None
         self.arc_error_m = max(self.arc_error_m, error)
         return u, v, float(part[0][2]), math.hypot(part[0][0] - u, part[0][1] - v)
+
+    def _tool_on_circle(
+        self, fitted: tuple[float, float, float, float], p: Float, turn_rad: float, row: int
+    ) -> None:
+        """A circular motion of its own statement to a point."""
+        start, centre = self._here.copy(), np.array(fitted[:3])
+        end = np.array([float(self._coordinate(float(value))) * self._unit_m for value in (*p[:2], start[2])])
+        turn = written_turn(start[:2], end[:2], fitted[:2], math.copysign(1.0, turn_rad), 1)
+        self.lines += tool_on_circle.written(start, centre, fitted[3], end, turn, self._coordinate)
+        self._here = end
 
     def _write_circle(self, circle: Block, axes: list[int], fitted: tuple[float, float, float, float]) -> None:
         """The source's CIRCLE with centre and radius replaced."""
