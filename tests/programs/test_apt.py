@@ -52,6 +52,11 @@ def test_points_feeds_spindle_and_tool() -> None:
     assert program.motions[3].duration_s == 2.0
 
 
+def test_statements_as_nx_and_catia_write_them() -> None:
+    program = read_apt("TPRINT/T1 End mill D 16, long\nLOAD/TOOL,2\nRAPID\nGOTO/1,2,3\nSELECT/TOOL,3\n")
+    assert program.motions[0].tool == 2
+
+
 def test_feed_units() -> None:
     text = "UNITS/{}\nSPINDL/100,RPM,CLW\nFEDRAT/{}\nGOTO/1,0,0"
     feeds = [
@@ -101,6 +106,8 @@ def test_tool_axes() -> None:
         ("AUXFUN/77", "functions of the machine are not read: AUXFUN"),
         ("LOADTL/1E400", "part:2:8: a number is out of range; got 1E400"),
         ("LOADTL/MILL", "an unknown word of APT in LOADTL"),
+        ("LOAD/TURRET,1", "an unknown word of APT in LOAD; got TURRET"),
+        ("LOAD/1", "of LOAD only LOAD/TOOL is read"),
         ("UNITS/FURLONG", "an unknown unit of length"),
         ("GOTO/1,2,$", "the file ends within a statement"),
         ("?", "this is no statement of APT"),

@@ -237,6 +237,29 @@ def test_segments_of_a_spline_block_stay_in_it() -> None:
     assert back.motions[-1].p_end[0] == pytest.approx(0.06)
 
 
+def test_pieces_of_a_motion_with_its_own_variables_have_them_too() -> None:
+    """Tool and base that hold for one motion alone are there for every piece of it; approximation behind them."""
+    clause = "WITH $VEL = SVEL_CP( 0.02, , L), $TOOL = STOOL2( F), $BASE = SBASE( F.BASE_NO)"
+    source = (
+        "DEF part( )\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n$VEL.CP=0.02\n"
+        f"SLIN {{X 40.0}} {clause} C_SPL ; cut\nEND\n"
+    )
+    program = read_krl(source, name="part.src", data="DEFDAT part\nDECL FDAT F={TOOL_NO 1,BASE_NO 1}\nENDDAT\n")
+    path = tool_path(program, step_m=0.5 * MM)
+    slowed = path.feed_m_s.copy()
+    slowed[path.motion > 0] *= 0.5
+    object.__setattr__(path, "feed_m_s", slowed)
+    swing = 2e-4 * np.sin(path.p_part_tcp[:, :1] / 0.004) * np.array([0.0, 1.0, 0.0])
+    text = write_krl_in_place(program, CompensatedPath.from_correction(path, swing), cycle_s=1e-4)
+    lines = [line for line in text.files["part.src"].splitlines() if line.startswith("SLIN")]
+    assert len(lines) > 10
+    form = re.compile(re.escape(clause).replace("0\\.02", r"(0\.\d+)") + r" C_SPL( ; cut)?$")
+    assert all(form.search(line) for line in lines)
+    back = read_back(text, program)
+    assert {round(m.feed_m_s, 3) for m in back.motions[1:]} <= {0.010, 0.011}
+    assert text.largest_written_error_m <= _TOLERANCE_M + _ROUNDING_M
+
+
 def test_a_subprogram_is_corrected_where_it_stands() -> None:
     """One that is called once; one that is called several times needs targets for each call, and is refused."""
     sub = "DEF CUT( )\nLIN {X 20.0} C_DIS\nLIN {X 40.0} ; end\nEND\n"

@@ -101,6 +101,90 @@ def test_spline_blocks_of_straight_segments_and_circles() -> None:
     assert [move.in_spline for move in made.moves] == [False, True, True, True, False]
 
 
+INLINE = (
+    "$TOOL = STOOL2( FP2), $BASE = SBASE( FP2.BASE_NO), $IPO_MODE = SIPO_MODE( FP2.IPO_FRAME), "
+    "$LOAD = SLOAD( FP2.TOOL_NO), $ACC = SACC_CP( LCPDAT1), $ORI_TYPE = SORI_TYP( LCPDAT1), $APO = SAPO( LCPDAT1), "
+    "$JERK = SJERK( LCPDAT1), $COLLMON_TOL_PRO[1] = USE_CM_PRO_VALUES( 0)"
+)
+
+
+def test_inline_forms_of_spline_motions() -> None:
+    """As KSS 8.3 and later write them: speed, tool and base of a motion behind its WITH, approximation at the end."""
+    body = (
+        "SPTP XHOME WITH $VEL_AXIS[1] = SVEL_JOINT( 100.0), $TOOL = STOOL2( FHOME), $GEAR_JERK[1] = SGEAR_JERK( PDEF)\n"
+        f"SLIN XP1 WITH $VEL = SVEL_CP( 0.1, , LCPDAT1), {INLINE} C_SPL\n"
+        f"SLIN XP2 WITH $VEL = SVEL_CP( 0.05, , LCPDAT1), {INLINE}\nSLIN {{X 9}} WITH $VEL.CP=0.03 C_SPL\n"
+        "SLIN {X 12} C_SPL WITH $VEL={ORI1 200, CP 0.04}\nSLIN {X 15}"
+    )
+    data = (
+        f"DECL E6POS XP1={{X 1.0,Y 2.0,Z 3.0,{DOWN},S 6,T 18}}\nDECL E6POS XP2={{X 5,Y 2,Z 3,{DOWN}}}\n"
+        "DECL FDAT FP2={TOOL_NO 1,BASE_NO 1,IPO_FRAME #BASE}\n"
+    )
+    made = program(body, data, frames="")
+    assert [motion.feed_m_s for motion in made.motions] == [0.0, 0.05, 0.03, 0.04, 0.02]
+    assert [move.approximation for move in made.moves] == ["C_SPL", "", "C_SPL", "C_SPL", ""]
+    with pytest.raises(ProgramError, match=r"TOOL_DATA\[3\]"):
+        program(body, data.replace("TOOL_NO 1", "TOOL_NO 3"), frames="")
+
+
+@pytest.mark.parametrize(
+    ("clause", "match"),
+    [
+        ("$VEL=SLOW", "the path speed is no number"),
+        ("$VEL = SVEL_CP( V, , L)", "the path speed is no number"),
+        ("$VEL.CP=0.1+X", "the path speed is no number"),
+        ("$TOOL=MILL", r"which frame \$TOOL gets is not known"),
+        ("$TOOL=STOOL2(F1), $BASE=SBASE(F2.BASE_NO)", "tool and base come from different frame data"),
+        ("$IPO_MODE=#TCP", "the robot holds the part"),
+        ("$FOO=1", r"WITH \$FOO is not read"),
+        ("$ACC=SACC_CP( L", "a bracket is not closed"),
+        ("$ACC=1 C_SPL, $VEL.CP=1", "not understood behind a target"),
+        ("fast", "WITH needs a system variable"),
+    ],
+)
+def test_clauses_that_are_not_understood(clause: str, match: str) -> None:
+    with pytest.raises(ProgramError, match=match):
+        program(f"{GOOD}\nSLIN {{X 10}} WITH {clause}")
+
+
+@pytest.mark.parametrize("given", ["$VEL={CP 0.05,ORI1 200.0,ORI2 200.0}", "$ACC.CP=1.0, $VEL = {ORI1 9, CP 0.05}"])
+def test_speed_of_a_spline_block_as_a_whole(given: str) -> None:
+    made = program(f"{GOOD}\nSPLINE WITH {given}\nSLIN {{X 10}}\nENDSPLINE\nSLIN {{X 0}}")
+    assert [motion.feed_m_s for motion in made.motions] == [0.0, 0.05, 0.02]
+
+
+@pytest.mark.parametrize("given", ["$VEL=SLOW", "$VEL.CP=V+0.1", "$VEL={CP V}"])
+def test_a_speed_of_a_spline_block_that_is_not_known_is_refused(given: str) -> None:
+    with pytest.raises(ProgramError, match="path speed of a spline block is no number"):
+        program(f"{GOOD}\nSPLINE WITH {given}\nSLIN {{X 10}}\nENDSPLINE")
+
+
+def test_axis_angles_that_the_program_gives_a_name() -> None:
+    """A place that is not known, as axis angles in the motion itself; a path cannot go there."""
+    home = "DECL AXIS HOME\nHOME = {AXIS: A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nPTP HOME\n"
+    made = program(f"{home}{GOOD}\nLIN {{X 5}}\nPTP HOME")
+    assert [motion.kind for motion in made.motions] == ["rapid", "feed"]
+    with pytest.raises(ProgramError, match="axis angles are no target of a path"):
+        program(f"{home}{GOOD}\nLIN HOME")
+    with pytest.raises(ProgramError, match="HOME is computed by the program"):
+        program(f"{home}{GOOD}\nHOME.A1=5\nHOME=$AXIS_ACT\nPTP HOME")
+
+
+def test_frame_data_as_a_controller_writes_them() -> None:
+    """Names, truth values and texts beside the numbers of FDAT and LDAT; a target has numbers alone."""
+    body = "FDAT_ACT=FP1\nLDAT_ACT=LCPDAT1\nBAS(#CP_PARAMS,0.03)\nLIN XP1\nBAS(#CP_DAT)\nLIN P"
+    data = (
+        f"DECL E6POS XP1={{X 1.0,Y 2.0,Z 3.0,{DOWN},S 6,T 18}}\nDECL E6POS P={{X 5,Y 2,Z 3,{DOWN}}}\n"
+        'DECL FDAT FP1={TOOL_NO 1,BASE_NO 1,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}\n'
+        "DECL LDAT LCPDAT1={VEL 0.04,ACC 100.0,ORI_TYP #VAR,CIRC_TYP #BASE,EXAX_IGN 0}\n"
+    )
+    assert [motion.feed_m_s for motion in program(body, data, frames="").motions] == [0.0, 0.04]
+    with pytest.raises(ProgramError, match="no number"):
+        program(body, data.replace("Y 2.0", "Y #BASE"), frames="")
+    with pytest.raises(ProgramError, match="TOOL_NO of FP1 is not known"):
+        program(body, data.replace("TOOL_NO 1", "TOOL_NO #ONE"), frames="")
+
+
 def test_subprograms_of_the_same_file() -> None:
     """Executed where they are called, with the speed that is active there; one of another file is refused."""
     text = (

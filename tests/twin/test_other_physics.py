@@ -29,6 +29,7 @@ from counterflex.twin.plant.mjcf import coordinates
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.process import as_ground
 from counterflex.twin.plant.record import Record
+from counterflex.twin.plant.slow_move import move
 from counterflex.twin.truth.differences import differences
 from counterflex.twin.truth.draw_other import MATCH_M
 from counterflex.twin.truth.family import FAMILIES, OTHER, WIDE
@@ -195,7 +196,7 @@ def test_a_straight_curve_without_hysteresis_is_the_spring_it_replaces(nominal: 
     for truth in (nominal, replace(nominal, other=OtherPhysics(gears=same))):
         plant = Plant(truth)
         plant.reset(POSTURE)
-        plant.move(POSTURE + 0.01, load, move_s=0.1, rest_s=0.05)
+        move(plant, POSTURE + 0.01, load, move_s=0.1, rest_s=0.05)
         tips.append(plant.p_base_tcp.copy())
     assert tips[1] == pytest.approx(tips[0], abs=1e-9)
 

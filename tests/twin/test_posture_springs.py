@@ -12,6 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, ModelError
 from counterflex.robot.model.description import ElasticRegion
 from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.slow_move import move
 from counterflex.twin.truth.file import from_dict, read_truth, to_dict, write_truth
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import Truth
@@ -51,7 +52,7 @@ def test_each_posture_has_the_springs_of_its_angles(truth: Truth, poses_rad: Flo
         )
     q = poses_rad[0]
     plant.reset(q + np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0]), w)
-    plant.move(q, w, move_s=1.5, rest_s=2.0)
+    move(plant, q, w, move_s=1.5, rest_s=2.0)
     np.testing.assert_allclose(plant.tcp_pose()[:3, 3], plant.equilibrium(q, w)[:3, 3], atol=5e-6)
 
 

@@ -14,6 +14,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.twin.laboratory.laboratory import Measured, Measurement, laboratory
 from counterflex.twin.laboratory.measurements import MODULES, measurement
 from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.slow_move import move
 from counterflex.twin.truth.truth import Truth
 
 SENSOR = "haehn2020_sensor"
@@ -66,7 +67,7 @@ def test_section_wrench_at_rest_is_load_and_weight(truth: Truth, poses_rad: Floa
 def test_section_wrench_after_a_slow_load_is_that_of_rest(truth: Truth, poses_rad: Float) -> None:
     plant = Plant(truth)
     plant.reset(poses_rad[2])
-    plant.move(poses_rad[2], LOAD, move_s=1.0, rest_s=0.5)
+    move(plant, poses_rad[2], LOAD, move_s=1.0, rest_s=0.5)
     found = plant.section_wrench(SENSOR)
     np.testing.assert_allclose(found, by_statics(truth, plant, SENSOR, LOAD), rtol=1e-3, atol=0.2)
 
@@ -108,8 +109,8 @@ def test_a_slow_move_leaves_the_lost_motion_of_play_and_friction(truth: Truth, p
     stands = []
     for side in (+1.0, -1.0):
         plant.reset(q + side * np.array([2e-3, 0, 0, 0, 0, 0]))
-        plant.move(q - side * np.array([2e-3, 0, 0, 0, 0, 0]))
-        plant.move(q)
+        move(plant, q - side * np.array([2e-3, 0, 0, 0, 0, 0]))
+        move(plant, q)
         stands.append(plant.q_link()[0])
     drive, body = free.drives[0], free.bodies[0]
     limit = 2.0 * (drive.dead_band_rad + sum(drive.link_friction_nm) * body.compliance[5])
@@ -119,7 +120,7 @@ def test_a_slow_move_leaves_the_lost_motion_of_play_and_friction(truth: Truth, p
     ends = []
     for side in (+1.0, -1.0):
         smooth.reset(q + side * np.array([2e-3, 0, 0, 0, 0, 0]))
-        smooth.move(q, rest_s=1.5)
+        move(smooth, q, rest_s=1.5)
         ends.append(smooth.q_link()[0])
     assert abs(ends[0] - ends[1]) < 0.02 * limit
 

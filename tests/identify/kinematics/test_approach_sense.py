@@ -31,6 +31,7 @@ from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.play import lost_motion
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.slow_move import move
 from derivative_check import convergence_order
 
 FILE = read_cell("examples/cells/kr300_d10_ball.toml")
@@ -55,7 +56,7 @@ def cube(seed: int, friction: bool) -> Dataset:
             T[i] = plant.equilibrium(q[i])
             continue
         plant.reset(q[i] + approach[i])
-        plant.move(q[i], move_s=0.3, rest_s=0.2)
+        move(plant, q[i], move_s=0.3, rest_s=0.2)
         T[i] = plant.tcp_pose()
     return measured(q, pose.inverse(lab.T_base_tracker) @ T @ lab.T_tcp_target, approach, rng)
 
@@ -106,7 +107,7 @@ def test_the_plans_model_then_loses_what_the_cell_loses() -> None:
         ends, step = [], 0.3 * DEG * np.eye(6)[axis]
         for side in (-1.0, 1.0):
             plant.reset(q + side * step)
-            plant.move(q, move_s=0.4, rest_s=0.3)
+            move(plant, q, move_s=0.4, rest_s=0.3)
             ends.append(float(plant.q_link()[axis]))
         path = np.stack([q + k * step / 20.0 for k in [*range(21), *range(19, -1, -1)]])
         lost = lost_motion(chain, path)[:, axis]

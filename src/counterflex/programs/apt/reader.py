@@ -14,7 +14,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
-from counterflex.programs.apt.statements import TOOL_ON_CIRCLE, Argument, Statement, place, statements
+from counterflex.programs.apt.statements import TOOL_ON_CIRCLE, Argument, Statement, place, statements, tilts
 from counterflex.programs.apt.tool_on_circle import ToolOnCircle
 from counterflex.programs.apt.words import CARRIED, COOLANT, FEEDS, POST, READ, REFUSED
 from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
@@ -24,7 +24,7 @@ from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Program, Word
 from counterflex.programs.source_text import read_text
 
-_AXIS_OFF: Final = 1e-9
+_LOADS: Final = ("ADJUST", "LENGTH", "OSETNO", "ZOFF")
 TOOL_ON_FORM: Final = "As CATIA writes it: INDIRV/i,j,k and TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,xe,ye,ze)"
 
 
@@ -52,7 +52,7 @@ def read_apt(text: str, *, name: str = "program", complete: bool = False) -> Pro
     if not any(line.strip() for line in lines):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a cutter location file")
     parts = list(statements(lines, name))
-    run = _Run(name, turning=any(_tilts(part) for part in parts))
+    run = _Run(name, turning=any(tilts(part) for part in parts))
     ended = False
     for part in parts:
         if ended:
@@ -92,15 +92,6 @@ def read_apt_file(
         raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for APT", where=str(file))
     text, encoding = read_text(Path(file))
     return replace(read_apt(text, name=Path(file).name, complete=complete), encoding=encoding)
-
-
-def _tilts(part: Statement) -> bool:
-    """Whether a statement gives a tool axis other than z."""
-    values = [argument.value or 0.0 for argument in part.numbers()]
-    axis = values[3:6] if part.major in ("GOTO", "FROM") else values[:3] if part.major == "TLAXIS" else []
-    if len(axis) != 3:
-        return False
-    return axis[2] < 0.0 or math.hypot(axis[0], axis[1]) > _AXIS_OFF * abs(axis[2])
 
 
 class _Run:
@@ -151,7 +142,7 @@ class _Run:
             raise self._fault(part, f"{REFUSED[major][0]}: {major}", hint=REFUSED[major][1])
         if major in ("GOTO", "GODLTA"):
             return self._goto(part)
-        if major in ("SPINDL", "COOLNT", "LOADTL", "STOP", "OPSTOP", "FINI"):
+        if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "FINI"):
             return self._machine(part)
         if major == "FEDRAT":
             return self._feedrate(part)
@@ -333,25 +324,17 @@ class _Run:
                 part, "TLON,GOFWD without INDIRV before it" if self._indirv is None else what, hint=TOOL_ON_FORM
             )
         circle = ToolOnCircle.of([n.value or 0.0 for n in numbers], self._unit_m, "INTOF" in part.words())
-        fault = circle.fault(self._p, self._indirv)
-        if fault is not None:
-            raise self._fault(part, fault, hint=TOOL_ON_FORM)
-        p, clockwise = circle.p_end, circle.clockwise(self._p, self._indirv)
+        try:
+            found = circle.arc(self._p, self._indirv, self._unit_m)
+        except ArcFault as fault:
+            raise self._fault(part, f"{fault.what} ({fault.value})" if fault.value else fault.what) from fault
+        self._plane, self._motion = 17, "G2" if found.turn_rad < 0.0 else "G3"
+        p, middle = circle.p_end, np.array([*circle.p_centre[:2], self._p[2]])
         p[2] = self._p[2]
         p.flags.writeable = False
-        ends = [(float(q[0]), float(q[1])) for q in (self._p, p, circle.p_centre)]
-        try:
-            solution = by_centre(ends[0], ends[1], ends[2], clockwise, 1, self._unit_m)
-        except ArcFault as fault_of_arc:
-            raise self._fault(part, f"{fault_of_arc.what} ({fault_of_arc.value})") from fault_of_arc
-        if circle.ends_elsewhere(solution.turn_rad):
-            what = "the end is not the first point of the line that the circle meets"
-            raise self._fault(part, what, hint="Write ON,2,INTOF, for more than half a turn, and for it alone")
-        self._plane, self._motion = 17, "G2" if clockwise else "G3"
-        middle = np.array([*ends[2], self._p[2]])
-        feed = self._speed(part, solution.radius_m * abs(solution.turn_rad), 0.0)
-        self._append("arc", p, self._axis, feed, centre=middle, normal=np.array([0.0, 0.0, 1.0]),
-                     turn_rad=solution.turn_rad)  # fmt: skip
+        feed = self._speed(part, found.radius_m * abs(found.turn_rad), 0.0)
+        normal = np.array([0.0, 0.0, 1.0])
+        self._append("arc", p, self._axis, feed, centre=middle, normal=normal, turn_rad=found.turn_rad)
         self._indirv = None
         places = zip("IJKRXYZ", [*numbers[:4], *numbers[7:]], strict=True)
         return [Word(letter, a.value or 0.0, a.start, a.end, True) for letter, a in places]
@@ -395,10 +378,12 @@ class _Run:
             if len(words) != 1 or numbers:
                 raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(COOLANT))
             out.append(("M", COOLANT[words[0]]))
-        elif part.major == "LOADTL":
-            self._allow(part, ("ADJUST", "LENGTH", "OSETNO", "ZOFF"))
+        elif part.major in ("LOADTL", "LOAD"):
+            self._allow(part, (*_LOADS, "TOOL") if part.major == "LOAD" else _LOADS)
+            if part.major == "LOAD" and words[:1] != ["TOOL"]:
+                raise self._fault(part, "of LOAD only LOAD/TOOL is read", hint="LOAD/TOOL,1")
             if value is None or value != int(value) or not 0 <= value <= 99_999:
-                raise self._fault(part, "LOADTL needs the number of a tool first", hint="LOADTL/1")
+                raise self._fault(part, f"{part.major} needs the number of a tool first", hint="LOADTL/1, LOAD/TOOL,1")
             self._tool, self._turns = int(value), 0
             out += [("T", value), ("M", 6)]
         else:

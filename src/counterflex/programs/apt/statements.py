@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,12 +10,15 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 
-FREE_TEXT: Final = frozenset(("PARTNO", "PPRINT", "REMARK", "INSERT", "TOOL PATH", "MACHIN", "PLABEL", "PAINT"))
+FREE_TEXT: Final = frozenset(
+    ("PARTNO", "PPRINT", "REMARK", "INSERT", "TOOL PATH", "MACHIN", "PLABEL", "PAINT", "TPRINT")
+)
 """Words whose rest of the line is text."""
 LARGEST: Final = 1e9
 """Largest number of a file; nothing that is measured needs one as large."""
+_AXIS_OFF: Final = 1e-9
 _MAJOR: Final = re.compile(r"\s*([A-Z][A-Z0-9_\- ]*?)\s*(/|$)", re.IGNORECASE)
-_TEXT: Final = re.compile(r"\s*(PARTNO|PPRINT|REMARK|INSERT|TOOL PATH|MACHIN|PLABEL|PAINT)\b", re.IGNORECASE)
+_TEXT: Final = re.compile(r"\s*(PARTNO|PPRINT|REMARK|INSERT|TOOL PATH|MACHIN|PLABEL|PAINT|TPRINT)\b", re.IGNORECASE)
 _ARGUMENT: Final = re.compile(r"\s*([^,\s]+)\s*(,|$)")
 _TOOL_ON: Final = re.compile(r"\s*(TLON|TLLFT|TLRGT)\b\s*,?", re.IGNORECASE)
 _TOOL_ON_CIRCLE: Final = re.compile(
@@ -155,3 +159,12 @@ def _arguments(flat: str, at: int, end: int, part: Statement, name: str) -> list
         arguments.append(Argument(match[1].upper(), value, match.start(1), match.end(1)))
         at = match.end()
     return arguments
+
+
+def tilts(part: Statement) -> bool:
+    """Whether a statement gives a tool axis other than z."""
+    values = [argument.value or 0.0 for argument in part.numbers()]
+    axis = values[3:6] if part.major in ("GOTO", "FROM") else values[:3] if part.major == "TLAXIS" else []
+    if len(axis) != 3:
+        return False
+    return axis[2] < 0.0 or math.hypot(axis[0], axis[1]) > _AXIS_OFF * abs(axis[2])

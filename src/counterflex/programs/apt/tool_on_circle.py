@@ -1,8 +1,8 @@
-"""The circular motion that CATIA writes: ``INDIRV/ i,j,k`` and ``TLON,GOFWD/ (CIRCLE/ x,y,z,r),ON,(LINE/ x,y,z,xe,ye,ze)``.
+"""The circular motion that CATIA writes, in two statements.
 
-The tool is on a circle parallel to the xy plane, sets off in the direction of INDIRV, and goes on until it is on the
-line from the centre to the end; ``ON,2,INTOF`` says that this is the second point of the line that it meets: an arc of
-more than half a turn.
+``INDIRV/ i,j,k`` and ``TLON,GOFWD/ (CIRCLE/ x,y,z,r),ON,(LINE/ x,y,z,xe,ye,ze)``: the tool is on a circle parallel to
+the xy plane, sets off in the direction of INDIRV, and goes on until it is on the line from the centre to the end;
+``ON,2,INTOF`` says that this is the second point of the line that it meets: an arc of more than half a turn.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre
 
 _SAME_M: Final = 2e-5
 """Two points of a file are one within its rounding and a little more."""
@@ -48,7 +49,7 @@ class ToolOnCircle:
         return cls(v[:3], float(v[3]), v[4:7], v[7:], second)
 
     def fault(self, p_start: Float, direction: Sequence[float]) -> str | None:
-        """What is wrong with it at the start (3,) m of the motion with the direction (3,) of INDIRV; None if nothing."""
+        """What is wrong with it at the start (3,) m of the motion with the direction (3,) of INDIRV; None: nothing."""
         near = _SAME_M + 1e-3 * self.radius_m
         flat = float(np.ptp([p_start[2], self.p_end[2], self.p_centre[2]]))
         if flat > _SAME_M:
@@ -65,15 +66,26 @@ class ToolOnCircle:
             return "INDIRV does not point along the circle"
         return None
 
-    def clockwise(self, p_start: Float, direction: Sequence[float]) -> bool:
-        """Seen from +z."""
-        out = (p_start - self.p_centre)[:2]
-        return float(out[0] * direction[1] - out[1] * direction[0]) < 0.0
+    def arc(self, p_start: Float, direction: Sequence[float], unit_m: float) -> Arc:
+        """The arc from the start (3,) m in the direction (3,) of INDIRV; ``unit_m`` is that of the file.
 
-    def ends_elsewhere(self, turn_rad: float) -> bool:
-        """Whether the line is met before the end, or the second point of it lies behind the end."""
-        turn = abs(turn_rad)
-        return abs(turn - math.pi) > _HALF_RAD and (turn > math.pi) != self.second
+        Raises:
+            ArcFault: There is no such arc, or the line is met before its end.
+        """
+        if (what := self.fault(p_start, direction)) is not None:
+            raise ArcFault(what, "")
+        out = (p_start - self.p_centre)[:2]
+        clockwise = float(out[0] * direction[1] - out[1] * direction[0]) < 0.0
+        ends = [(float(q[0]), float(q[1])) for q in (p_start, self.p_end, self.p_centre)]
+        found = by_centre(ends[0], ends[1], ends[2], clockwise, 1, unit_m)
+        turn = abs(found.turn_rad)
+        if abs(turn - math.pi) > _HALF_RAD and (turn > math.pi) != self.second:
+            need = "needs ON,2,INTOF" if turn > math.pi else "needs ON alone"
+            raise ArcFault(
+                f"the end is not the first point of the line that the circle meets: an arc of "
+                f"{math.degrees(turn):.1f} deg {need}", ""
+            )  # fmt: skip
+        return found
 
 
 def written(

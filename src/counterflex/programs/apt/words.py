@@ -12,12 +12,13 @@ from counterflex.programs.apt.statements import FREE_TEXT
 
 CARRIED: Final = FREE_TEXT | frozenset(
     ("CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "CLEARP", "OPSKIP", "SEQNO", "SELCTL", "TOOLNO",
-     "TPRINT", "END-OF-PATH", "MSYS", "NOPOST", "CLPRNT", "DISPLY", "AUTOPS", "SELECTL", "SWITCH", "MODE", "HEAD", "CLRSRF", "ARCSLP", "FIXTURE")
+     "SELECT", "END-OF-PATH", "MSYS", "NOPOST", "CLPRNT", "DISPLY", "MODE", "HEAD", "CLRSRF", "ARCSLP", "FIXTURE",
+     "AUTOPS", "SELECTL", "SWITCH")
 )  # fmt: skip
 """Words that change no target."""
 READ: Final = (
-    "GOTO", "GODLTA", "FROM", "CIRCLE", "MOVARC", "INDIRV", "RAPID", "FEDRAT", "SPINDL", "COOLNT", "LOADTL", "TLAXIS", "MULTAX",
-    "UNITS", "MM", "INCH", "INCHES", "DELAY", "STOP", "OPSTOP", "CUTCOM", "CYCLE", "FINI",
+    "GOTO", "GODLTA", "FROM", "CIRCLE", "MOVARC", "INDIRV", "RAPID", "FEDRAT", "SPINDL", "COOLNT", "LOADTL", "LOAD",
+    "TLAXIS", "MULTAX","UNITS", "MM", "INCH", "INCHES", "DELAY", "STOP", "OPSTOP", "CUTCOM", "CYCLE", "FINI",
 )  # fmt: skip
 POST: Final = "Let the CAM system write GOTO"
 REFUSED: Final[dict[str, tuple[str, str]]] = {

@@ -286,7 +286,7 @@ class _Writer:
                     waiting += straight_pieces(points, share, piece.first, piece.last, self.tolerance_m)[::-1]
                     continue
                 if on_circle:
-                    self._tool_on_circle(centre, rows.command[row], piece.turn_rad, row)
+                    self._tool_on_circle(centre, rows.command[row], piece.turn_rad)
                 else:
                     self._write_circle(circle, axes, centre)
                 arcs += 1
@@ -325,9 +325,7 @@ class _Writer:
         self.arc_error_m = max(self.arc_error_m, error)
         return u, v, float(part[0][2]), math.hypot(part[0][0] - u, part[0][1] - v)
 
-    def _tool_on_circle(
-        self, fitted: tuple[float, float, float, float], p: Float, turn_rad: float, row: int
-    ) -> None:
+    def _tool_on_circle(self, fitted: tuple[float, float, float, float], p: Float, turn_rad: float) -> None:
         """A circular motion of its own statement to a point."""
         start, centre = self._here.copy(), np.array(fitted[:3])
         end = np.array([float(self._coordinate(float(value))) * self._unit_m for value in (*p[:2], start[2])])

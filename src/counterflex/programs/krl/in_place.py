@@ -128,8 +128,8 @@ class _InPlace(InPlace):
         word, approximation = "SLIN" if spline else "LIN", move.approximation or ("C_SPL" if spline else "C_DIS")
         approximation = "" if move.in_spline or exact else f" {approximation}"
         values = point_values(p) | self.at.angles(R_part_tcp)
-        own = self._own_speed(index, speed_m_s)
-        lines = [*self._speed_lines(index, speed_m_s), f"{word} {self._literal(values)}{approximation}{own}"]
+        own = self._own_clause(index, speed_m_s)
+        lines = [*self._speed_lines(index, speed_m_s), f"{word} {self._literal(values)}{own}{approximation}"]
         place = move.line if motion.kind == "dwell" else self._place(move)
         self.source.insert(place, [self._indent(move.line) + line for line in lines])
         self.at.stand(values)
@@ -207,26 +207,38 @@ class _InPlace(InPlace):
         self.counts.speeds_added += 1
         return [f"$VEL.CP={number(requested, 6)}"]
 
-    def _own_speed(self, index: int, speed_m_s: float | None) -> str:
-        """``WITH $VEL.CP=`` of a piece of a motion that has its own speed, or stands in a spline block."""
+    def _own_clause(self, index: int, speed_m_s: float | None) -> str:
+        """``WITH`` of a piece of a motion that has one, or stands in a spline block and gets a speed of its own."""
         motion, move = self.program.motions[index], self.program.moves[index]
-        if motion.feed_m_s <= 0.0 or not (move.in_spline or move.own_speed is not None):
+        if move.clause is not None:
+            return f" {self._clause(index, motion.feed_m_s if speed_m_s is None else speed_m_s)}"
+        if motion.feed_m_s <= 0.0 or not move.in_spline or speed_m_s is None:
             return ""
-        if speed_m_s is None and move.own_speed is None:
-            return ""
-        return f" WITH $VEL.CP={number(motion.feed_m_s if speed_m_s is None else speed_m_s, 6)}"
+        return f" WITH $VEL.CP={number(speed_m_s, 6)}"
+
+    def _clause(self, index: int, speed_m_s: float) -> str:
+        """The motion's own ``WITH`` with another speed; in a spline block it gets one where it has none."""
+        move = self.program.moves[index]
+        assert move.clause is not None
+        start, end, speed = move.clause.start, move.clause.end, move.clause.speed
+        text = self.program.lines[move.line - 1]
+        if speed is not None:
+            return text[start : speed[0]] + number(speed_m_s, 6) + text[speed[1] : end]
+        if move.in_spline and speed_m_s > 0.0:
+            return f"{text[start:end]}, $VEL.CP={number(speed_m_s, 6)}"
+        return text[start:end]
 
     def _edit_own_speed(self, index: int, speed_m_s: float | None) -> None:
         """The same of the motion itself, where it is another than programmed."""
-        move, text = self.program.moves[index], self._own_speed(index, speed_m_s)
-        if not text or speed_m_s is None:
+        motion, move = self.program.motions[index], self.program.moves[index]
+        if speed_m_s is None or motion.feed_m_s <= 0.0 or not (move.in_spline or move.own_speed is not None):
             return
         self.counts.speeds_changed += 1
-        if move.own_speed is not None:
-            self.source.change(move.line, [(*move.own_speed, text.rpartition("=")[2])])
+        if move.clause is not None:
+            place = move.clause.start, move.clause.end
+            self.source.change(move.line, [(*place, self._clause(index, speed_m_s))])
         else:
-            end = len(code_of(self.program.lines[move.line - 1]).rstrip())
-            self.source.change(move.line, [(end, end, text)])
+            self.source.change(move.line, [(move.end, move.end, f" WITH $VEL.CP={number(speed_m_s, 6)}")])
 
     def restore_speed(self) -> None:
         """The programmed speed behind the last motion: what comes after it inherits it."""

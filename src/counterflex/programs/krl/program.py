@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.arrays import Float
+from counterflex.programs.krl.read.with_clause import WithClause
 from counterflex.programs.robot_text.program import RobotProgram
 
 LETTERS: Final = "XYZABC"
@@ -68,7 +69,7 @@ class KrlMotion:
         end: Index behind the targets and CA.
         in_spline: It is a segment of a spline block, in which no other statement may stand.
         speed_set: The program sets the path speed between the motion before and this one.
-        own_speed: Where the number of its ``WITH $VEL.CP=`` stands; None where there is none.
+        clause: Its ``WITH``; None where there is none.
     """
 
     line: int
@@ -81,8 +82,13 @@ class KrlMotion:
     start: int = 0
     end: int = 0
     in_spline: bool = False
-    own_speed: tuple[int, int] | None = None
+    clause: WithClause | None = None
     speed_set: bool = False
+
+    @property
+    def own_speed(self) -> tuple[int, int] | None:
+        """Where the number of the speed that it has for itself stands in its line; None where it has none."""
+        return None if self.clause is None else self.clause.speed
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from counterflex.geometry import pose
 from counterflex.twin.laboratory import distance_frame
 from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.slow_move import move
 
 INSTRUMENTS: Final = ("tracker", "frame")
 HISTORIES: Final = ("approached again", "held", "relaxed")
@@ -123,13 +124,13 @@ def pull(
         plant.reset(q, w_tcp_base)
         return unloaded, read()
     plant.reset(q + approach)
-    plant.move(q, move_s=_MOVE_S, rest_s=_REST_S)
+    move(plant, q, move_s=_MOVE_S, rest_s=_REST_S)
     unloaded = read()
     again = history == HISTORIES[0]
-    plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=0.1 if again else _REST_S)
+    move(plant, q, w_tcp_base, move_s=_MOVE_S, rest_s=0.1 if again else _REST_S)
     if again:
-        plant.move(q + approach, w_tcp_base, move_s=_MOVE_S, rest_s=0.0)
-        plant.move(q, w_tcp_base, move_s=_MOVE_S, rest_s=_REST_S)
+        move(plant, q + approach, w_tcp_base, move_s=_MOVE_S, rest_s=0.0)
+        move(plant, q, w_tcp_base, move_s=_MOVE_S, rest_s=_REST_S)
     return unloaded, read()
 
 

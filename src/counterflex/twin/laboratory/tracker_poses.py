@@ -10,6 +10,7 @@ from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation
 from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.slow_move import move
 from counterflex.twin.truth.truth import Truth
 
 APPROACH_RAD = 1.0 * DEG
@@ -34,7 +35,7 @@ def reached(truth: Truth, q: Float, progress: Progress) -> tuple[Float, Float]:
     before = q[0] - APPROACH_RAD
     for k, row in enumerate(q):
         plant.reset(row + APPROACH_RAD * np.sign(before - row))
-        plant.move(row, move_s=MOVE_S, rest_s=REST_S)
+        move(plant, row, move_s=MOVE_S, rest_s=REST_S)
         Ts[k], shown[k] = plant.tcp_pose(), plant.q_motor()
         before = row
         progress((k + 1) / len(q), f"pose {k + 1} of {len(q)}")

@@ -43,7 +43,6 @@ class OtherForces:
         sign: (6,) of each driven axis.
         stiffness: (6,) N m/rad, live, of the torsions.
         half_band: (6,) rad, of the dead bands.
-        step_s: Integration step, s.
         friction: False leaves out hysteresis and bristles.
 
     Attributes:
@@ -61,7 +60,6 @@ class OtherForces:
         sign: Float,
         stiffness: Float,
         half_band: Float,
-        step_s: float,
         friction: bool,
     ) -> None:
         other = truth.other
@@ -90,9 +88,26 @@ class OtherForces:
         self._place, self._value = coupling_parameters(truth, coordinates)
         self._before_s = 0.0 if other.thermal is None else other.thermal.before_s
         self._hose_force: Float = np.zeros(len(coordinates.kind))
+        self.step_of(EVERY_S)
+        self._clock_s, self._count = 0.0, 0
+
+    def step_of(self, step_s: float) -> None:
+        """Say the time between calls of :meth:`apply`, s."""
         self._step_s = step_s
         self._every = max(1, round(EVERY_S / step_s))
-        self._clock_s, self._count = 0.0, 0
+
+    def stiffest(self) -> tuple[Float, Float, Float]:
+        """What a small motion meets beyond the straight springs, axis by axis, at its largest.
+
+        Returns:
+            (6,) N m/rad of the gears, hysteresis and curve; (6,) N m/rad of the bristles and (6,) N m s/rad of their
+            viscous part, both on the link angle.
+        """
+        curves, bristles = self._curves, self._bristles
+        gears = np.maximum(curves[:, 2:5].max(axis=1) - 1.0, 0.0) * self._stiffness
+        stuck = curves[:, 5] + curves[:, 6] * curves[:, 1]
+        gears += np.divide(stuck, curves[:, 7], out=np.zeros(6), where=curves[:, 7] > 0.0)
+        return gears, bristles[:, 3], bristles[:, 4]
 
     def program_time(self, time_s: float, tool_growth_m: float) -> None:
         """Put the clock to a time since the start of the program, with the tool in use; before, it is just touched."""

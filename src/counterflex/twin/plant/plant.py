@@ -1,7 +1,8 @@
 """The elastic robot in motion. The only module that touches the physics engine.
 
 Each step takes the kinematics of the present state, adds drives, friction, play, cylinder and the process wrench as
-applied forces, and lets MuJoCo integrate (``implicitfast``: elastic dampers implicit, no numerical damping).
+applied forces, and lets MuJoCo integrate (``implicitfast``: elastic dampers implicit, no numerical damping). Where a
+spring is too stiff for the step, the plant divides it: :mod:`.step_length`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
 from counterflex.twin.plant.other_forces import OtherForces
 from counterflex.twin.plant.posture_springs import PostureSprings
 from counterflex.twin.plant.slow_changes import SlowChanges
+from counterflex.twin.plant.step_length import on_axes, parts_of_step
 from counterflex.twin.truth.truth import Truth
 
 STEP_S = 0.5e-3
@@ -36,16 +38,22 @@ class Plant:
 
     Args:
         truth: Its parameters.
-        step_s: Integration step, s; 0.5 ms resolves friction and all modes that matter.
+        step_s: Time from one call of :meth:`step` to the next, s; 0.5 ms resolves all modes that matter.
         friction: False leaves out dry friction and play (for comparison with closed forms).
+        parts: Integration steps in a step; None divides it as finely as its stiffest spring asks for.
 
     Attributes:
         time_s: Time since the last reset, s.
         coordinates: What each coordinate is.
         drive_torque: (6,) N m, last drive torques.
+        parts: Integration steps in a step.
+        q_ref: (6,) rad, last reference of the drives.
+        load: (6,) N, N m, last wrench on the tool about the tip, base axes.
     """
 
-    def __init__(self, truth: Truth, *, step_s: float = STEP_S, friction: bool = True) -> None:
+    def __init__(
+        self, truth: Truth, *, step_s: float = STEP_S, friction: bool = True, parts: int | None = None
+    ) -> None:
         self.truth = truth
         self.step_s = as_positive("step_s", step_s)
         self.coordinates: Coordinates = coordinates(truth)
@@ -84,12 +92,17 @@ class Plant:
         self._warnings: Int = d.warning.number
         self._anchor: Float = d.xanchor
         self._axis: Float = d.xaxis
-        self._acceleration: Float = np.zeros(self._model.nv)
         self._speed_before: Float = np.zeros(self._model.nv)
-        self._load: Float = np.zeros(6)
-        self._q_ref: Float = np.zeros(6)
+        self.load: Float = np.zeros(6)
+        self.q_ref: Float = np.zeros(6)
         self._body_id = _body_ids(self._model, truth)
+        self._reference: Float = np.zeros(6)
         self._more = self._other_forces(site, friction) if truth.other else None
+        self.parts = self._parts() if parts is None else parts
+        self._part_s = self.step_s / self.parts
+        self._model.opt.timestep = self._part_s
+        if self._more is not None:
+            self._more.step_of(self._part_s)
         self.reset(np.zeros(6))
 
     def _other_forces(self, site: int, friction: bool) -> OtherForces:
@@ -101,12 +114,28 @@ class Plant:
             sign=self._sign,
             stiffness=self._torsion_stiffness,
             half_band=self._band,
-            step_s=self.step_s,
             friction=friction,
         )
         for elements in (self._slip_stiffness, self._slip_limit):
             elements[more.replaced, :-1] = 0.0
         return more
+
+    def _parts(self) -> int:
+        c = self.coordinates
+        gears, bristles, viscous = self._more.stiffest() if self._more is not None else np.zeros((3, 6))
+        sprung, stuck = c.torsion >= 0, self._slip_stiffness[:, :-1].sum(axis=1) + bristles
+        on_motor = self._slip_stiffness[:, -1] + self._pid[:, 0]
+        K = np.diag(self._springs.stiffest) + on_axes(c, self._sign, stuck, on_motor)
+        K[c.torsion[sprung], c.torsion[sprung]] += gears[sprung]
+        drag = on_axes(c, self._sign, viscous, self._pid[:, 1])
+        return parts_of_step(self._inertia_at, K, np.diag(self._model.dof_damping), drag, self.step_s)
+
+    def _inertia_at(self, q: Float) -> Float:
+        """(n, n) inertia at motor angles (6,) rad, unloaded."""
+        self._qpos[:] = 0.0
+        self._qpos[self.coordinates.motor] = q
+        mujoco.mj_forward(self._model, self._data)
+        return self.mass_matrix()
 
     def program_time(self, time_s: float, tool: int) -> None:
         """Say how long the program has run and with which tool; until then the part is just being touched."""
@@ -210,7 +239,7 @@ class Plant:
             self._more.rest(self._qpos, held)
         self.drive_torque[:] = self._integral
         self.time_s = 0.0
-        self._load[:], self._q_ref[:] = load, q
+        self.load[:], self.q_ref[:] = load, q
         self._speed_before[:] = self._qvel
         mujoco.mj_step1(self._model, d)
 
@@ -222,20 +251,26 @@ class Plant:
             qd_ref: (6,) rad/s.
             w_tcp_base: (6,) N, N m on the tool about the tip in base axes, acting during the step.
         """
-        c = self.coordinates
         if self._springs:
             self._take_posture()
+        self.load[:], self.q_ref[:], self._speed_before[:] = w_tcp_base, q_ref, self._qvel
+        self._reference[:] = q_ref
+        for _ in range(self.parts):
+            self._step_part(qd_ref, w_tcp_base)
+            self._reference += self._part_s * qd_ref
+        self.time_s += self.step_s
+
+    def _step_part(self, qd_ref: Float, w_tcp_base: Float) -> None:
+        c = self.coordinates
         applied_forces(
             self._qpos, self._qvel, self._anchor, self._axis, self._hinge, c.motor, c.torsion, self._sign, self._p,
             w_tcp_base, self._balance, self._torsion_stiffness, self._band, self._slip_stiffness, self._slip_limit,
-            self._slip_force, self._slip_angle, q_ref, qd_ref, self._pid, self._integral, self.step_s, self._force,
-            self.drive_torque,
+            self._slip_force, self._slip_angle, self._reference, qd_ref, self._pid, self._integral, self._part_s,
+            self._force, self.drive_torque,
         )  # fmt: skip
         if self._more is not None:
             self._more.apply(self._qpos, self._qvel, self._force)
-        self._load[:], self._q_ref[:], self._speed_before[:] = w_tcp_base, q_ref, self._qvel
         mujoco.mj_step2(self._model, self._data)
-        self.time_s += self.step_s
         mujoco.mj_step1(self._model, self._data)
 
     def _take_posture(self) -> None:
@@ -244,40 +279,6 @@ class Plant:
         self._stiffness[:] = self._springs.stiffness(self._qpos[c.motor])
         self._model.jnt_stiffness[free] = self._stiffness[free]
         self._torsion_stiffness[:] = np.where(c.torsion >= 0, self._stiffness[c.torsion], 0.0)
-
-    def move(self, q: Float, w_tcp_base: Float | None = None, *, move_s: float = 1.0, rest_s: float = 0.3) -> None:
-        """Go from where the references stand to other joints and another load, slowly, and wait.
-
-        Joints and load follow ``(1 - cos(pi t / T)) / 2`` together; drives, friction and play act as they do in any
-        motion, so that what was done before shows in where the tool comes to rest.
-
-        Args:
-            q: (6,) rad, reference of the drives at the end.
-            w_tcp_base: (6,) N, N m load at the end, on the tool about the tip in base axes; None is none.
-            move_s: T, s.
-            rest_s: Time to wait after it, s.
-
-        Raises:
-            SimulationError: The robot becomes unstable.
-        """
-        q = as_float("q", q, (6,))
-        load = np.zeros(6) if w_tcp_base is None else as_float("w_tcp_base", w_tcp_base, (6,))
-        count, wait = (
-            max(1, round(as_positive("move_s", move_s) / self.step_s)),
-            as_positive("rest_s", rest_s, zero=True),
-        )
-        t = (np.arange(count) / count)[:, None]
-        share, rate = 0.5 * (1.0 - np.cos(np.pi * t)), 0.5 * np.pi * np.sin(np.pi * t) / (count * self.step_s)
-        q_from, load_from = self._q_ref.copy(), self._load.copy()
-        place: Float = q_from + share * (q - q_from)
-        speed: Float = rate * (q - q_from)
-        wrench: Float = load_from + share * (load - load_from)
-        for k in range(count):
-            self.step(place[k], speed[k], wrench[k])
-        rest = np.zeros(6)
-        for _ in range(round(wait / self.step_s)):
-            self.step(q, rest, load)
-        self.check()
 
     def check(self) -> None:
         """Raise if the simulation has left its physical range since the last reset.
@@ -350,8 +351,8 @@ class Plant:
         moment, force = -d.cfrc_int[i, :3], -d.cfrc_int[i, 3:]  # about the tree's centre of gravity, base axes
         origin: Float = np.array(d.xpos[i])
         moment = moment + cross(d.subtree_com[self._model.body_rootid[i]] - origin, force)
-        force = force + self._load[:3]
-        moment = moment + self._load[3:] + cross(self._p - origin, self._load[:3])
+        force = force + self.load[:3]
+        moment = moment + self.load[3:] + cross(self._p - origin, self.load[:3])
         R = np.array(d.xmat[i]).reshape(3, 3)
         return np.concatenate([R.T @ force, R.T @ moment])
 

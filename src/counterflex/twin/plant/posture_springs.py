@@ -39,6 +39,14 @@ class PostureSprings:
         """Whether any spring changes."""
         return bool(self._regions)
 
+    @property
+    def stiffest(self) -> Float:
+        """(n,) N/m, N m/rad, in the posture in which each is stiffest."""
+        out = self._mean.copy()
+        for region, place in zip(self._regions, self._place, strict=True):
+            out[place] /= min(1.0, *region.factors)
+        return out
+
     def stiffness(self, q: Float) -> Float:
         """(n,) N/m, N m/rad at the motor angles q (6,) rad; 0 for motors."""
         out = self._mean.copy()

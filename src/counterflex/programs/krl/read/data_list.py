@@ -34,9 +34,9 @@ class Named:
     text: str
     start: int
 
-    def components(self, file: str) -> tuple[dict[str, Component], int]:
-        """Its components and the index of its closing brace. Raises as :func:`~.literals.components`."""
-        return components(self.text, self.start, f"{file}:{self.line}")
+    def components(self, file: str, *, mixed: bool = False) -> tuple[dict[str, Component], int]:
+        """Its components and the index of its closing brace. As :func:`~.literals.components`."""
+        return components(self.text, self.start, f"{file}:{self.line}", mixed=mixed)
 
 
 def key_of(name: str) -> str:

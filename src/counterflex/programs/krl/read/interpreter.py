@@ -223,6 +223,9 @@ class Interpreter(Modes, Execution):
                 f"(line {self._away})", code, limit="such places before the first target and behind the last one",
                 hint="Give that place as a Cartesian target, or post each part as a program of its own",
             )  # fmt: skip
+        if read.clause is not None and read.clause.frame_data:
+            self.frames.tool_known = self.frames.base_known = True
+            self._pending_frames = read.clause.frame_data
         self.frames.require(f"{self.name}:{self.line}:{match.start(1) + 1}")
         self._require_frame_data(code)
         if word.endswith("PTP") or not self.motions:
@@ -295,7 +298,7 @@ class Interpreter(Modes, Execution):
         if form.PASSED.match(code):
             return
         if (match := form.ASSIGNMENT.fullmatch(code)) is not None:
-            self.targets.assigned.add(key_of(match[1]))
+            self.targets.assign(key_of(match[1]), axes=bool(form.AXES.match(code)) and not self._flow)
             return
         if form.ROUTINE.fullmatch(code) or form.FUNCTION.match(code):
             raise self._fault("a routine begins before END", code, hint="The file may be damaged: post it again")

@@ -16,6 +16,9 @@ from counterflex.programs.robot_text.process_words import NUMBER
 
 _FULL: Final = re.compile(NUMBER)
 _COMPONENT: Final = re.compile(rf"\s*([A-Za-z_]\w*)\s*(?:({NUMBER})|'([BH]?)([0-9A-Fa-f]+)')\s*")
+_OTHER: Final = re.compile(
+    r"\s*[A-Za-z_]\w*\s*(?:\[\s*\])?\s*(?:#\s*\w+|\bTRUE\b|\bFALSE\b|\"[^\"]*\")\s*", re.IGNORECASE
+)
 _TYPE: Final = re.compile(r"\s*(\w+)\s*:")
 CARTESIAN: Final = frozenset((*LETTERS, "S", "T", *(f"E{i}" for i in range(1, 7))))
 _LARGEST_MM: Final = 100_000.0
@@ -40,13 +43,15 @@ def number_of(text: str) -> float | None:
     return float(text) if _FULL.fullmatch(text) else None
 
 
-def components(line: str, start: int, where: str) -> tuple[dict[str, Component], int]:
+def components(line: str, start: int, where: str, *, mixed: bool = False) -> tuple[dict[str, Component], int]:
     """Components of the literal that begins at a brace.
 
     Args:
         line: The line.
         start: Index of the opening brace.
         where: Its file and line, for errors.
+        mixed: The literal may hold names (``IPO_FRAME #BASE``), truth values and texts (``POINT2[] " "``) as well, as
+            FDAT, LDAT and PDAT do; they are passed over.
 
     Returns:
         Components by name, and the index of the closing brace.
@@ -66,6 +71,10 @@ def components(line: str, start: int, where: str) -> tuple[dict[str, Component],
         at = match.end()
     out: dict[str, Component] = {}
     while at < close:
+        other = _OTHER.match(line, at, close) if mixed else None
+        if other is not None and (other.end() == close or line[other.end()] == ","):
+            at = other.end() + 1
+            continue
         match = _COMPONENT.match(line, at, close)
         if match is None or (match.end() < close and line[match.end()] != ","):
             raise ProgramError(

@@ -149,9 +149,9 @@ class Modes:
     def _component_of(self, variable: str, component: str, code: str) -> float:
         text = self._actual.get(variable, "")
         if text.startswith("{"):
-            parts, _ = components(text, 0, f"{self.name}:{self.line}")
+            parts, _ = components(text, 0, f"{self.name}:{self.line}", mixed=True)
         elif (named := self.named.get(key_of(text))) is not None:
-            parts, _ = named.components(self.data_name)
+            parts, _ = named.components(self.data_name, mixed=True)
         else:
             parts = {}
         if component not in parts:
@@ -169,7 +169,10 @@ class Modes:
                                   limit="SPLINE WITH $VEL.CP=0.02",
                                   hint="Set speed and acceleration alone there")  # fmt: skip
             self._refuse_in_flow(code, "a spline block")
-            velocity = form.WITH_VELOCITY.search(begins[1])
+            velocity = form.WITH_VELOCITY.search(begins[1]) or form.WITH_VELOCITIES.search(begins[1])
+            if velocity is None and form.WITH_ANY_VELOCITY.search(begins[1]):
+                raise self._fault("the path speed of a spline block is no number", code,
+                                  limit="SPLINE WITH $VEL.CP=0.02", hint="Write the number itself, in m/s")  # fmt: skip
             self._spline = 0.0 if velocity is None else self._in_range(velocity[1], code)
             return True
         if form.SPLINE_ENDS.fullmatch(code) is None:

@@ -22,8 +22,9 @@ SPLINE_ENDS: Final = re.compile(r"\s*ENDSPLINE\b\s*((?:C_(?:DIS|PTP|VEL|ORI|SPL)
 IN_SPLINE: Final = re.compile(
     r"\s*(S?PTP|S?LIN|S?CIRC|SPL|SPLINE|PTP_SPLINE|ENDSPLINE|TIME_BLOCK|CONST_VEL|TRIGGER)\b", _I
 )
-WITH: Final = re.compile(rf"\s*WITH\s+\$VEL\.CP\s*=\s*({NUMBER})\s*", _I)
 WITH_VELOCITY: Final = re.compile(rf"\bWITH\b(?:.*,)?\s*\$VEL\.CP\s*=\s*({NUMBER})\s*(?:,|$)", _I)
+WITH_VELOCITIES: Final = re.compile(rf"\$VEL\s*=\s*\{{[^{{}}]*?\bCP\s+({NUMBER})\s*[,}}]", _I)
+WITH_ANY_VELOCITY: Final = re.compile(r"\$VEL\s*(?:=|\.\s*CP\b)", _I)
 WITH_OTHERS: Final = re.compile(r"\s*(?:WITH\s+\$(?:VEL|ACC|ORI_TYPE|GEAR_JERK|JERK|VEL_AXIS|ACC_AXIS)\b.*)?", _I)
 APPROXIMATION: Final = re.compile(r"\s*((?:C_(?:DIS|PTP|VEL|ORI|SPL)\s*)*)", _I)
 CIRCLE_ANGLE: Final = re.compile(rf"\s*,\s*CA\s+({NUMBER})\s*", _I)
@@ -64,6 +65,8 @@ ACTS: Final = re.compile(
 STANDARD: Final = re.compile(r"\s*(?:GLOBAL\s+INTERRUPT\s+DECL\s+3\s+WHEN\s+\$STOPMESS\b|INTERRUPT\s+ON\s+3\s*$)", _I)
 """The stop interrupt that every KUKA program sets up."""
 ASSIGNMENT: Final = re.compile(rf"\s*({NAME})((?:\.\w+)*)\s*=.*", _I)
+AXES: Final = re.compile(rf"\s*{NAME}\s*=\s*\{{\s*(?:(?:E6)?AXIS\s*:)?\s*A[1-6]\b", _I)
+"""Axis angles that a name gets."""
 CALL: Final = re.compile(r"\s*(\w+)\s*\(.*\)\s*", _I)
 NO_ARGUMENTS: Final = re.compile(r"\s*\w+\s*\(\s*\)\s*", _I)
 

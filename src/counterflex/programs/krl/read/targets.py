@@ -20,6 +20,7 @@ from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.data_list import Named, key_of
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.literals import code_of, components, require_cartesian
+from counterflex.programs.krl.read.with_clause import WithClause, WithFault, with_clause
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.cell import ExternalAxes
 from counterflex.programs.robot_text.execution import arc_through
@@ -41,7 +42,7 @@ class Targets:
         cell: See :class:`KrlCell`.
 
     Attributes:
-        assigned: Variables that the program assigns something to.
+        assigned: Variables that the program assigns something to, but for axis angles.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class Targets:
     ) -> None:
         self.name, self.lines, self.named, self.data_name = name, lines, named, data_name
         self.assigned: set[str] = set()
+        self._axis_angles: set[str] = set()
         self._used: dict[str, int] = {}
         self._mentioned: dict[str, int] | None = None
         self._external: dict[str, Component] = {}
@@ -61,6 +63,11 @@ class Targets:
     def extra_text(self) -> str:
         """``,E1 0.0`` and so on."""
         return "".join(f",{name} {component.value:g}" for name, component in sorted(self._external.items()))
+
+    def assign(self, key: str, *, axes: bool) -> None:
+        """The program gives a variable a value: axis angles written out, or anything else."""
+        (self._axis_angles if axes else self.assigned).add(key)
+        (self.assigned if axes else self._axis_angles).discard(key)
 
     def motion(self, code: str, start: int, at: int, word: str, line: int) -> KrlMotion | None:
         """Targets of a motion; None where it goes to a place that only the controller knows (axes, home).
@@ -94,9 +101,11 @@ class Targets:
             raise self._fault("targets composed by ':' are not read", code, line, at, hint="Write the target itself")
         approximation = form.APPROXIMATION.match(code, at)
         at = at if approximation is None else approximation.end()
-        own_speed = None
-        if word in ("SLIN", "SCIRC") and (given := form.WITH.match(code, at)) is not None:
-            own_speed, at = given.span(1), given.end()
+        clause = self._with(code, at, line) if word.startswith("S") else None
+        if clause is not None:
+            at = clause.end
+            if (behind := form.APPROXIMATION.match(code, at)) is not None and behind[1]:
+                approximation, at = behind, behind.end()
         if code[at:].strip():
             raise self._fault(
                 "this is not understood behind a target", code, line, at, limit="C_DIS C_PTP C_VEL C_ORI C_SPL, CA",
@@ -109,8 +118,14 @@ class Targets:
         shared = bool(target.name) and self._mentions(target.name) > 1
         return KrlMotion(
             line, word, target, auxiliary, "" if approximation is None else approximation[1].strip(), shared,
-            self._circle_rad is not None, start, len(code[:end].rstrip()), own_speed=own_speed,
+            self._circle_rad is not None, start, len(code[:end].rstrip()), clause=clause,
         )  # fmt: skip
+
+    def _with(self, code: str, at: int, line: int) -> WithClause | None:
+        try:
+            return with_clause(code, at)
+        except WithFault as fault:
+            raise self._fault(fault.what, code, line, fault.at, hint=fault.hint) from fault
 
     def _target(self, code: str, at: int, word: str, line: int) -> tuple[Target | None, int]:
         if (brace := _OPEN.match(code, at)) is not None:
@@ -124,6 +139,8 @@ class Targets:
         if match is None:
             raise self._fault("a motion without a target", code, line, at, hint="The line may be cut off")
         name, key = match[1], key_of(match[1])
+        if key in self._axis_angles:
+            return self._axes(code, match.span(1), word, line)
         if key in self.assigned:
             raise self._fault(
                 f"{name} is computed by the program: such targets are not read", code, line, match.start(1),
