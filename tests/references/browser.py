@@ -98,10 +98,23 @@ class Page:
         raise TimeoutError(f"{name} cannot be clicked; the page says: {self.value('document.body.innerText')}")
 
     def press(self, key: str) -> None:
-        """Press and release a key."""
+        """Press and release a key; an upper-case letter is what Caps Lock makes of it."""
         self.call("Page.bringToFront")
-        for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=f"Key{key.upper()}" if len(key) == 1 else key)
+        letter = len(key) == 1
+        code, number = (
+            (f"Key{key.upper()}", ord(key.upper())) if letter else (key, {"Tab": 9, "Escape": 27}.get(key, 0))
+        )
+        text = {"text": key, "unmodifiedText": key} if letter else {}
+        for kind, more in (("keyDown", text), ("keyUp", {})):
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code, windowsVirtualKeyCode=number, **more)
+
+    def tab_to(self, name: str) -> None:
+        """Press Tab until an element has the focus."""
+        for _ in range(20):
+            self.press("Tab")
+            if self.value("document.activeElement.dataset.test") == name:
+                return
+        raise TimeoutError(f"{name} does not get the focus")
 
     def wait(self, expression: str, what: str = "") -> Any:
         """Wait until an expression is true, and give its value."""

@@ -109,7 +109,11 @@ def test_a_run_with_two_people_and_a_panel_that_dies(run: Run, panels: list[Pane
         other = browser.page()
         other.open(panel.links["operator"])  # a second operator
         other.wait_text("state", "CORRECTING")
-        other.press("s")
+        other.click("arm")
+        other.wait("!!document.querySelector('[data-test=\"no\"]')", "the second operator is asked, too")
+        other.click("no")
+        other.tab_to("arm")  # a button has the focus
+        other.press("S")  # Caps Lock is on
         anna.wait_text("incident", "operator")
         other.wait_text("incident", "operator")
     panel.send(signal.SIGINT)

@@ -12,6 +12,7 @@ from nicegui.elements.scene import Scene
 from nicegui.events import GenericEventArguments, KeyEventArguments
 
 from counterflex.app.panel.access import Session
+from counterflex.app.panel.keys import IGNORED_IN, action_of
 from counterflex.app.panel.report import report_html
 from counterflex.app.panel.watched_run import WatchedRun
 from counterflex.core.errors import CounterflexError
@@ -76,7 +77,7 @@ class PanelPage:
             self._button("stop", "cf-stop")
             self._button("reset", "cf-button")
             self._button("arm", "cf-button")
-            ui.keyboard(on_key=self._key)
+            ui.keyboard(on_key=self._key, ignore=list(IGNORED_IN))
         else:
             ui.html("viewer: watches only", sanitize=False).classes("cf-viewer")
         with ui.element("div").classes("cf-foot").style("grid-column: 1 / 3"):
@@ -93,7 +94,8 @@ class PanelPage:
         """S or Escape ramps out at once; R and A ask first."""
         if not event.action.keydown or event.action.repeat:
             return
-        action = {"Escape": "stop", "s": "stop", "r": "reset", "a": "arm"}.get(str(event.key.name))
+        held = event.modifiers
+        action = action_of(event.key.name, event.key.code, shortcut=held.ctrl or held.alt or held.meta)
         if action is not None:
             await self._press(action)
 
