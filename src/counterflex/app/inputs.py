@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.robot_programs import held_as_programmed, robot_cell
+from counterflex.app.robot_programs import held_as_programmed, robot_cell, with_spindle
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, ProgramError
@@ -30,6 +30,7 @@ from counterflex.programs.limits import BY_ENDING
 from counterflex.programs.motion_rows import single_straight
 from counterflex.programs.program import ROBOT_DIALECTS, Program
 from counterflex.programs.reading import dialect_of, read_program_file
+from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import FORMS
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
@@ -96,7 +97,8 @@ class Reading:
         """
         language = dialect_of(file, self.dialect)
         if cell is not None and language in ROBOT_DIALECTS:
-            return read_program_file(file, dialect=language, complete=self.complete, cell=robot_cell(cell, language))
+            program = read_program_file(file, dialect=language, complete=self.complete, cell=robot_cell(cell, language))
+            return with_spindle(program, cell) if isinstance(program, RobotProgram) else program
         machine = MillingMachine(known=False) if self.parameters is None else read_parameter_file(self.parameters)
         machine = machine if cell is None else replace(machine, tool_names=cell.tool_names)
         return read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)

@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.core.units import DEG, MM
+from counterflex.core.units import DEG, MM, RPM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.fanuc.read.interpreter import FanucCell
@@ -34,6 +34,21 @@ def companions(file: Path) -> tuple[Path, ...]:
     reads = {".src": data_file_of, ".pgx": val3_data_file_of}.get(file.suffix.lower())
     data = None if reads is None else reads(file)
     return () if data is None else (data,)
+
+
+def with_spindle(program: RobotProgram, cell: Cell) -> RobotProgram:
+    """The program with the spindle turning as ``tools.spindle_rpm`` of the cell says, where it says nothing itself.
+
+    Robots' programs are often posted without spindle statements: a person or the line controller starts the spindle.
+    A program that turns the spindle on anywhere is returned as it is.
+    """
+    if any(motion.spindle_rad_s for motion in program.motions):
+        return program
+    speeds = {tool.number: tool.spindle_rpm * RPM for tool in cell.tables.tools if tool.spindle_rpm is not None}
+    if not speeds:
+        return program
+    motions = tuple(replace(motion, spindle_rad_s=speeds.get(motion.tool, 0.0)) for motion in program.motions)
+    return replace(program, motions=motions)
 
 
 def krl_cell(cell: Cell) -> KrlCell:

@@ -171,7 +171,8 @@ def _check_spindle(path: ToolPath, kind: Int, volume: Float) -> None:
         raise ProgramError(
             "the program cuts material with the spindle stopped",
             where=f"motion {int(path.motion[row])}, at {np.round(path.p_part_tcp[row] / MM, 3).tolist()} mm",
-            hint="Start the spindle (M3 S...) before the first cut",
+            hint="Start the spindle (M3 S...) before the first cut; for a robot's program whose spindle a person or "
+            "the line controller starts, give its speed: spindle_rpm in [[tools]] of the cell file",
             row=row,
             motion=int(path.motion[row]),
         )

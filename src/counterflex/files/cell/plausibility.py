@@ -125,6 +125,7 @@ WINDOWS: Final[dict[str, Window]] = {
     "tools.corner_radius_mm": _window(0.02, 100.0, 0.002, 200.0),
     "tools.flute_length_mm": _window(0.5, 250.0, 0.1, 500.0),
     "tools.helix_deg": _window(1.0, 60.0, _ANY, 80.0),
+    "tools.spindle_rpm": _window(50.0, 80e3, 10.0, 200e3),
     "tools.runout_um": _window(0.5, 200.0, 0.05, 1000.0),
     "material.kc11_n_mm2": _window(10.0, 6000.0, 1.0, 20e3),
     "material.ktc_n_mm2": _window(10.0, 10e3, 1.0, 20e3),

@@ -98,6 +98,7 @@ class ToolTable(Table):
     longer_mm: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
     heavier_kg: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
     tool_data: Annotated[int, Field(ge=1, le=128)] | None = None
+    spindle_rpm: Annotated[float, Field(gt=0.0, le=200_000.0)] | None = None
     tooldata: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.arrays import Float
-from counterflex.programs.krl.read.with_clause import WithClause
+from counterflex.programs.krl.with_clause import WithClause
 from counterflex.programs.robot_text.program import RobotProgram
 
 LETTERS: Final = "XYZABC"

@@ -20,7 +20,7 @@ from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.data_list import Named, key_of
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.literals import code_of, components, require_cartesian
-from counterflex.programs.krl.read.with_clause import WithClause, WithFault, with_clause
+from counterflex.programs.krl.with_clause import WithClause, WithFault, with_clause
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.cell import ExternalAxes
 from counterflex.programs.robot_text.execution import arc_through
