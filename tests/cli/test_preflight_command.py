@@ -17,10 +17,20 @@ def test_table_and_page(folder: Path, counterflex: Any) -> None:
     summary = json.loads((folder / "out" / "summary.json").read_text())
     assert (summary["format"], summary["failed"]) == ("counterflex-summary", False)
     page = (folder / "out" / "report.html").read_text()
-    figure = json.loads(page.split('id="figures">')[1].split("</script>")[0])["margins"]
+    figures = json.loads(page.split('id="figures">')[1].split("</script>")[0])
+    figure = figures["margins"]
     assert [trace["name"] for trace in figure["data"]] == [f"axis {n}" for n in range(1, 7)]
     assert any("joint limits" in note["text"] for note in figure["layout"]["annotations"])
     assert "[[cell.body]]" in page
+    assert set(figures) == {"margins", "path_speed", "joint_speed", "joint_acceleration", "point_distance"}
+    programmed, held, _ = (trace["y"] for trace in figures["path_speed"]["data"])
+    both = [(a, b) for a, b in zip(programmed, held, strict=True) if a is not None and b is not None]
+    assert both
+    assert all(b <= a * 1.001 for a, b in both)
+    assert figures["joint_speed"]["layout"]["yaxis"]["title"]["text"] == "joint speed, % of its limit"
+    assert figures["joint_acceleration"]["layout"]["yaxis"]["title"]["text"] == "joint acceleration, deg/s2"
+    for word in ("path speed held", "mm/min", "approximation to points", "program size"):
+        assert word in ended.out
 
 
 def test_a_check_that_fails_ends_with_one(folder: Path, counterflex: Any) -> None:

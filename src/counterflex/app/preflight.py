@@ -11,20 +11,25 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.coarse_bodies import coarse_bodies
+from counterflex.app.compensation.program_size import program_size
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, in_working_plane, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, MS
+from counterflex.core.units import DEG, MM, MM_PER_MIN, MS
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
-from counterflex.plan.preflight.preflight import Preflight, preflight
+from counterflex.path.toolpath import FEED
+from counterflex.plan.preflight.preflight import AsWritten, Preflight, preflight
 from counterflex.plan.preflight.row import RANK, Row
+from counterflex.plan.preflight.speed_row import slower
+from counterflex.programs.approximation import approximation_m
 
 SHOP: Final[dict[str, tuple[str, float]]] = {
     "rad": ("deg", DEG),
     "rad/s": ("deg/s", DEG),
     "rad/s2": ("deg/s2", DEG),
     "m": ("mm", MM),
+    "m/s": ("mm/min", MM_PER_MIN),
     "m3": ("mm3", MM**3),
     "s": ("ms", MS),
     "share": ("%", 0.01),
@@ -72,6 +77,7 @@ def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progr
         setting_of(cell, chain=cell.chain, part_may_be_held=True),
         tables.limits.preflight(tables.controller, cell.robot),
         coarse_bodies(job, cell, stock),
+        AsWritten(approximation_m(job.program), program_size(job, cell)),
         parts[CHECKING],
     )
     rows = [shown(row, result, job, cell) for row in result.rows]
@@ -149,14 +155,14 @@ def run(
         done = check(program, cell, reading=reading, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         from counterflex.report.page import write_page
-        from counterflex.report.preflight_page import preflight_page
+        from counterflex.report.preflight.page import preflight_page
 
         write_page(preflight_page(_page(done)), staging / "report.html")
     return done.summary
 
 
 def _page(done: Checked) -> Any:
-    from counterflex.report.preflight_page import PreflightData
+    from counterflex.report.preflight.page import PreflightData
 
     result, n = done.result, len(done.result.q)
     path = result.path
@@ -174,4 +180,33 @@ def _page(done: Checked) -> Any:
         points=[row.point if row.point is not None and row.point < n else None for row in result.rows],
         cutting=path.kind[:n] == 1,
         bodies=done.summary["bodies"],
+        curves=_curves(result),
+    )
+
+
+def _curves(result: Preflight) -> Any:
+    """What the pictures along the path show; None where nothing is reached."""
+    if result.along is None or len(result.q) == 0:
+        return None
+    from counterflex.report.preflight.path_figures import PathCurves
+
+    along, held, bounds, n = result.along, result.along.held, result.bounds, len(result.q)
+    feed = result.path.kind[:n] == FEED
+    way = np.cumsum(held.length_m)
+    blocks = along.blocks
+    cuts = blocks.cuts
+    return PathCurves(
+        way_m=way,
+        at_feed=feed,
+        programmed_m_s=held.programmed_m_s,
+        held_m_s=held.at_m_s,
+        slow=along.cutting & slower(held),
+        joint_speeds_rad_s=along.joint_speeds_rad_s,
+        joint_accelerations_rad_s2=along.joint_accelerations_rad_s2,
+        speed_limits_rad_s=bounds.joint_speeds_rad_s,
+        acceleration_limits_rad_s2=bounds.joint_accelerations_rad_s2,
+        point_way_m=way[blocks.point[cuts]],
+        point_length_m=blocks.length_m[cuts],
+        point_least_m=blocks.feed_m_s[cuts] * bounds.least_block_s,
+        reversals=[(event.point, event.axis) for event in along.reversals],
     )

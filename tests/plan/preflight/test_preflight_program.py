@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +11,21 @@ import numpy as np
 import pytest
 
 from counterflex.app import preflight as job
+from counterflex.app.compensation import program_size
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose
 from counterflex.path.path_speed import build_track, timed
 from counterflex.path.toolpath import FEED, RAPID, tool_orientation, tool_poses
 from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
 from counterflex.plan.preflight.rapids import STEP_M, with_points_in_rapids
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
+from counterflex.programs.limits import KRL
 from counterflex.robot.kinematics.inverse import inverse_path
 
 HEAD = "G21 G17 G90 G94\nT1 M6\nM3 S13000\n"
 GROOVE = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60"
+CORNERED = "G0 X-12 Y10 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG1 Y20\nG1 X5\nG0 Z60"
 CellOf = Callable[..., Cell]
 
 
@@ -48,10 +54,12 @@ def test_a_good_program_fails_nothing(checked: Any) -> None:
         "limits.cable_axis6_deg",
         "controller.look_ahead_blocks",
     }
+    assert checked(CORNERED)["corner error of the approximation"]["missing"] == "limits.corner_error_um"
 
 
 def test_nothing_is_unknown_where_the_cell_file_says_it(checked: Any) -> None:
     limits = {"joint_acceleration_deg_s2": [500.0] * 6, "cable_axis4_deg": 270, "cable_axis6_deg": 90}
+    limits["corner_error_um"] = 200
     rows = checked(limits=limits, controller={"look_ahead_blocks": 50})
     assert rows["done"].summary["counts"]["unknown"] == 0
     assert rows["cable wind-up, axis 4"]["verdict"] == "ok"
@@ -224,6 +232,64 @@ def test_a_line_up_and_down_turns_axes_in_the_cut_and_in_the_air_it_does_not(che
     assert cutting["verdict"] == "warning"
     assert cutting["line"] in (7, 8, 9)
     assert checked(there_and_back.format(z=41))["reversals in the cut"]["value"] == 0.0
+
+
+def test_path_speed_at_a_corner_in_the_cut_is_that_of_its_rounding(checked: Any) -> None:
+    """0.1 mm before a right angle at 1 m/s2: v^2 = a 2 d cos^2(45 deg) / sqrt 2, 504 of 1500 mm/min."""
+    row = checked(CORNERED, controller={"blending_mm": 0.1, "acceleration_mm_s2": 1000})["path speed held"]
+    speed = np.sqrt(2.0 * 1e-4 * 0.5 / np.sqrt(2.0)) * 60e3
+    assert (row["verdict"], row["limit"], row["unit"]) == ("warning", 1500.0, "mm/min")
+    assert row["value"] == pytest.approx(speed, rel=0.01)
+    assert row["line"] in (7, 8, 9)
+    assert "acceleration of the tool" in row["what"]
+    assert "assumed" not in row["what"]
+    assert "joint_acceleration_deg_s2" in row["what"]
+    assumed = checked(CORNERED)["path speed held"]
+    assert "assumed: controller.acceleration_mm_s2 1000" in assumed["what"]
+
+
+def test_an_axis_that_is_slow_at_feed_is_named(checked: Any) -> None:
+    rows = checked(GROOVE, limits={"joint_speed_deg_s": [0.1] * 6}, controller={"acceleration_mm_s2": 20000})
+    row, speeds = rows["path speed held"], rows["joint speed at feed"]
+    assert speeds["verdict"] == "fail"
+    assert row["value"] < 1500.0
+    assert "joint speed of axis" in row["what"]
+
+
+def test_corners_in_the_cut_are_held_against_their_tolerance(checked: Any) -> None:
+    """0.5 mm before a right angle: 177 um."""
+    rows = checked(CORNERED, limits={"corner_error_um": 100})
+    row = rows["corner error of the approximation"]
+    assert (row["verdict"], row["limit"]) == ("warning", 0.1)
+    assert row["value"] == pytest.approx(0.25 * np.sqrt(0.5), rel=1e-4)
+    assert rows["approximation to points"]["verdict"] == "ok"
+    assert checked(CORNERED, limits={"corner_error_um": 200})["corner error of the approximation"]["verdict"] == "ok"
+    exact = checked(CORNERED.replace("G1 Z37", "G61 G1 Z37"))
+    assert exact["corner error of the approximation"]["value"] is None
+    assert exact["path speed held"]["value"] == 0.0
+
+
+def test_program_of_a_kuka_counts_as_krl_and_is_divided(checked: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many points and parts as the writer makes."""
+    row = checked(CORNERED)["program size"]
+    assert row["verdict"] == "ok"
+    assert row["what"] == "motions in KRL without corrections: one file, part"
+    monkeypatch.setitem(program_size.LIMITS, "krl", replace(KRL, points_per_file=2))
+    divided = checked(CORNERED)["program size"]
+    assert divided["value"] == row["value"]
+    assert f"part calls {-(-int(row['value']) // 2)} files" in divided["what"]
+
+
+def test_written_points_are_those_of_the_writer(checked: Any, cell_of: CellOf) -> None:
+    done, cell = checked(CORNERED)["done"], cell_of()
+    path = done.job.path
+    poses = pose.make(tool_orientation(path.axis_part, cell.tables.posture.rotation_about_tool_rad), path.p_part_tcp)
+    settings = KrlSettings(name="part", start_axes_rad=[0.0] * 6, cycle_s=cell.tables.controller.cycle_s,
+                           rapid_m_s=cell.tables.controller.rapid_m_s)  # fmt: skip
+    text = KrlWriter(done.job.program, path, poses, settings, tolerance_m=program_size.TOLERANCE_M,
+                     block_lines=cell.machine_functions("krl").lines).text()  # fmt: skip
+    row = next(row for row in done.summary["checks"] if row["check"] == "program size")
+    assert row["value"] == text.points
 
 
 def test_rapids_get_points_between_and_nothing_else_changes(path_of: Any) -> None:

@@ -25,7 +25,7 @@ def preflight(
         Path | None,
         typer.Option(
             "--out",
-            help="Folder for report.html (picture of the joint margins) and summary.json; made when missing.",
+            help="Folder for report.html (pictures along the path) and summary.json; made when missing.",
             metavar="DIR",
             callback=arguments.output_folder,
         ),
@@ -39,7 +39,8 @@ def preflight(
 
     Reach, joint limits, wrist singularity, joint speed and acceleration at feed, cables of axes 4 and 6, collisions of
     coarse bodies (robot, spindle, tool, stock, table), rapids into the stock, axes that turn round or are unloaded in
-    the cut, block time and look-ahead of the controller.
+    the cut, block time and look-ahead of the controller, rounding of corners, path speed that the robot holds, size of
+    the program for its language.
 
     Verdicts: ok; warning (costs accuracy or time); unknown (names the key of the cell file that is missing); fail.
     Exit status 1 if a check fails.

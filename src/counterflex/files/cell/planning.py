@@ -21,11 +21,13 @@ from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING
 from counterflex.plan.preflight.row import Bounds
+from counterflex.programs.robot_writer.writer import RobotSettings
 from counterflex.robot.model.description import Robot
 from counterflex.signals.preview import Mode, Shaping
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 _SAME_DEG = 1e-3
+_OF_CONTROLLER = ("acceleration_mm_s2", "blending_mm")
 _Rate = Annotated[float, Field(gt=0.0, le=100_000.0)]
 SixRates = tuple[_Rate, _Rate, _Rate, _Rate, _Rate, _Rate]
 CableAngle = Annotated[float, Field(gt=0.0, le=3600.0)]
@@ -127,6 +129,8 @@ class LimitsTable(Table):
     cable_axis4_deg: CableAngle | None = None
     cable_axis6_deg: CableAngle | None = None
     clearance_mm: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
+    orientation_speed_deg_s: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
+    corner_error_um: Annotated[float, Field(gt=0.0, le=100_000.0)] | None = None
 
     def preflight(self, controller: ControllerTable, robot: Robot) -> Bounds:
         """What a preflight compares with; speeds and accelerations of the catalogue where the file has none.
@@ -137,6 +141,8 @@ class LimitsTable(Table):
         """
         cables = {3: self.cable_axis4_deg, 5: self.cable_axis6_deg}
         speeds, accelerations = self.joint_speed_deg_s, self.joint_acceleration_deg_s2
+        turning = self.orientation_speed_deg_s
+        assumed = {f"controller.{key}" for key in _OF_CONTROLLER if key not in controller.model_fields_set}
         return Bounds(
             joint_margin_rad=self.joint_margin_deg * DEG,
             wrist_rad=self.wrist_singularity_deg * DEG,
@@ -149,6 +155,10 @@ class LimitsTable(Table):
             else np.array(accelerations) * DEG,
             cables_rad={axis: angle * DEG for axis, angle in cables.items() if angle is not None},
             look_ahead=controller.look_ahead_blocks,
+            blending_m=controller.blending_m,
+            orientation_rad_s=(RobotSettings.orientation_deg_s if turning is None else turning) * DEG,
+            corner_error_m=None if self.corner_error_um is None else self.corner_error_um * UM,
+            assumed=frozenset(assumed | ({"limits.orientation_speed_deg_s"} if turning is None else set())),
         )
 
     @property

@@ -8,21 +8,26 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import CounterflexError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.inputs import Setting, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
+from counterflex.plan.preflight.approximation import approximation_rows, corners_of
 from counterflex.plan.preflight.bodies import Body
 from counterflex.plan.preflight.collision import collision_rows
+from counterflex.plan.preflight.held_speed import HeldSpeed, held_speed
 from counterflex.plan.preflight.rapids import flute_row, rapid_row, with_points_in_rapids
-from counterflex.plan.preflight.reversals import event_row, reversals, unloadings
+from counterflex.plan.preflight.reversals import Event, event_row, reversals, unloadings
 from counterflex.plan.preflight.row import Bounds, Row
-from counterflex.plan.preflight.spacing import spacing_rows
+from counterflex.plan.preflight.size import ProgramSize, size_rows
+from counterflex.plan.preflight.spacing import Blocks, blocks_of, spacing_rows
+from counterflex.plan.preflight.speed_row import SPEED_CHECK, speed_row
 from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_path
 from counterflex.robot.kinematics.inverse_seeds import extension
 
@@ -37,6 +42,7 @@ _NEEDS_REACH: Final = (
     "joint speed at feed",
     "joint speed in rapids",
     "joint acceleration at feed",
+    SPEED_CHECK,
     *(f"cable wind-up, axis {axis + 1}" for axis in joint_checks.CABLE_AXES),
     "robot and spindle to surroundings",
     "tool to surroundings",
@@ -44,6 +50,41 @@ _NEEDS_REACH: Final = (
     REVERSALS,
     UNLOADINGS,
 )
+
+
+@dataclass(frozen=True, eq=False)
+class AsWritten:
+    """What the program itself says of its run on the controller.
+
+    Attributes:
+        approximation_m: (motions,) distance at which the rounding of the corner at its end begins, 0 for an exact stop,
+            NaN where it names none, see :func:`counterflex.programs.approximation.approximation_m`.
+        size: How large it is.
+    """
+
+    approximation_m: Float
+    size: ProgramSize
+
+
+@dataclass(frozen=True, eq=False)
+class AlongPath:
+    """Curves along the first m rows of the path.
+
+    Attributes:
+        held: Path speed.
+        joint_speeds_rad_s: (m, 6) at the programmed feed.
+        joint_accelerations_rad_s2: (m, 6) likewise.
+        blocks: Of the path.
+        reversals: Axes that turn round in the cut.
+        cutting: (m,) segments that remove material; all at feed where none does.
+    """
+
+    held: HeldSpeed
+    joint_speeds_rad_s: Float
+    joint_accelerations_rad_s2: Float
+    blocks: Blocks
+    reversals: Sequence[Event]
+    cutting: Bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +97,8 @@ class Preflight:
         q: (m, 6) rad, controller angles of its first m rows: all of them where everything is reached.
         margin_rad: (m, 6) distance of each axis to its nearer limit.
         bodies: Coarse bodies.
+        along: Curves for a picture; None where nothing is reached.
+        bounds: What was compared with.
     """
 
     rows: tuple[Row, ...]
@@ -63,6 +106,8 @@ class Preflight:
     q: Float
     margin_rad: Float
     bodies: tuple[Body, ...]
+    along: AlongPath | None
+    bounds: Bounds
 
     @property
     def failed(self) -> bool:
@@ -76,6 +121,7 @@ def preflight(
     setting: Setting,
     bounds: Bounds,
     bodies: Sequence[Body],
+    written: AsWritten,
     progress: Progress = silent,
 ) -> Preflight:
     """Check a program.
@@ -86,6 +132,7 @@ def preflight(
         setting: Cell.
         bounds: What the checks compare with.
         bodies: Coarse bodies of the cell.
+        written: What the program says of its corners, and its size.
         progress: Progress callback, fraction 0 to 1.
     """
     parts = in_parts(progress, {JOINTS: 1.0, CUTTING: 4.0, COLLISION: 3.0})
@@ -94,21 +141,29 @@ def preflight(
     parts[JOINTS](1.0)
     result, cut_rows = _cut(fine, stock, setting, parts[CUTTING])
     rows += cut_rows
-    q, margin = np.empty((0, 6)), np.empty((0, 6))
+    contact = (fine.kind == FEED) & (np.True_ if result is None else result.volume_m3 > _CONTACT_M3)
+    cutting = contact if np.any(contact) else fine.kind == FEED
+    q, margin, along = np.empty((0, 6)), np.empty((0, 6)), None
     if solution is None:
         rows += [Row(name, "unknown", what="not reached") for name in _NEEDS_REACH]
     else:
         q = solution.q
         margin = joint_checks.margins(q, setting.controller_chain.joint_limits_rad)
-        rows += _along_joints(_first_rows(fine, reached), solution, margin, bounds)
+        first = _first_rows(fine, reached)
+        turns, load_rows = _loads(result, contact, fine, q, setting)
+        along = _along(first, q, setting, bounds, written, turns, cutting[:reached])
+        rows += _joint_rows(first, solution, margin, along, bounds)
         rows += collision_rows(
             setting.controller_chain, bodies, q, fine.tool[:reached], setting.T_base_part, bounds.clearance_m,
             parts[COLLISION],
         )  # fmt: skip
-        rows += _loads(result, fine, q, setting)
+        rows += load_rows
     rows += spacing_rows(fine, bounds)
+    corners = corners_of(fine, blocks_of(fine), written.approximation_m, bounds.blending_m)
+    rows += approximation_rows(corners, cutting, bounds)
+    rows += size_rows(written.size)
     parts[COLLISION](1.0)
-    return Preflight(tuple(rows), fine, q, margin, tuple(bodies))
+    return Preflight(tuple(rows), fine, q, margin, tuple(bodies), along, bounds)
 
 
 def _first_rows(path: ToolPath, count: int) -> ToolPath:
@@ -173,14 +228,29 @@ def _reach_row(solution: PathSolution, reserve: Float | None) -> Row:
     return Row("reach", "ok", float(reserve[row]), 0.0, "m", row, "reserve of the wrist centre")
 
 
-def _along_joints(path: ToolPath, solution: PathSolution, margin: Float, bounds: Bounds) -> list[Row]:
-    speeds = joint_checks.joint_speeds(path, solution.q)
+def _along(
+    path: ToolPath, q: Float, setting: Setting, bounds: Bounds, written: AsWritten, turns: Sequence[Event],
+    cutting: Bool,
+) -> AlongPath:  # fmt: skip
+    """Curves along the rows that are reached."""
+    speeds = joint_checks.joint_speeds(path, q)
     accelerations = joint_checks.joint_accelerations(path, speeds, bounds.acceleration_m_s2)
+    blocks = blocks_of(path)
+    corners = corners_of(path, blocks, written.approximation_m, bounds.blending_m)
+    R = setting.poses_in_part(path)[:, :3, :3]
+    turned = np.zeros(len(path))
+    turned[1:] = np.linalg.norm(rotation.log(np.swapaxes(R[:-1], 1, 2) @ R[1:]), axis=1)
+    held = held_speed(path, q, turned, blocks, corners, bounds)
+    return AlongPath(held, speeds, accelerations, blocks, turns, cutting)
+
+
+def _joint_rows(path: ToolPath, solution: PathSolution, margin: Float, along: AlongPath, bounds: Bounds) -> list[Row]:
     return [
         joint_checks.limit_row(margin, bounds.joint_margin_rad),
         joint_checks.wrist_row(solution.wrist, bounds.wrist_rad),
-        *joint_checks.speed_rows(path, speeds, bounds),
-        joint_checks.acceleration_row(path, accelerations, bounds),
+        *joint_checks.speed_rows(path, along.joint_speeds_rad_s, bounds),
+        joint_checks.acceleration_row(path, along.joint_accelerations_rad_s2, bounds),
+        speed_row(along.held, along.cutting, bounds),
         *joint_checks.cable_rows(solution.q, bounds.cables_rad),
     ]
 
@@ -200,16 +270,18 @@ def _cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progress)
     return result, [rapid_row(path, result.volume_m3), flute_row(path, result.volume_m3, cutters)]
 
 
-def _loads(result: Cut | None, path: ToolPath, q: Float, setting: Setting) -> list[Row]:
-    """Reversals and unloadings under the predicted force."""
+def _loads(
+    result: Cut | None, contact: Bool, path: ToolPath, q: Float, setting: Setting
+) -> tuple[list[Event], list[Row]]:
+    """Reversals, and the rows of reversals and unloadings under the predicted force."""
     if result is None:
-        return [Row(name, "unknown", what="the cut cannot be computed") for name in (REVERSALS, UNLOADINGS)]
+        return [], [Row(name, "unknown", what="the cut cannot be computed") for name in (REVERSALS, UNLOADINGS)]
     n, chain = len(q), setting.chain
-    contact = (path.kind == FEED) & (result.volume_m3 > _CONTACT_M3)
     w = setting.relative_motion(path).rows(slice(n)).load(at_points(result.w_tcp_part, contact)[:n])
     contact = contact[:n]
-    turns = event_row(REVERSALS, reversals(chain, q, w, contact))
+    turns = reversals(chain, q, w, contact)
+    row = event_row(REVERSALS, turns)
     if not np.any(chain.mass[: chain.flange_segment + 1] > 0.0):
         lacking = "no mass of a link is known, and with it no weight on the drives"
-        return [turns, Row(UNLOADINGS, "unknown", what=lacking, missing="mass_kg of [[robot.elastic]]")]
-    return [turns, event_row(UNLOADINGS, unloadings(chain, q, w, contact))]
+        return turns, [row, Row(UNLOADINGS, "unknown", what=lacking, missing="mass_kg of [[robot.elastic]]")]
+    return turns, [row, event_row(UNLOADINGS, unloadings(chain, q, w, contact))]

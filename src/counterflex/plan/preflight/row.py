@@ -56,6 +56,10 @@ class Bounds:
         acceleration_m_s2: Of the tool along and across the path.
         least_block_s: Shortest time in which the controller works off a block.
         look_ahead: Blocks that the controller looks ahead, or None.
+        blending_m: Distance from a corner at which its rounding begins; 0 is an exact stop.
+        orientation_rad_s: Largest speed at which the tool frame turns, or None.
+        corner_error_m: Largest distance of a rounding from its corner, or None.
+        assumed: Keys of the cell file that it leaves at their defaults, of those that stand for the controller.
     """
 
     joint_margin_rad: float
@@ -67,6 +71,10 @@ class Bounds:
     joint_accelerations_rad_s2: Float | None = None
     cables_rad: dict[int, float] = field(default_factory=dict)
     look_ahead: int | None = None
+    blending_m: float = 0.0
+    orientation_rad_s: float | None = None
+    corner_error_m: float | None = None
+    assumed: frozenset[str] = frozenset()
 
 
 def worst_of_axes(values: Float, largest: Float | None) -> tuple[int, int]:

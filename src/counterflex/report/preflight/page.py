@@ -1,4 +1,4 @@
-"""The page of a preflight: the table of checks, and the joint margins along the program with the worst lines."""
+"""The page of a preflight: the table of checks, the joint margins, and what the robot does along the path."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.report.figure_data import numbers, thin
 from counterflex.report.page import render
+from counterflex.report.preflight.path_figures import COLOURS, PathCurves, path_figures
 
 _POINTS: Final = 3000
-_COLOURS: Final = ("#c2410c", "#0369a1", "#15803d", "#7c3aed", "#d9a000", "#374151")
 _MARKS: Final = {"fail": "#b91c1c", "warning": "#c2410c"}
 _HEIGHT: Final = 460
 
@@ -34,6 +34,7 @@ class PreflightData:
         points: Row of the path by check, None for checks that have none.
         cutting: (m,) at feed.
         bodies: Coarse bodies: name, frame, shape, assumed.
+        curves: Along the path; None where nothing is reached.
         created: Date as printed, or empty.
     """
 
@@ -48,12 +49,15 @@ class PreflightData:
     points: Sequence[int | None]
     cutting: Bool
     bodies: Sequence[Mapping[str, Any]]
+    curves: PathCurves | None = None
     created: str = ""
 
 
 def preflight_page(data: PreflightData) -> str:
     """The page, as HTML text."""
     figures = {"margins": margin_figure(data)} if len(data.time_s) else {}
+    if data.curves is not None:
+        figures |= path_figures(data.curves)
     count = {
         verdict: sum(row["verdict"] == verdict for row in data.checks) for verdict in ("fail", "warning", "unknown")
     }
@@ -64,14 +68,14 @@ def preflight_page(data: PreflightData) -> str:
     )
     if count["warning"] or count["unknown"]:
         verdict += f" {count['warning']} warnings; {count['unknown']} checks lack a value of the cell."
-    return render("preflight.html.j2", figures, [], data=data, verdict=verdict)
+    return render("preflight.html.j2", figures, [], data=data, verdict=verdict, drawn=list(figures))
 
 
 def margin_figure(data: PreflightData) -> dict[str, Any]:
     """Margins of the six axes over time; checks that fail or warn are marked with their line of the program."""
     whole = np.ones(len(data.time_s), dtype=np.bool_)
     traces: list[dict[str, Any]] = []
-    for axis, colour in enumerate(_COLOURS):
+    for axis, colour in enumerate(COLOURS):
         x, y = thin(data.time_s, data.margin_deg[:, axis], whole, _POINTS)
         traces.append(
             {

@@ -1,0 +1,119 @@
+"""How large a program is for the controller that runs it: as it stands, or as a robot's language would have it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.compensation.robot_program import routine_name
+from counterflex.app.inputs import Job
+from counterflex.core.units import UM
+from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
+from counterflex.plan.preflight.size import ProgramSize
+from counterflex.programs.limits import FANUC, KRL, LINUXCNC, RAPID, SINUMERIK, VAL3, Limits
+from counterflex.programs.program import ROBOT_DIALECTS, Block
+from counterflex.programs.robot_writer.parts import robot_parts
+from counterflex.programs.robot_writer.points import choose_points, event_motions
+
+LIMITS: Final[dict[str, Limits]] = {"krl": KRL, "rapid": RAPID, "fanuc": FANUC, "val3": VAL3, "sinumerik": SINUMERIK}
+"""Of a language; those of LinuxCNC for all others."""
+TITLES: Final = {"krl": "KRL", "rapid": "RAPID", "fanuc": "FANUC TP", "val3": "VAL3", "sinumerik": "Sinumerik"}
+MAKERS: Final = {"kuka": "krl", "abb": "rapid", "fanuc": "fanuc", "staubli": "val3"}
+"""Language of a robot of the catalogue, whose name begins with its maker."""
+TOLERANCE_M: Final = 5.0 * UM
+"""Of the points, as ``compensate`` has it."""
+_TOLERANCE_RAD: Final = 1e-4
+
+
+class _Counted:
+    """A language without words: parts are counted, not written."""
+
+    def block(self, _block: Block) -> list[str]:
+        """Nothing."""
+        return []
+
+    def dwell(self, _time_s: float) -> str:
+        """An empty line."""
+        return ""
+
+    def point(self, _index: int) -> list[str]:
+        """Nothing."""
+        return []
+
+    def enter(self, _tool: int, _place: int) -> list[str]:
+        """Nothing."""
+        return []
+
+
+def language_of(job: Job, cell: Cell) -> str:
+    """Language that the robot gets the program in: its own, else that of the maker of the cell's robot.
+
+    Returns:
+        A dialect; ``linuxcnc`` and the like where the robot's maker is not known: the program as it stands.
+    """
+    if job.program.dialect in ROBOT_DIALECTS:
+        return job.program.dialect
+    maker = (cell.tables.robot.catalog or "").split("_", maxsplit=1)[0]
+    return MAKERS.get(maker, job.program.dialect)
+
+
+def program_size(job: Job, cell: Cell) -> ProgramSize:
+    """Motions, files, names and lines of a program.
+
+    A milling program for a robot of the catalogue counts as ``compensate --as`` would write it, without corrections,
+    which add points where they change; a program of a robot counts as it stands.
+    """
+    language = language_of(job, cell)
+    limits = LIMITS.get(language, LINUXCNC)
+    stem = Path(job.program.name).stem
+    if language != job.program.dialect:
+        points, parts = _written(job, cell, limits)
+        name = routine_name(stem)
+        names = (name, *(f"{name}_{number:03d}" for number in range(1, parts + 1))) if parts > 1 else (name,)
+        return ProgramSize(
+            TITLES[language], limits.source, points, limits.points_per_file, names, limits.name_characters, written=True
+        )
+    lengths = [len(line) for line in job.program.lines]
+    longest = int(np.argmax(lengths)) if lengths else 0
+    return ProgramSize(
+        TITLES.get(language, "G-code"), limits.source,
+        sum(motion.kind != "dwell" for motion in job.program.motions), limits.points_per_file,
+        (stem,), limits.name_characters, written=False, line=max(lengths, default=0),
+        line_limit=limits.line_characters, line_number=longest + 1, line_point=_row_of_line(job, longest + 1),
+    )  # fmt: skip
+
+
+def _row_of_line(job: Job, line: int) -> int | None:
+    """Row of the machined path at the first motion of a line; None where it makes none."""
+    motions = np.flatnonzero(job.line_of_motion == line)
+    if len(motions) == 0:
+        return None
+    row = int(np.searchsorted(job.machined.motion, motions[0]))
+    return row if row < len(job.machined) else None
+
+
+def _written(job: Job, cell: Cell, limits: Limits) -> tuple[int, int]:
+    """Points and parts of a program in a robot's language."""
+    path = job.path if job.turned is None else job.turned.path
+    Rs_part_tcp = tool_orientation(path.axis_part, cell.tables.posture.rotations_rad(path.p_part_tcp))
+    controller = cell.tables.controller
+
+    def nothing(_: Block) -> Sequence[str]:
+        return ()
+
+    points = choose_points(
+        job.program,
+        path,
+        pose.make(Rs_part_tcp, path.p_part_tcp),
+        tolerance_m=TOLERANCE_M,
+        tolerance_rad=_TOLERANCE_RAD,
+        cycle_s=controller.cycle_s,
+        rapid_m_s=controller.rapid_m_s,
+        events=event_motions(job.program, nothing),
+    )
+    return len(points.row), len(robot_parts(job.program, points, _Counted(), limits.points_per_file).parts)

@@ -1,0 +1,93 @@
+"""The size of a program against what its language holds: motions in a file, length of lines and names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from counterflex.plan.preflight.row import Row
+
+
+@dataclass(frozen=True)
+class ProgramSize:
+    """A program as a controller gets it.
+
+    Attributes:
+        language: Name of its language.
+        source: Where the limits come from.
+        points: Motions of the whole program.
+        points_limit: Largest number of motions of one file.
+        names: Names of its files without endings: the program that is started, and the parts that it calls.
+        name_limit: Longest name, characters.
+        written: It is what ``counterflex compensate --as`` makes of another program; else it is checked as it stands.
+        line: Longest line, characters, of a program as it stands; None for one that is written.
+        line_limit: Longest line that the controller reads.
+        line_number: Where it is, 1-based.
+        line_point: Row of the path at the first motion of the longest line, or behind it; None where there is none.
+    """
+
+    language: str
+    source: str
+    points: int
+    points_limit: int
+    names: tuple[str, ...]
+    name_limit: int
+    written: bool
+    line: int | None = None
+    line_limit: int = 0
+    line_number: int = 0
+    line_point: int | None = None
+
+
+def size_rows(size: ProgramSize) -> list[Row]:
+    """Motions per file, length of the names, length of the lines."""
+    rows = [_points_row(size), _name_row(size)]
+    if size.line is not None:
+        over = size.line > size.line_limit
+        rows.append(
+            Row(
+                "line length",
+                "warning" if over else "ok",
+                float(size.line),
+                float(size.line_limit),
+                "",
+                size.line_point,
+                f"characters of line {size.line_number}" + (f"; {size.source}" if over else ""),
+                advice="Shorten the comments of this line, or divide it" if over else "",
+            )
+        )
+    return rows
+
+
+def _points_row(size: ProgramSize) -> Row:
+    main, *parts = size.names
+    over = size.points > size.points_limit
+    value, limit = float(size.points), float(size.points_limit)
+    if not size.written:
+        return Row(
+            "program size",
+            "warning" if over else "ok",
+            value,
+            limit,
+            "",
+            None,
+            f"motions in {size.language}, in one file" + (f"; {size.source}" if over else ""),
+            advice="Divide the program, or write it anew with counterflex convert --points-per-file" if over else "",
+        )
+    files = f"{main} calls {len(parts)} files, {parts[0]} to {parts[-1]}" if parts else f"one file, {main}"
+    text = f"motions in {size.language} without corrections: {files}"
+    return Row("program size", "ok", value, limit, "", None, text)
+
+
+def _name_row(size: ProgramSize) -> Row:
+    longest = max(size.names, key=len)
+    over = len(longest) > size.name_limit
+    return Row(
+        "program name",
+        "warning" if over else "ok",
+        float(len(longest)),
+        float(size.name_limit),
+        "",
+        None,
+        f"characters of {longest}",
+        advice=f"Rename it: {size.language} takes {size.name_limit} characters" if over else "",
+    )
