@@ -1,1 +1,1 @@
-"""WrenchStamped of ROS 2 as generic wrench datagrams."""
+"""Bridges between ROS 2 and counterflex: wrenches in, robot description in, corrections out."""
