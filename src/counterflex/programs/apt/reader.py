@@ -325,16 +325,16 @@ class _Run:
             )
         circle = ToolOnCircle.of([n.value or 0.0 for n in numbers], self._unit_m, "INTOF" in part.words())
         try:
-            found = circle.arc(self._p, self._indirv, self._unit_m)
+            arc = circle.arc(self._p, self._indirv, self._unit_m)
         except ArcFault as fault:
             raise self._fault(part, f"{fault.what} ({fault.value})" if fault.value else fault.what) from fault
-        self._plane, self._motion = 17, "G2" if found.turn_rad < 0.0 else "G3"
+        self._plane, self._motion = 17, "G2" if arc.turn_rad < 0.0 else "G3"
         p, middle = circle.p_end, np.array([*circle.p_centre[:2], self._p[2]])
         p[2] = self._p[2]
         p.flags.writeable = False
-        feed = self._speed(part, found.radius_m * abs(found.turn_rad), 0.0)
+        feed = self._speed(part, arc.radius_m * abs(arc.turn_rad), 0.0)
         normal = np.array([0.0, 0.0, 1.0])
-        self._append("arc", p, self._axis, feed, centre=middle, normal=normal, turn_rad=found.turn_rad)
+        self._append("arc", p, self._axis, feed, centre=middle, normal=normal, turn_rad=arc.turn_rad)
         self._indirv = None
         places = zip("IJKRXYZ", [*numbers[:4], *numbers[7:]], strict=True)
         return [Word(letter, a.value or 0.0, a.start, a.end, True) for letter, a in places]

@@ -77,15 +77,15 @@ class ToolOnCircle:
         out = (p_start - self.p_centre)[:2]
         clockwise = float(out[0] * direction[1] - out[1] * direction[0]) < 0.0
         ends = [(float(q[0]), float(q[1])) for q in (p_start, self.p_end, self.p_centre)]
-        found = by_centre(ends[0], ends[1], ends[2], clockwise, 1, unit_m)
-        turn = abs(found.turn_rad)
+        arc = by_centre(ends[0], ends[1], ends[2], clockwise, 1, unit_m)
+        turn = abs(arc.turn_rad)
         if abs(turn - math.pi) > _HALF_RAD and (turn > math.pi) != self.second:
             need = "needs ON,2,INTOF" if turn > math.pi else "needs ON alone"
             raise ArcFault(
                 f"the end is not the first point of the line that the circle meets: an arc of "
                 f"{math.degrees(turn):.1f} deg {need}", ""
             )  # fmt: skip
-        return found
+        return arc
 
 
 def written(
