@@ -114,7 +114,7 @@ def test_speeds_feeds_and_comments_may_be_changed_and_the_path_may_not() -> None
 
 
 def test_what_is_written_can_be_read(tmp_path: Path) -> None:
-    assert write(tmp_path / "part") == ["cf1.ngc", "cf1.svg", "cf1-tolerances.csv"]
+    assert write(tmp_path / "part") == ["cf1.ngc", "cf1.svg", "cf1.pdf", "cf1-tolerances.csv"]
     assert ElementTree.fromstring((tmp_path / "part" / "cf1.svg").read_text(encoding="utf-8")).tag.endswith("svg")
     read = read_tolerances(tmp_path / "part" / "cf1-tolerances.csv")
     assert read == {(m.feature, m.quantity): m.tolerance_mm * MM for m in MEASURED}

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.app.benchmark_part.drawing import drawing
+from counterflex.app.benchmark_part.drawing_pdf import pdf_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
@@ -18,6 +19,7 @@ from counterflex.files.cell.cell import Cell
 
 PROGRAM: Final = "cf1.ngc"
 DRAWING: Final = "cf1.svg"
+PRINTED: Final = "cf1.pdf"
 TOLERANCES: Final = "cf1-tolerances.csv"
 BLANK_M: Final = (60.0 * MM, 60.0 * MM, 40.0 * MM)
 DIAMETERS_M: Final = {1: 16.0 * MM, 2: 10.0 * MM}
@@ -67,10 +69,16 @@ def write(out: Path) -> list[str]:
     Raises:
         OutputError: The folder cannot be written.
     """
-    files = {PROGRAM: program_text(), DRAWING: drawing(), TOLERANCES: tolerances_text()}
+    sheet = drawing()
+    files = {
+        PROGRAM: program_text().encode(),
+        DRAWING: sheet.encode(),
+        PRINTED: pdf_of(sheet),
+        TOLERANCES: tolerances_text().encode(),
+    }
     with atomic.atomic_folder(out) as staging:
-        for name, text in files.items():
-            atomic.write_text(staging / name, text)
+        for name, content in files.items():
+            atomic.write_bytes(staging / name, content)
     return list(files)
 
 

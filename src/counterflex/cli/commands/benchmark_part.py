@@ -25,7 +25,8 @@ def register(app: typer.Typer) -> None:
 def write(out: Out) -> None:
     """Write the benchmark part: program, drawing, tolerances.
 
-    Into DIR: cf1.ngc (G-code), cf1.svg (A4 drawing), cf1-tolerances.csv (as `inspect --tolerances` reads them).
+    Into DIR: cf1.ngc (G-code), cf1.svg and cf1.pdf (drawing, A4), cf1-tolerances.csv (as `inspect --tolerances` reads
+    them).
 
     Example: `counterflex benchmark-part write --out benchmark-part`
     """
