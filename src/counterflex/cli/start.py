@@ -28,7 +28,9 @@ def run() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with interruptible():
         try:
-            status: object = requests.quick(sys.argv[1:])
+            status: object = _version(sys.argv[1:])
+            if status is None:
+                status = requests.quick(sys.argv[1:])
             if status is None:
                 status = _parsed(sys.argv[1:])
             sys.stdout.flush()  # a full disk behind it is told here
@@ -51,6 +53,17 @@ def run() -> None:
     if signal_status is not None:
         sys.exit(signal_status)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _version(words: Sequence[str]) -> int | None:
+    """Print version and build data, without the command parser; None where something else is asked."""
+    if list(words) != ["--version"]:
+        return None
+    from counterflex import __version__
+    from counterflex.core.build_data import sentence
+
+    print(sentence(__version__))
+    return 0
 
 
 def _parsed(words: Sequence[str]) -> object:
