@@ -19,7 +19,7 @@ WALK = textwrap.dedent(
     from counterflex.cli import main, start
 
     FREE = {"containing", "session", "host", "listen", "name", "sentype", "only", "pattern", "stall"}
-    FREE |= {"laboratory", "robot_name", "material_name"}
+    FREE |= {"laboratory", "robot_name", "material_name", "person", "city", "serial"}
 
     def commands(app, path=()):
         for item in app.registered_commands:
@@ -69,7 +69,7 @@ WALK = textwrap.dedent(
                 continue
             given = {"to": "h:1", "peer": "h:1", "listen": "h:1", "value": "1", "recipe": "payload"}
             given |= {"target": "file.txt", "joints_deg": "0,0,0,0,0,0", "language": "krl"}
-            given |= {"robot": "kuka_kr300_r2500_ultra"}
+            given |= {"robot": "kuka_kr300_r2500_ultra", "keys": "sensor.range_n", "country": "DE"}
             value = given.get(name)
             if value is None:
                 folder = getattr(info.callback, "__name__", "") in ("folder",)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import re
 import shlex
 import shutil
@@ -31,6 +32,16 @@ from counterflex.runtime import record_ring as record
 from counterflex.runtime.cycle_inputs import CycleInputs
 from production_log import cut_of, rows_of, write_rows
 
+RESULT = json.dumps(
+    {
+        "format": "counterflex-identification", "version": 1, "recipe": "stiffness", "title": "Compliances",
+        "date": "2026-03-14 08:30:00", "cell": "KR 300", "versions": {"counterflex": "0.1.0"},
+        "data": [{"name": "pulls", "sha256": "ab"}],
+        "fits": {"arm": {"parameters": [
+            {"name": "axis1.rz", "label": "", "unit": "urad/kNm", "value": 3.0, "sigma": 0.1, "low": 2.8, "high": 3.2}
+        ]}},
+    }
+)  # fmt: skip
 HEAVY = ("rich", "numpy", "numba", "scipy", "polars", "mujoco", "plotly", "pydantic", "trimesh", "jinja2")
 
 
@@ -143,6 +154,10 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
     if words[:2] == ["cell", "import"]:
         (folder / "cell.toml").unlink()
         shutil.copy(Path(__file__).parents[2] / "examples" / "controller" / "config.dat", folder / "$config.dat")
+    if words[0] == "dcc":
+        shutil.copy(Path(__file__).parents[2] / "examples" / "certificates" / "force_sensor.xml", folder / "sensor.xml")
+        (folder / "cell.toml").write_text(small["cell.toml"] + '\n[sensor]\nsegment = "sensor"\n', encoding="utf-8")
+        (folder / "result.json").write_text(RESULT, encoding="utf-8")
     if words[0] == "simulate":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out").status == 0
         shutil.copy(machined.folder / "truth.toml", folder)

@@ -49,7 +49,7 @@ from counterflex.cli.commands import run as online
 from counterflex.cli.commands.operate import opcua, operator, panel
 from counterflex.cli.commands.plan import group as plan
 from counterflex.cli.commands.reproduce import group as reproduce
-from counterflex.cli.commands.standards import iso230, iso9283
+from counterflex.cli.commands.standards import dcc, iso230, iso9283
 from counterflex.cli.interrupt import end
 from counterflex.cli.output import line_period_s
 from counterflex.core import compiling
@@ -113,7 +113,7 @@ PANELS: Final = {
         "correct",
     ),
     "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect", "benchmark-part"),
-    "Identify": ("identify", "production", "dataset", "holder", "campaign"),
+    "Identify": ("identify", "production", "dataset", "dcc", "holder", "campaign"),
     "Measure": ("iso9283", "iso230", "thermal"),
     "Online": ("run", "operator", "panel", "panel-user", "opcua", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
@@ -195,7 +195,7 @@ for room in (
     room.register(app)
 for room in (plan, holder, online, operator, panel, opcua, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
     room.register(app)
-for room in (iso9283, iso230, thermal, benchmark_part):
+for room in (iso9283, iso230, dcc, thermal, benchmark_part):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)

@@ -1,0 +1,65 @@
+"""The result of an identification as a document in the form of a calibration certificate."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from counterflex.core import atomic
+from counterflex.core.errors import InputError
+from counterflex.files.certificate.document import read_certificate
+from counterflex.files.certificate.result_document import About, result_document
+from counterflex.files.identification_file import read_identification
+from counterflex.protocols.xml_file import file_bytes
+
+
+def write_document(
+    result_file: Path,
+    out: Path,
+    *,
+    laboratory: str,
+    person: str,
+    country: str,
+    city: str,
+    serial: str,
+    dates: tuple[str, str] | None = None,
+    schema: Path | None = None,
+) -> dict[str, Any]:
+    """Write the document, and read it back before it takes its place.
+
+    Args:
+        result_file: ``result.json`` of an identification.
+        out: File to write.
+        laboratory: Who measured and identified.
+        person: Who answers for it.
+        country: Two letters, ISO 3166-1.
+        city: Of the laboratory.
+        serial: Serial number of the robot, or another mark.
+        dates: First and last day of the measurements; None takes the day of the identification.
+        schema: ``dcc.xsd`` of PTB, against which the document is checked; None does not check.
+
+    Returns:
+        What was written.
+
+    Raises:
+        FileFormatError: The result cannot be read, or has a unit without D-SI form.
+        InputError: The schema refuses the document.
+    """
+    result = read_identification(result_file)
+    digest = hashlib.sha256(file_bytes(result_file)).hexdigest()
+    day = str(result.get("date", ""))[:10]
+    begin, end = dates or (day, day)
+    number = f"counterflex-{result.get('recipe')}-{day}-{digest[:12]}"
+    about = About(number, laboratory, person, country, city, begin, end, str(result.get("cell")), serial)
+    data = result_document(result, about, str(result_file))
+    with atomic.atomic_path(out) as place:
+        place.write_bytes(data)
+        back = read_certificate(place)
+        if schema is not None:
+            from counterflex.files.certificate.schema_check import require_valid
+
+            require_valid(place, schema)
+    if any(quantity.unread for quantity in back.quantities):
+        raise InputError("the document is not read back whole", where=str(out))
+    return {"file": str(out), "number": number, "quantities": len(back.quantities), "checked": schema is not None}

@@ -1,0 +1,255 @@
+"""Commands dcc: values of digital calibration certificates in, results of identifications out."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from counterflex.cli import arguments
+from counterflex.cli.commands.question import AsJson
+from counterflex.cli.output import keep_inputs, print_json, print_table, say_written
+from counterflex.core.errors import CounterflexError, InputError
+
+_dcc = typer.Typer(
+    no_args_is_help=True, help="Digital calibration certificates (DCC): values into a cell file, results as a document."
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands."""
+    _dcc.command("show")(show)
+    _dcc.command("apply")(apply)
+    _dcc.command("write")(write)
+    _dcc.callback()(_group)
+    app.add_typer(_dcc, name="dcc")
+
+
+def _group() -> None:
+    """Digital calibration certificates (DCC): values into a cell file, results as a document."""
+
+
+def _keys(_: arguments.Param, value: Any) -> Any:
+    """Keys, each with its quantity or without."""
+    from counterflex.app.certificate.keys import pair_of
+
+    names = [pair_of(text)[0] for text in value or ()]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError("a key is given twice", where="--set", value=twice)
+    return value
+
+
+def _channel(_: arguments.Param, value: Any) -> Any:
+    """A unit of D-SI."""
+    from counterflex.files.certificate.dsi_unit import parse_unit
+
+    try:
+        parse_unit(value, "--channel")
+    except CounterflexError as fault:
+        raise InputError(fault.what, where=fault.where, value=fault.value, limit=fault.limit) from fault
+    return value
+
+
+def _country(_: arguments.Param, value: Any) -> Any:
+    """Two capital letters."""
+    if not re.fullmatch("[A-Z]{2}", value):
+        raise InputError(
+            "no country", where="--country", value=value[:40], limit="two capital letters of ISO 3166, as DE"
+        )
+    return value
+
+
+def days(text: str | None) -> tuple[str, str] | None:
+    """First and last day of ``2026-03-14,2026-03-15``; one day is both.
+
+    Raises:
+        InputError: Not one or two days, or the last before the first.
+    """
+    if text is None:
+        return None
+    parts = text.split(",")
+    try:
+        dates = [datetime.date.fromisoformat(part.strip()) for part in parts]
+    except ValueError:
+        dates = []
+    if len(dates) not in (1, 2) or dates[-1] < dates[0]:
+        raise InputError(
+            "not the days of a measurement",
+            where="--measured",
+            value=text[:40],
+            limit="2026-03-14 or 2026-03-14,2026-03-15",
+        )
+    return dates[0].isoformat(), dates[-1].isoformat()
+
+
+def _days(_: arguments.Param, value: Any) -> Any:
+    """One or two days."""
+    days(value)
+    return value
+
+
+CertificateFile = Annotated[
+    Path, typer.Argument(help="Certificate (.xml), DCC 3.x.", metavar="CERTIFICATE", callback=arguments.file)
+]
+
+
+def show(certificate: CertificateFile, as_json: AsJson = False) -> None:
+    """List what a calibration certificate states: laboratory, day, item, and each quantity with standard uncertainty.
+
+    Coverage factors are divided out. What is not read is named. A signature is not checked.
+
+    Example: `counterflex dcc show sensor.xml`
+    """
+    from counterflex.app.certificate.show import described
+
+    answer = described(certificate)
+    if as_json:
+        print_json(answer)
+        return
+    items = "; ".join(" ".join([one["name"], *one["identifications"]]) for one in answer["items"])
+    signed = "Signed; the signature was not checked." if answer["signed"] else "Not signed."
+    print_table(
+        f"{answer['number']}, {answer['laboratory']}, {answer['date']}: {items}",
+        ["quantity", "name", "id or kind", "value", "standard uncertainty", "unit", "k"],
+        [_row(one) for one in answer["quantities"]],
+        note=f"DCC {answer['schema']}. {signed}",
+    )
+
+
+def _row(one: dict[str, Any]) -> list[str]:
+    sigma = one["standard_uncertainties"]
+    if one["not_read"] and not one["values"]:
+        return [str(one["number"]), one["name"], _mark(one), one["not_read"], "", "", ""]
+    unit = ", ".join(one["units"]) + (f" ({one['not_read']})" if one["not_read"] else "")
+    return [
+        str(one["number"]), one["name"], _mark(one), _several(one["values"]),
+        "none stated" if sigma is None else _several(sigma), unit,
+        ", ".join(f"{k:g}" for k in one["coverage_factors"]),
+    ]  # fmt: skip
+
+
+def _mark(one: dict[str, Any]) -> str:
+    return one["id"] or " ".join(one["kinds"])
+
+
+def _several(values: list[float]) -> str:
+    text = " ".join(f"{value:.6g}" for value in values[:6])
+    return text if len(values) <= 6 else f"{text} ... ({len(values)})"
+
+
+def apply(
+    certificate: CertificateFile,
+    keys: Annotated[
+        list[str],
+        typer.Option(
+            "--set",
+            help="Key to fill, and number, id or kind of its quantity where several fit; may be given several times.",
+            metavar="KEY[=QUANTITY]",
+            callback=_keys,
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="File to write.", metavar="FILE", callback=arguments.output_file)],
+    cell: Annotated[
+        Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)
+    ] = None,
+    dataset: Annotated[
+        Path | None,
+        typer.Option("--dataset", help="Manifest of a dataset instead.", metavar="MANIFEST", callback=arguments.file),
+    ] = None,
+    channel: Annotated[
+        str,
+        typer.Option(
+            "--channel",
+            help="For sensor.frame.matrix: what the sensor sends, in D-SI.",
+            metavar="UNIT",
+            callback=_channel,
+        ),
+    ] = r"\one",
+    as_json: AsJson = False,
+) -> None:
+    r"""Write a copy of a cell file, or of a manifest, with values of a calibration certificate.
+
+    Keys of a cell file: sensor.range_n, sensor.range_nm, sensor.frame.counts_per_n, sensor.frame.counts_per_nm,
+    sensor.frame.matrix, end_effector.NAME.mass_kg. Of a manifest: channels.distance, settings.force_accuracy_n.
+    Units and number of values must fit. Certificate and uncertainty stand behind each value.
+
+    Example: `counterflex dcc apply sensor.xml --set sensor.range_n --cell cell.toml --out calibrated.toml`
+    """
+    from counterflex.app.certificate.keys import pair_of
+
+    if (cell is None) == (dataset is None):
+        raise InputError("one file takes the values", limit="--cell CELL or --dataset MANIFEST")
+    keep_inputs(out, certificate, *(one for one in (cell, dataset) if one is not None))
+    from counterflex.app.certificate.apply import apply_certificate
+
+    answer = apply_certificate(
+        certificate, [pair_of(text) for text in keys], out, cell=cell, dataset=dataset, channel=channel
+    )
+    if as_json:
+        print_json(answer)
+        return
+    for row in answer["written"]:
+        typer.echo(f"{row['key']} from {row['quantity']}: {row['sigma'] or 'no uncertainty stated'}")
+    if answer["signed"]:
+        typer.echo("note: the signature of the certificate was not checked")
+    say_written(out, f"wrote {out}: {answer['certificate']}")
+
+
+def write(
+    result: Annotated[
+        Path,
+        typer.Argument(help="result.json of an identification.", metavar="RESULT", callback=arguments.file),
+    ],
+    laboratory: Annotated[str, typer.Option("--laboratory", help="Who measured and identified.", metavar="NAME")],
+    person: Annotated[str, typer.Option("--person", help="Who answers for it.", metavar="NAME")],
+    city: Annotated[str, typer.Option("--city", help="Of the laboratory.", metavar="NAME")],
+    country: Annotated[
+        str, typer.Option("--country", help="Of the laboratory, two letters.", metavar="CODE", callback=_country)
+    ],
+    serial: Annotated[str, typer.Option("--serial", help="Serial number of the robot.", metavar="TEXT")],
+    out: Annotated[
+        Path, typer.Option("--out", help="Document to write (.xml).", metavar="FILE", callback=arguments.output_file)
+    ],
+    measured: Annotated[
+        str | None,
+        typer.Option(
+            "--measured", help="First and last day; by default that of identify.", metavar="DAY[,DAY]", callback=_days
+        ),
+    ] = None,
+    schema: Annotated[
+        Path | None,
+        typer.Option(
+            "--schema",
+            help="dcc.xsd of PTB, D-SI beside it: check the document (extra dcc).",
+            metavar="XSD",
+            callback=arguments.file,
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write the result of an identification as a document in the form of a DCC: values, units, 95 % intervals.
+
+    It is no calibration certificate, and says so: no accredited laboratory stands behind it.
+
+    Example: `counterflex dcc write result.json --laboratory A --person B --city Ulm --country DE --serial 7 --out a`
+    """
+    keep_inputs(out, result, *([] if schema is None else [schema]))
+    if schema is not None:
+        from counterflex.files.certificate.schema_check import require_library
+
+        require_library()
+    from counterflex.app.certificate.write import write_document
+
+    answer = write_document(
+        result, out, laboratory=laboratory, person=person, country=country, city=city, serial=serial,
+        dates=days(measured), schema=schema,
+    )  # fmt: skip
+    if as_json:
+        print_json(answer)
+        return
+    checked = "valid by the schema" if answer["checked"] else "not checked against a schema"
+    say_written(out, f"wrote {out}: {answer['number']}, {answer['quantities']} quantities, {checked}")

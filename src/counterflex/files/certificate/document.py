@@ -1,0 +1,112 @@
+"""A calibration certificate as read: who calibrated what and when, and its quantities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.core.errors import FileFormatError
+from counterflex.files.certificate.quantities import DCC, Quantity, child, content, local, read_quantities, text_of
+from counterflex.protocols.xml_file import file_bytes, xml_root
+
+ROOT: Final = "digitalCalibrationCertificate"
+VERSIONS: Final = ("3",)
+_MOST_BYTES: Final = 64 * 2**20
+
+
+@dataclass(frozen=True)
+class Item:
+    """What was calibrated.
+
+    Attributes:
+        name: Of it, with manufacturer and model.
+        identifications: Serial numbers and the like.
+    """
+
+    name: str
+    identifications: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A digital calibration certificate.
+
+    Attributes:
+        file: Name of the file.
+        number: Unique identifier.
+        version: Of the schema.
+        laboratory: Name of the laboratory.
+        date: Last day of the calibration, ``2026-03-14``.
+        items: What was calibrated.
+        signed: A signature is there; it is not checked.
+        quantities: In their order.
+    """
+
+    file: str
+    number: str
+    version: str
+    laboratory: str
+    date: str
+    items: tuple[Item, ...]
+    signed: bool
+    quantities: tuple[Quantity, ...]
+
+    @property
+    def source(self) -> str:
+        """The certificate in a few words, for the files into which its values go."""
+        text = f"calibration certificate {self.number} of {self.laboratory}, {self.date}"
+        return "".join(c for c in text if c.isprintable())
+
+
+def read_certificate(path: Path) -> Certificate:
+    """Read a digital calibration certificate, schema 3.x of PTB.
+
+    Raises:
+        FileFormatError: No XML, no certificate, another version, or a quantity that contradicts itself.
+    """
+    where, data = str(path), file_bytes(path)
+    if len(data) > _MOST_BYTES:
+        raise FileFormatError("the file is too large", where=where, value=f"{len(data)} bytes", limit=_MOST_BYTES)
+    if data[:5] == b"%PDF-":
+        raise FileFormatError(
+            "this is a PDF", where=where, limit="the XML of the certificate",
+            hint="Many PDF certificates carry it as an attachment: save that, or ask the laboratory for the DCC",
+        )  # fmt: skip
+    root = xml_root(data, where)
+    if root.tag != f"{{{DCC}}}{ROOT}":
+        raise FileFormatError(
+            "the XML file is no digital calibration certificate",
+            where=where,
+            value=local(root)[:60],
+            limit=f"dcc:{ROOT}",
+        )
+    version = root.get("schemaVersion", "")
+    if version.partition(".")[0] not in VERSIONS:
+        raise FileFormatError("another version of the schema", where=where, value=version or "none", limit="3.x")
+    data_of, results = child(root, "administrativeData"), child(root, "measurementResults")
+    if data_of is None or results is None:
+        raise FileFormatError("a certificate without administrativeData or measurementResults", where=where)
+    core = child(data_of, "coreData")
+    laboratory = child(child(data_of, "calibrationLaboratory"), "contact")
+    items = child(data_of, "items")
+    return Certificate(
+        file=path.name,
+        number=text_of(child(core, "uniqueIdentifier")) or "without number",
+        version=version,
+        laboratory=content(child(laboratory, "name")) or "unnamed laboratory",
+        date=text_of(child(core, "endPerformanceDate")) or "without date",
+        items=tuple(_item(one) for one in (items if items is not None else ()) if local(one) == "item"),
+        signed=any(local(one) == "Signature" for one in root),
+        quantities=read_quantities(results, where),
+    )
+
+
+def _item(element: Any) -> Item:
+    maker = content(child(child(element, "manufacturer"), "name"))
+    parts = (maker, content(child(element, "name")), text_of(child(element, "model")))
+    listed = child(element, "identifications")
+    values = (
+        [text_of(child(one, "value")) for one in listed if local(one) == "identification"] if listed is not None else []
+    )
+    return Item(" ".join(part for part in parts if part), tuple(value for value in values if value))
