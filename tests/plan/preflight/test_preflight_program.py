@@ -21,6 +21,7 @@ from counterflex.plan.preflight.joints import at_feed, joint_accelerations, join
 from counterflex.plan.preflight.rapids import STEP_M, with_points_in_rapids
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.limits import KRL
+from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.kinematics.inverse import inverse_path
 
 HEAD = "G21 G17 G90 G94\nT1 M6\nM3 S13000\n"
@@ -246,6 +247,46 @@ def test_path_speed_at_a_corner_in_the_cut_is_that_of_its_rounding(checked: Any)
     assert "joint_acceleration_deg_s2" in row["what"]
     assumed = checked(CORNERED)["path speed held"]
     assert "assumed: controller.acceleration_mm_s2 1000" in assumed["what"]
+
+
+def test_path_speed_is_that_of_the_model_of_the_controller(checked: Any, path_of: Any) -> None:
+    """Run with whole blocks as sides: slowest at the corner, and as long altogether.
+
+    The parabola of a right angle is shorter than its sides by ``d (2 - (sqrt 2 + asinh 1) / sqrt 2)``; three and a half
+    of them lie in the feed.
+    """
+    changes = {"blending_mm": 0.3, "acceleration_mm_s2": 600}
+    done = checked(CORNERED, controller=changes)["done"].result
+    held = done.along.held
+    path = path_of(CORNERED, step_mm=1000.0)
+    track = build_track(path, blending_m=0.3e-3, rapid_m_s=0.25, acceleration_m_s2=0.6)
+    _, p, _, row = timed(track, 0.6, 0.001)
+    speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / 0.001
+    corner = path.p_part_tcp[np.flatnonzero(path.motion == path.motion.max() - 3)[-1]]
+    near = np.linalg.norm(p[1:] - corner, axis=1) < 0.25e-3
+    at = np.linalg.norm(done.path.p_part_tcp - corner, axis=1) < 1e-6
+    assert held.at_m_s[at].min() == pytest.approx(speed[near].min(), rel=0.02)
+    shorter = 0.3e-3 * (2.0 - (np.sqrt(2.0) + np.arcsinh(1.0)) / np.sqrt(2.0)) / speed[near].min()
+    fed = held.duration_s[done.path.kind == FEED].sum() - 3.5 * shorter
+    assert fed == pytest.approx(0.001 * np.sum(path.kind[row] == FEED), rel=0.01)
+
+
+def test_speed_near_a_singularity_is_that_of_the_inverse_jacobian(checked: Any, cell_of: CellOf) -> None:
+    """A half circle past axis 5 near zero: at each row the axes allow ``min(limit / |J^-1 (u, 0)|)``."""
+    upright = {"tcp": {"x_mm": 0, "z_mm": 300, "b_deg": 0}, "limits": {"joint_speed_deg_s": [2.0] * 6}}
+    body = "G0 X0 Y15 Z60\nG1 Z45 F3000\nG3 X40 Y15 I20 J0 F3000\nG0 Z60"
+    changes = {"acceleration_mm_s2": 100_000}
+    result = checked(body, controller=changes, **upright)["done"].result
+    held, path, q = result.along.held, result.path, result.q
+    rows = np.flatnonzero((path.kind == FEED) & (path.motion == path.motion[path.kind == FEED].max()))[2:-1]
+    J = jacobian(cell_of(**upright).controller_chain, 0.5 * (q[rows] + q[rows - 1]))
+    R = cell_of(**upright).T_base_part[:3, :3]
+    step = (path.p_part_tcp[rows] - path.p_part_tcp[rows - 1]) @ R.T
+    twist = np.concatenate([step / np.linalg.norm(step, axis=1, keepdims=True), np.zeros_like(step)], axis=1)
+    rate = np.linalg.solve(J, twist[..., None])[..., 0]
+    allowed = np.min(np.radians(2.0) / np.abs(rate), axis=1)
+    assert allowed.min() < 0.7 * allowed.max()
+    assert held.mean_m_s[rows] == pytest.approx(np.minimum(allowed, 0.05), rel=0.02)
 
 
 def test_an_axis_that_is_slow_at_feed_is_named(checked: Any) -> None:

@@ -38,6 +38,7 @@ class Cause(IntEnum):
 
 
 _TIE: Final = 1.0 - 1e-9
+_STATION_M: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +114,11 @@ def held_speed(
     programmed = np.where(time[row] > 0.0, way / np.where(time[row] > 0.0, time[row], 1.0), path.feed_m_s[row])
     segment = _Speeds(np.maximum(programmed, 1e-6), Cause.PROGRAMMED)
     _limit_segments(segment, row, way, rates, turned_rad[row], blocks, bounds)
-    node = _nodes(segment, path, row, way, unit, rates, corners, bounds)
     along = np.full(len(row), bounds.acceleration_m_s2)
     if bounds.joint_accelerations_rad_s2 is not None:
         share = np.max(np.abs(rates) / bounds.joint_accelerations_rad_s2, axis=1)
         along = np.minimum(along, 1.0 / np.maximum(share, 1e-12))
+    node = _nodes(segment, path, row, way, unit, rates, along, corners, bounds)
     at, source = _driven(node.speed, 2.0 * along * way)
     return _result(path, row, way, programmed, time, segment, node, at, source, along)
 
@@ -144,8 +145,9 @@ def _limit_segments(
 
 
 def _nodes(
-    segment: _Speeds, path: ToolPath, row: Int, way: Float, unit: Float, rates: Float, corners: Corners, bounds: Bounds
-) -> _Speeds:
+    segment: _Speeds, path: ToolPath, row: Int, way: Float, unit: Float, rates: Float, along: Float, corners: Corners,
+    bounds: Bounds,
+) -> _Speeds:  # fmt: skip
     """Speeds at the ends of the segments; where a corner is rounded its speed holds on the whole rounding."""
     m = len(row)
     node = _Speeds(np.full(m + 1, np.inf), Cause.PROGRAMMED)
@@ -169,16 +171,26 @@ def _nodes(
         k = int(at[corner])
         if node.speed[k] >= min(segment.speed[k - 1], segment.speed[k]) * _TIE:
             continue
-        reach = distance[corner] * _TIE
-        first = int(np.searchsorted(station, station[k] - reach, side="right")) - 1
-        last = int(np.searchsorted(station, station[k] + reach, side="left"))
-        rounding = slice(max(first, 0), last)
-        segment.limit(rounding, float(node.speed[k]), int(node.cause[k]), int(node.axis[k]))
+        _round(segment, station, along, k, float(distance[corner]), node)
     stands = np.flatnonzero(path.time_s[row[1:] - 1] > path.time_s[row[:-1]]) + 1
     node.limit(np.concatenate([[0], stands, [m]]), 0.0, Cause.STANDSTILL)
     for ends in (slice(0, m), slice(1, m + 1)):
         node.limit(ends, segment.speed, segment.cause, segment.axis)
     return node
+
+
+def _round(segment: _Speeds, station: Float, along: Float, k: int, distance_m: float, node: _Speeds) -> None:
+    """Hold the speed of node k from the distance before it to the distance behind it; beyond, the tool speeds up."""
+    m, speed = len(along), float(node.speed[k])
+    cause, axis = int(node.cause[k]), int(node.axis[k])
+    begin, end = station[k] - distance_m, station[k] + distance_m
+    first = int(np.searchsorted(station, begin - _STATION_M, side="left"))
+    last = int(np.searchsorted(station, end + _STATION_M, side="right")) - 1
+    segment.limit(slice(first, last), speed, cause, axis)
+    for index, beyond in ((first - 1, begin - station[first - 1]), (last, station[min(last + 1, m)] - end)):
+        if 0 <= index < m:
+            fastest = float(np.sqrt(speed**2 + 2.0 * along[index] * max(beyond, 0.0)))
+            segment.limit(slice(index, index + 1), fastest, cause, axis)
 
 
 def _driven(node_m_s: Float, gain: Float) -> tuple[Float, Int]:
