@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MS
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.link import TrackerLink
+from counterflex.protocols.tracker.telegram import TrackerPose, write_pose
 from counterflex.twin.devices.tracker import TrackerSender
 
 SHIFTS = np.array([[12.0, -3.0, 5.0], [-8.0, 9.0, 1.0], [20.0, -14.0, -11.0], [4.0, 2.0, -7.0]]) * 1e-6
@@ -45,6 +48,35 @@ def test_poses_that_have_piled_up_are_left_and_the_newest_counts() -> None:
     sender.send(pose.make(p=SHIFTS[0]), 5 * MS)
     assert link.drain()
     assert link.time_ns == 5_000_000
+    sender.close()
+    link.close()
+
+
+def test_a_source_that_counts_anew_is_passed_over() -> None:
+    """Older numbers were overtaken; a sender that starts again is heard once it has passed its former number."""
+    link = TrackerLink()
+    for count, heard in ((3, True), (2, False), (4, True)):
+        sender = TrackerSender(link.address)
+        fresh = False
+        for k in range(count):
+            sender.send(pose.make(p=SHIFTS[k]), (k + 1) * MS)
+            fresh = link.drain()
+        assert fresh == heard
+        sender.close()
+    link.close()
+
+
+def test_another_sender_is_counted_and_not_used() -> None:
+    link = TrackerLink()
+    sender = TrackerSender(link.address)
+    sender.send(pose.make(p=SHIFTS[0]), MS)
+    assert link.drain()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.bind(("127.0.0.2", 0))
+        stranger.sendto(write_pose(TrackerPose(9, 2_000_000, 0, 0, pose.make(p=SHIFTS[1]), 0.0)), link.address)
+    assert not link.drain()
+    assert link.foreign == 1
+    np.testing.assert_allclose(link.T_tracker_target[:3, 3], SHIFTS[0], atol=1e-12)
     sender.close()
     link.close()
 

@@ -101,7 +101,7 @@ def compensate(
     program: str | Path,
     cell: Cell | str | Path,
     *,
-    language: str = "gcode",
+    language: str | None = None,
     dialect: str | None = None,
     tolerance_um: float = 5.0,
     normal_only: bool = False,
@@ -113,7 +113,8 @@ def compensate(
     Args:
         program: Program file.
         cell: Cell, or cell file.
-        language: Of the output: ``gcode``, ``krl``, ``rapid``.
+        language: Of the output: ``gcode``, ``krl``, ``rapid``, ``fanuc``, ``val3``, or one of another package; None is
+            that of the program.
         dialect: Of the program; None is the first that ``counterflex path --help`` names.
         tolerance_um: Largest distance between the written path and the planned one.
         normal_only: Correct square to the feed only.

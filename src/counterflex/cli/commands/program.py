@@ -18,7 +18,7 @@ from counterflex.programs.limits import BY_ENDING, DIALECTS
 Program = Annotated[
     Path,
     typer.Argument(
-        help="G-code, Sinumerik (.mpf), APT (.apt), KRL (.src) or RAPID (.mod).",
+        help="G-code, Sinumerik (.mpf), APT (.apt), KRL (.src), RAPID (.mod), FANUC TP (.ls) or VAL3 (.pgx).",
         metavar="PROGRAM",
         callback=arguments.file,
     ),
@@ -118,8 +118,8 @@ def compensate(
         str | None,
         typer.Option(
             "--as",
-            help="Language of the output: gcode, krl, rapid, or one of another package (`counterflex extensions`); "
-            "without it that of the program.",
+            help=f"Language of the output: {', '.join(LANGUAGES.own)}, or one of another package (`counterflex "
+            "extensions`); without it that of the program.",
             callback=arguments.one_of(LANGUAGES, "language"),
         ),
     ] = None,
@@ -139,8 +139,9 @@ def compensate(
 ) -> None:
     """Compensate a program: predict force and deflection at each point and write the corrected program.
 
-    Writes into DIR: the program under its own name (or .src/.dat, .mod), plan.parquet (every point: time, pose,
-    joints, force, deflection, correction, engagement), summary.json and report.html. Either all of them or none.
+    Writes into DIR: the program under its own name (or .src/.dat, .mod, .ls, .pgx/.dtx), plan.parquet (every point:
+    time, pose, joints, force, deflection, correction, engagement), summary.json and report.html. Either all of them
+    or none.
 
     The feed (F words, $VEL.CP, speeddata) is lowered before first contact, at it and where the path turns, so that
     the arm does not swing ([dynamics] swing_um in the cell file; 0 keeps the feed). What compensation cannot follow

@@ -28,6 +28,8 @@ from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import CuttingTruth, Truth
 from counterflex.validation.reproduce import haehn, haehn_case, haehn_report, holder, mandiola, mandiola_case
 
+REPORTING: Final = 1001
+"""First truth seed that nothing is tuned on."""
 CURVE_POINTS: Final = 240
 """Most points of a stored curve."""
 CHIP_M: Final = 0.03 * MM
@@ -240,7 +242,8 @@ def _each(options: Options, progress: Progress) -> list[tuple[int, Progress]]:
 def _cells(family: str, level: str, rows: Sequence[Mapping[str, Any]]) -> str:
     seeds = sorted({row["seed"] for row in rows})
     several = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
-    return f"truth {several} of the family {family}, {level}"
+    note = f"; seeds below {REPORTING} may have been tuned on" if seeds[0] < REPORTING else ""
+    return f"truth {several} of the family {family}, {level}{note}"
 
 
 def _curve(x: Float, y: Float, digit: float) -> list[list[float | None]]:
