@@ -1,0 +1,30 @@
+"""Every example is named on the page of the examples, and every name there is a file."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+PAGE = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
+NAMES = {name for quoted in re.findall(r"`([^`\n]+)`", PAGE) for name in (quoted, quoted.rstrip("/").split("/")[-1])}
+FILES = sorted(file for file in EXAMPLES.rglob("*") if file.is_file() and "__pycache__" not in file.parts)
+
+
+def _named(file: Path) -> bool:
+    """By its own name; a folder that tells about its files itself (SOURCE.txt, README.md) is named as a whole."""
+    explained = any((file.parent / about).is_file() for about in ("SOURCE.txt", "README.md"))
+    return (file.parent if explained else file).name in NAMES
+
+
+def test_every_example_is_named_on_its_page() -> None:
+    assert [str(file.relative_to(EXAMPLES)) for file in FILES if not _named(file)] == []
+
+
+def test_every_name_on_the_page_is_an_example() -> None:
+    there = {file.name for file in FILES}
+    rows = [line.split("|")[1] for line in PAGE.splitlines() if line.startswith("| `")]
+    named = {name.split("/")[-1] for row in rows for name in re.findall(r"`([^`]+\.\w+)`", row)}
+    assert named
+    assert named <= there
