@@ -18,8 +18,11 @@ The first ``counterflex`` command of a page and those of several terminals are s
 others run in processes that have the libraries loaded already (:mod:`loaded_commands`): importing them takes longer
 than many of the commands.
 
+Every ``python`` block is run by itself, in its order among the commands of the page and in the same folder: it brings
+its own imports.
+
 A ``counterflex`` command in any other block is not run. Why not is said before the block, ``<!-- not run: reason -->``;
-without a reason it is a fault.
+without a reason it is a fault. With a reason a ``python`` block is not run either.
 
     python tools/run_docs.py [PAGE ...]
 """
@@ -34,6 +37,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
 import threading
 import time
 from collections import Counter
@@ -72,12 +76,14 @@ class Command:
         terminal: Number of its terminal; empty: the only one.
         exits: Exit statuses that are right.
         stopped: It is ended by Ctrl-C.
+        shown: What is printed in place of the words, where they are long.
     """
 
     words: str
     terminal: str = ""
     exits: tuple[int, ...] = (0,)
     stopped: bool = False
+    shown: str = ""
 
 
 @dataclass
@@ -120,21 +126,32 @@ def read_page(text: str) -> Page:
     for block in _BLOCK.finditer(text):
         language, body = block[1] or "", block[2] if block[2] is not None else block[3]
         lines = [line.strip() for line in body.replace("\\\n", " ").splitlines()]
-        if language != "console":
-            plain = [line for line in lines if line.startswith("counterflex ")]
-            reason = _REASON.search(text[: block.start()])
+        reason = _REASON.search(text[: block.start()])
+        if language == "python" and reason is None:
+            number = text.count("\n", 0, block.start()) + 1
+            words = shlex.join(["python", "-c", textwrap.dedent(body)])
+            page.steps.append({"": [Command(words, shown=f"python block in line {number}")]})
+        elif language != "console":
+            plain = [body] if language == "python" else [line for line in lines if line.startswith("counterflex ")]
             if reason:
                 page.left_out[" ".join(reason[1].split())] += len(plain)
             else:
                 page.unexplained += plain
-            continue
-        together = False
-        for command in filter(None, map(command_of, lines)):
-            if not (command.terminal and together):
-                page.steps.append({})
-            together = bool(command.terminal)
-            page.steps[-1].setdefault(command.terminal, []).append(command)
+        else:
+            page.steps += _steps(lines)
     return page
+
+
+def _steps(lines: list[str]) -> list[dict[str, list[Command]]]:
+    """Steps of a console block."""
+    steps: list[dict[str, list[Command]]] = []
+    together = False
+    for command in filter(None, map(command_of, lines)):
+        if not (command.terminal and together):
+            steps.append({})
+        together = bool(command.terminal)
+        steps[-1].setdefault(command.terminal, []).append(command)
+    return steps
 
 
 def _environment() -> dict[str, str]:
@@ -177,7 +194,7 @@ def _run(command: Command, folder: Path, alone: threading.Event, forks: Any) -> 
         printed = output.read()
     ok = status in command.exits or (command.stopped and status == 130)
     place = f"[{command.terminal}] " if command.terminal else ""
-    said = f"  {'ok' if ok else 'FAILED'} {time.perf_counter() - begin:6.1f} s  {place}{command.words}"
+    said = f"  {'ok' if ok else 'FAILED'} {time.perf_counter() - begin:6.1f} s  {place}{command.shown or command.words}"
     if not ok:
         said += f"\nexit {status}, wanted {' or '.join(map(str, command.exits))}\n{printed[-4000:]}"
     return ok, said

@@ -194,6 +194,26 @@ def test_every_page_says_of_each_command_whether_it_is_run() -> None:
     assert left_out < run / 4
 
 
+def test_blocks_of_python_run_in_their_order_or_say_why_not(tmp_path: Path) -> None:
+    tool = _load()
+    text = (
+        "```console\n$ python -c \"open('a', 'w').write('1')\"\n```\n\n"
+        "1. In a list:\n\n   ```python\n   for way in ('a',):\n       assert open(way).read() == '1' | '2'\n   ```\n\n"
+        "```python\nassert open('a').read() == '1', 'a | b'\n```\n\n"
+        "<!-- not run: needs a robot -->\n```python\nimport robot\n```\n"
+    )
+    page = tool.read_page(text)
+    shown = [command.shown for step in page.steps for command in step[""]]
+    assert shown == ["", "python block in line 7", "python block in line 12"]
+    assert dict(page.left_out) == {"needs a robot": 1}
+    file = tmp_path / "page.md"
+    file.write_text(text, encoding="utf-8")
+    count, faults, _, said = tool.run_page(file, tmp_path)
+    assert (count, faults) == (3, 1)
+    assert "TypeError" in said  # '1' | '2'
+    assert "python block in line 12" in said
+
+
 def test_a_reason_is_that_of_its_own_block_alone() -> None:
     tool = _load()
     text = (
