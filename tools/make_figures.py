@@ -287,12 +287,13 @@ def intervals() -> Still:
             stated[k, seed] = 0.5 * (known.upper - known.lower)
             error[k, seed] = np.abs(held_out @ (fit.values - truth)).reshape(-1)
     places, inside = np.arange(float(len(counts))), float(np.mean(error <= stated))
+    share = f"{100.0 * inside:.0f} %"
     half = np.sqrt(np.mean(stated**2, axis=(1, 2))) / UM
     twice = 2.0 * np.sqrt(np.mean(error**2, axis=(1, 2))) / UM
     return Still(
         "theory-intervals", "Stated uncertainty of predictions against their error on held-out pulls", "",
         "pulls that were measured", "deflection of 500 N, um", [
-            Curve(f"half width of the 95 % intervals, rms; {inside:.0%} of the errors lie within", places, half),
+            Curve(f"half width of the 95 % intervals, rms; {share} of the errors lie within", places, half),
             Curve("twice the error of held-out predictions, rms", places, twice, "points"),
         ],
         [Level("twice the error before, rms", 2.0 * float(np.sqrt(np.mean(before**2))) / UM)],
