@@ -15,13 +15,13 @@ from counterflex.app.compensation.program_size import program_size
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, in_working_plane, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, MM_PER_MIN, MS
+from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.path.toolpath import FEED
 from counterflex.plan.preflight.preflight import AsWritten, Preflight, preflight
 from counterflex.plan.preflight.row import RANK, Row
-from counterflex.plan.preflight.speed_row import slower
+from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m
 
 SHOP: Final[dict[str, tuple[str, float]]] = {
@@ -92,12 +92,30 @@ def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progr
             {"name": body.name, "frame": body.frame, "shape": body.shape, "assumed": body.assumed}
             for body in result.bodies
         ],
+        **_path_speed(result),
         "points": len(result.path),
         "points_reached": len(result.q),
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,
     }
     return Checked(job, result, summary)
+
+
+def _path_speed(result: Preflight) -> dict[str, Any]:
+    """How the path speed is held in the cut; nothing where nothing is reached or cut."""
+    along = result.along
+    speed = None if along is None else speed_in_cut(along.held, along.cutting)
+    if speed is None:
+        return {}
+    figures = {
+        "cut_mm": round(speed.cut_m / MM, 3),
+        "slower_mm": round(speed.slower_m / MM, 3),
+        "slower_percent": round(speed.share / PERCENT, 3),
+        "more_s": round(speed.more_s, 3),
+        "lowest_mm_min": round(speed.lowest_m_s / MM_PER_MIN, 2),
+        "causes_percent": {text: round(share / PERCENT, 2) for text, _, share in speed.causes},
+    }
+    return {"path_speed": figures}
 
 
 def shown(row: Row, result: Preflight, job: Job, cell: Cell) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from counterflex.app import preflight as job
 from counterflex.app.compensation import program_size
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.controller import SpindleTable
 from counterflex.geometry import pose
 from counterflex.path.path_speed import build_track, timed
 from counterflex.path.toolpath import FEED, RAPID, tool_orientation, tool_poses
@@ -245,7 +246,14 @@ def test_path_speed_at_a_corner_in_the_cut_is_that_of_its_rounding(checked: Any)
     assert "acceleration of the tool" in row["what"]
     assert "assumed" not in row["what"]
     assert "joint_acceleration_deg_s2" in row["what"]
+    numbers = checked(CORNERED, controller={"blending_mm": 0.1, "acceleration_mm_s2": 1000})["done"].summary[
+        "path_speed"
+    ]
+    assert numbers["lowest_mm_min"] == pytest.approx(row["value"], abs=0.01)
+    assert f"{numbers['slower_percent']:.1f} % of the cutting path" in row["what"]
+    assert sum(numbers["causes_percent"].values()) == pytest.approx(100.0, abs=0.1)
     assumed = checked(CORNERED)["path speed held"]
+    assert "controller.blending_mm 0.5" in assumed["what"]
     assert "assumed: controller.acceleration_mm_s2 1000" in assumed["what"]
 
 
@@ -319,6 +327,18 @@ def test_program_of_a_kuka_counts_as_krl_and_is_divided(checked: Any, monkeypatc
     divided = checked(CORNERED)["program size"]
     assert divided["value"] == row["value"]
     assert f"part calls {-(-int(row['value']) // 2)} files" in divided["what"]
+
+
+def test_a_robot_of_its_own_has_the_language_of_its_spindle(checked: Any, cell_of: CellOf) -> None:
+    """Not of the catalogue: the one table in ``[controller.spindle]``, else the program as it stands."""
+    done, cell = checked()["done"], cell_of()
+    assert program_size.language_of(done.job, cell) == "krl"
+    for given, expected in (({"fanuc"}, "fanuc"), ({"krl", "rapid"}, "linuxcnc"), ({"wait_s"}, "linuxcnc")):
+        spindle = SpindleTable.model_validate({key: 5.0 if key == "wait_s" else {} for key in given})
+        controller = cell.tables.controller.model_copy(update={"spindle": spindle})
+        robot = cell.tables.robot.model_copy(update={"catalog": None})
+        other = replace(cell, tables=cell.tables.model_copy(update={"controller": controller, "robot": robot}))
+        assert program_size.language_of(done.job, other) == expected
 
 
 def test_written_points_are_those_of_the_writer(checked: Any, cell_of: CellOf) -> None:

@@ -53,13 +53,16 @@ class _Counted:
 def language_of(job: Job, cell: Cell) -> str:
     """Language that the robot gets the program in: its own, else that of the maker of the cell's robot.
 
+    A robot that is not of the catalogue has the language of the one table in ``[controller.spindle]``, if there is one.
+
     Returns:
-        A dialect; ``linuxcnc`` and the like where the robot's maker is not known: the program as it stands.
+        A dialect; ``linuxcnc`` and the like where the robot's language is not known: the program as it stands.
     """
     if job.program.dialect in ROBOT_DIALECTS:
         return job.program.dialect
     maker = (cell.tables.robot.catalog or "").split("_", maxsplit=1)[0]
-    return MAKERS.get(maker, job.program.dialect)
+    tables = cell.tables.controller.spindle.model_fields_set & set(ROBOT_DIALECTS)
+    return MAKERS.get(maker, tables.pop() if len(tables) == 1 else job.program.dialect)
 
 
 def program_size(job: Job, cell: Cell) -> ProgramSize:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM, PERCENT
+from counterflex.plan.preflight.approximation import BLENDING_KEY
 from counterflex.plan.preflight.held_speed import Cause, HeldSpeed
 from counterflex.plan.preflight.joints import ACCELERATION_KEY
 from counterflex.plan.preflight.row import Bounds, Row
@@ -51,6 +54,56 @@ def words(cause: int, axis: int) -> str:
     return _WORDS[Cause(cause)].format(axis + 1)
 
 
+@dataclass(frozen=True, eq=False)
+class SpeedInCut:
+    """How the path speed is held in the cut.
+
+    Attributes:
+        cut_m: Way that counts.
+        slower_m: On which of it the robot is slower than programmed.
+        more_s: Time that it takes more there.
+        causes: Words, cause and share 0..1 of what is slower, the largest first; axes are causes of their own.
+        row: Row of the path with the lowest speed there; where it is held everywhere the one nearest to being slower.
+        lowest_m_s: Lowest speed at this row.
+        programmed_m_s: Programmed there.
+    """
+
+    cut_m: float
+    slower_m: float
+    more_s: float
+    causes: Sequence[tuple[str, Cause, float]]
+    row: int
+    lowest_m_s: float
+    programmed_m_s: float
+
+    @property
+    def share(self) -> float:
+        """Share 0..1 of the cut on which the robot is slower."""
+        return self.slower_m / self.cut_m
+
+
+def speed_in_cut(held: HeldSpeed, cutting: Bool) -> SpeedInCut | None:
+    """How the path speed is held; None where nothing is cut.
+
+    Args:
+        held: Along the path.
+        cutting: (n,) segments that count.
+    """
+    way = np.where(cutting, held.length_m, 0.0)
+    total = float(way.sum())
+    if total == 0.0:
+        return None
+    slow = cutting & slower(held)
+    rows = np.flatnonzero(slow)
+    if len(rows) == 0:
+        row = int(np.argmin(np.where(way > 0.0, held.mean_m_s / np.maximum(held.programmed_m_s, 1e-12), np.inf)))
+        return SpeedInCut(total, 0.0, 0.0, (), row, float(held.mean_m_s[row]), float(held.programmed_m_s[row]))
+    row = int(rows[np.argmin(held.lowest_m_s[rows])])
+    late = float(np.sum(held.duration_s[rows] - way[rows] / held.programmed_m_s[rows]))
+    lowest, programmed = float(held.lowest_m_s[row]), float(held.programmed_m_s[row])
+    return SpeedInCut(total, float(way[rows].sum()), late, _shares(held, way, slow), row, lowest, programmed)
+
+
 def speed_row(held: HeldSpeed, cutting: Bool, bounds: Bounds) -> Row:
     """The lowest speed in the cut, and on how much of it the robot is slower than programmed.
 
@@ -59,35 +112,26 @@ def speed_row(held: HeldSpeed, cutting: Bool, bounds: Bounds) -> Row:
         cutting: (n,) segments that count.
         bounds: Which of the limits are assumed or not known.
     """
-    way = np.where(cutting, held.length_m, 0.0)
-    total = float(way.sum())
-    if total == 0.0:
+    speed = speed_in_cut(held, cutting)
+    if speed is None:
         return Row(SPEED_CHECK, "ok", what="nothing is cut")
-    slow = cutting & slower(held)
-    if not np.any(slow):
-        row = int(np.argmin(np.where(way > 0.0, held.mean_m_s / np.maximum(held.programmed_m_s, 1e-12), np.inf)))
-        value, limit = float(held.mean_m_s[row]), float(held.programmed_m_s[row])
-        return Row(SPEED_CHECK, "ok", value, limit, "m/s", row, f"on all of {total / MM:.0f} mm" + _left_out(bounds))
-    rows = np.flatnonzero(slow)
-    row = int(rows[np.argmin(held.lowest_m_s[rows])])
-    slow_m = float(way[rows].sum())
-    late = float(np.sum(held.duration_s[rows] - way[rows] / held.programmed_m_s[rows]))
-    shares = _shares(held, way, slow)
-    listed = ", ".join(f"{text} {100.0 * share:.0f} %" for text, _, share in shares[:_LISTED])
-    what = (
-        f"{slow_m / total / PERCENT:.1f} % of the cutting path ({slow_m / MM:.1f} of {total / MM:.1f} mm) is slower "
-        f"than programmed, {late:.2f} s more: {listed}; here {words(int(held.cause[row]), int(held.axis[row]))}"
-    )
-    used = {cause for _, cause, _ in shares}
+    listed = ", ".join(f"{text} {share / PERCENT:.0f} %" for text, _, share in speed.causes[:_LISTED])
+    what = f"on all of {speed.cut_m / MM:.0f} mm"
+    if speed.causes:
+        what = (
+            f"{speed.share / PERCENT:.1f} % of the cutting path ({speed.slower_m / MM:.1f} of {speed.cut_m / MM:.1f} "
+            f"mm) is slower than programmed, {speed.more_s:.2f} s more: {listed}; "
+            f"here {words(int(held.cause[speed.row]), int(held.axis[speed.row]))}"
+        )
     return Row(
         SPEED_CHECK,
-        "warning",
-        float(held.lowest_m_s[row]),
-        float(held.programmed_m_s[row]),
+        "warning" if speed.causes else "ok",
+        speed.lowest_m_s,
+        speed.programmed_m_s,
         "m/s",
-        row,
-        what + _assumed(bounds, used) + _left_out(bounds),
-        advice=next((_ADVICE[cause] for _, cause, _ in shares if cause in _ADVICE), ""),
+        speed.row,
+        what + _assumed(bounds, {cause for _, cause, _ in speed.causes}) + _left_out(bounds),
+        advice=next((_ADVICE[cause] for _, cause, _ in speed.causes if cause in _ADVICE), ""),
     )
 
 
@@ -107,6 +151,8 @@ def _assumed(bounds: Bounds, causes: set[Cause]) -> str:
     texts = []
     if causes & {Cause.TOOL_ACCELERATION, Cause.EXACT_STOP, Cause.STANDSTILL} and TOOL_KEY in bounds.assumed:
         texts.append(f"{TOOL_KEY} {bounds.acceleration_m_s2 / MM:g}")
+    if Cause.TOOL_ACCELERATION in causes and BLENDING_KEY in bounds.assumed:
+        texts.append(f"{BLENDING_KEY} {bounds.blending_m / MM:g}")
     if Cause.REORIENTATION in causes and ORIENTATION_KEY in bounds.assumed and bounds.orientation_rad_s is not None:
         texts.append(f"{ORIENTATION_KEY} {bounds.orientation_rad_s / DEG:g}")
     return f"; assumed: {', '.join(texts)}" if texts else ""
