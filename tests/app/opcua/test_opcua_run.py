@@ -6,8 +6,6 @@ import asyncio
 import contextlib
 import datetime
 import signal
-import subprocess
-import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -18,39 +16,15 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 
-from counterflex.files.panel_users import set_user
 from counterflex.protocols.processes.control_array import Request
 from counterflex.runtime.state.states import State
 from counterflex.validation.faults.demonstration import Q
 from loop_that_runs import Run
+from opcua_server import PASSWORD, ServerProcess, users
 
 asyncua = pytest.importorskip("asyncua", reason="the extra opcua is not installed")
-PASSWORD = "four words and one"
 PATIENCE = 2000
 STATE = "Counterflex/State/State"
-
-
-class ServerProcess:
-    """The server, as a person starts it."""
-
-    def __init__(self, folder: Path, *options: str) -> None:
-        command = [sys.executable, "-m", "counterflex", "opcua", str(folder), "--port", "0", *options]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        assert self.process.stdout is not None
-        line = self.process.stdout.readline()
-        if not line.startswith("OPC UA: "):
-            raise AssertionError(self.process.communicate()[1])
-        self.address = line.removeprefix("OPC UA: ").strip()
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.communicate()
-
-
-def users(folder: Path) -> str:
-    set_user(folder / "users.toml", "anna", "operator", PASSWORD)
-    set_user(folder / "users.toml", "ben", "viewer", PASSWORD)
-    return str(folder / "users.toml")
 
 
 def client(address: str, name: str, password: str = PASSWORD) -> Any:
