@@ -8,6 +8,15 @@ from typing import Any
 
 import pytest
 
+KRL = """DEF part( )
+$TOOL=TOOL_DATA[1]
+$BASE=BASE_DATA[1]
+$VEL.CP=0.02
+PTP {X 0,Y 0,Z 60,A 180,B 0,C 180}
+LIN {X 10,Y 0,Z 60,A 180,B 0,C 180}
+END
+"""
+
 
 def test_table_and_page(folder: Path, counterflex: Any) -> None:
     ended = counterflex("preflight", "part.ngc", "--cell", "cell.toml", "--out", "out")
@@ -47,6 +56,12 @@ def test_a_check_that_fails_ends_with_one(folder: Path, counterflex: Any) -> Non
     assert "No point of the program is reached" in (folder / "out" / "report.html").read_text()
 
 
+def test_the_language_of_the_robot_can_be_named(folder: Path, counterflex: Any) -> None:
+    ended = counterflex("preflight", "part.ngc", "--cell", "cell.toml", "--as", "fanuc", "--json")
+    size = next(row for row in json.loads(ended.out)["checks"] if row["check"] == "program size")
+    assert (size["limit"], size["what"]) == (1400.0, "motions in FANUC TP without corrections: one file, part")
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -55,9 +70,13 @@ def test_a_check_that_fails_ends_with_one(folder: Path, counterflex: Any) -> Non
         (("cell.toml", "--cell", "part.ngc"), "part.ngc"),
         (("part.ngc", "--cell", "cell.toml", "--out", "cell.toml"), "a file has the name"),
         (("part.ngc", "--cell", "cell.toml", "--dialect", "siemens"), "linuxcnc"),
+        (("part.ngc", "--cell", "cell.toml", "--as", "gcode"), "krl, rapid, fanuc, val3"),
+        (("part.src", "--cell", "cell.toml", "--as", "fanuc"), "language of another robot"),
     ],
 )
 def test_bad_input_is_told_in_one_line(folder: Path, refused: Any, words: tuple[str, ...], told: str) -> None:
+    if "part.src" in words:
+        (folder / "part.src").write_text(KRL)
     before = sorted(folder.iterdir())
     assert told in refused("preflight", *words)
     assert sorted(folder.iterdir()) == before

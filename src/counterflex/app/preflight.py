@@ -53,13 +53,22 @@ class Checked:
     summary: dict[str, Any]
 
 
-def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progress: Progress = silent) -> Checked:
+def check(
+    program: str | Path,
+    cell: Cell,
+    *,
+    reading: Reading = AS_IT_IS,
+    language: str | None = None,
+    progress: Progress = silent,
+) -> Checked:
     """Check a program on a cell.
 
     Args:
         program: G-code file.
         cell: The cell.
         reading: How the program is read.
+        language: Of the robot, for the size of the program, see
+            :func:`counterflex.app.compensation.program_size.program_size`.
         progress: Progress callback, fraction 0 to 1.
 
     Raises:
@@ -77,7 +86,7 @@ def check(program: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, progr
         setting_of(cell, chain=cell.chain, part_may_be_held=True),
         tables.limits.preflight(tables.controller, cell.robot),
         coarse_bodies(job, cell, stock),
-        AsWritten(approximation_m(job.program), program_size(job, cell)),
+        AsWritten(approximation_m(job.program), program_size(job, cell, language)),
         parts[CHECKING],
     )
     rows = [shown(row, result, job, cell) for row in result.rows]
@@ -152,6 +161,7 @@ def run(
     out: str | Path | None = None,
     *,
     reading: Reading = AS_IT_IS,
+    language: str | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Check a program; with ``out``, write ``summary.json`` and ``report.html`` there: both or none.
@@ -161,6 +171,7 @@ def run(
         cell_file: Cell file.
         out: Folder, made when missing; None writes nothing.
         reading: How the program is read.
+        language: See :func:`check`.
         progress: Progress callback, fraction 0 to 1.
 
     Returns:
@@ -168,9 +179,9 @@ def run(
     """
     cell = read_cell(cell_file)
     if out is None:
-        return check(program, cell, reading=reading, progress=progress).summary
+        return check(program, cell, reading=reading, language=language, progress=progress).summary
     with atomic.atomic_folder(out) as staging:
-        done = check(program, cell, reading=reading, progress=progress)
+        done = check(program, cell, reading=reading, language=language, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         from counterflex.report.page import write_page
         from counterflex.report.preflight.page import preflight_page

@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.app.compensation.robot_program import routine_name
 from counterflex.app.inputs import Job
+from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
@@ -65,13 +66,27 @@ def language_of(job: Job, cell: Cell) -> str:
     return MAKERS.get(maker, tables.pop() if len(tables) == 1 else job.program.dialect)
 
 
-def program_size(job: Job, cell: Cell) -> ProgramSize:
+def program_size(job: Job, cell: Cell, language: str | None = None) -> ProgramSize:
     """Motions, files, names and lines of a program.
 
-    A milling program for a robot of the catalogue counts as ``compensate --as`` would write it, without corrections,
-    which add points where they change; a program of a robot counts as it stands.
+    A milling program counts as ``compensate --as`` would write it, without corrections, which add points where they
+    change; a program of a robot counts as it stands.
+
+    Args:
+        job: The program.
+        cell: The cell.
+        language: Of the robot, one of :data:`~counterflex.programs.program.ROBOT_DIALECTS`; None: :func:`language_of`.
+
+    Raises:
+        InputError: The program is in the language of another robot.
     """
-    language = language_of(job, cell)
+    own = job.program.dialect
+    if language is not None and own in ROBOT_DIALECTS and own != language:
+        raise InputError(
+            "the program is in the language of another robot", where=Path(job.program.name).name, value=own,
+            limit=language, hint="Convert it first: counterflex convert, and check what comes out",
+        )  # fmt: skip
+    language = language or language_of(job, cell)
     limits = LIMITS.get(language, LINUXCNC)
     stem = Path(job.program.name).stem
     if language != job.program.dialect:

@@ -11,6 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.robot_writer.statement_forms import FORMS
 
 
 def register(app: typer.Typer) -> None:
@@ -28,6 +29,15 @@ def preflight(
             help="Folder for report.html (pictures along the path) and summary.json; made when missing.",
             metavar="DIR",
             callback=arguments.output_folder,
+        ),
+    ] = None,
+    language: Annotated[
+        str | None,
+        typer.Option(
+            "--as",
+            help=f"Language that the robot gets the program in, for its size: {', '.join(FORMS)} (that of the "
+            "program, of the robot's maker).",
+            callback=arguments.one_of(FORMS, "language"),
         ),
     ] = None,
     dialect: Dialect = BY_ENDING,
@@ -53,9 +63,8 @@ def preflight(
     from counterflex.app.inputs import Reading
 
     with progress_bar(f"checking {program.name}") as progress:
-        summary = job.run(
-            program, cell, out, reading=Reading(dialect, parameters, complete=not without_end), progress=progress
-        )
+        reading = Reading(dialect, parameters, complete=not without_end)
+        summary = job.run(program, cell, out, reading=reading, language=language, progress=progress)
     if as_json:
         print_json(summary)
     else:
