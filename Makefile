@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test check docs docs-html pages bench-smoke clean
+.PHONY: demo test check docs docs-html notebooks pages bench-smoke clean
 
 demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, print a table, write an HTML report.
 	$(BIN)/counterflex demo --out out/demo
@@ -24,9 +24,12 @@ check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contra
 docs: $(VENV)/.installed-dev  ## Run every example and every command printed in the docs.
 	$(BIN)/python tools/run_docs.py
 
-docs-html: $(VENV)-docs/.installed  ## Build the documentation as HTML in docs/_build/html.
-	$(VENV)-docs/bin/sphinx-build -q -W --keep-going -b html docs docs/_build/html
+docs-html: $(VENV)/.installed-dev  ## Run the example gallery and build the documentation as HTML in docs/_build/html.
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
+
+notebooks: $(VENV)/.installed-dev  ## Write the example gallery as notebooks in out/notebooks.
+	$(BIN)/python tools/notebooks.py out/notebooks
 
 pages: $(VENV)/.installed-dev  ## Open both report pages in Chromium at three widths and on A4.
 	$(BIN)/counterflex compensate examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/plan
@@ -49,10 +52,5 @@ $(VENV)/.installed-dev: requirements/dev.txt pyproject.toml | $(BIN)/python
 	$(PIP) install --no-build-isolation --no-deps -e .
 	touch $@ $(VENV)/.installed-run
 
-$(VENV)-docs/.installed: requirements/docs.txt
-	$(PYTHON) -m venv $(VENV)-docs
-	$(VENV)-docs/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/docs.txt
-	touch $@
-
 clean:
-	rm -rf $(VENV) $(VENV)-docs out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks
+	rm -rf $(VENV) out build dist docs/_build docs/gallery .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks

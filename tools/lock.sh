@@ -9,6 +9,4 @@ compile() {
     --no-header --no-annotate --quiet
 }
 compile --output-file requirements/run.txt
-compile --group dev --extra urdf --output-file requirements/dev.txt
-uv pip compile --group pyproject.toml:docs --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-  --no-emit-find-links --no-header --no-annotate --quiet --output-file requirements/docs.txt
+compile --group dev --group docs --extra urdf --output-file requirements/dev.txt

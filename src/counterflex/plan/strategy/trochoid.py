@@ -13,7 +13,7 @@ stays on the new wall to where the tool meets the stock is
 
 Its maximum over theta grows with s; the step is where it is the wanted angle. Towards the far wall phi falls to zero.
 
-Source: derived here; arcs of engagement as in an inside corner, see ``examples/corner_engagement.py``.
+Source: derived here; arcs of engagement as in an inside corner, see ``examples/gallery/cutting/corner_engagement.py``.
 """
 
 from __future__ import annotations

@@ -1,0 +1,103 @@
+"""The reference of rooms in the documentation, from their docstrings.
+
+A Sphinx extension with one directive, ``room``: a section for each public module of a package, in it what
+``automodule`` says. Modules of kernels are left out: their arguments are those of the functions that call them.
+
+    .. room:: counterflex.geometry
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Final
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from numba.core.registry import CPUDispatcher
+from sphinx.util.docutils import SphinxDirective
+
+SOURCES: Final = Path(__file__).resolve().parents[2] / "src"
+
+
+def modules(package: str) -> list[str]:
+    """Public modules of a package by dotted name; those of kernels are left out.
+
+    Args:
+        package: Dotted name.
+    """
+    folder = SOURCES / package.replace(".", "/")
+    if not folder.is_dir():
+        return [package]
+    names = [".".join(file.relative_to(SOURCES).with_suffix("").parts) for file in sorted(folder.rglob("*.py"))]
+    return [name for name in names if "kernel" not in name and not any(part[0] == "_" for part in name.split("."))]
+
+
+class _Room(SphinxDirective):  # type: ignore[misc]
+    """``room``: the modules of a package."""
+
+    required_arguments = 1
+    option_spec = {"only": directives.unchanged}  # noqa: RUF012  # as docutils has it
+
+    def run(self) -> list[nodes.Node]:
+        package = self.arguments[0]
+        only = self.options.get("only", "").split()
+        names = [name for name in modules(package) if not only or name.removeprefix(f"{package}.") in only]
+        return [self._module(name) for name in names]
+
+    def _module(self, name: str) -> nodes.Node:
+        section = nodes.section(ids=[f"module-of-{name.replace('.', '-')}"], names=[name])
+        short = name.removeprefix("counterflex.")
+        section += nodes.title("", "", nodes.literal(short, short))
+        section += self.parse_text_to_nodes(f".. automodule:: {name}\n   :members:\n")
+        return section
+
+
+def with_formulas(lines: list[str]) -> list[str]:
+    """Lines of a docstring in which indented formulas are literal blocks of reStructuredText.
+
+    A formula stands behind a blank line, indented, below a paragraph that is not; the lines of a section (``Args:``)
+    follow it at once.
+
+    Args:
+        lines: Of the docstring.
+    """
+    out: list[str] = []
+    above = ""
+    for number, line in enumerate(lines):
+        begins = line.startswith("    ") and line.strip() and number > 0 and not lines[number - 1].strip()
+        if begins and above and not above.startswith((" ", "- ")) and not above.endswith("::"):
+            out += ["::", ""]
+        out.append(line)
+        above = line if line.strip() else above
+    return out
+
+
+def without_substitutions(line: str) -> str:
+    """A line in which bars are bars and names no substitutions, and no literal has blanks at its ends.
+
+    Args:
+        line: Of a docstring, outside of its literal blocks.
+    """
+    parts = re.split(r"(``.+?``)", line)
+    return "".join(f"``{part[2:-2].strip()}``" if k % 2 else part.replace("|", r"\|") for k, part in enumerate(parts))
+
+
+def _docstring(_app: Any, _what: str, _name: str, _item: Any, _options: Any, lines: list[str]) -> None:
+    formula = False
+    for number, line in enumerate(shown := with_formulas(lines)):
+        formula = line == "::" or (formula and (not line or line.startswith("    ")))
+        shown[number] = line if formula else without_substitutions(line)
+    lines[:] = shown
+
+
+def _skip(_app: Any, _what: str, _name: str, item: Any, skip: bool, _options: Any) -> bool | None:
+    return True if isinstance(item, CPUDispatcher) else None if not skip else True
+
+
+def setup(sphinx: Any) -> dict[str, bool]:
+    """Register the directive; called by Sphinx."""
+    sphinx.add_directive("room", _Room)
+    sphinx.connect("autodoc-process-docstring", _docstring, priority=400)  # before napoleon reads its sections
+    sphinx.connect("autodoc-skip-member", _skip)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
