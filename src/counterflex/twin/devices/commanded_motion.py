@@ -6,6 +6,7 @@ follows them exactly (:mod:`counterflex.twin.devices.exact_robot`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -175,10 +176,13 @@ class CommandedMotion:
 
     def forward(self, q: Float) -> Float:
         """Pose (4, 4) of the tool in the part frame by the nominal geometry: what the controller shows."""
-        T_base_flange = np.eye(4)
+        T_base_flange: Float = np.eye(4)
         for joint, segment in enumerate(self._arm.segments):
             angle = segment.sign * float(q[joint]) + segment.offset_rad
-            T_base_flange = T_base_flange @ segment.T_prev_seg @ pose.make(rotation.about_z(angle))
+            T_base_flange = T_base_flange @ segment.T_prev_seg
+            x, y = T_base_flange[:, 0].copy(), T_base_flange[:, 1]
+            c, s = math.cos(angle), math.sin(angle)
+            T_base_flange[:, 0], T_base_flange[:, 1] = c * x + s * y, c * y - s * x
         T_base_flange = T_base_flange @ self._arm.T_last_flange
         hand = T_base_flange @ self.controller.T_flange_tcp
         T_base_tcp = self.controller.T_base_tcp

@@ -7,6 +7,7 @@ clamping in silence, POSCORRMON and Timeout stopping the motion, a nearly empty 
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -17,7 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import rotation
-from counterflex.protocols.kuka_rsi.config import RsiConfig
+from counterflex.protocols.kuka_rsi.config import RsiConfig, Value
 from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
 from counterflex.protocols.kuka_rsi.telegram import answer_reader, robot_writer
 from counterflex.twin.devices.commanded_motion import Report
@@ -27,6 +28,9 @@ _TYPE: Final = re.compile(rb"<Sen\s+Type\s*=\s*[\"']([^\"']*)[\"']")
 FREE: Final = 0
 CORRECTING: Final = 1
 CLAMPED: Final = 2
+_MEASURED: Final = ("RIst", "RSol", "AIPos", "ASPos")
+_LOCKED: Final = 1e-12
+"""Cosine of B below which only A -+ C is determined."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +105,11 @@ class FakeRsi:
         job: int = 0,
     ) -> None:
         self.config, self.context = config, context
-        self._values = config.sent()
+        sent = config.sent()
+        self._sources = [_source(value) for value in sent]
         self._currents = currents
-        self._job = job if any(v.name == "Enable" and v.kind != "BOOL" for v in config.sent()) else 0
-        self._has_currents = currents is not None and any(value.element == "MACur" for value in config.sent())
+        self._job = job if any(v.name == "Enable" and v.kind != "BOOL" for v in sent) else 0
+        self._has_currents = currents is not None and any(value.element == "MACur" for value in sent)
         self._reader, self._writer = answer_reader(config), robot_writer(config, decimals=context.precision)
         self.frees: dict[str, float] = dict(frees or {})
         self.counter = context.first_counter - self._increment
@@ -116,10 +121,16 @@ class FakeRsi:
         self.stat = FREE
         self.override = 1.0
         self.feed_hold = False
-        self.reported_state = 0 if any(value.name == "State" for value in config.received()) else -1
+        received = config.received()
+        places = {value.name: k for k, value in enumerate(received)}
+        self.reported_state = 0 if "State" in places else -1
         self._sent = 0
-        self._hold = np.array([value.tag.hold for value in config.received()])
-        self._latched: Float = np.array([100.0 if value.name == "Override" else 0.0 for value in config.received()])
+        self._hold = np.array([value.tag.hold for value in received])
+        self._latched: Float = np.array([100.0 if value.name == "Override" else 0.0 for value in received])
+        self._pose_places = [places.get(f"RKorr.{a}") for a in "XYZABC"]
+        self._axis_places = [(places.get(f"AKorr.A{i}"), places.get(f"AK.A{i}")) for i in range(1, 7)]
+        self._hold_place, self._state_place = places.get("FeedHold"), places.get("State")
+        self._override_place, self._stop_place = places.get("Override"), places.get("Stop")
 
     @property
     def _increment(self) -> int:
@@ -155,25 +166,25 @@ class FakeRsi:
         self._sent += 1
         if self.context.empty_first and self._sent == 1:
             return f'<Rob Type="KUKA"><IPOC>{self.counter}</IPOC></Rob>'.encode("ascii")
-        values = {
+        measured = {
             "RIst": _frame(report.T_part_actual),
             "RSol": _frame(report.T_part_nominal),
-            "AIPos": report.q_actual / DEG,
-            "ASPos": report.q_command / DEG,
+            "AIPos": (report.q_actual / DEG).tolist(),
+            "ASPos": (report.q_command / DEG).tolist(),
         }
         if self._currents is not None and self._has_currents:
-            values["MACur"] = self._currents(report.drive_torque)
-        for i, value in enumerate(self._values):
-            if value.element in values and (value.element == "MACur" or value.tag.tag.startswith("DEF_")):
-                place = "XYZABC".index(value.attribute) if value.element[0] == "R" else int(value.attribute[1:]) - 1
-                number = float(values[value.element][place])
-            elif value.name == "Delay.D":
-                number = float(self.late)
-            elif value.name.endswith(".Stat"):
-                number = float(self.stat)
+            measured["MACur"] = self._currents(report.drive_torque).tolist()
+        numbers = []
+        for element, place, name in self._sources:
+            if element in measured:
+                numbers.append(measured[element][place])
+            elif name == "Delay.D":
+                numbers.append(float(self.late))
+            elif name.endswith(".Stat"):
+                numbers.append(float(self.stat))
             else:
-                number = self.frees.get(value.name, 0.0)
-            self._writer.values[i] = number
+                numbers.append(self.frees.get(name, 0.0))
+        self._writer.values[:] = numbers
         return self._writer.telegram(self.counter)
 
     def answers(self, data: bytes) -> bool:
@@ -211,29 +222,27 @@ class FakeRsi:
         return ""
 
     def _apply(self) -> None:
-        named = dict(zip(self._reader.names, self._latched, strict=True))
-        pose = np.array([named.get(f"RKorr.{a}", 0.0) for a in "XYZABC"]) * ([MM] * 3 + [DEG] * 3)
-        axis = np.array(
-            [named.get(f"AKorr.A{i}", 0.0) + named.get(f"AK.A{i}", 0.0) for i in range(1, 7)]
-        ) * DEG  # fmt: skip
-        if self.context.mode == "relative":
-            pose, axis = self.correction + pose, self.axes + axis
-        limit = np.array([self.context.clamp_m] * 3 + [self.context.clamp_rad] * 3)
-        clamped = np.clip(pose, -limit, limit)
-        axis_clamped = np.clip(axis, -self.context.axis_clamp_rad, self.context.axis_clamp_rad)
-        over = bool(np.any(clamped != pose) or np.any(axis_clamped != axis))
-        self.correction, self.axes = clamped, axis_clamped
-        acting = bool(np.any(clamped != 0.0) or np.any(axis_clamped != 0.0))
-        self.stat = CLAMPED if over else CORRECTING if acting else FREE
-        if (
-            np.linalg.norm(clamped[:3]) > self.context.monitor_m
-            or np.max(np.abs(clamped[3:])) > self.context.monitor_rad
-        ):
+        latched, context = self._latched.tolist(), self.context
+
+        def number(place: int | None, without: float = 0.0) -> float:
+            return without if place is None else float(latched[place])
+
+        pose = [number(k) * (MM if i < 3 else DEG) for i, k in enumerate(self._pose_places)]
+        axis = [(number(one) + number(other)) * DEG for one, other in self._axis_places]
+        if context.mode == "relative":
+            pose = [a + b for a, b in zip(self.correction.tolist(), pose, strict=True)]
+            axis = [a + b for a, b in zip(self.axes.tolist(), axis, strict=True)]
+        clamped = [_clamped(v, context.clamp_m if i < 3 else context.clamp_rad) for i, v in enumerate(pose)]
+        axis_clamped = [_clamped(v, context.axis_clamp_rad) for v in axis]
+        over = clamped != pose or axis_clamped != axis
+        self.correction, self.axes = np.array(clamped), np.array(axis_clamped)
+        self.stat = CLAMPED if over else CORRECTING if any(clamped) or any(axis_clamped) else FREE
+        if math.hypot(*clamped[:3]) > context.monitor_m or max(map(abs, clamped[3:])) > context.monitor_rad:
             self.stopped = "POSCORRMON"
-        self.feed_hold = named.get("FeedHold", 0.0) > 0.5
-        self.reported_state = int(named.get("State", -1.0))
-        self.override = min(1.0, max(0.0, named.get("Override", 100.0) / 100.0))
-        if named.get("Stop", 0.0) > 0.5:
+        self.feed_hold = number(self._hold_place) > 0.5
+        self.reported_state = int(number(self._state_place, -1.0))
+        self.override = min(1.0, max(0.0, number(self._override_place, 100.0) / 100.0))
+        if number(self._stop_place) > 0.5:
             self.stopped = "Stop"
 
     def guided_pose(self) -> Float | None:
@@ -249,9 +258,24 @@ class FakeRsi:
         return out
 
 
-def _frame(T: Float) -> Float:
-    """X Y Z A B C in mm and deg of a pose."""
-    out = np.empty(6)
-    out[:3] = T[:3, 3] / MM
-    out[3:] = rotation.to_zyx(T[:3, :3]) / DEG
-    return out
+def _source(value: Value) -> tuple[str, int, str]:
+    """Where the number of a value comes from: element and place in what is measured, or no element; and its name."""
+    if value.element != "MACur" and not (value.element in _MEASURED and value.tag.tag.startswith("DEF_")):
+        return "", 0, value.name
+    place = "XYZABC".index(value.attribute) if value.element[0] == "R" else int(value.attribute[1:]) - 1
+    return value.element, place, value.name
+
+
+def _clamped(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
+
+
+def _frame(T: Float) -> list[float]:
+    """X Y Z A B C in mm and deg of a pose, as :func:`counterflex.geometry.rotation.to_zyx` has the angles."""
+    (r00, r01, _, x), (r10, r11, _, y), (r20, r21, r22, z), _ = T.tolist()
+    level = math.hypot(r00, r10)
+    if level < _LOCKED:
+        a, c = math.atan2(-r01, r11), 0.0
+    else:
+        a, c = math.atan2(r10, r00), math.atan2(r21, r22)
+    return [x / MM, y / MM, z / MM, a / DEG, math.atan2(-r20, level) / DEG, c / DEG]

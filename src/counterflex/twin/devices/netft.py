@@ -75,7 +75,7 @@ class NetftServer:
         self.records = 0
         self._bias: Float = np.zeros(6)
         self._last: Float = np.zeros(6)
-        self._shown: Float = np.zeros(6)
+        self._shown: list[float] = [0.0] * 6
         self._http: http.server.ThreadingHTTPServer | None = None
         self.http_address: tuple[str, int] | None = None
         if http_port is not None:
@@ -128,16 +128,16 @@ class NetftServer:
         if self.peer is None or condition.silent:
             return
         if not condition.frozen:
-            self._shown = np.rint((self._last - self._bias) * COUNTS)
+            self._shown = np.rint((self._last - self._bias) * COUNTS).tolist()
         counts, status = self._shown, self.status | condition.bits
         if condition.saturated:
-            counts = np.where(counts < 0.0, -_LARGEST, _LARGEST).astype(np.float64)
-        if condition.saturated or np.abs(counts).max() > _LARGEST:
+            counts = [-_LARGEST if count < 0.0 else _LARGEST for count in counts]
+        if condition.saturated or max(map(abs, counts)) > _LARGEST:
             status |= SATURATED
-            counts = np.clip(counts, -_LARGEST, _LARGEST)
+            counts = [min(max(count, -_LARGEST), _LARGEST) for count in counts]
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         sequence = (self._sequence + condition.step) & 0xFFFFFFFF
-        record = netft.Record(sequence, self._sample, status, tuple(map(int, counts.tolist())))  # type: ignore[arg-type]
+        record = netft.Record(sequence, self._sample, status, tuple(map(int, counts)))  # type: ignore[arg-type]
         self._out.put(netft.write_record(record), self._time_s, self._put)
         if self._remaining:
             self._remaining -= 1

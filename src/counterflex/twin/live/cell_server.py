@@ -59,6 +59,7 @@ class Instruments:
     def __post_init__(self) -> None:
         """Take a noise stream of its own for each instrument."""
         self._force_noise = self.laboratory.noise("live force")
+        self._force_scale: Float = np.repeat([self.laboratory.force_n, self.laboratory.moment_nm], 3)
         self._tracker_noise = self.laboratory.noise("live tracker")
         self._tracker: TrackerSender | None = None
         if self.tracker_peer is not None:
@@ -84,12 +85,11 @@ class Instruments:
         if self.force_sensor is not None:
             true = self.force_sensor.true_wrench(cell.plant, cell.plant.truth.gravity_base)
             w = self.force_sensor.reading(true, time_s, self.temperature_c)
-            noise = self._force_noise.standard_normal(6)
-            scale = np.r_[np.full(3, self.laboratory.force_n), np.full(3, self.laboratory.moment_nm)]
-            self._force_sum += w + scale * noise
+            w = w + self._force_scale * self._force_noise.standard_normal(6)
+            self._force_sum += w
             self._force_count += 1
             if self.device is not None:
-                self.device.send(w + scale * noise, time_s)
+                self.device.send(w, time_s)
         if self._tracker is not None and time_s > self._tracker_due - 1e-9:
             self._tracker_due = max(self._tracker_due + self.tracker_every_s, time_s)
             self._send_pose(self._tracker, cell, time_s)

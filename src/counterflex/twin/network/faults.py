@@ -228,6 +228,10 @@ class FaultSchedule:
             limit = f"1..{bridges}" if bridges else "no bridge: a strain amplifier has them"
             raise InputError(f"{instrument} does not have the bridge of this fault", value=alone, limit=limit)
 
+    def spares(self, direction: Direction) -> bool:
+        """Whether every datagram of a direction arrives as it was sent."""
+        return not self._of_datagrams[direction]
+
     def deliveries(self, data: bytes, index: int, time_s: float, direction: Direction = "out") -> list[Delivery]:
         """What arrives of a datagram: nothing, itself, something else, or several.
 
