@@ -19,6 +19,8 @@ second order).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -84,6 +86,24 @@ class ArmLayout:
         return here if base is None else np.where(index >= 0, here, base)
 
 
+class _Frames(NamedTuple):
+    """Where an arm is at the values of its parameters.
+
+    Attributes:
+        drives: Frames (m, 4, 4) behind every drive.
+        ends: Frames (m, 4, 4) behind every sag.
+        T_last: Frame (m, 4, 4) of the TCP before its displacement.
+        T: Frame (m, 4, 4) of the TCP.
+        moves: (6,) m, rad displacements by name.
+    """
+
+    drives: list[Float]
+    ends: list[Float]
+    T_last: Float
+    T: Float
+    moves: dict[str, Float]
+
+
 @dataclass(frozen=True, eq=False)
 class ArmGeometry:
     """The arm in a set of poses.
@@ -106,9 +126,7 @@ class ArmGeometry:
     unit_loads: Float | None = None
     unit_turns: Float | None = None
     sense: Float | None = None
-    _last: dict[bytes, tuple[list[Float], list[Float], Float, Float]] = field(
-        default_factory=dict, init=False, repr=False
-    )
+    _last: dict[bytes, _Frames] = field(default_factory=dict, init=False, repr=False)
 
     def subset(self, rows: Bool) -> ArmGeometry:
         """The marked poses only."""
@@ -123,7 +141,7 @@ class ArmGeometry:
 
     def poses(self, x: Float) -> Float:
         """T_base_tcp (m, 4, 4) at the values x (p,) of all parameters."""
-        return self._frames(x)[-1].copy()
+        return self._frames(x).T.copy()
 
     def moved(self, x: Float) -> tuple[Float, Int, Float]:
         """What the parameters move.
@@ -135,13 +153,17 @@ class ArmGeometry:
             T_base_tcp (m, 4, 4); places (k,) of the arm's parameters; (m, 6, k) twist of the TCP (velocity of its
             origin, then rotation, base axes) per unit of each.
         """
-        drives, ends, T_last, T = self._frames(x)
+        drives, ends, T_last, T, moves = self._frames(x)
         tip = T[:, :3, 3]
         lay, chain = self.layout, self.chain
         loads, compliance = self._loads(x), self._compliance(x)
-        columns = _Columns(tip)
+        yields = np.any(compliance > 0.0, axis=1)
+        columns = _Columns(tip, lay, moves)
         heavy = np.zeros((len(self.q), 6, len(lay.mass)))
-        columns.displaced(lay, BASE, np.broadcast_to(np.eye(4), T.shape), x)
+        if loads is not None:
+            delta = compliance * loads
+            bends = _elastic_axes(delta)
+        columns.displaced(BASE, np.broadcast_to(np.eye(4), T.shape))
         for i, name in enumerate(chain.names):
             R, p = drives[i][:, :3, :3], drives[i][:, :3, 3]
             for term in lay.periodic:
@@ -153,23 +175,22 @@ class ArmGeometry:
             if len(places):
                 columns.turns(R[:, :, 2:] * (chain.sign[i] * turns)[:, None, :], p, places)
             soft = {d: place for (segment, d), place in lay.soft.items() if segment == i}
-            if loads is not None and (soft or (lay.mass and np.any(compliance[i] > 0.0))):
-                e = compliance[i] * loads[:, i]
-                centre = p + (R @ e[:, :3, None])[..., 0]
-                axes = R @ _elastic_axes(e)
+            if loads is not None and (soft or (lay.mass and yields[i])):
+                centre = p + (R @ delta[:, i, :3, None])[..., 0]
+                axes = R @ bends[:, i]
                 for d, place in soft.items():
                     column = (R if d < 3 else axes)[:, :, d % 3, None] * loads[:, i, d, None, None]
                     if d < 3:
                         columns.shifts(column, np.array([place]))
                     else:
                         columns.turns(column, centre, np.array([place]))
-                if self.unit_loads is not None and np.any(compliance[i] > 0.0):
+                if self.unit_loads is not None and yields[i]:
                     by = compliance[i] * self.unit_loads[:, :, i]  # (m, bodies, 6)
                     turn = axes @ np.swapaxes(by[:, :, 3:], 1, 2)
                     heavy[:, :3] += R @ np.swapaxes(by[:, :, :3], 1, 2) - rotation.skew(tip - centre) @ turn
                     heavy[:, 3:] += turn
-            columns.displaced(lay, name, ends[i], x)
-        columns.displaced(lay, TCP, T_last, x)
+            columns.displaced(name, ends[i])
+        columns.displaced(TCP, T_last)
         if loads is not None and lay.mass:
             columns.add(heavy, np.array(list(lay.mass.values())))
         return T, *columns.all()
@@ -181,10 +202,10 @@ class ArmGeometry:
         bare = ArmLayout(known=self.layout.known)
         grown = growth(self.chain.regions, self.chain.names, self.q)  # as much as if the load were larger
         plain = replace(self, layout=bare, loads=grown * weight_loads(self.chain, self.q), unit_loads=None)
-        ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
+        ends = np.stack(plain._frames(np.zeros(0)).ends, axis=1)
         for _ in range(_SETTLING_ROUNDS):
             plain = replace(plain, loads=grown * weight_loads(self.chain, self.q, ends))
-            ends = np.stack(plain._frames(np.zeros(0))[1], axis=1)
+            ends = np.stack(plain._frames(np.zeros(0)).ends, axis=1)
         units = None
         if self.layout.mass:
             each = np.eye(self.chain.n)
@@ -210,37 +231,48 @@ class ArmGeometry:
         loads = self._loads(x)
         return None if loads is None else self._compliance(x) * loads
 
-    def _frames(self, x: Float) -> tuple[list[Float], list[Float], Float, Float]:
-        """Frames behind every drive, behind every sag, of the TCP before its displacement, and of the TCP.
-
-        Residuals and their derivatives are asked for at the same values one after the other: the last are kept.
-        """
+    def _frames(self, x: Float) -> _Frames:
+        """Residuals and their derivatives are asked for at the same values one after the other: the last are kept."""
         key = x.tobytes()
         if key not in self._last:
             self._last.clear()
             self._last[key] = self._frames_at(x)
         return self._last[key]
 
-    def _frames_at(self, x: Float) -> tuple[list[Float], list[Float], Float, Float]:
+    def _frames_at(self, x: Float) -> _Frames:
         chain, lay, m = self.chain, self.layout, len(self.q)
-        delta = self._sag(x)
-        base = lay.displacement_at(BASE, x)
-        T: Float = np.broadcast_to(np.eye(4) if base is None else displacement(base), (m, 4, 4))
+        names = (BASE, *chain.names, TCP)
+        moves = {name: d for name in names if (d := lay.displacement_at(name, x)) is not None}
+        step = dict(zip(moves, displacement(_rows(moves)), strict=True))
+        bent = self._bent(x)
+        T: Float = np.broadcast_to(step.get(BASE, np.eye(4)), (m, 4, 4))
         drives, ends = [], []
         for i, name in enumerate(chain.names):
             T = T @ chain.fixed[i]
             if chain.joint[i] >= 0:
                 T = _turned(T, self._angle(i, x))
             drives.append(T)
-            if delta is not None and (np.any(chain.compliance[i] > 0.0) or any(s == i for s, _ in lay.soft)):
-                T = T @ _elastic(delta[:, i])
+            if i in bent:
+                T = T @ bent[i]
             ends.append(T)
-            d = lay.displacement_at(name, x)
-            if d is not None:
-                T = T @ displacement(d)
+            if name in step:
+                T = T @ step[name]
         T_last = T @ chain.T_last_tcp
-        d = lay.displacement_at(TCP, x)
-        return drives, ends, T_last, T_last if d is None else T_last @ displacement(d)
+        return _Frames(drives, ends, T_last, T_last @ step[TCP] if TCP in step else T_last, moves)
+
+    def _bent(self, x: Float) -> dict[int, Float]:
+        """What sag turns and shifts (m, 4, 4), by segment that yields."""
+        delta = self._sag(x)
+        if delta is None:
+            return {}
+        E = _elastic(delta[:, self._soft])
+        return {segment: E[:, k] for k, segment in enumerate(self._soft)}
+
+    @cached_property
+    def _soft(self) -> list[int]:
+        """Segments that yield, or may."""
+        known = np.flatnonzero(np.any(self.chain.compliance > 0.0, axis=1)).tolist()
+        return sorted({*known, *(segment for segment, _ in self.layout.soft)})
 
     def _angle(self, i: int, x: Float) -> Float:
         q = self.q[:, self.chain.joint[i]]
@@ -282,26 +314,32 @@ def _turned(T: Float, angle: Float) -> Float:
     return out
 
 
+def _rows(moves: dict[str, Float]) -> Float:
+    """Displacements (k, 6)."""
+    return np.array(list(moves.values())).reshape(-1, 6)
+
+
 def _elastic(delta: Float) -> Float:
-    """E(delta) (m, 4, 4): translation, then z-y'-x'' rotations."""
-    return pose.make(rotation.from_zyx(delta[:, [5, 4, 3]]), delta[:, :3])
+    """E(delta) (..., 4, 4): translation, then z-y'-x'' rotations."""
+    return pose.make(rotation.from_zyx(delta[..., [5, 4, 3]]), delta[..., :3])
 
 
 def _elastic_axes(delta: Float) -> Float:
-    """(m, 3, 3) axes in the element's frame that its rotations rx, ry, rz turn about, as columns."""
-    out = np.zeros((len(delta), 3, 3))
-    out[:, 2, 2] = 1.0
-    R = rotation.about_z(delta[:, 5])
-    out[:, :, 1] = R[:, :, 1]
-    out[:, :, 0] = (R @ rotation.about_y(delta[:, 4]))[:, :, 0]
+    """(..., 3, 3) axes in the element's frame that its rotations rx, ry, rz turn about, as columns."""
+    out = np.zeros((*delta.shape[:-1], 3, 3))
+    out[..., 2, 2] = 1.0
+    R = rotation.about_z(delta[..., 5])
+    out[..., 1] = R[..., 1]
+    out[..., 0] = (R @ rotation.about_y(delta[..., 4]))[..., 0]
     return out
 
 
 class _Columns:
     """Twists of the TCP per unit of each parameter, collected."""
 
-    def __init__(self, tip: Float) -> None:
-        self.tip = tip
+    def __init__(self, tip: Float, layout: ArmLayout, moves: dict[str, Float]) -> None:
+        self.tip, self.layout, self.moves = tip, layout, moves
+        self.turning = dict(zip(moves, left_jacobian(_rows(moves)[:, 3:]), strict=True))
         self.blocks: list[Float] = []
         self.places: list[Int] = []
 
@@ -318,15 +356,16 @@ class _Columns:
         """Rotations about axes (m, 3, k) through centres (m, 3)."""
         self.add(np.concatenate([-rotation.skew(self.tip - centre) @ axes, axes], axis=1), places)
 
-    def displaced(self, layout: ArmLayout, name: str, before: Float, x: Float) -> None:
+    def displaced(self, name: str, before: Float) -> None:
         """The displacement behind frames (m, 4, 4)."""
-        index, d = layout.displaced.get(name), layout.displacement_at(name, x)
-        if index is None or d is None:
+        index = self.layout.displaced.get(name)
+        if index is None or name not in self.moves:
             return
         R = before[:, :3, :3]
         first, last = index[:3] >= 0, index[3:] >= 0
         self.shifts(R[:, :, first], index[:3][first])
-        self.turns((R @ left_jacobian(d[3:]))[:, :, last], before[:, :3, 3] + R @ d[:3], index[3:][last])
+        centre = before[:, :3, 3] + R @ self.moves[name][:3]
+        self.turns((R @ self.turning[name])[:, :, last], centre, index[3:][last])
 
     def all(self) -> tuple[Int, Float]:
         """Places (k,) and twists (m, 6, k)."""

@@ -89,36 +89,49 @@ def of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, *, partly: bool = Fal
 
 
 def error_of(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, T_tcp_target: Float) -> Float:
-    """(m,) m distance of measured (m, 4, 4) poses or (m, 3) points from prediction, rotations at :data:`LENGTH_M`."""
+    """(m,) m distance of measured (m, 4, 4) poses or (m, 3) points from prediction, rotations at :data:`LENGTH_M`.
+
+    Frames (k, 1, 4, 4) give (k, m) distances of poses.
+    """
     T = pose.inverse(T_base_tracker) @ Ts_base_tcp @ T_tcp_target
     if measured.ndim == 2:
         out: Float = np.linalg.norm(T[:, :3, 3] - measured, axis=1)
         return out
     d = pose.difference(T, measured)
-    both: Float = np.sqrt(np.sum(d[:, :3] ** 2, axis=1) + LENGTH_M**2 * np.sum(d[:, 3:] ** 2, axis=1))
+    both: Float = np.sqrt(np.sum(d[..., :3] ** 2, axis=-1) + LENGTH_M**2 * np.sum(d[..., 3:] ** 2, axis=-1))
     return both
 
 
-def quick_of_poses(Ts_base_tcp: Float, Ts_tracker_target: Float, partly: bool) -> tuple[Float, Float]:
-    """Frames by one linear way, not refined: rotations first where they tell, else together with the positions.
+def quick_of_samples(Ts_base_tcp: Float, Ts_tracker_target: Float, partly: bool) -> tuple[Float, Float]:
+    """Frames of many small samples, not refined: rotations first where they tell, else together with the positions.
 
     Args:
-        Ts_base_tcp: (m, 4, 4) robot poses, m.
-        Ts_tracker_target: (m, 4, 4) measured poses, m.
+        Ts_base_tcp: (t, s, 4, 4) robot poses, m, of t samples.
+        Ts_tracker_target: (t, s, 4, 4) measured poses, m.
         partly: As for :func:`of_poses`.
 
     Returns:
-        T_base_tracker and T_tcp_target, each (4, 4).
+        T_base_tracker and T_tcp_target of the samples that turn enough, each (k, 4, 4).
     """
-    A, B = Ts_base_tcp, Ts_tracker_target
-    _check_turns(A, 1 if partly else 0)
-    R_Z, alone = _by_rotations(A, B)
-    if not alone:
-        R_Z = _together(A, B)
-    RA, m = A[:, :3, :3], len(A)
-    R_X = _proper(np.einsum("mji,jk,mkl->il", RA, R_Z, B[:, :3, :3]))
-    t = _least(_place_rows(RA), (B[:, :3, 3] @ R_Z.T - A[:, :3, 3]).reshape(-1), m)
-    return pose.make(R_Z, t[3:]), pose.make(R_X, t[:3])
+    count = Ts_base_tcp.shape[1]
+    R = Ts_base_tcp[:, :, :3, :3]
+    turns = np.linalg.svd((R - R.mean(axis=1, keepdims=True)).reshape(len(R), -1, 3), compute_uv=False)
+    determined = np.sum(turns < LEAST_TURN_RAD * np.sqrt(count), axis=1) <= (1 if partly else 0)
+    A, B = Ts_base_tcp[determined], Ts_tracker_target[determined]
+    RA, RB = A[:, :, :3, :3], B[:, :, :3, :3]
+    u, s, _ = np.linalg.svd(np.einsum("tmab,tmcd->tacbd", RB, RA).reshape(-1, 9, 9) / count)
+    M = np.swapaxes(u[:, :, 0].reshape(-1, 3, 3), 1, 2)
+    R_Z = _proper(np.where(np.linalg.det(M) < 0.0, -1.0, 1.0)[:, None, None] * M)
+    for k in np.flatnonzero(s[:, 1] >= 1.0 - _LEAST_GAP):
+        R_Z[k] = _together(A[k], B[k])
+    R_X = _proper(np.einsum("tmji,tjk,tmkl->til", RA, R_Z, RB))
+    rows = np.concatenate([RA, np.broadcast_to(-np.eye(3), RA.shape)], axis=-1).reshape(-1, 3 * count, 6)
+    right = B[:, :, :3, 3] @ np.swapaxes(R_Z, 1, 2) - A[:, :, :3, 3]
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    use = s > LEAST_TURN_RAD * np.sqrt(count)
+    along = np.einsum("trk,tr->tk", u, right.reshape(-1, 3 * count))
+    t = np.einsum("tkj,tk->tj", vt, np.where(use, along / np.where(use, s, 1.0), 0.0))
+    return pose.make(R_Z, t[:, 3:]), pose.make(R_X, t[:, :3])
 
 
 def _tracker_rotations(A: Float, B: Float) -> list[Float]:
@@ -271,8 +284,10 @@ def target_of_poses(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, 
 
 
 def _proper(M: Float) -> Float:
+    """The rotation nearest to a matrix (..., 3, 3)."""
     u, _, vt = np.linalg.svd(M)
-    out: Float = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    out: Float = u @ vt
     return out
 
 

@@ -14,14 +14,14 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.arrays import Bool, Float, Int, batches
 from counterflex.core.errors import InputError
 from counterflex.identify.geometry.hand_eye import (
     error_of,
     of_points,
     of_poses,
     open_offsets,
-    quick_of_poses,
+    quick_of_samples,
     refined,
     target_of_poses,
     tracker_of_poses,
@@ -31,6 +31,8 @@ TRIALS: Final = 200
 _SAMPLE = 5
 _POINT_SAMPLE = 8
 _INLIER = 6.0
+_AT_ONCE = 20_000
+"""Predictions of samples that are computed together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ def robust_of_poses(
         len(Ts_base_tcp),
         _SAMPLE,
         lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly=partly),
-        lambda rows: quick_of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly),
+        lambda rows: quick_of_samples(Ts_base_tcp[rows], Ts_tracker_target[rows], partly),
         lambda rows, R: refined(Ts_base_tcp[rows], Ts_tracker_target[rows], R),
         lambda Z, X: error_of(Ts_base_tcp, Ts_tracker_target, Z, X),
         seed,
@@ -134,24 +136,37 @@ def _best(
     count: int,
     sample: int,
     fit: Callable[[Int | Bool], tuple[Float, Float]],
-    quick: Callable[[Int | Bool], tuple[Float, Float]] | None,
+    quick: Callable[[Int], tuple[Float, Float]] | None,
     again: Callable[[Bool, Float], tuple[Float, Float]] | None,
     error: Callable[[Float, Float], Float],
     seed: int,
     trials: int,
 ) -> HandEye:
-    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best."""
+    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best.
+
+    ``quick`` takes the rows (t, sample) of many samples, all others the rows of one.
+    """
     Z, X = fit(np.ones(count, dtype=np.bool_))
     best = error(Z, X)
     rng = np.random.default_rng(seed)
-    for _ in range(trials if count > sample else 0):
+    drawn = [rng.choice(count, sample, replace=False) for _ in range(trials if count > sample else 0)]
+    samples: Int = np.array(drawn, dtype=np.int64).reshape(-1, sample)
+    for some in batches(len(samples), 1 if quick is None else max(1, _AT_ONCE // count)):
         try:
-            trial = (quick or fit)(rng.choice(count, sample, replace=False).astype(np.int64))
+            if quick is None:
+                one = fit(samples[some.start])
+                Zs, Xs = one[0][None], one[1][None]
+            else:
+                Zs, Xs = quick(samples[some])
         except InputError:  # a sample that does not turn enough says nothing
             continue
-        errors = error(*trial)
-        if np.median(errors) < np.median(best):
-            (Z, X), best = trial, errors
+        if len(Zs) == 0:
+            continue
+        errors = np.array([error(Zs[0], Xs[0])]) if quick is None else error(Zs[:, None], Xs[:, None])
+        medians = np.median(errors, axis=1)
+        k = int(np.argmin(np.where(np.isnan(medians), np.inf, medians)))
+        if medians[k] < np.median(best):
+            Z, X, best = Zs[k], Xs[k], errors[k]
     for _ in range(5):
         good = best <= _INLIER * max(float(np.median(best)), 1e-12)
         try:

@@ -121,7 +121,7 @@ class TrackerResiduals:
                 v[:, :, place] -= back[:, c]
             elif place >= 0:
                 axis = turned[:, c - 3]
-                v[:, :, place] -= np.cross(axis, y) @ back.T
+                v[:, :, place] -= rotation.cross(axis, y) @ back.T
                 w[:, :, place] -= back @ axis
 
     def subset(self, rows: Bool) -> TrackerResiduals:
