@@ -11,10 +11,12 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.plan.preflight.bodies import Body, pairs, tool_of
-from counterflex.plan.preflight.collision import Closest, Scene, closest, poses
+from counterflex.plan.preflight.collision import Closest, Scene, at_least, closest, poses
 
 PLACES: Final = 12
 """Stations at which every posture is looked at, evenly along the path; the chosen posture is looked at everywhere."""
+_NEAR_M: Final = 1e-3
+"""Distances that are told apart beyond the least one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,19 +75,24 @@ def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bo
     compared = around.compared()
     if not compared:
         return out
-    scene = Scene(around.bodies)
-    of_tool = {
-        tool: [pair for pair in compared if tool_of(around.bodies[pair[0]], around.bodies[pair[1]]) in (None, tool)]
-        for tool in np.unique(around.tool[rows[places]]).tolist()
+    scene, pairs = Scene(around.bodies), [(a, b) for a, b, _ in compared]
+    least = np.array([keep for _, _, keep in compared])
+    tools = [tool_of(around.bodies[a], around.bodies[b]) for a, b in pairs]
+    mounted = {
+        number: np.array([of in (None, number) for of in tools])
+        for number in np.unique(around.tool[rows[places]]).tolist()
     }
-    for turn, slot in np.argwhere(~np.isnan(q[:, :, :, 0]).all(axis=0)):
-        held = [k for k in places if not np.isnan(q[k, turn, slot, 0])]
-        placed = poses(robot.controller_chain, around.bodies, q[held, turn, slot], robot.T_base_part)
-        for k, bodies in zip(held, placed, strict=True):
-            scene.place(bodies)
-            if any(scene.distance(a, b, least + 1e-3) < least for a, b, least in of_tool[int(around.tool[rows[k]])]):
-                out[turn, slot] = True
-                break
+    for slot in np.flatnonzero(~np.isnan(q[:, :, :, 0]).all(axis=(0, 1))):
+        place, turn = np.nonzero(~np.isnan(q[places][:, :, slot, 0]))
+        placed = poses(robot.controller_chain, around.bodies, q[places[place], turn, slot], robot.T_base_part)
+        near = at_least(around.bodies, pairs, placed) < least + _NEAR_M
+        near &= np.array([mounted[int(around.tool[rows[k]])] for k in places])[place]
+        for row in np.flatnonzero(near.any(axis=1)):
+            if out[turn[row], slot]:
+                continue
+            scene.place(placed[row])
+            some = (compared[pair] for pair in np.flatnonzero(near[row]))
+            out[turn[row], slot] = any(scene.distance(a, b, keep + _NEAR_M) < keep for a, b, keep in some)
     return out
 
 

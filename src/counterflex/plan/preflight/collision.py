@@ -33,6 +33,8 @@ _CORE_M: Final = 1e-6
 """Radius of the axis of a capsule."""
 _TOUCH_M: Final = 2e-5
 _EXACT_M: Final = 1e-9
+_ROUNDING_M: Final = 1e-5
+"""What MuJoCo's distances may be off."""
 _NUDGE_M: Final = 1e-5 * np.array([0.8, 0.5, 0.3])
 """Two centres that coincide exactly are as good as touching to MuJoCo: they are asked again this far apart."""
 
@@ -134,6 +136,31 @@ def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, T_base_part: Fl
     return np.stack([of[body.frame] @ body.T_frame_body for body in bodies], axis=1)
 
 
+def at_least(bodies: Sequence[Body], compared: Sequence[tuple[int, int]], Ts_base_body: Float) -> Float:
+    """What pairs of bodies are surely apart: the core of one (axis or box) against the sphere around the other.
+
+    Args:
+        bodies: k bodies.
+        compared: p pairs of indices.
+        Ts_base_body: (n, k, 4, 4) m, their poses.
+
+    Returns:
+        (n, p) m: no distance is below that; -inf where they may overlap.
+    """
+    half = np.array([b.size_m if b.shape == "box" else (0.0, 0.0, b.size_m[1]) for b in bodies])
+    thick = np.array([0.0 if b.shape == "box" else b.size_m[0] for b in bodies])
+    sphere = np.linalg.norm(half, axis=1) + thick
+    pairs_of = np.array(compared, dtype=np.int64).reshape(-1, 2)
+    out = np.full((len(Ts_base_body), len(pairs_of)), -np.inf)
+    for a, b in (pairs_of.T, pairs_of[:, ::-1].T):
+        T = Ts_base_body[:, a]
+        way = Ts_base_body[:, b][..., :3, 3] - T[..., :3, 3]
+        local = np.einsum("npij,npi->npj", T[..., :3, :3], way)
+        beyond = np.maximum(np.abs(local) - half[a], 0.0)
+        np.maximum(out, np.sqrt(np.sum(beyond * beyond, axis=-1)) - thick[a] - sphere[b], out=out)
+    return np.where(out > 0.0, out, -np.inf)
+
+
 def largest_motion(chain: ElasticChain, bodies: Sequence[Body], q: Float) -> Float:
     """How far any point of any body can have moved since the first row: ``sum |dq_j| R_j``, cumulated.
 
@@ -195,16 +222,23 @@ def closest(
     scene, moved = Scene(bodies), largest_motion(chain, bodies, q)
     best: Closest | None = None
     row, begin = 0, -_CHUNK
-    placed = np.empty(0)
+    placed = bound_m = np.empty(0)
+    order: Int = np.empty(0, dtype=np.int64)
+    tools = [tool_of(bodies[first], bodies[second]) for first, second in compared]
     while row < len(q):
         if row >= begin + _CHUNK:
             begin = row
             placed = poses(chain, bodies, q[begin : begin + _CHUNK], T_base_part)
+            bound_m = at_least(bodies, compared, placed)
+            order = np.argsort(bound_m, axis=1, kind="stable")
             progress(row / len(q))
         scene.place(placed[row - begin])
         here = FARTHEST_M
-        for first, second in compared:
-            if tool_of(bodies[first], bodies[second]) not in (None, tool[row]):
+        for pair in order[row - begin].tolist():
+            first, second = compared[pair]
+            if bound_m[row - begin, pair] > here + _ROUNDING_M:
+                break
+            if tools[pair] not in (None, tool[row]):
                 continue
             distance = scene.distance(first, second, here)
             if distance < here:
