@@ -66,12 +66,16 @@ def load() -> None:
         raise RuntimeError("a library has started a thread when it was imported: leave it out here")
 
 
-def context() -> Any:
-    """Where processes for :func:`ended` come from; None where the system has no forks."""
+def context(*, many: bool = False) -> Any:
+    """Where processes for :func:`ended` come from; None where the system has no forks.
+
+    Args:
+        many: So many that it is worth reading all compiled kernels for them (:mod:`loaded_kernels`), some seconds.
+    """
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return None
     found = multiprocessing.get_context("forkserver")
-    found.set_forkserver_preload([f"{__name__}_now"])
+    found.set_forkserver_preload([f"{__name__}_now", *(["loaded_kernels_now"] if many else [])])
     before = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = str(Path(__file__).parent)  # it imports by this alone, and skips what it does not find
     try:
@@ -91,7 +95,7 @@ def ended(
 
     Args:
         forks: Of :func:`context`.
-        words: Its name and what follows it on the command line.
+        words: Its name, or the path of a script, and what follows it on the command line.
         folder: Working folder.
         environment: All of it.
         output: File that its output is added to.
@@ -130,5 +134,8 @@ def run(script: str, words: list[str], folder: str, environment: dict[str, str],
     sys.path[:] = [str(Path(script).parent), *(place for place in sys.path if place != str(Path(__file__).parent))]
     try:
         runpy.run_path(script, run_name="__main__")
+    except BaseException:
+        sys.stdout.flush()  # what was printed before a fault stands before it
+        raise
     finally:
         atexit._run_exitfuncs()

@@ -1,7 +1,7 @@
 """Run every benchmark briefly, as many at a time as there are cores: whether they work, not how fast.
 
-Each line says how long one took. What went wrong is printed at the end, each output from its last lines backwards: the
-fault stands there.
+They run in processes that have the libraries loaded already (:mod:`loaded_commands`). Each line says how long one
+took. What went wrong is printed at the end, each output from its last lines backwards: the fault stands there.
 
     python tools/run_benchmarks.py [FILE ...]
 """
@@ -11,16 +11,22 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parent))
+import loaded_commands
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 _LAST: Final = 12
 """Lines of an output that are printed first."""
 _MOST: Final = 200
 """Lines of an output that are printed at all."""
+_MOST_S: Final = 900.0
 
 
 class Ended(NamedTuple):
@@ -28,24 +34,38 @@ class Ended(NamedTuple):
 
     Attributes:
         file: Of the benchmark.
-        status: Exit status.
+        status: Exit status, or what became of it.
         seconds: Wall time, s.
         output: Standard output and standard error.
     """
 
     file: Path
-    status: int
+    status: int | str
     seconds: float
     output: str
 
 
-def run(file: Path) -> Ended:
-    """Run one with ``--quick``."""
+def run(file: Path, forks: Any = None) -> Ended:
+    """Run one with ``--quick``.
+
+    Args:
+        file: Of the benchmark.
+        forks: Where processes come from (:func:`loaded_commands.context`); None: a new one.
+    """
     begin = time.perf_counter()
-    ended = subprocess.run(
-        [sys.executable, str(file), "--quick"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
-    )
-    return Ended(file, ended.returncode, time.perf_counter() - begin, ended.stdout.decode(errors="replace"))
+    status: int | str
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "output"
+        output.touch()
+        if forks is not None:
+            words = [str(file), "--quick"]
+            status = loaded_commands.ended(forks, words, ROOT, dict(os.environ), output, _MOST_S)
+        else:
+            with output.open("w") as stream:
+                words = [sys.executable, str(file), "--quick"]
+                status = subprocess.run(words, cwd=ROOT, stdout=stream, stderr=stream, check=False).returncode
+        text = output.read_text(encoding="utf-8", errors="replace")
+    return Ended(file, status, time.perf_counter() - begin, text)
 
 
 def failure(ended: Ended) -> str:
@@ -60,9 +80,9 @@ def failure(ended: Ended) -> str:
 def main(files: list[str]) -> int:
     """Run the given benchmarks, or all."""
     chosen = [Path(file).resolve() for file in files] or sorted((ROOT / "benchmarks").glob("*.py"))
-    failed = []
+    forks, failed = loaded_commands.context(many=not files), []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for ended in pool.map(run, chosen):
+        for ended in pool.map(partial(run, forks=forks), chosen):
             print(f"  {'FAILED' if ended.status else 'ok'} {ended.seconds:6.1f} s  {ended.file.name}", flush=True)
             if ended.status:
                 failed.append(ended)

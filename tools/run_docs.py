@@ -3,8 +3,8 @@
 Commands are the lines that begin with ``$ `` in fenced ``console`` blocks of README.md, CONTRIBUTING.md and docs/. The
 commands of one page run in order in one fresh folder, several pages at a time; it holds copies of ``examples/`` and
 ``tests/outside/``, and for README.md nothing: what it uses, its own commands must have made. A page with
-``<!-- goes on from: README.md -->`` begins with what the commands of that page have left. Examples are
-``examples/*.py``.
+``<!-- goes on from: README.md -->`` begins with what the commands of that page have left. Examples are those of
+``examples/*.py`` that no page runs.
 
 Lines that begin with ``1$ ``, ``2$ ``, ... belong in a terminal each: these run at the same time.
 
@@ -41,7 +41,7 @@ import textwrap
 import threading
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -279,29 +279,41 @@ def run_page(path: Path, work: Path, forks: Any = None) -> tuple[int, int, Count
     return count, faults, page.left_out, "\n".join(lines) if len(lines) > 1 else ""
 
 
+def _run_behind(base: Future[Any] | None, page: Path, work: Path, forks: Any) -> tuple[int, int, Counter[str], str]:
+    """:func:`run_page`, when the page that it goes on from has been run."""
+    if base is not None:
+        base.result()
+    return run_page(page, work, forks)
+
+
+def all_pages() -> list[Path]:
+    """All pages, then the examples that are run on none of them."""
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    steps = (step for page in pages for step in read_page(page.read_text(encoding="utf-8")).steps)
+    words = {command.words for step in steps for commands in step.values() for command in commands}
+    return pages + [p for p in sorted((ROOT / "examples").glob("*.py")) if f"python examples/{p.name}" not in words]
+
+
 def main(pages: list[str]) -> int:
-    """Run the given pages, or all pages and all examples, as many at a time as there are cores."""
-    chosen = [Path(page).resolve() for page in pages] or [
-        ROOT / "README.md",
-        ROOT / "CONTRIBUTING.md",
-        *sorted((ROOT / "docs").rglob("*.md")),
-        *sorted((ROOT / "examples").glob("*.py")),
-    ]
+    """Run the given pages, or all pages and all examples, several at a time."""
+    chosen = [Path(page).resolve() for page in pages] or all_pages()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in the background: what is run here inherits that
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    forks = loaded_commands.context()
+    forks = loaded_commands.context(many=not pages)
     count, faults, left_out = 0, 0, Counter[str]()
     later = [page for page in chosen if base_of(page) is not None]
     first = [page for page in chosen if page not in later]
     first += [base for base in dict.fromkeys(map(base_of, later)) if base is not None and base not in first]
-    with tempfile.TemporaryDirectory() as work, ThreadPoolExecutor(os.cpu_count()) as pool:
-        for pages_now in (first, later):
-            for many, failed, reasons, said in pool.map(
-                run_page, pages_now, [Path(work)] * len(pages_now), [forks] * len(pages_now)
-            ):
-                count, faults, left_out = count + many, faults + failed, left_out + reasons
-                if said:
-                    print(said, flush=True)
+    # Some commands wait for a clock or for another page's port: one more than there are cores keeps these busy.
+    with tempfile.TemporaryDirectory() as work, ThreadPoolExecutor((os.cpu_count() or 1) + 1) as pool:
+        running: dict[Path, Future[Any]] = {}
+        for page in [*first, *later]:  # a page that waits for its base has a thread that this one does not need
+            running[page] = pool.submit(_run_behind, running.get(base_of(page) or page), page, Path(work), forks)
+        for job in running.values():
+            many, failed, reasons, said = job.result()
+            count, faults, left_out = count + many, faults + failed, left_out + reasons
+            if said:
+                print(said, flush=True)
     print(f"documented commands and examples: {count} run, {faults} failed, {left_out.total()} not run")
     for reason, many in left_out.most_common():
         print(f"  {many} not run: {reason}")

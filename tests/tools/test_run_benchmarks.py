@@ -21,8 +21,9 @@ def tool() -> ModuleType:
 
 
 def test_a_fault_is_printed_before_what_came_before_it(
-    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(tool.loaded_commands, "context", lambda **_: None)  # as where there are no forks
     good, bad = tmp_path / "good.py", tmp_path / "bad.py"
     good.write_text("import sys; print(sys.argv[1:]); assert sys.argv[1:] == ['--quick']", encoding="utf-8")
     bad.write_text("for k in range(40): print('row', k)\nraise ValueError('the reason')", encoding="utf-8")

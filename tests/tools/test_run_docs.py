@@ -150,6 +150,8 @@ def test_a_command_with_its_libraries_loaded_ends_as_one_of_a_shell_does(tmp_pat
         assert f"__main__ True {work} ['{word}', '--word'] None" in lines
         assert {"of the page False True False", "to standard error", "left"} <= set(lines)
         assert ("ValueError: broken" in lines) == (word == "broken")
+        if word == "broken":
+            assert lines.index("of the page False True False") < lines.index("ValueError: broken")
 
 
 def test_terminals_run_at_the_same_time_and_one_is_stopped(tmp_path: Path) -> None:
@@ -212,6 +214,16 @@ def test_blocks_of_python_run_in_their_order_or_say_why_not(tmp_path: Path) -> N
     assert (count, faults) == (3, 1)
     assert "TypeError" in said  # '1' | '2'
     assert "python block in line 12" in said
+
+
+def test_every_example_is_run_by_a_page_or_by_itself() -> None:
+    tool = _load()
+    chosen = tool.all_pages()
+    pages = [tool.read_page(path.read_text(encoding="utf-8")) for path in chosen if path.suffix == ".md"]
+    words = [c.words for page in pages for step in page.steps for commands in step.values() for c in commands]
+    assert len(pages) > 50
+    for example in sorted((tool.ROOT / "examples").glob("*.py")):
+        assert (f"python examples/{example.name}" in words) != (example in chosen)
 
 
 def test_a_reason_is_that_of_its_own_block_alone() -> None:
