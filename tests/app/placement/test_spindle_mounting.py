@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from counterflex.app.placement import placement
+from counterflex.app.placement.region import Wish
 from counterflex.app.placement.spindle_mounting import Mounting
 from counterflex.cli.arguments import body_angles
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
-CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
+CELL = Path(__file__).resolve().parents[3] / "examples" / "cells" / "kr300_d16_small.toml"
+SMALL = Path(__file__).parents[2] / "data" / "cells" / "small.toml"
+SHORT = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 X-12 Y15 Z42\nG0 Z38\nG1 X8 F1500\nG0 Z42\nM5\nM2\n"
+HERE = Wish((1300.0, 1440.0, -80.0, 80.0, 960.0, 1040.0), (-30.0, 30.0))
+"""About the present place: in all of it the program can be run."""
 
 
 def test_the_spindle_turns_with_all_beyond_it() -> None:
@@ -33,15 +38,18 @@ def test_the_spindle_turns_with_all_beyond_it() -> None:
     assert arms[0] == pytest.approx(arms[1])
 
 
-def test_the_best_angle_is_that_of_a_search_of_its_own(tmp_path: Path) -> None:
-    made = Mounting("tcp", "b_deg", (75.0,))
-    both = placement.run(GROOVE, CELL, tmp_path / "both", count=64, mounting=made)
+def test_the_best_angle_is_that_of_a_search_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("counterflex.plan.placement.search.POPULATION", 8)
+    program, made = tmp_path / "part.ngc", Mounting("tcp", "b_deg", (75.0,))
+    program.write_text(SHORT, encoding="ascii")
+    few: dict[str, Any] = {"count": 8, "wish": HERE}
+    both = placement.run(program, SMALL, tmp_path / "both", mounting=made, **few)
     rows = {row["angle_deg"]: row["error_um"] for row in both["mountings"]}
     assert list(rows) == [90.0, 75.0]
-    (tmp_path / "cell.toml").write_text(CELL.read_text().replace("\nb_deg = 90", "\nb_deg = 75"), encoding="utf-8")
+    (tmp_path / "cell.toml").write_text(SMALL.read_text().replace("\nb_deg = 90", "\nb_deg = 75"), encoding="utf-8")
     alone = {
-        90.0: placement.run(GROOVE, CELL, tmp_path / "own", count=64),
-        75.0: placement.run(GROOVE, tmp_path / "cell.toml", tmp_path / "turned", count=64),
+        90.0: placement.run(program, SMALL, tmp_path / "own", **few),
+        75.0: placement.run(program, tmp_path / "cell.toml", tmp_path / "turned", **few),
     }
     for angle, summary in alone.items():
         assert rows[angle] == summary["chosen"]["error_um"]
