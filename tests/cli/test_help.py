@@ -337,3 +337,16 @@ def test_help_and_version_load_no_heavy_library(word: str) -> None:
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert ended.stdout.splitlines()[-1].split() == ["LOADED"]
+
+
+def test_a_pose_of_a_catalogue_robot_loads_no_cell() -> None:
+    """Reading cells brings plan, loop and protocols with it: half a second more than the question takes."""
+    program = (
+        "import sys; sys.argv = ['counterflex', 'pose', 'kuka_kr300_r2500_ultra', '--joints-deg', '0,-90,90,0,0,0']\n"
+        "from counterflex.cli.start import run\n"
+        "try:\n    run()\nexcept SystemExit as end:\n    assert end.code == 0\n"
+        "rooms = ('counterflex.files.cell', 'counterflex.plan')\n"
+        "print('LOADED', *[name for name in sys.modules if name.startswith(rooms)])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert ended.stdout.splitlines()[-1].split() == ["LOADED"]

@@ -7,14 +7,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.pose_questions import checked_joints, joint_margins, pose_mm_deg, rounded
 from counterflex.core.arrays import Float, as_float
-from counterflex.core.errors import InputError, ReachError
+from counterflex.core.errors import ReachError
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.class_stiffness import axis_names
 from counterflex.files.cell.plausibility import unusual
 from counterflex.files.schema import ComplianceTable
-from counterflex.geometry import pose, rotation
+from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
 from counterflex.robot.elasticity import compliance, gravity
 from counterflex.robot.elasticity.axis_springs import rigid_axes
@@ -34,49 +35,18 @@ def load_chain(robot_or_cell: str) -> tuple[ElasticChain, Cell | None]:
     return ElasticChain.build(catalog.load(robot_or_cell)), None
 
 
-def pose_of_joints(chain: ElasticChain, joints_deg: list[float]) -> dict[str, Any]:
-    """TCP pose in the base for joint angles, with the margin to every joint limit."""
-    q = _joints(chain, joints_deg)
-    return {
-        "tcp_in_base": _pose_mm_deg(forward(chain, q)),
-        "joints_deg": list(joints_deg),
-        "margins": _margins(chain, q),
-    }
-
-
-def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float]) -> dict[str, Any]:
-    """All joint angles that bring the TCP to a pose, branch by branch.
-
-    Raises:
-        ReachError: No branch reaches the pose within the joint limits.
-    """
-    T_base_tcp = pose.from_xyz_zyx(as_float("--xyz-mm", xyz_mm, (3,)) * MM, as_float("--abc-deg", abc_deg, (3,)) * DEG)
-    return {
-        "tcp_in_base": _pose_mm_deg(T_base_tcp),
-        "solutions": [
-            {
-                "branch": str(solution.branch),
-                "joints_deg": _round(solution.q / DEG, 6),
-                "margins": _margins(chain, solution.q),
-                "wrist_deg": round(float(np.arcsin(min(1.0, solution.wrist)) / DEG), 3),
-            }
-            for solution in inverse.inverse_all(chain, T_base_tcp)
-        ],
-    }
-
-
 def deflection(
     chain: ElasticChain, joints_deg: list[float], force_n: list[float], moment_nm: list[float]
 ) -> dict[str, Any]:
     """Deflection at the TCP under a wrench in base axes: linear, nonlinear, sag, compliance, share of each element."""
-    q = _joints(chain, joints_deg)
+    q = checked_joints(chain, joints_deg)
     w = np.concatenate([as_float("--force-n", force_n, (3,)), as_float("--moment-nm", moment_nm, (3,))])
     C = compliance.cartesian_compliance(chain, q)
     linear = C @ w
     nonlinear = compliance.deflection(chain, q, w)
     sag = gravity.sag(chain, q)
     return {
-        "tcp_in_base": _pose_mm_deg(forward(chain, q)),
+        "tcp_in_base": pose_mm_deg(forward(chain, q)),
         "force_n": list(force_n),
         "moment_nm": list(moment_nm),
         "linear": _twist(linear),
@@ -84,9 +54,9 @@ def deflection(
         "gap_um": round(float(np.linalg.norm((nonlinear - linear)[:3]) / UM), 4),
         "gravity_sag": _twist(sag),
         "compliance": {
-            "translation_um_per_kn": [_round(row, 3) for row in C[:3, :3] / UM_PER_KN],
-            "rotation_urad_per_knm": [_round(row, 3) for row in C[3:, 3:] / URAD_PER_KNM],
-            "coupling_um_per_knm": [_round(row, 3) for row in C[:3, 3:] / UM_PER_KN],
+            "translation_um_per_kn": [rounded(row, 3) for row in C[:3, :3] / UM_PER_KN],
+            "rotation_urad_per_knm": [rounded(row, 3) for row in C[3:, 3:] / URAD_PER_KNM],
+            "coupling_um_per_knm": [rounded(row, 3) for row in C[:3, 3:] / UM_PER_KN],
         },
         "shares": shares(chain, q, w),
         "warnings": [*_rigid(chain), *beyond_regions(chain.regions, q)],
@@ -108,7 +78,7 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> list[dict[str, A
     for name, part in zip(chain.names, parts, strict=True):
         share = float(part[:3] @ total[:3]) / length**2 if length > 0.0 else 0.0
         if np.any(part != 0.0):
-            rows.append({"segment": name, "dx_dy_dz_um": _round(part[:3] / UM, 3), "share": round(share, 4)})
+            rows.append({"segment": name, "dx_dy_dz_um": rounded(part[:3] / UM, 3), "share": round(share, 4)})
     return sorted(rows, key=lambda row: -abs(float(row["share"])))
 
 
@@ -220,7 +190,7 @@ def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
             hint=f"{fault.hint}. Lengths are in mm" if fault.hint else None,
             **fault.data,
         ) from fault
-    margins = [_margins(chain, row) for row in q]
+    margins = [joint_margins(chain, row) for row in q]
     centre = q[0]
     worst = []
     for axis, name in enumerate("xyz"):
@@ -247,50 +217,20 @@ def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
         warnings.append("a joint comes closer to its limit than limits.joint_margin_deg at a corner of the stock")
     return {
         "stock_mm": {
-            "low": _round(np.array([x[0], y[0], stock.bottom_m]) / MM, 3),
-            "high": _round(np.array([x[-1], y[-1], top]) / MM, 3),
+            "low": rounded(np.array([x[0], y[0], stock.bottom_m]) / MM, 3),
+            "high": rounded(np.array([x[-1], y[-1], top]) / MM, 3),
         },
-        "at_corner": {"xyz_mm": _round(corners[0] / MM, 3), "joints_deg": _round(centre / DEG, 3)},
+        "at_corner": {"xyz_mm": rounded(corners[0] / MM, 3), "joints_deg": rounded(centre / DEG, 3)},
         "softness": worst,
-        "sag_at_corners_um": [_round(row / UM, 1) for row in sag],
+        "sag_at_corners_um": [rounded(row / UM, 1) for row in sag],
         "sag_variation_um": round(float(np.max(np.linalg.norm(spread, axis=1)) / UM), 1),
         "smallest_joint_margin_deg": round(min(min(entry.values()) for entry in margins), 2),
     }
 
 
-def _joints(chain: ElasticChain, joints_deg: list[float]) -> Float:
-    q: Float = as_float("--joints-deg", joints_deg, (6,)) * DEG
-    outside = (q < chain.joint_limits_rad[:, 0]) | (q > chain.joint_limits_rad[:, 1])
-    if np.any(outside):
-        axis = int(np.argmax(outside))
-        low, high = chain.joint_limits_rad[axis] / DEG
-        raise InputError(
-            f"axis {axis + 1} of {chain.name} is outside its joint limits",
-            where="--joints-deg",
-            value=f"{joints_deg[axis]:g} deg",
-            limit=f"{low:g} to {high:g} deg",
-        )
-    return q
-
-
-def _margins(chain: ElasticChain, q: Float) -> dict[str, float]:
-    margin = np.minimum(q - chain.joint_limits_rad[:, 0], chain.joint_limits_rad[:, 1] - q) / DEG
-    return {f"axis{i + 1}": round(float(value), 3) for i, value in enumerate(margin)}
-
-
-def _pose_mm_deg(T: Float) -> dict[str, float]:
-    position, angles = T[:3, 3] / MM, rotation.to_zyx(T[:3, :3]) / DEG
-    names = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
-    return {name: round(float(value), 6) for name, value in zip(names, [*position, *angles], strict=True)}
-
-
 def _twist(d: Float) -> dict[str, Any]:
     return {
-        "dx_dy_dz_um": _round(d[:3] / UM, 3),
+        "dx_dy_dz_um": rounded(d[:3] / UM, 3),
         "length_um": round(float(np.linalg.norm(d[:3]) / UM), 3),
-        "rx_ry_rz_urad": _round(d[3:] / URAD, 3),
+        "rx_ry_rz_urad": rounded(d[3:] / URAD, 3),
     }
-
-
-def _round(values: Float, digits: int) -> list[float]:
-    return [round(float(value), digits) + 0.0 for value in values]

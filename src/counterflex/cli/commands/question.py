@@ -117,7 +117,7 @@ def pose(
 
     `counterflex pose kuka_kr300_r2500_ultra --xyz-mm 1590,0,1784 --abc-deg 0,90,0`
     """
-    from counterflex.app import questions
+    from counterflex.app import pose_questions
 
     joints, xyz = numbers(joints_deg, "--joints-deg", 6), numbers(xyz_mm, "--xyz-mm", 3)
     if (joints is None) == (xyz is None):
@@ -127,9 +127,9 @@ def pose(
             value=number,
             hint="--joints-deg gives the pose, --xyz-mm the joint angles",
         )
-    chain, _ = questions.load_chain(target)
+    chain = pose_questions.chain_of(target)
     if joints is not None:
-        answer = questions.pose_of_joints(chain, joints)
+        answer = pose_questions.pose_of_joints(chain, joints)
         if as_json:
             print_json(answer)
         else:
@@ -137,7 +137,7 @@ def pose(
             print_table(f"TCP of {chain.name} in its base", list(tcp), [[f"{value:.4f}" for value in tcp.values()]])
             print_table("Margin to the joint limits, deg", *_row(answer["margins"]))
         return
-    answer = questions.joints_of_pose(chain, xyz or [], numbers(abc_deg, "--abc-deg", 3) or [])
+    answer = pose_questions.joints_of_pose(chain, xyz or [], numbers(abc_deg, "--abc-deg", 3) or [])
     if as_json:
         print_json(answer)
         return

@@ -1,0 +1,94 @@
+"""Where a robot's tool is for joint angles, and which joint angles bring it to a pose; no cell is needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import pose, rotation
+from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.kinematics import inverse
+from counterflex.robot.model import catalog
+
+
+def chain_of(robot_or_cell: str) -> ElasticChain:
+    """The elastic chain of a cell file, or of a bare catalogue robot whose TCP is its flange."""
+    if Path(robot_or_cell).suffix == ".toml" or Path(robot_or_cell).is_file():
+        from counterflex.files.cell.cell import read_cell  # half a second, which a bare robot does not need
+
+        return read_cell(robot_or_cell).chain
+    return ElasticChain.build(catalog.load(robot_or_cell))
+
+
+def pose_of_joints(chain: ElasticChain, joints_deg: list[float]) -> dict[str, Any]:
+    """TCP pose in the base for joint angles, with the margin to every joint limit."""
+    q = checked_joints(chain, joints_deg)
+    return {
+        "tcp_in_base": pose_mm_deg(forward(chain, q)),
+        "joints_deg": list(joints_deg),
+        "margins": joint_margins(chain, q),
+    }
+
+
+def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float]) -> dict[str, Any]:
+    """All joint angles that bring the TCP to a pose, branch by branch.
+
+    Raises:
+        ReachError: No branch reaches the pose within the joint limits.
+    """
+    T_base_tcp = pose.from_xyz_zyx(as_float("--xyz-mm", xyz_mm, (3,)) * MM, as_float("--abc-deg", abc_deg, (3,)) * DEG)
+    return {
+        "tcp_in_base": pose_mm_deg(T_base_tcp),
+        "solutions": [
+            {
+                "branch": str(solution.branch),
+                "joints_deg": rounded(solution.q / DEG, 6),
+                "margins": joint_margins(chain, solution.q),
+                "wrist_deg": round(float(np.arcsin(min(1.0, solution.wrist)) / DEG), 3),
+            }
+            for solution in inverse.inverse_all(chain, T_base_tcp)
+        ],
+    }
+
+
+def checked_joints(chain: ElasticChain, joints_deg: list[float]) -> Float:
+    """Joint angles, rad.
+
+    Raises:
+        InputError: One is outside its limits.
+    """
+    q: Float = as_float("--joints-deg", joints_deg, (6,)) * DEG
+    outside = (q < chain.joint_limits_rad[:, 0]) | (q > chain.joint_limits_rad[:, 1])
+    if np.any(outside):
+        axis = int(np.argmax(outside))
+        low, high = chain.joint_limits_rad[axis] / DEG
+        raise InputError(
+            f"axis {axis + 1} of {chain.name} is outside its joint limits",
+            where="--joints-deg",
+            value=f"{joints_deg[axis]:g} deg",
+            limit=f"{low:g} to {high:g} deg",
+        )
+    return q
+
+
+def joint_margins(chain: ElasticChain, q: Float) -> dict[str, float]:
+    """Distance of every joint from its nearer limit, deg, by axis."""
+    margin = np.minimum(q - chain.joint_limits_rad[:, 0], chain.joint_limits_rad[:, 1] - q) / DEG
+    return {f"axis{i + 1}": round(float(value), 3) for i, value in enumerate(margin)}
+
+
+def pose_mm_deg(T: Float) -> dict[str, float]:
+    """A pose in shop units, angles intrinsic z-y'-x''."""
+    position, angles = T[:3, 3] / MM, rotation.to_zyx(T[:3, :3]) / DEG
+    names = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
+    return {name: round(float(value), 6) for name, value in zip(names, [*position, *angles], strict=True)}
+
+
+def rounded(values: Float, digits: int) -> list[float]:
+    """Numbers with so many decimals, without a negative zero."""
+    return [round(float(value), digits) + 0.0 for value in values]
