@@ -21,6 +21,7 @@ import sys
 import tempfile
 import tomllib
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
@@ -283,7 +284,7 @@ def measured(
                 if open_levels:
                     jobs.append((name, family, seed, open_levels, str(out)))
     rows = done
-    with ProcessPoolExecutor(workers) as pool, log.open("a") as file:
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool, log.open("a") as file:
         for i, found in enumerate(pool.map(one, *zip(*jobs, strict=True)) if jobs else ()):
             rows += found
             for row in found:
