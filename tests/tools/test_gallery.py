@@ -145,6 +145,10 @@ def test_a_room_has_its_public_modules_and_no_kernels(tools: list[ModuleType]) -
     assert "counterflex.geometry.pose" in rooms.modules("counterflex.geometry")
     assert not any("kernel" in name or "__init__" in name for name in rooms.modules("counterflex.robot"))
     assert rooms.modules("counterflex.geometry.pose") == ["counterflex.geometry.pose"]
+    some = rooms.chosen("counterflex.robot", ["kinematics.inverse", "elasticity.chain"])
+    assert some == ["counterflex.robot.kinematics.inverse", "counterflex.robot.elasticity.chain"]
+    with pytest.raises(ValueError, match="no public module: counterflex.robot.arm"):
+        rooms.chosen("counterflex.robot", ["arm"])
 
 
 def test_indented_formulas_are_literal_and_sections_stay(tools: list[ModuleType]) -> None:
@@ -166,3 +170,8 @@ def test_indented_formulas_are_literal_and_sections_stay(tools: list[ModuleType]
     assert shown == [*text[:4], "::", "", *text[4:]]
     plain = _module(tools, "docs_site.rooms").without_substitutions
     assert plain("h |sin| of ``|a|``, `` + `` and ``b``") == r"h \|sin\| of ``|a|``, ``+`` and ``b``"
+
+
+def test_array_types_have_their_names_in_signatures(tools: list[ModuleType]) -> None:
+    named = _module(tools, "docs_site.rooms").with_aliases("(q: TypeAliasForwardRef('Float') | None) -> Float")
+    assert named == "(q: Float | None) -> Float"

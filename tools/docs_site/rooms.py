@@ -4,6 +4,8 @@ A Sphinx extension with one directive, ``room``: a section for each public modul
 ``automodule`` says. Modules of kernels are left out: their arguments are those of the functions that call them.
 
     .. room:: counterflex.geometry
+    .. room:: counterflex.robot
+       :only: elasticity.chain kinematics.inverse
 """
 
 from __future__ import annotations
@@ -33,6 +35,24 @@ def modules(package: str) -> list[str]:
     return [name for name in names if "kernel" not in name and not any(part[0] == "_" for part in name.split("."))]
 
 
+def chosen(package: str, only: list[str]) -> list[str]:
+    """Public modules of a package, all or some in the order in which they are named.
+
+    Args:
+        package: Dotted name.
+        only: Names below the package; empty: all.
+
+    Raises:
+        ValueError: The package has no such public module.
+    """
+    known = modules(package)
+    names = [f"{package}.{name}" for name in only] or known
+    missing = sorted(set(names) - set(known))
+    if missing:
+        raise ValueError(f"no public module: {', '.join(missing)}")
+    return names
+
+
 class _Room(SphinxDirective):  # type: ignore[misc]
     """``room``: the modules of a package."""
 
@@ -40,9 +60,10 @@ class _Room(SphinxDirective):  # type: ignore[misc]
     option_spec = {"only": directives.unchanged}  # noqa: RUF012  # as docutils has it
 
     def run(self) -> list[nodes.Node]:
-        package = self.arguments[0]
-        only = self.options.get("only", "").split()
-        names = [name for name in modules(package) if not only or name.removeprefix(f"{package}.") in only]
+        try:
+            names = chosen(self.arguments[0], self.options.get("only", "").split())
+        except ValueError as fault:
+            raise self.error(str(fault)) from fault
         return [self._module(name) for name in names]
 
     def _module(self, name: str) -> nodes.Node:
@@ -91,6 +112,17 @@ def _docstring(_app: Any, _what: str, _name: str, _item: Any, _options: Any, lin
     lines[:] = shown
 
 
+def with_aliases(text: str) -> str:
+    """A signature in which names of array types stand as they are written, also within other types."""
+    return re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text)
+
+
+def _signature(
+    _app: Any, _what: str, _name: str, _item: Any, _options: Any, signature: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    return signature and with_aliases(signature), returned and with_aliases(returned)
+
+
 def _skip(_app: Any, _what: str, _name: str, item: Any, skip: bool, _options: Any) -> bool | None:
     return True if isinstance(item, CPUDispatcher) else None if not skip else True
 
@@ -99,5 +131,6 @@ def setup(sphinx: Any) -> dict[str, bool]:
     """Register the directive; called by Sphinx."""
     sphinx.add_directive("room", _Room)
     sphinx.connect("autodoc-process-docstring", _docstring, priority=400)  # before napoleon reads its sections
+    sphinx.connect("autodoc-process-signature", _signature)
     sphinx.connect("autodoc-skip-member", _skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

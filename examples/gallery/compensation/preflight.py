@@ -64,7 +64,6 @@ for x_mm in (1350, 1750, 2150, 2550, 2950):
     if reach["verdict"] == "fail":
         print(f"part at x {x_mm} mm: {reach['what']}. {reach['advice']}")
 reserve_table = pl.DataFrame(reserve)
-print(reserve_table.select("x_mm", "reserve_mm", "verdict"))
 reserve_table
 
 # %%

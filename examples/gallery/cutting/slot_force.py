@@ -66,7 +66,6 @@ for name, helix_deg, runout_um, trochoid in CASES:
     curves.append((name, teeth))
 with pl.Config(tbl_cols=-1):
     print(pl.DataFrame(rows))
-pl.DataFrame(rows)
 
 # %%
 colours = ("#9aa3ad", "#0369a1", "#15803d", "#c2410c")

@@ -95,8 +95,6 @@ table = pl.DataFrame(
         for k, drive in enumerate(truth.drives)
     ]
 )
-with pl.Config(tbl_cols=-1):
-    print(table)
 table
 
 # %%

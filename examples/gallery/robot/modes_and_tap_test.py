@@ -53,7 +53,6 @@ rows = [
     }
     for k, mode in enumerate(found.summary["modes"])
 ]
-print(pl.DataFrame(rows).select("mode", "hz", "from_hz", "to_hz"))
 pl.DataFrame(rows)
 
 # %%

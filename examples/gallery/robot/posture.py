@@ -38,7 +38,6 @@ keys = ("branch", "rotation_about_tool_deg", "deflection_um", "largest_um", "rev
 table = pl.DataFrame(
     [{"posture": name} | {key: chosen.summary[name][key] for key in keys} for name in ("present", "chosen")]
 )
-print(table.select("posture", "branch", "rotation_about_tool_deg", "deflection_um"))
 print(f"{chosen.summary['reduction_percent']:.0f} % less; {chosen.summary['poses']} postures tried")
 table
 
@@ -54,7 +53,18 @@ cost_um = np.where(np.isfinite(chosen.chosen.costs_m), chosen.chosen.costs_m, np
 shown = [k for k in range(len(BRANCHES)) if np.isfinite(cost_um[:, k]).any()]
 go.Figure(
     [
-        go.Scatter(x=rotation_deg, y=cost_um[:, k], name=BRANCHES[k], mode="lines+markers", marker={"size": 5})
+        go.Scatter(
+            x=rotation_deg,
+            y=cost_um[:, k],
+            name=BRANCHES[k],
+            mode="lines",
+            line={
+                "color": "#0369a1" if "front" in BRANCHES[k] else "#c2410c",
+                "width": 5 if "noflip" in BRANCHES[k] else 2,
+                "dash": "solid" if "noflip" in BRANCHES[k] else "dot",
+            },
+            opacity=0.5 if "noflip" in BRANCHES[k] else 1.0,
+        )
         for k in shown
     ],
     layout={
@@ -65,4 +75,7 @@ go.Figure(
 )
 
 # %%
+# Flipping the wrist leaves the arm where it is, so that the two curves of a shoulder lie on one another; what tells
+# them apart are joint limits and cables.
+#
 # What is left after the choice is compensated: a small deflection leaves a small error of its prediction.
