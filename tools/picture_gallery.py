@@ -24,7 +24,7 @@ from docs_site.gallery import PAGES, ROOT, SCRIPTS, scripts
 
 BUILT: Final = ROOT / "docs" / "_build" / "html"
 PICTURES: Final = ROOT / "docs" / "_static" / "gallery"
-WIDTH, HEIGHT = 560, 392
+WIDTH, HEIGHT = 400, 280
 """Of a picture in px."""
 FIGURE: Final = {"cable_pulls": 0, "compensate_and_prove": 2, "friction_and_play": 0}
 """Which figure of a page, from 0, where it is not the first."""
