@@ -44,7 +44,8 @@ print(f"slot, D16, 3 teeth, {DEPTH_M / MM:g} mm deep, {FEED_TOOTH_M / UM:.1f} um
 # --------------
 #
 # x is along the feed, y to its left. Straight teeth on a circular path first, then a helix of 30 deg, then the same
-# with a runout of 10 um, which is what an ordinary collet leaves: one tooth cuts more, the next less.
+# with a runout of 10 um (the axis of the tool is that far beside the axis of the spindle): one tooth cuts more, the
+# next less.
 
 CASES = (
     ("straight teeth, circular path", 0.0, 0.0, False),
