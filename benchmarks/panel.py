@@ -3,7 +3,8 @@
 ``python benchmarks/panel.py [--quick] [--minutes M] [--json FILE]``. A loop in a process of its own answers a robot
 over real sockets every 4 ms. In three of four blocks a panel serves four pages at 20 Hz; M minutes are with the panel.
 The pages are clients of its sockets without a browser, in a process of lower priority: a browser belongs on the
-computer that it is looked at with. They read all that is sent and acknowledge it as the page does.
+computer that it is looked at with. They read all that is sent and acknowledge it as the page does, and one that has
+lost its connection loads the page again, as a browser does; how often that was is printed.
 
 Blocks come in groups: one without and three with panel, in turned order in every second group, so that a load that
 grows or falls steadily cancels. Per group and percentile: mean of the blocks with panel less the block without. Over
@@ -81,9 +82,21 @@ async def _pages(link: str, counts: Any, end: Any) -> None:
 
 
 async def _page(session: Any, link: str, k: int, counts: Any, end: Any) -> None:
+    await _open_page(session, link, k, counts, end)
+    while not end.is_set():
+        counts[CLIENTS + k] += 1
+        await _open_page(session, _base(link), k, counts, end)
+
+
+def _base(link: str) -> str:
+    return link.split("?")[0].rstrip("/")
+
+
+async def _open_page(session: Any, link: str, k: int, counts: Any, end: Any) -> None:
+    """Show the page until the end, or until its connection is lost."""
     import socketio
 
-    base = link.split("?")[0].rstrip("/")
+    base = _base(link)
     async with session.get(link) as answer:
         text = await answer.text()
     raw = re.search(r"String\.raw`(.*?)`", text, re.DOTALL)
@@ -117,7 +130,7 @@ async def _page(session: Any, link: str, k: int, counts: Any, end: Any) -> None:
     )
     await client_socket.call("handshake", ids)
     await event("ready", 0)
-    while not end.is_set():
+    while client_socket.connected and not end.is_set():
         await asyncio.sleep(0.05)
     await client_socket.disconnect()
 
@@ -138,14 +151,14 @@ class Watched:
                 raise RuntimeError("the panel ended")
         link = dict(line.strip().split(": ", 1) for line in lines)["viewer"]
         context = multiprocessing.get_context("spawn")
-        self.counts, self._end = context.Array("q", CLIENTS, lock=False), context.Event()
+        self.counts, self._end = context.Array("q", 2 * CLIENTS, lock=False), context.Event()
         self._pages = context.Process(target=pages, args=(link, self.counts, self._end), daemon=True)
         self._pages.start()
         begin = time.monotonic()
-        while min(self.counts) < 5:
+        while min(self.counts[:CLIENTS]) < 5:
             robot.block(0.25)
             if time.monotonic() - begin > PATIENCE_S or not self._pages.is_alive():
-                raise RuntimeError(f"the pages get nothing: {list(self.counts)} messages")
+                raise RuntimeError(f"the pages get nothing: {list(self.counts[:CLIENTS])} messages")
 
     def processor_s(self) -> float:
         """Processor time of the panel so far, s; not a number where the system does not say."""
@@ -288,7 +301,7 @@ def run(seconds: float, groups: int) -> dict[str, Any]:
         groups: Of one block without and three with the panel.
     """
     blocks: list[tuple[int, bool, dict[str, Float]]] = []
-    loads, rates, used = [], [], 0.0
+    loads, rates, used, again = [], [], 0.0, 0
     with tempfile.TemporaryDirectory() as name:
         robot, watched = Robot(Path(name)), None
         before = processor_times()
@@ -301,13 +314,15 @@ def run(seconds: float, groups: int) -> dict[str, Any]:
                     robot.block(0.5)
                 if with_panel and watched is None:
                     watched = Watched(Path(name), robot)
-                at = (0.0, [0] * CLIENTS) if watched is None else (watched.processor_s(), list(watched.counts))
+                at = (0.0, [0] * 2 * CLIENTS) if watched is None else (watched.processor_s(), list(watched.counts))
                 blocks.append((group, with_panel, robot.block(seconds)))
                 loads.append(os.getloadavg()[0])
                 _say(len(blocks), with_panel, blocks[-1][2], loads[-1])
                 if watched is not None:
                     used += watched.processor_s() - at[0]
-                    rates += [(b - a) / seconds for a, b in zip(at[1], watched.counts, strict=True)]
+                    grown = [b - a for a, b in zip(at[1], watched.counts, strict=True)]
+                    rates += [count / seconds for count in grown[:CLIENTS]]
+                    again += sum(grown[CLIENTS:])
         finally:
             if watched is not None:
                 watched.close()
@@ -340,6 +355,7 @@ def run(seconds: float, groups: int) -> dict[str, Any]:
             "largest": round(max(rates), 1),
             "below_10": sum(rate < 10.0 for rate in rates),
             "of": len(rates),
+            "pages_loaded_again": again,
         },
         "panel_cores": round(used / (kinds.count(True) * seconds), 3),
         "robot_real_time": robot.fifo,
@@ -377,8 +393,9 @@ def main() -> None:
     if given.json is not None:
         given.json.write_text(text + "\n", encoding="utf-8")
     print(text)
-    if figures["messages_per_second_and_page"]["least"] <= 0.0:
-        sys.exit("error: a page got no messages")
+    messages = figures["messages_per_second_and_page"]
+    if messages["least"] <= 0.0 and messages["pages_loaded_again"] == 0:
+        sys.exit("error: a page that was connected got no messages")
 
 
 if __name__ == "__main__":
