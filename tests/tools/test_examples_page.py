@@ -1,4 +1,7 @@
-"""Every example is named on the page of the examples or one that uses it, and every name on the former is a file."""
+"""Every example is named on the page of the examples or one that uses it, and every name on the former is a file.
+
+Scripts of the gallery have pages of their own (``tests/tools/test_gallery.py``).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,11 @@ PATHS = {
     for page in (ROOT / "docs").rglob("*.md")
     for path in re.findall(r"examples/([\w./-]+)", page.read_text(encoding="utf-8"))
 }
-FILES = sorted(file for file in EXAMPLES.rglob("*") if file.is_file() and "__pycache__" not in file.parts)
+FILES = sorted(
+    file
+    for file in EXAMPLES.rglob("*")
+    if file.is_file() and not {"__pycache__", "gallery"} & set(file.relative_to(EXAMPLES).parts)
+)
 
 
 def _named(file: Path) -> bool:
