@@ -66,6 +66,7 @@ def test_any_arc_of_less_than_a_turn(turn: float, clockwise: bool, start: float)
     ("text", "match"),
     [
         (QUARTER.split("\n", 1)[1], "part:4:1: TLON,GOFWD without INDIRV before it"),
+        (QUARTER.replace("TLON", "GOTO/50,20,34\nTLON"), "TLON,GOFWD without INDIRV before it"),
         ("RAPID\n" + QUARTER, "a rapid on an arc"),
         (QUARTER.replace("10.00000)", "11.00000)"), "the start of the motion is 1.000 mm beside the circle"),
         (QUARTER.replace("   30.00000,   34", "   31.00000,   34"), "the end of the motion is 1.000 mm beside"),

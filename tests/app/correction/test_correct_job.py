@@ -43,7 +43,7 @@ class Shop:
 
 @pytest.fixture(scope="module")
 def shop(tmp_path_factory: pytest.TempPathFactory) -> Shop:
-    """A cell of which one part tells a constant: of the seeds 1 to 15 these are 3, 9 and 12."""
+    """A cell of which one part tells a constant; of most cells it tells none, and ``--apply`` is refused."""
     folder = tmp_path_factory.mktemp("shop")
     program = folder / "part.ngc"
     program.write_text(GROOVE, encoding="ascii", newline="")

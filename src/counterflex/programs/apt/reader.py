@@ -15,7 +15,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
 from counterflex.programs.apt.statements import TOOL_ON_CIRCLE, Argument, Statement, place, statements, tilts
-from counterflex.programs.apt.tool_on_circle import ToolOnCircle
+from counterflex.programs.apt.tool_on_circle import TOOL_ON_FORM, ToolOnCircle
 from counterflex.programs.apt.words import CARRIED, COOLANT, FEEDS, POST, READ, REFUSED
 from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.flow import line_end, split_lines
@@ -25,7 +25,6 @@ from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Moti
 from counterflex.programs.source_text import read_text
 
 _LOADS: Final = ("ADJUST", "LENGTH", "OSETNO", "ZOFF")
-TOOL_ON_FORM: Final = "As CATIA writes it: INDIRV/i,j,k and TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,xe,ye,ze)"
 
 
 def read_apt(text: str, *, name: str = "program", complete: bool = False) -> Program:
@@ -259,7 +258,7 @@ class _Run:
                 feed_rad_s=feed[1],
             )
         )
-        self._p, self._axis = p, axis
+        self._p, self._axis, self._indirv = p, axis, None
 
     def _speed(self, part: Statement, length_m: float, angle_rad: float) -> tuple[float, float]:
         if not self._feed:
@@ -320,22 +319,19 @@ class _Run:
             raise self._fault(part, "the circle needs 4 numbers and the line 6", hint=TOOL_ON_FORM)
         if self._indirv is None or self._rapid or self._turning:
             what = "a rapid on an arc" if self._rapid else "an arc with a tool axis other than z"
-            raise self._fault(
-                part, "TLON,GOFWD without INDIRV before it" if self._indirv is None else what, hint=TOOL_ON_FORM
-            )
+            what = "TLON,GOFWD without INDIRV before it" if self._indirv is None else what
+            raise self._fault(part, what, hint=TOOL_ON_FORM)
         circle = ToolOnCircle.of([n.value or 0.0 for n in numbers], self._unit_m, "INTOF" in part.words())
         try:
             arc = circle.arc(self._p, self._indirv, self._unit_m)
         except ArcFault as fault:
             raise self._fault(part, f"{fault.what} ({fault.value})" if fault.value else fault.what) from fault
         self._plane, self._motion = 17, "G2" if arc.turn_rad < 0.0 else "G3"
-        p, middle = circle.p_end, np.array([*circle.p_centre[:2], self._p[2]])
-        p[2] = self._p[2]
+        p, middle = (np.array([*point[:2], self._p[2]]) for point in (circle.p_end, circle.p_centre))
         p.flags.writeable = False
         feed = self._speed(part, arc.radius_m * abs(arc.turn_rad), 0.0)
         normal = np.array([0.0, 0.0, 1.0])
         self._append("arc", p, self._axis, feed, centre=middle, normal=normal, turn_rad=arc.turn_rad)
-        self._indirv = None
         places = zip("IJKRXYZ", [*numbers[:4], *numbers[7:]], strict=True)
         return [Word(letter, a.value or 0.0, a.start, a.end, True) for letter, a in places]
 

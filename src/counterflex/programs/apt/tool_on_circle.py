@@ -17,6 +17,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre
 
+TOOL_ON_FORM: Final = "As CATIA writes it: INDIRV/i,j,k and TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,xe,ye,ze)"
 _SAME_M: Final = 2e-5
 """Two points of a file are one within its rounding and a little more."""
 _HALF_RAD: Final = 1e-3
