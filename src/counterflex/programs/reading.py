@@ -10,7 +10,7 @@ import importlib
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
@@ -18,6 +18,7 @@ from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
 from counterflex.programs.limits import BY_ENDING, DIALECTS, ENDINGS
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.cell import RobotTextCell
+from counterflex.programs.statement_table import StatementTable
 
 LINUXCNC: Final = "linuxcnc"
 RobotCell = RobotTextCell
@@ -36,6 +37,8 @@ _ROBOT_READERS: Final[dict[str, str]] = {
     "val3": "counterflex.programs.val3.read.reader:read_val3_file",
 }
 """The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
+_STATEMENT_TABLES: Final[dict[str, str]] = {}
+"""``module:name`` of each language's :class:`~counterflex.programs.statement_table.StatementTable`."""
 
 
 def dialect_of(file: str | os.PathLike[str], dialect: str = BY_ENDING) -> str:
@@ -87,10 +90,19 @@ def read_program_file(
     return _reader(_READERS[language])(file, machine=machine, complete=complete)
 
 
+def statement_tables() -> dict[str, StatementTable]:
+    """Return the table of statements of each language that has one."""
+    return {language: _named(place) for language, place in _STATEMENT_TABLES.items()}
+
+
 def _reader(place: str) -> Callable[..., Program]:
-    module, _, name = place.partition(":")
-    read: Callable[..., Program] = getattr(importlib.import_module(module), name)
+    read: Callable[..., Program] = _named(place)
     return read
+
+
+def _named(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(module), name)
 
 
 def require_linuxcnc(program: Program, command: str) -> None:

@@ -1,0 +1,81 @@
+"""The statements and instructions of a language, and what its reader does with each.
+
+A reader is driven by its table: it evaluates a statement, passes it because it cannot move, stop short or displace the
+tool, or refuses it. A statement that no row names is refused. The documentation prints the tables, and tests insert the
+samples into programs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+
+class Treatment(StrEnum):
+    """What a reader does with a statement."""
+
+    EVALUATED = "evaluated"
+    NEUTRAL = "neutral"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """A statement or instruction of a language.
+
+    Attributes:
+        word: Its key word, as the manual writes it.
+        treatment: What the reader does with it.
+        reason: Of an evaluated one what it sets; of a neutral one why the path stays the same; of a refused one what it
+            would change.
+        remedy: What to do about a refused one.
+        samples: Complete statements, for tests: those of a neutral one can stand anywhere between two motions.
+    """
+
+    word: str
+    treatment: Treatment
+    reason: str
+    remedy: str = ""
+    samples: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StatementTable:
+    """All statements and instructions of a language.
+
+    Attributes:
+        language: As the reader's registry names it.
+        source: The manual that lists them, with its edition.
+        rows: One per statement; words are unique, upper and lower case are the same.
+    """
+
+    language: str
+    source: str
+    rows: tuple[Statement, ...]
+
+    def find(self, word: str) -> Statement | None:
+        """Return the row of a key word; None where the language has no such statement."""
+        return self._by_word.get(word.upper())
+
+    def of(self, treatment: Treatment) -> Sequence[Statement]:
+        """Return the rows with a treatment, in the order of the table."""
+        return [row for row in self.rows if row.treatment is treatment]
+
+    @property
+    def read_share(self) -> float:
+        """Share of the statements that are evaluated or neutral, 0 to 1."""
+        return 1.0 - len(self.of(Treatment.REFUSED)) / len(self.rows)
+
+    def markdown(self) -> str:
+        """Return the table as a page of the documentation has it."""
+        lines = ["| statement | treatment | reason | remedy |", "|---|---|---|---|"]
+        for row in self.rows:
+            cells = (f"`{row.word}`", str(row.treatment), row.reason, row.remedy)
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        return "\n".join(lines) + "\n"
+
+    @cached_property
+    def _by_word(self) -> dict[str, Statement]:
+        return {row.word.upper(): row for row in self.rows}
