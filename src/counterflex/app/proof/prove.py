@@ -159,7 +159,7 @@ def prove(
         "cell": cell.name,
         "robot": cell.chain.name,
         "family": family.name,
-        "prediction": with_intervals(figures(plan), plan, cell),
+        "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell),
         "calm_feed": calm_feed(slowed, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *remarks(plan, cell)]},
         **assumed(plan, cell),

@@ -254,7 +254,7 @@ class RobotTable(Table):
             result = " and ".join(given) or "none of them"
             raise ValueError(f"a robot comes from exactly one of catalog, geometry, dh and urdf; got {result}")
         if self.catalog is not None and self.controller_axes is not None:
-            raise ValueError("controller_axes is for a robot that the file describes; the catalogue knows it of its own")
+            raise ValueError("controller_axes is for a robot that the file describes; the catalogue has its own")
         return self
 
 

@@ -183,9 +183,9 @@ def worth(site: Site, robot: RobotHere, q: Float) -> tuple[float, float, float]:
 
 def _worth(site: Site, robot: RobotHere, way: Way, clearance_m: float, passed: float) -> Candidate:
     """Accuracy, stability, time and margins of a way."""
-    limits, cut, q = robot.joint_limits_rad, site.cut, way.q
+    cut, q = site.cut, way.q
     wrist = np.abs(np.arcsin(np.abs(np.sin(q[:, 4]))))
-    to_limits = np.minimum(q - limits[:, 0], limits[:, 1] - q)
+    to_limits = robot.room(q)
     return Candidate(
         "",
         passed,

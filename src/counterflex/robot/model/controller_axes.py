@@ -6,8 +6,8 @@ angles ``q`` of the model and the axes ``j`` of the controller (pendant, program
     j = A q + z                                   A: signs, and the coupling of axis 3 to axis 2; z: zeros
     j3 = q3 + k (q2 - q2_upright)                 axis 3 counted from the horizontal, k = sign2 * sign3
 
-The table :data:`MAKERS` holds for each maker the signs and zeros of its six-axis arms, whether axis 3 is counted from the
-horizontal, and where the world frame of its controller lies. Lengths are those of
+The table :data:`MAKERS` holds for each maker the signs and zeros of its six-axis arms, whether axis 3 is counted from
+the horizontal, and where the world frame of its controller lies. Lengths are those of
 :class:`~counterflex.robot.model.description.Opw`; ``theta`` is zero where the arm stands upright.
 """
 
@@ -32,7 +32,7 @@ Axis3 = Literal["upper_arm", "horizontal"]
 MAKER_NAMES: Final[tuple[MakerName, ...]] = get_args(MakerName)
 _SAME_RAD: Final = 1e-6
 _ROD_LIMIT_RAD: Final = -75.0 * DEG
-"""ABB arms without a parallel rod bend axis 3 down to -100 deg or further (IRB 1520), those with one to -65 (IRB 1400)."""
+"""Lower limit of axis 3 that tells ABB arms apart: with a parallel rod it is -70 deg or above, without -100 or below."""
 _TURN: Final = 2.0 * math.pi
 
 
