@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import controller_arms as judge
+from controller_arms import Arm, Matrix
 from counterflex.app.compensation.compensate import compensate
 from counterflex.core.errors import ReachError
 from counterflex.files.cell.cell import read_cell
 from counterflex.robot.model import catalog
-import controller_arms as judge
-from controller_arms import Arm, Matrix
 
 PROGRAM = "G21 G90 G17\nT1 M6\nM3 S8000\nG0 X3 Y2 Z20\nG0 X5 Y4 Z16\nG1 X10 Y6 Z15 F1200\nG1 X14\nM5\nM30\n"
 CELLS = 200

@@ -167,7 +167,8 @@ def krl_start(files: Mapping[str, str]) -> Start:
     text = "\n".join(files.values())
     axes = re.search(r"XSTART=\{" + ",".join(rf"A{i} {_N}" for i in range(1, 7)), text)
     first = re.search(r"^LIN \{" + ",".join(rf"{c} {_N}" for c in "XYZABC"), text, re.MULTILINE)
-    assert axes is not None and first is not None
+    assert axes is not None
+    assert first is not None
     x, y, z, a, b, c = map(float, first.groups())
     return Start(np.array(axes.groups(), dtype=float), shift(x, y, z) @ zyx(a, b, c))
 
@@ -180,7 +181,8 @@ def rapid_start(files: Mapping[str, str]) -> Start:
     points = re.findall(r"MoveL \[" + pose, text)
     work = re.search(r"wobjdata \w+:=\[FALSE,TRUE,\"\",\[" + pose, text)
     tool = re.search(r"tooldata \w+:=\[TRUE,\[" + pose, text)
-    assert axes is not None and points
+    assert axes is not None
+    assert points
 
     def frame(values: tuple[str, ...]) -> Matrix:
         x, y, z, *q = map(float, values)
@@ -203,10 +205,12 @@ def fanuc_start(files: Mapping[str, str]) -> Start:
     if line is None:
         text = list(files.values())[1]
         line = re.search(r"^\s*\d+:L P\[(\d+)\]", text, re.MULTILINE)
-    assert axes is not None and line is not None
+    assert axes is not None
+    assert line is not None
     held = re.search(rf"P\[{axes[1]}\]\{{([^}}]*)\}}", next(iter(files.values())))
     there = re.search(rf"P\[{line[1]}\]\{{([^}}]*)\}}", text)
-    assert held is not None and there is not None
+    assert held is not None
+    assert there is not None
     joints = [float(re.search(rf"J{i} = {_N} deg", held[1])[1]) for i in range(1, 7)]  # type: ignore[index]
     x, y, z = (float(re.search(rf"\b{c} = {_N} mm", there[1])[1]) for c in "XYZ")  # type: ignore[index]
     w, p, r = (float(re.search(rf"\b{c} = {_N} deg", there[1])[1]) for c in "WPR")  # type: ignore[index]
@@ -228,5 +232,6 @@ def val3_start(files: Mapping[str, str]) -> Start:
         return None if given is None else shift(*given[:3]) @ intrinsic_xyz(*given[3:])
 
     axes, first = value("jStart", ("j1", "j2", "j3", "j4", "j5", "j6")), frame("pPath")
-    assert axes is not None and first is not None
+    assert axes is not None
+    assert first is not None
     return Start(np.array(axes), first, frame("fPart"), frame("tPath"))

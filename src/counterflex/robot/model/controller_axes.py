@@ -32,7 +32,7 @@ Axis3 = Literal["upper_arm", "horizontal"]
 MAKER_NAMES: Final[tuple[MakerName, ...]] = get_args(MakerName)
 _SAME_RAD: Final = 1e-6
 _ROD_LIMIT_RAD: Final = -75.0 * DEG
-"""Lower limit of axis 3 that tells ABB arms apart: with a parallel rod it is -70 deg or above, without -100 or below."""
+"""Lower limit of axis 3 that tells ABB arms apart: -70 deg or above with a parallel rod, -100 or below without."""
 _TURN: Final = 2.0 * math.pi
 
 
