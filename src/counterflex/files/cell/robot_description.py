@@ -68,9 +68,9 @@ def _with_axes(robot: Robot, tables: CellTables, where: str) -> Robot:
         axes = replace(AS_MODEL, assumed=_DH_AXES, axis_2_m=axis_2_height(robot))
     if table.urdf is not None or axes.matrix is None:
         return replace(robot, axes=axes)
-    axes = replace(axes, limits_rad=robot.joint_limits_rad)
     given = None if table.controller_axes is None else table.controller_axes.axis_3_to_upper_arm_deg
     between = None if given is None else np.array(given) * DEG
+    axes = replace(axes, limits_rad=robot.joint_limits_rad, between_known=given is not None)
     box = axes.model_limits(between)
     if np.any(box[:, 0] >= box[:, 1]):
         raise FileFormatError(

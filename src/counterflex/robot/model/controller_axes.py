@@ -34,6 +34,10 @@ _SAME_RAD: Final = 1e-6
 _ROD_LIMIT_RAD: Final = -75.0 * DEG
 """Lower limit of axis 3 that tells ABB arms apart: -70 deg or above with a parallel rod, -100 or below without."""
 _TURN: Final = 2.0 * math.pi
+_NO_BETWEEN: Final = (
+    "limits of axis 3 against the upper arm are not stated and not looked at: axis_3_to_upper_arm_deg in "
+    "[robot.controller_axes]"
+)
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,8 @@ class ControllerAxes:
         world_m: Height of the origin of the controller's world above the base plate, on axis 1.
         assumed: What was taken without being said, one sentence; empty where nothing was.
         axis_2_m: Height of axis 2 above the base plate.
+        between_known: The limits of the angle between upper arm and forearm are stated; they matter where axis 3 is
+            counted from the horizontal.
     """
 
     maker: MakerName | None = None
@@ -102,6 +108,7 @@ class ControllerAxes:
     world_m: float = 0.0
     assumed: str = ""
     axis_2_m: float = 0.0
+    between_known: bool = False
 
     @property
     def coupled(self) -> bool:
@@ -324,18 +331,19 @@ def in_language(
                 where=f"{where}: robot", value=f"{low:g} to {high:g} deg", limit='"horizontal" or "upper_arm"',
                 hint='Say axis_3_from in [robot.controller_axes]: "horizontal" for IRB 1400, 2400, 4400, 6400',
             )  # fmt: skip
-        return axes, (axes.assumed,) if axes.assumed else ()
+        open_limit = axes.coupled and not axes.between_known
+        return axes, (*((axes.assumed,) if axes.assumed else ()), *((_NO_BETWEEN,) if open_limit else ()))
     if opw is None and axes.maker is None and axes.assumed:
         return from_signs(maker, (1,) * 6, (0.0,) * 6, axes.axis_2_m), (axes.assumed,)
     if opw is None or (axes.maker is None and axes.matrix is None and not opw_known(opw)):
         raise InputError(
-            f"how a {title} controller counts the axes of this robot is not known",
+            f"how the {title} controller counts the axes of this robot is not known",
             where=f"{where}: robot", value=f"maker {axes.maker or 'not said'}", limit=", ".join(MAKER_NAMES),
             hint=f'Say maker = "{maker}" in [robot.controller_axes], and signs and zeros_deg where they differ',
         )  # fmt: skip
     said = f"the robot is no {title}" if axes.maker else f"signs and zeros of the robot are not those of {title}"
     made = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, MAKERS[maker].axis_3 or "upper_arm")
-    return made, (f"{said}: axes and world are those that a {title} controller shows for an arm of this geometry",)
+    return made, (f"{said}: axes and world are those of an arm of this geometry on a controller of {title}",)
 
 
 def opw_known(opw: Opw) -> bool:
