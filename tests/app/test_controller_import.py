@@ -216,11 +216,11 @@ def test_machine_data_place_the_robot_in_its_world(tmp_path: Path) -> None:
         [tmp_path / "config.dat", tmp_path / "machine.dat"], tmp_path / "cell.toml", ROBOT, tool="1", base="7"
     )
     cell = read_cell(tmp_path / "cell.toml")
-    T_world_root = of((100.0, -200.0, 300.0, 30.0, 0.0, 0.0))
-    np.testing.assert_allclose(T_world_root @ cell.T_base_part, of(BASE), atol=1e-8)
+    T_world_base = of((100.0, -200.0, 300.0, 30.0, 0.0, 0.0))
+    np.testing.assert_allclose(T_world_base @ cell.T_base_part, of(BASE), atol=1e-8)
     stands = cell.tables.controller.robot_in_world
     assert stands is not None
-    np.testing.assert_allclose(stands.matrix(), T_world_root, atol=1e-9)
+    np.testing.assert_allclose(stands.matrix(), T_world_base, atol=1e-9)
     notes = " ".join(answer["notes"])
     assert "software limits of axis 1 are -120 to 120 deg, the catalogue has -185 to 185" in notes
     assert "software limits of axis 2" not in notes

@@ -125,9 +125,9 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
             continue
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
-        found = [_solution(chain, target, row, sigma, wrist) for row in choices]
-        results += [one for one in found if not _breaks_coupled(chain, one)]
-        outside += [one for one in found if _breaks_coupled(chain, one)]
+        turned = [_solution(chain, target, row, sigma, wrist) for row in choices]
+        results += [one for one in turned if not _breaks_coupled(chain, one)]
+        outside += [one for one in turned if _breaks_coupled(chain, one)]
         if len(choices) == 0:
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)

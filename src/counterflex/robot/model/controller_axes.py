@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import Final, Literal, Protocol, get_args
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from counterflex.core.arrays import Float, as_float, frozen
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
 from counterflex.geometry import pose
-
-if TYPE_CHECKING:
-    from counterflex.robot.model.description import Opw
 
 MakerName = Literal["kuka", "abb", "fanuc", "staubli"]
 Axis3 = Literal["upper_arm", "horizontal"]
@@ -38,6 +35,22 @@ _NO_BETWEEN: Final = (
     "limits of axis 3 against the upper arm are not stated and not looked at: axis_3_to_upper_arm_deg in "
     "[robot.controller_axes]"
 )
+
+
+class Shape(Protocol):
+    """What of :class:`~counterflex.robot.model.description.Opw` decides how axes are counted."""
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """Of the angles: ``theta = sign q - offset``."""
+
+    @property
+    def offsets_rad(self) -> tuple[float, ...]:
+        """See ``signs``."""
+
+    @property
+    def c1_m(self) -> float:
+        """Height of axis 2 above the base plate, m."""
 
 
 @dataclass(frozen=True)
@@ -135,9 +148,9 @@ class ControllerAxes:
         out: Float = free @ np.linalg.inv(self.matrix).T
         return out
 
-    def shown_change(self, dq: Float) -> Float:
+    def shown_change(self, change: Float) -> Float:
         """Change, speed or acceleration of the controller's axes for that of the model. (..., 6) -> (..., 6)."""
-        out: Float = np.asarray(dq, dtype=np.float64) if self.matrix is None else np.asarray(dq) @ self.matrix.T
+        out: Float = np.asarray(change, dtype=np.float64) if self.matrix is None else np.asarray(change) @ self.matrix.T
         return out
 
     def model_change(self, change: Float) -> Float:
@@ -304,7 +317,7 @@ def from_signs(
 
 
 def in_language(
-    axes: ControllerAxes, opw: Opw | None, limits_rad: Float, language: str, where: str
+    axes: ControllerAxes, opw: Shape | None, limits_rad: Float, language: str, where: str
 ) -> tuple[ControllerAxes, tuple[str, ...]]:
     """Axes of a robot as a controller that runs programs of a language shows them.
 
@@ -341,11 +354,11 @@ def in_language(
             where=f"{where}: robot", value=f"maker {axes.maker or 'not said'}", limit=", ".join(MAKER_NAMES),
             hint=f'Say maker = "{maker}" in [robot.controller_axes], and signs and zeros_deg where they differ',
         )  # fmt: skip
-    said = f"the robot is no {title}" if axes.maker else f"signs and zeros of the robot are not those of {title}"
+    remark = f"the robot is no {title}" if axes.maker else f"signs and zeros of the robot are not those of {title}"
     made = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, MAKERS[maker].axis_3 or "upper_arm")
-    return made, (f"{said}: axes and world are those of an arm of this geometry on a controller of {title}",)
+    return made, (f"{remark}: axes and world are those of an arm of this geometry on a controller of {title}",)
 
 
-def opw_known(opw: Opw) -> bool:
+def opw_known(opw: Shape) -> bool:
     """True where signs and zeros of a geometry are those of a maker."""
     return maker_of(opw.signs, opw.offsets_rad) is not None
