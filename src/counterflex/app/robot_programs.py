@@ -75,7 +75,7 @@ def rapid_cell(cell: Cell) -> RapidCell:
         **_shared(cell, "rapid"),
         tool_of_data={tool.tooldata.upper(): tool.number for tool in tools if tool.tooldata is not None},
         work_object=cell.tables.controller.work_object or "",
-        T_base_tcp=in_world(cell, "rapid", cell.T_base_tcp) if cell.holds_part else None,
+        T_base_tcp=None if cell.T_base_tcp is None else in_world(cell, "rapid", cell.T_base_tcp),
     )
 
 

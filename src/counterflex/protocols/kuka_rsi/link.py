@@ -71,15 +71,15 @@ class RsiLink:
             raise InputError(
                 "the RSI configuration sends no pose", where=config.where, hint="Add DEF_RSol and DEF_RIst to SEND"
             )
-        axes = next((word for word in ("ASPos", "AIPos") if f"{word}.A1" in names), None)
-        if axes is None:
+        angles = next((word for word in ("ASPos", "AIPos") if f"{word}.A1" in names), None)
+        if angles is None:
             raise InputError(
                 "the RSI configuration sends no axis angles", where=config.where, hint="Add DEF_ASPos to SEND"
             )
         self._nominal = self._reader.place(*(f"{pose}.{a}" for a in "XYZABC"))
-        self._axes = self._reader.place(*(f"{axes}.A{i}" for i in range(1, 7)))
+        self._axes = self._reader.place(*(f"{angles}.A{i}" for i in range(1, 7)))
         self._actual = self._reader.place(*(f"RIst.{a}" for a in "XYZABC")) if "RIst.X" in names else None
-        set_angles = axes == "ASPos"
+        set_angles = angles == "ASPos"
         self.commanded_is = EXACT if set_angles == (pose == "RSol") else ABOUT
         self.measured_is = ABSENT if self._actual is None else ABOUT if set_angles else EXACT
         self._currents = self._reader.place(*_CURRENTS) if set(_CURRENTS) <= set(names) else None
