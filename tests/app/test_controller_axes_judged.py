@@ -306,3 +306,37 @@ def test_a_coupled_limit_bars_postures(tmp_path: Path) -> None:
         else:
             with pytest.raises(ReachError, match="not reached in branch"):
                 compensate(tmp_path / "job.ngc", cell, language="fanuc", predict=False)
+
+
+@pytest.mark.parametrize("branch", ["front up noflip", "front up flip", "back up noflip", "back up flip"])
+def test_configurations_are_those_of_the_start_posture(branch: str, tmp_path: Path) -> None:
+    """FANUC's CONFIG follows the branch, VAL3's words the signs of the axes that the program itself starts with."""
+    draw = np.random.default_rng(11)
+    (tmp_path / "job.ngc").write_text(PROGRAM, encoding="ascii")
+    for maker, language in (("fanuc", "fanuc"), ("staubli", "val3")):
+        for _ in range(20):
+            arm = random_arm(draw)
+            text = cell_text(robot_text(arm, maker), arm, language, draw)
+            keys = zip(("shoulder", "elbow", "wrist"), branch.split(), strict=True)
+            lines = "\n".join(f'{key} = "{value}"' for key, value in keys)
+            text = text.replace("[posture]", f"[posture]\n{lines}")
+            (tmp_path / "cell.toml").write_text(text, encoding="utf-8")
+            try:
+                files = compensate(
+                    tmp_path / "job.ngc", read_cell(tmp_path / "cell.toml"), language=language, predict=False
+                ).files
+                break
+            except ReachError:
+                continue
+        else:
+            pytest.fail("no cell is within reach")
+        if language == "fanuc":
+            letters = f"{'N' if 'noflip' in branch else 'F'} U {'T' if 'front' in branch else 'B'}"
+            assert f"CONFIG : '{letters}," in files["job.ls"]
+            continue
+        axes = judge.val3_start(files).axes
+        words = re.search(r'shoulder="(\w+)" elbow="(\w+)" wrist="(\w+)"', files["job.dtx"])
+        assert words is not None
+        assert words[1] == ("righty" if "front" in branch else "lefty")
+        assert words[2] == ("epositive" if axes[2] > 0.0 else "enegative")
+        assert words[3] == ("wpositive" if axes[4] > 0.0 else "wnegative")

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
+from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.model.controller_axes import MAKERS, ControllerAxes, in_language, wrapped
+from counterflex.robot.model.opw import TURN
 
 
 def axes_in(cell: Cell, language: str) -> tuple[ControllerAxes, tuple[str, ...]]:
@@ -55,6 +59,30 @@ def in_world(cell: Cell, language: str, T_base_a: Float) -> Float:
     return out
 
 
+def fanuc_configuration(branch: str, axes_rad: Sequence[float] | None = None) -> str:
+    """CONFIG of FANUC positions in a posture: wrist N F, elbow U D, arm T B, turns of J1, J4 and J6.
+
+    Args:
+        branch: Such as ``front up noflip``.
+        axes_rad: (6,) axes as the controller shows them; None is no turn.
+    """
+    arm, elbow, wrist = branch.split()
+    letters = ("N" if wrist == "noflip" else "F", "U" if elbow == "up" else "D", "T" if arm == "front" else "B")
+    turns = [0, 0, 0] if axes_rad is None else [round(axes_rad[axis] / TURN) for axis in (0, 3, 5)]
+    return f"{' '.join(letters)}, {', '.join(str(turn) for turn in turns)}"
+
+
+def val3_configuration(branch: str) -> tuple[str, str, str]:
+    """Shoulder, elbow and wrist of VAL3 points in a posture: by the side of the arm and the signs of J3 and J5."""
+    arm, elbow, wrist = branch.split()
+    bent = (elbow == "up") == (arm == "front")
+    return (
+        "righty" if arm == "front" else "lefty",
+        "epositive" if bent else "enegative",
+        "wpositive" if wrist == "noflip" else "wnegative",
+    )
+
+
 def tcp_of_axes(cell: Cell, language: str, axes_rad: Float) -> Float:
     """(..., 4, 4) m, pose of the TCP in the robot's base for axes as a program of a language says them.
 
@@ -66,8 +94,6 @@ def tcp_of_axes(cell: Cell, language: str, axes_rad: Float) -> Float:
     Raises:
         InputError: See :func:`axes_in`.
     """
-    from counterflex.robot.elasticity.chain import forward
-
     return forward(cell.controller_chain, axes_in(cell, language)[0].model(axes_rad))
 
 
