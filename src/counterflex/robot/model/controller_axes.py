@@ -19,7 +19,7 @@ from typing import Final, Literal, Protocol, get_args
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float, frozen
+from counterflex.core.arrays import Bool, Float, as_float, frozen
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
 from counterflex.geometry import pose
@@ -215,6 +215,14 @@ def room(axes: ControllerAxes, joint_limits_rad: Float, q: Float) -> Float:
         return own
     shown = axes.shown(q)
     return np.minimum(own, np.minimum(shown - axes.limits_rad[:, 0], axes.limits_rad[:, 1] - shown))
+
+
+def coupled_inside(axes: ControllerAxes, joint_limits_rad: Float, q: Float, margin_rad: float = 0.0) -> Bool:
+    """(...,) True where the coupled axis 3 keeps its margin; always where axes are not coupled. ``q`` (..., 6) rad."""
+    if not axes.coupled:
+        return np.ones(np.shape(q)[:-1], dtype=np.bool_)
+    out: Bool = room(axes, joint_limits_rad, q)[..., 2] >= margin_rad
+    return out
 
 
 def shown_limits(axes: ControllerAxes, joint_limits_rad: Float) -> Float:
