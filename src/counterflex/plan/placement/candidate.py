@@ -203,7 +203,10 @@ def _least_duration(q: Float, robot: RobotHere) -> Float:
     """(k - 1,) s, time that the slowest axis needs from point to point; 0 where speeds are not known."""
     if robot.joint_speeds_rad_s is None:
         return np.zeros(len(q) - 1)
-    out: Float = np.max(np.abs(np.diff(q, axis=0)) / np.asarray(robot.joint_speeds_rad_s), axis=1)
+    out: Float = np.max(
+        np.abs(robot.controller_chain.axes.shown_change(np.diff(q, axis=0))) / np.asarray(robot.joint_speeds_rad_s),
+        axis=1,
+    )
     return out
 
 

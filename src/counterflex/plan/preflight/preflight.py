@@ -234,7 +234,8 @@ def _along(
     cutting: Bool,
 ) -> AlongPath:  # fmt: skip
     """Curves along the rows that are reached."""
-    speeds = joint_checks.joint_speeds(path, setting.controller_chain.axes.shown(q))
+    q = setting.controller_chain.axes.shown(q)
+    speeds = joint_checks.joint_speeds(path, q)
     accelerations = joint_checks.joint_accelerations(path, speeds, bounds.acceleration_m_s2)
     blocks = blocks_of(path)
     corners = corners_of(path, blocks, written.approximation_m, bounds.blending_m)
