@@ -220,7 +220,7 @@ def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
             "low": rounded(np.array([x[0], y[0], stock.bottom_m]) / MM, 3),
             "high": rounded(np.array([x[-1], y[-1], top]) / MM, 3),
         },
-        "at_corner": {"xyz_mm": rounded(corners[0] / MM, 3), "joints_deg": rounded(centre / DEG, 3)},
+        "at_corner": {"xyz_mm": rounded(corners[0] / MM, 3), "joints_deg": rounded(chain.axes.shown(centre) / DEG, 3)},
         "softness": worst,
         "sag_at_corners_um": [rounded(row / UM, 1) for row in sag],
         "sag_variation_um": round(float(np.max(np.linalg.norm(spread, axis=1)) / UM), 1),

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.robot_axes import in_world, part_in_world
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM, RPM
@@ -74,7 +75,7 @@ def rapid_cell(cell: Cell) -> RapidCell:
         **_shared(cell, "rapid"),
         tool_of_data={tool.tooldata.upper(): tool.number for tool in tools if tool.tooldata is not None},
         work_object=cell.tables.controller.work_object or "",
-        T_base_tcp=cell.T_base_tcp if cell.holds_part else None,
+        T_base_tcp=None if cell.T_base_tcp is None else in_world(cell, "rapid", cell.T_base_tcp),
     )
 
 
@@ -143,7 +144,7 @@ def _shared(cell: Cell, language: Dialect) -> dict[str, Any]:
         "where": str(cell.path),
         "tools": [tool.number for tool in cell.tables.tools],
         "T_flange_tcp": cell.controller_chain.T_flange_tcp,
-        "T_base_part": np.eye(4) if cell.holds_part else replace(cell, R_part_plane=None).T_base_part,
+        "T_base_part": part_in_world(replace(cell, R_part_plane=None), language),
         "functions": cell.machine_functions(language),
         "external_axes": {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
     }

@@ -13,6 +13,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.preflight import joints
 from counterflex.plan.preflight.row import Bounds
+from counterflex.robot.model.controller_axes import AS_MODEL, room
 
 SPEED = 0.05
 """m/s."""
@@ -63,11 +64,11 @@ def line(*corners_mm: tuple[float, float], step_mm: float = 0.25) -> Float:
 def test_margin_is_to_the_nearer_limit() -> None:
     limits = np.tile([-1.0, 2.0], (6, 1))
     q = np.array([[0.0, -0.9, 1.8, -1.5, 2.5, 0.5]])
-    assert joints.margins(q, limits)[0] == pytest.approx([1.0, 0.1, 0.2, -0.5, -0.5, 1.5])
-    row = joints.limit_row(joints.margins(q, limits), 2.0 * DEG)
+    assert room(AS_MODEL, limits, q)[0] == pytest.approx([1.0, 0.1, 0.2, -0.5, -0.5, 1.5])
+    row = joints.limit_row(room(AS_MODEL, limits, q), 2.0 * DEG)
     assert (row.verdict, row.what) == ("fail", "axis 4 is out of its range")
     assert row.value == pytest.approx(-0.5)
-    inside = joints.limit_row(joints.margins(q[:, [0, 1, 2, 0, 0, 0]], limits), 2.0 * DEG)
+    inside = joints.limit_row(room(AS_MODEL, limits, q[:, [0, 1, 2, 0, 0, 0]]), 2.0 * DEG)
     assert (inside.verdict, inside.what) == ("ok", "axis 2")
 
 

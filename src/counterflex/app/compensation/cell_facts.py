@@ -130,7 +130,7 @@ def drawing(plan: Plan, cell: Cell) -> CellDrawing:
     """
     size = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     worst = int(np.argmax(size))
-    axes = ", ".join(f"{angle / DEG:.0f}" for angle in plan.q[worst])
+    axes = ", ".join(f"{angle / DEG:.0f}" for angle in cell.chain.axes.shown(plan.q[worst]))
     caption = (
         f"Posture of the largest predicted deflection, {size[worst] / MM:.2f} mm, in line {int(plan.line[worst])}: "
         f"axes at {axes} deg."

@@ -169,7 +169,9 @@ def run(
         lowered = result.summary["calm_feed"]
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
-        write_plan(staging / "plan.parquet", result.plan, {**about, "feed_lowered_s": lowered["extra_s"]})
+        write_plan(
+            staging / "plan.parquet", result.plan, {**about, "feed_lowered_s": lowered["extra_s"]}, cell.chain.axes
+        )
         write_summary(staging / "summary.json", result.summary)
         if report:
             from counterflex.report.page import prediction_page, write_page

@@ -30,6 +30,7 @@ from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
 from counterflex.programs.gcode.read.reader import doubtful_readings
 from counterflex.report.data import Fact, FeedData, PredictionData
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions
 
 _OVERSHOOT: Final = 2.0
@@ -38,8 +39,13 @@ _FREE_PLAY_M: Final = 20.0 * UM
 _LISTED: Final = 6
 
 
-def figures(plan: Plan) -> dict[str, Any]:
-    """Peak force, deflection, correction, where they occur, and the predicted path error before and after."""
+def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
+    """Peak force, deflection, correction, where they occur, and the predicted path error before and after.
+
+    Args:
+        plan: The plan.
+        axes: Of the robot: joint angles are those that its controller shows.
+    """
     force = np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)
     deflection = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     correction = np.linalg.norm(plan.correction_part, axis=1)
@@ -49,10 +55,10 @@ def figures(plan: Plan) -> dict[str, Any]:
         "cutting_points": int(np.count_nonzero(cutting)),
         "duration_s": round(float(plan.path.time_s[-1]), 3),
         "removed_mm3": round(float(plan.volume_m3.sum() / MM**3), 3),
-        "peak_force_n": _peak(force, plan, 1.0, 1),
-        "peak_deflection_um": _peak(deflection, plan, UM, 1),
-        "peak_correction_um": _peak(correction, plan, UM, 1),
-        "peak_axial_depth_mm": _peak(plan.axial_depth_m, plan, MM, 3),
+        "peak_force_n": _peak(force, plan, axes, 1.0, 1),
+        "peak_deflection_um": _peak(deflection, plan, axes, UM, 1),
+        "peak_correction_um": _peak(correction, plan, axes, UM, 1),
+        "peak_axial_depth_mm": _peak(plan.axial_depth_m, plan, axes, MM, 3),
         "extrapolated_force_share": round(plan.extrapolated_share, 5),
         "collisions": [
             {"line": int(plan.line[row]), "volume_mm3": round(float(plan.volume_m3[row] / MM**3), 4)}
@@ -160,13 +166,13 @@ def _weights(plan: Plan) -> Float:
     return out
 
 
-def _peak(values: Float, plan: Plan, unit: float, digits: int) -> dict[str, Any]:
+def _peak(values: Float, plan: Plan, axes: ControllerAxes, unit: float, digits: int) -> dict[str, Any]:
     row = int(np.argmax(values))
     return {
         "value": round(float(values[row] / unit), digits),
         "line": int(plan.line[row]),
         "at_mm": [round(float(v / MM), 3) for v in plan.path.p_part_tcp[row]],
-        "joints_deg": [round(float(v / DEG), 3) for v in plan.q[row]],
+        "joints_deg": [round(float(v / DEG), 3) for v in axes.shown(plan.q[row])],
     }
 
 
@@ -284,7 +290,7 @@ def summary_of(
         written: What the writer says about them.
         tolerance_m: Largest distance between the written path and the planned one.
     """
-    predicted = with_intervals(figures(plan), plan, cell)
+    predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell)
     remarks = (
         *stiffness_remarks(plan, cell),
         *doubtful_readings(job.program),

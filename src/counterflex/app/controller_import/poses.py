@@ -29,7 +29,7 @@ class ShownPose:
 
     Attributes:
         line: Of the file.
-        q: (6,) rad.
+        q: (6,) rad, axes as the controller shows them.
         T_base_tool: (4, 4) m, tool in the active base.
         tool: Its name.
         base: Its name.

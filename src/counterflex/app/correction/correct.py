@@ -286,7 +286,7 @@ def run(
         lowered = summary["calm_feed"]["extra_s"]
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
-        write_plan(staging / PLAN, result.plan, {**about, "feed_lowered_s": lowered})
+        write_plan(staging / PLAN, result.plan, {**about, "feed_lowered_s": lowered}, cell.chain.axes)
         write_path_error(staging / TAKEN, result.taken, about)
         new = [
             (in_part_axes(m.scan.deviations, result.cell), m.scan.part, Part(m.error, _facts(m)))

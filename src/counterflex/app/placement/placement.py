@@ -166,7 +166,7 @@ def _row(what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Jo
     _, error, damping = worth(site, there.robot, what.q[site.rows])
     clearance = np.inf if there.around is None else kept(what.q, there.robot, there.around)[1]
     return {
-        **held_row(what, job),
+        **held_row(what, job, task.robot.chain.axes),
         "error_um": round(error / UM, 2),
         "damping_in_cut": None if np.isnan(damping) else round(damping, 4),
         "clearance_mm": None if np.isinf(clearance) else round(clearance / MM, 1),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.app.compliance_window import require_plausible
+from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.holder import open_holder
 from counterflex.app.run.job_check import cell_of_run, check_job, job_of
 from counterflex.app.run.loop import load_behind, loop_plan, online_loop, tcp_target
@@ -353,6 +354,7 @@ def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> R
             settings.peer,
             overriding=loop.monitor.overriding,
             currents=settings.currents,
+            axes=axes_in(cell, "krl")[0],
         )
     if settings.currents:
         raise InputError(

@@ -183,9 +183,9 @@ def worth(site: Site, robot: RobotHere, q: Float) -> tuple[float, float, float]:
 
 def _worth(site: Site, robot: RobotHere, way: Way, clearance_m: float, passed: float) -> Candidate:
     """Accuracy, stability, time and margins of a way."""
-    limits, cut, q = robot.joint_limits_rad, site.cut, way.q
+    cut, q = site.cut, way.q
     wrist = np.abs(np.arcsin(np.abs(np.sin(q[:, 4]))))
-    to_limits = np.minimum(q - limits[:, 0], limits[:, 1] - q)
+    to_limits = robot.room(q)
     return Candidate(
         "",
         passed,
@@ -203,7 +203,10 @@ def _least_duration(q: Float, robot: RobotHere) -> Float:
     """(k - 1,) s, time that the slowest axis needs from point to point; 0 where speeds are not known."""
     if robot.joint_speeds_rad_s is None:
         return np.zeros(len(q) - 1)
-    out: Float = np.max(np.abs(np.diff(q, axis=0)) / np.asarray(robot.joint_speeds_rad_s), axis=1)
+    out: Float = np.max(
+        np.abs(robot.controller_chain.axes.shown_change(np.diff(q, axis=0))) / np.asarray(robot.joint_speeds_rad_s),
+        axis=1,
+    )
     return out
 
 

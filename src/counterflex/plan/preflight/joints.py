@@ -20,25 +20,11 @@ SPEED_KEY: Final = "limits.joint_speed_deg_s"
 ACCELERATION_KEY: Final = "limits.joint_acceleration_deg_s2"
 
 
-def margins(q: Float, joint_limits_rad: Float) -> Float:
-    """Distance of each axis to the nearer of its limits, ``min(q - low, high - q)``; negative outside.
-
-    Args:
-        q: (n, 6) rad.
-        joint_limits_rad: (6, 2).
-
-    Returns:
-        (n, 6) rad.
-    """
-    out: Float = np.minimum(q - joint_limits_rad[:, 0], joint_limits_rad[:, 1] - q)
-    return out
-
-
 def limit_row(margin_rad: Float, least_rad: float) -> Row:
     """The axis that comes nearest to its limit.
 
     Args:
-        margin_rad: (n, 6) of :func:`margins`.
+        margin_rad: (n, 6) of :func:`counterflex.robot.model.controller_axes.room`.
         least_rad: Least margin.
     """
     row, axis = (int(i) for i in np.unravel_index(int(np.argmin(margin_rad)), margin_rad.shape))
@@ -81,7 +67,7 @@ def joint_speeds(path: ToolPath, q: Float) -> Float:
 
     Args:
         path: n rows; its times are those of the programmed feed.
-        q: (n, 6) rad, continuous.
+        q: (n, 6) rad, continuous, as the controller shows them.
 
     Returns:
         (n, 6) rad/s, signed; 0 where no time passes and at row 0.

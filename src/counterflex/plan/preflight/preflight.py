@@ -30,6 +30,7 @@ from counterflex.plan.preflight.spacing import Blocks, blocks_of, spacing_rows
 from counterflex.plan.preflight.speed_row import SPEED_CHECK, speed_row
 from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_path
 from counterflex.robot.kinematics.inverse_seeds import extension
+from counterflex.robot.model.controller_axes import room
 
 JOINTS, CUTTING, COLLISION = "joint angles", "cut", "collisions"
 REVERSALS: Final = "reversals in the cut"
@@ -148,7 +149,7 @@ def preflight(
         rows += [Row(name, "unknown", what="not reached") for name in _NEEDS_REACH]
     else:
         q = solution.q
-        margin = joint_checks.margins(q, setting.controller_chain.joint_limits_rad)
+        margin = room(setting.controller_chain.axes, setting.controller_chain.joint_limits_rad, q)
         first = _first_rows(fine, reached)
         turns, load_rows = _loads(result, contact, fine, q, setting)
         along = _along(first, q, setting, bounds, written, turns, cutting[:reached])
@@ -233,6 +234,7 @@ def _along(
     cutting: Bool,
 ) -> AlongPath:  # fmt: skip
     """Curves along the rows that are reached."""
+    q = setting.controller_chain.axes.shown(q)
     speeds = joint_checks.joint_speeds(path, q)
     accelerations = joint_checks.joint_accelerations(path, speeds, bounds.acceleration_m_s2)
     blocks = blocks_of(path)

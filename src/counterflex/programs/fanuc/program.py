@@ -14,6 +14,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.programs.robot_text.program import RobotProgram
 
 LETTERS: Final = "XYZWPR"
+_UPRIGHT_DEG: Final = 1e-6
 Span = tuple[int, int]
 """Index of the first character, and the one behind the last."""
 
@@ -31,6 +32,9 @@ def frame_of(values: Mapping[str, float]) -> Float:
 def wpr_of(R_user_tool: Float) -> tuple[float, float, float]:
     """W, P, R in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
     r, p, w = (float(angle) for angle in rotation.to_zyx(R_user_tool) / DEG)
+    if abs(abs(p) - 90.0) < _UPRIGHT_DEG:  # only the sum or difference of W and R counts: controllers show R = 0
+        both = w - r if p > 0.0 else w + r
+        w, r = both - 360.0 * round(both / 360.0), 0.0
     return w, p, r
 
 

@@ -26,7 +26,7 @@ class RobotTextCell:
         where: Path of the cell file, for messages.
         tools: Numbers of ``[[tools]]``.
         T_flange_tcp: (4, 4) m, tool frame that the cell plans with; of a robot that holds the part the part's frame.
-        T_base_part: (4, 4) m, part frame in the robot base (world).
+        T_base_part: (4, 4) m, part frame in the world of the controller.
         functions: ``[controller.spindle]`` of the language.
         external_axes: Value of external axes by number, mm or deg.
     """
