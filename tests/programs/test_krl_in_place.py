@@ -39,7 +39,8 @@ def corrected(program: KrlProgram, size_m: float, waves: float, turn_rad: float 
 
 def read_back(text: InPlaceText, program: KrlProgram) -> KrlProgram:
     """The written files, read again."""
-    return read_krl(text.files[program.name], name=program.name, data=text.files.get(program.data_name))
+    folder = {name: other for name, other in text.files.items() if name != program.name}
+    return read_krl(text.files[program.name], name=program.name, folder=folder)
 
 
 def skeletons(text: str) -> list[str]:
