@@ -242,7 +242,7 @@ def test_pieces_of_a_motion_with_its_own_variables_have_them_too() -> None:
     """Tool and base that hold for one motion alone are there for every piece of it; approximation behind them."""
     clause = "WITH $VEL = SVEL_CP( 0.02, , L), $TOOL = STOOL2( F), $BASE = SBASE( F.BASE_NO)"
     source = (
-        "DEF part( )\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n$VEL.CP=0.02\n"
+        "DEF part( )\n$BASE=BASE_DATA[1]\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n$VEL.CP=0.02\n"
         f"SLIN {{X 40.0}} {clause} C_SPL ; cut\nEND\n"
     )
     program = read_krl(source, name="part.src", data="DEFDAT part\nDECL FDAT F={TOOL_NO 1,BASE_NO 1}\nENDDAT\n")
@@ -272,5 +272,5 @@ def test_a_subprogram_is_corrected_where_it_stands() -> None:
     back = read_back(made, program)
     np.testing.assert_allclose(back.motions[-1].p_end, corrected(program, 3e-4, 5.0).p_part_command[-1], atol=1e-7)
     twice = read_krl(text.replace("LIN {X 0.0}\n", "CUT( )\n"), name="part.src")
-    with pytest.raises(ProgramError, match="called several times"):
+    with pytest.raises(ProgramError, match="executed several times"):
         write_krl_in_place(twice, corrected(twice, 3e-4, 5.0), cycle_s=1e-4)

@@ -28,6 +28,8 @@ _MOST_STATEMENTS: Final = 5_000_000
 """A program of 200 000 points executes 0.4 million statements."""
 _MOST_PASSES: Final = 100_000
 """Passes of WHILE, LOOP, REPEAT and backward GOTO: 300 levels of 300 rows; a loop without end stops within seconds."""
+_LARGEST: Final = 2.0**31
+"""Limit of an INT."""
 _DEEPEST: Final = 100
 """Calls within each other; KUKA's own limit of nested calls is lower (NEST_MAX of the interpreter)."""
 
@@ -48,7 +50,7 @@ class Flow(Execution, ABC):
         self.memory.functions = self._function
         self.module: Module = job.main
         self.line = 0
-        self._called = False
+        self._called: int | None = None  # motions behind the last routine that the statement has called
         self._main_line = 0
         self._executed = 0
         self._running: list[Routine] = []
@@ -104,7 +106,7 @@ class Flow(Execution, ABC):
         line, words, codes, lines = first, self._words_in(self.module), self.module.codes, self.module.lines
         main = len(self._running) == 1
         while line < end:
-            self.line, self._words, self._called, self._next = line, [], False, line + 1
+            self.line, self._words, self._called, self._next = line, [], None, line + 1
             if main:
                 self._main_line = line
             word = words[line - 1]
@@ -116,7 +118,7 @@ class Flow(Execution, ABC):
                     getattr(self, _FLOW[word])(blocks, code, routine)
                 else:
                     self._statement(word, code)
-            motions = len(self.motions) if self._called else motions
+            motions = motions if self._called is None else self._called
             modal = self.modal("G1")
             if self._words or len(self.motions) > motions or modal != before:
                 modal = self.modal(self.motion_code(motions))
@@ -161,7 +163,7 @@ class Flow(Execution, ABC):
             self._sweep_routine(activation)
         value, self._result = self._result, result
         self.memory.here, self.module, self.line, self._words = caller, module, line, words
-        self._called, self._next = True, following
+        self._called, self._next = len(self.motions), following
         return value
 
     def _pass(self, activation: Activation, parameter: Parameter, node: Node | None) -> None:
@@ -455,7 +457,7 @@ class Flow(Execution, ABC):
                 if self._is_library(node.name):
                     return self._library(node.name, node.arguments)
             return self.memory.evaluate(node)
-        except ExpressionError as error:
+        except (ExpressionError, OverflowError) as error:
             raise self._fault(f"this is not understood: {error}", code) from error
 
     def _tree(self, text: str, code: str) -> Node:
@@ -479,8 +481,8 @@ class Flow(Execution, ABC):
         return self.value(self._tree(text, code), code)
 
     def _number(self, value: Value, code: str, what: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._fault(f"{what} is no number", code)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _LARGEST:
+            raise self._fault(f"{what} is no number in range", code)
         return value
 
     # ---- text ------------------------------------------------------------------------------------------------

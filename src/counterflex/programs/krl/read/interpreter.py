@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -31,6 +31,27 @@ from counterflex.programs.unknown import Unknown, known
 
 _MOTIONS: Final = frozenset(("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "PTP_REL", "LIN_REL", "SLIN_REL", "SPTP_REL"))
 _WITH_MODES: Final = {"TOOL": "$TOOL", "BASE": "$BASE", "IPO_MODE": "$IPO_MODE", "ORI_TYPE": "$ORI_TYPE"}
+
+
+@dataclass
+class _Active:
+    """Frames and modes while no value changes: ``changes`` of the memory, see :class:`KrlMotion` for the others.
+
+    Attributes:
+        changes: Number of changed values for which it holds.
+        T_part_base: (4, 4) m; None where the base is the part frame.
+        holds: $ORI_TYPE may be another than #VAR.
+        distance_m: $APO.CDIS.
+        feed_m_s: Path speed; None until a motion needs it.
+        override: Share of it; None until a motion needs it.
+    """
+
+    changes: int
+    T_part_base: Float | None
+    holds: bool
+    distance_m: float
+    feed_m_s: float | None = None
+    override: float | None = None
 
 
 class Interpreter(Modes):
@@ -62,6 +83,7 @@ class Interpreter(Modes):
         self._spline: Value = None
         self._in_spline = False
         self._swallow = 0
+        self._active: _Active | None = None
         self.reads_position = False
 
     # ---- statements ------------------------------------------------------------------------------------------
@@ -206,31 +228,26 @@ class Interpreter(Modes):
             self._set(_WITH_MODES[name], [], value, code, first)
 
     def _cartesian(self, read: KrlMotion, code: str, start: int) -> None:
-        where = f"{self.module.file.name}:{self.line}:{start + 1}"
-        self.frames.require(where, code)
-        if self.mode("$IPO_MODE", code) == "#TCP":
-            raise self._fault(
-                "the robot holds the part against a tool that stands ($IPO_MODE=#TCP), which is not read", code,
-                limit="$IPO_MODE=#BASE", hint="Give the G-code that it was made from",
-            )  # fmt: skip
-        self._arrive_by_axes(code)
+        active = self._active_for(read, code, start)
+        if self._by_axes or self._away is not None:
+            self._arrive_by_axes(code)
         before = self.motions[-1] if self.motions else None
         rapid = read.word.endswith("PTP") or before is None
-        feed = 0.0 if rapid else self._feed(read, code)
-        holds = not rapid and self._holds_orientation(read, code)
-        T_part_base = self.frames.T_part_base
+        holds = not rapid and active.holds and self._holds_orientation(read, code)
+        feed = 0.0 if rapid else self._feed(read, code, active)
         made, rotation, words = self.targets.made(
-            read, before, self.frames.R_tcp_tool, T_part_base, holds=holds
+            read, before, self.frames.R_tcp_tool, active.T_part_base, holds=holds
         )  # fmt: skip
         self._words = [*self._words, *words]
-        kind = "rapid" if feed == 0.0 else made.kind
         self.motions.append(replace(
-            made, block=len(self._blocks), kind=kind, feed_m_s=feed, spindle_rad_s=self._rpm * RPM, tool=self.frames.tool
+            made, block=len(self._blocks), kind="rapid" if feed == 0.0 else made.kind, feed_m_s=feed,
+            spindle_rad_s=self._rpm * RPM, tool=self.frames.tool,
         ))  # fmt: skip
         self.rotations.append(rotation)
         self.moves.append(replace(
-            read, in_spline=self._in_spline, speed_set=self._speed_set, T_part_base=T_part_base,
-            override=1.0 if rapid else self.override(code), holds_orientation=holds, distance_m=self._distance_m(),
+            read, in_spline=self._in_spline, speed_set=self._speed_set, T_part_base=active.T_part_base,
+            override=1.0 if rapid else self.override(code) if active.override is None else active.override,
+            holds_orientation=holds, distance_m=active.distance_m,
         ))  # fmt: skip
         self._speed_set = False
         if read.relative:
@@ -239,12 +256,31 @@ class Interpreter(Modes):
             self.loose[self.module.file.name, self.line] = self._trigger
             self._trigger = None
 
-    def _feed(self, read: KrlMotion, code: str) -> float:
+    def _active_for(self, read: KrlMotion, code: str, start: int) -> _Active:
+        """Frames and modes of a motion; those of the motion before it while no value has changed."""
+        active = self._active
+        if active is not None and active.changes == self.memory.changes and read.clause is None:
+            return active
+        self.frames.require(f"{self.module.file.name}:{self.line}:{start + 1}", code)
+        if self.mode("$IPO_MODE", code) == "#TCP":
+            raise self._fault(
+                "the robot holds the part against a tool that stands ($IPO_MODE=#TCP), which is not read", code,
+                limit="$IPO_MODE=#BASE", hint="Give the G-code that it was made from",
+            )  # fmt: skip
+        active = _Active(
+            self.memory.changes, self.frames.T_part_base, self.memory.system.get("$ORI_TYPE") != "#VAR", self._distance_m()
+        )
+        self._active = active if read.clause is None else None
+        return active
+
+    def _feed(self, read: KrlMotion, code: str, active: _Active) -> float:
         if read.own_speed is not None:
             return self.speed(self._expression(code[slice(*read.own_speed)], code), code)
         if self._in_spline and self._spline is not None:
             return self.speed(self._spline, code)
-        return self.active_speed(code)
+        if active.feed_m_s is None:
+            active.feed_m_s, active.override = self.active_speed(code), self.override(code)
+        return active.feed_m_s
 
     def _holds_orientation(self, read: KrlMotion, code: str) -> bool:
         """$ORI_TYPE=#CONSTANT: the orientation of the target is disregarded."""
@@ -425,7 +461,6 @@ class Interpreter(Modes):
             routine = self.job.routine(call[1], self.module, self.memory.where())
             if routine is not None:
                 self._call(routine, ())
-                self._called = False
         elif form.ASSIGNMENT.match(statement) is not None and not statement.lstrip().startswith("$OUT"):
             self._statement(form.word_of(statement, frozenset()), statement)
         self.memory.doubt, self._in_spline = doubt, in_spline

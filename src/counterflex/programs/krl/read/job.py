@@ -190,7 +190,10 @@ class Job:
             if len(names) > 1:
                 raise self._ambiguous(stem, names, f"{name}:1")
             file = self.files[name] = krl_file(name, text)
-            self._modules[name] = Module(file, self._data(names[0]) if names else None)
+            data = self._data(names[0]) if names else None
+            if data is not None:
+                self.take(data)
+            self._modules[name] = Module(file, data)
         return self._modules[name]
 
     def _data(self, name: str) -> DataList:

@@ -144,7 +144,7 @@ class Memory:
         value = self._walk(name, value, [component]) if isinstance(value, dict) else value
         if isinstance(value, Unknown) or stored is None:
             return value
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
             raise ExpressionError(f"{name} needs frame data or a number")
         return self.numbered(stored, round(value))
 
@@ -424,8 +424,8 @@ def _split(path: Path) -> tuple[tuple[int, ...] | Unknown, Path]:
     for item in path[0] if isinstance(path[0], tuple) else ():
         if isinstance(item, Unknown):
             return item, path[1:]
-        if isinstance(item, bool) or not isinstance(item, int | float):
-            raise ExpressionError("an index is no number")
+        if isinstance(item, bool) or not isinstance(item, int | float) or not abs(item) < 1e9:
+            raise ExpressionError("an index is no number in range")
         index.append(round(item))
     return tuple(index), path[1:]
 

@@ -284,6 +284,8 @@ class Targets:
     def _parsed(self, code: str, at: int) -> tuple[Node, int]:
         try:
             return parse(code, GRAMMAR, at)
+        except RecursionError as error:
+            raise self._fault("brackets within each other are too deep", code, at) from error
         except ExpressionError as error:
             if not code[at:].strip():
                 raise self._fault("a motion without a target", code, at, hint="The line may be cut off") from error

@@ -24,6 +24,8 @@ from counterflex.programs.krl.program import LETTERS
 from counterflex.programs.robot_text.expression import ExpressionError, Grammar, Node, Value, is_number, parse_whole
 from counterflex.programs.unknown import Unknown
 
+_LONGEST_INTEGER: Final = 15
+"""Digits of an integer that a float holds exactly."""
 Record = dict[str, Value]
 AXES: Final = tuple(f"A{i}" for i in range(1, 7))
 _NUMERAL: Final = r"(?:(?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?|'\s*(?:[Bb][01]+|[Hh][0-9A-Fa-f]+|\d+)\s*')"
@@ -178,7 +180,7 @@ def numeral(text: str) -> int | float:
         digits = text.strip("'").strip()
         base = {"B": 2, "H": 16}.get(digits[0].upper(), 10)
         return int(digits[1:] if base != 10 else digits, base)
-    return int(text) if text.isdigit() else float(text)
+    return int(text) if text.isdigit() and len(text) <= _LONGEST_INTEGER else float(text)
 
 
 def tree(text: str) -> Node:
@@ -187,7 +189,10 @@ def tree(text: str) -> Node:
     Raises:
         ExpressionError: It is none.
     """
-    return parse_whole(text, GRAMMAR)
+    try:
+        return parse_whole(text, GRAMMAR)
+    except RecursionError:
+        raise ExpressionError("brackets within each other are too deep") from None
 
 
 # ---- functions -----------------------------------------------------------------------------------------------
