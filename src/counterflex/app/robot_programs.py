@@ -16,8 +16,8 @@ from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.fanuc.read.interpreter import FanucCell
-from counterflex.programs.krl.read.data_list import data_file_of
 from counterflex.programs.krl.read.frames import KrlCell
+from counterflex.programs.krl.read.reader import job_files
 from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, VAL3_DIALECT, Program
 from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.reading import RobotCell
@@ -32,8 +32,10 @@ _APART_M: Final = 1e-6
 
 
 def companions(file: Path) -> tuple[Path, ...]:
-    """Files that belong to a program and are read with it: the ``.dat`` of a ``.src``, the ``.dtx`` of a ``.pgx``."""
-    reads = {".src": data_file_of, ".pgx": val3_data_file_of}.get(file.suffix.lower())
+    """Files that belong to a program and are read with it: the job of a ``.src``, the ``.dtx`` of a ``.pgx``."""
+    if file.suffix.lower() == ".src":
+        return job_files(file)
+    reads = {".pgx": val3_data_file_of}.get(file.suffix.lower())
     data = None if reads is None else reads(file)
     return () if data is None else (data,)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import ProgramError
@@ -132,9 +131,3 @@ def _declare(out: DataList, code: str, line: str, number: int, *, public: bool) 
         )  # fmt: skip
     start = match.start("rest") + 1
     out.initial[key] = Named(out.file.name, number, line, start + len(line[start:]) - len(line[start:].lstrip()))
-
-
-def data_file_of(source: Path) -> Path | None:
-    """The ``.dat`` file beside a ``.src`` file, in any case of the letters; None where there is none."""
-    candidates = [source.with_suffix(suffix) for suffix in (".dat", ".DAT", ".Dat")]
-    return next((file for file in candidates if file.is_file()), None)

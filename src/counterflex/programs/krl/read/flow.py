@@ -318,6 +318,7 @@ class Flow(Execution, ABC):
     def _until(self, blocks: Blocks, code: str, routine: Routine) -> None:
         block, value = blocks.of[self.line], self._condition(code)
         if isinstance(value, Unknown):
+            self.acting.append(self._main_line)
             end = self.line
             self._sweep(blocks, block.start + 1, end, self._doubt(value, block), routine)
             self._next = end + 1

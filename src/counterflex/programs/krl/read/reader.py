@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Final
 
 from counterflex.core.errors import ProgramError
@@ -18,6 +19,10 @@ from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import read_text
 
 _SUFFIXES: Final = (".src", ".dat")
+_WORD: Final = re.compile(r"[A-Za-z_$]\w*")
+_PUBLIC: Final = re.compile(
+    r"^\s*(?:DEFDAT\s+(?:\$CONFIG|\w+\s+PUBLIC)|GLOBAL\s+DEF(?:FCT)?)\b", re.IGNORECASE | re.MULTILINE
+)
 
 
 def read_krl(
@@ -103,6 +108,38 @@ def read_krl_file(path: str | os.PathLike[str], *, cell: KrlCell | None = None, 
         program = read_krl(text, name=file.name, folder=folder, cell=cell, complete=complete)
         encoding = "latin-1"
     return replace(program, encoding=encoding)
+
+
+def job_files(path: Path) -> tuple[Path, ...]:
+    """Return the files of the folder that a program may use: those that it names, and public data lists.
+
+    Args:
+        path: The ``.src`` file; where it cannot be read there are none.
+    """
+    try:
+        text, encoding = _decoded(path)
+        folder = Folder(path, encoding)
+        found: dict[str, None] = {}
+        texts = [(path.stem, text)]
+        while texts:
+            stem, text = texts.pop()
+            words = {word.upper() for word in _WORD.findall(text)}
+            for name in folder:
+                own, suffix = PurePath(name).stem.upper(), PurePath(name).suffix.lower()
+                data = suffix == ".dat" and (own == stem.upper() or own in words)
+                if name not in found and (data or (suffix == ".src" and own in words) or _shares(folder[name], words)):
+                    found[name] = None
+                    texts.append((PurePath(name).stem, folder[name]))
+    except (OSError, ProgramError):
+        return ()
+    return tuple(path.parent / name for name in found)
+
+
+def _shares(text: str, words: set[str]) -> bool:
+    """Return whether a file gives one of these names to every program."""
+    if _PUBLIC.search(text) is None:
+        return False
+    return not words.isdisjoint(word.upper() for word in _WORD.findall(text))
 
 
 class Folder(Mapping[str, str]):
