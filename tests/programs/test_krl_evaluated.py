@@ -137,7 +137,10 @@ def test_routines_take_values_and_references_and_functions_return() -> None:
         "DEFFCT REAL TWICE(V:IN)\nREAL V\nRETURN 2*V\nENDFCT\n"
         "DEFFCT FRAME MOVED(F:IN,D:IN)\nFRAME F\nREAL D\nF.X=F.X+D\nRETURN F\nENDFCT\n"
     )
-    body = f"{FIRST}N=5\nV=3\nCUT(V,N)\nCUT(TWICE(V),N)\nLIN {{X N}}\nLIN MOVED({{X 1,Y 0,Z 0,{DOWN}}},TWICE(N))\nLIN {{X V}}"
+    body = (
+        f"{FIRST}N=5\nV=3\nCUT(V,N)\nCUT(TWICE(V),N)\nLIN {{X N}}\n"
+        f"LIN MOVED({{X 1,Y 0,Z 0,{DOWN}}},TWICE(N))\nLIN {{X V}}"
+    )
     assert xs(job(body, subs=subs)) == [0, 4, 7, 7, 15, 3]
 
 

@@ -306,6 +306,6 @@ def _refuse_repeated(program: KrlProgram, rows: MotionRows) -> None:
                 "each time needs a target of its own",
                 where=f"{move.file}:{move.line}",
                 value=program.files[move.file].lines[move.line - 1].strip()[:60],
-                hint="Write it once for each pass, or convert the program (counterflex convert --to krl) and compensate "
-                "the result",
+                hint="Write it once for each pass, or convert the program (counterflex convert --to krl) and "
+                "compensate the result",
             )

@@ -328,7 +328,8 @@ class _Parser:
             label = None
             if self.grammar.labelled:
                 self._blanks()
-                match = re.compile(rf"({self.grammar.name})(?![\w$])\s*(?:\[\s*\])?(?=\s*[^\s,}}:])").match(self.text, self.end)
+                labels = re.compile(rf"({self.grammar.name})(?![\w$])\s*(?:\[\s*\])?(?=\s*[^\s,}}:])")
+                match = labels.match(self.text, self.end)
                 if match is not None:
                     label, self.end = match[1].upper(), match.end()
             items.append((label, self.expression(0)))

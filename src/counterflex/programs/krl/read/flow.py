@@ -124,7 +124,9 @@ class Flow(Execution, ABC):
                 modal = self.modal(self.motion_code(motions))
             name = "" if self.module is self.job.main else self.module.file.name
             self._blocks.append(
-                Executed(line, lines[line - 1], tuple(self._words), modal, motions, len(self.motions) - motions, file=name)
+                Executed(
+                    line, lines[line - 1], tuple(self._words), modal, motions, len(self.motions) - motions, file=name
+                )
             )
             line = self._next
         if end == routine.end and line <= len(lines) and routine.closed:
@@ -156,7 +158,10 @@ class Flow(Execution, ABC):
             self._pass(activation, parameter, node)
         for parameter in routine.parameters[len(arguments) :]:
             self._give(activation, parameter, Unknown(f"{routine.name} is called without it", self.memory.where()))
-        result, self._result = self._result, Unknown(f"{routine.name} gives no value", f"{routine.module.file.name}:{routine.end}")
+        result, self._result = (
+            self._result,
+            Unknown(f"{routine.name} gives no value", f"{routine.module.file.name}:{routine.end}"),
+        )
         if self.memory.doubt is None:
             self._run(activation)
         else:
@@ -174,7 +179,9 @@ class Flow(Execution, ABC):
             ]
             activation.references[parameter.name] = (self.memory.here, node.text.upper(), [p for p in path if p != ()])
             return
-        value = Unknown("an argument is left out", self.memory.where()) if node is None else self.value(node, self._code)
+        value = (
+            Unknown("an argument is left out", self.memory.where()) if node is None else self.value(node, self._code)
+        )
         self._give(activation, parameter, value)
 
     @staticmethod
@@ -291,7 +298,10 @@ class Flow(Execution, ABC):
 
     def _passes(self, blocks: Blocks, block: Block) -> None:
         """Begin a pass; refuse a loop that nothing leaves, or whose last pass changed no value."""
-        constant = block.word == "LOOP" or self.module.codes[block.start - 1].upper().split("WHILE", 1)[-1].strip(" ()") == "TRUE"
+        constant = (
+            block.word == "LOOP"
+            or self.module.codes[block.start - 1].upper().split("WHILE", 1)[-1].strip(" ()") == "TRUE"
+        )
         never = constant and block.start not in blocks.leaves
         if never or self.memory.here.passes.get(block.start) == self.memory.changes:
             raise ProgramError(
@@ -312,7 +322,7 @@ class Flow(Execution, ABC):
             )  # fmt: skip
 
     def _repeat(self, blocks: Blocks, code: str, routine: Routine) -> None:
-        del code, routine
+        del blocks, code, routine
         self._pass_of(self.line)
 
     def _until(self, blocks: Blocks, code: str, routine: Routine) -> None:
@@ -380,7 +390,9 @@ class Flow(Execution, ABC):
 
     @staticmethod
     def _doubt(cause: Unknown, block: Block) -> Unknown:
-        return replace(cause, why=f"{block.word} in line {block.start} depends on a value that is not known: {cause.why}")
+        return replace(
+            cause, why=f"{block.word} in line {block.start} depends on a value that is not known: {cause.why}"
+        )
 
     def _left(self, blocks: Blocks, left: set[int], behind: int, cause: Unknown, routine: Routine) -> None:
         """What follows where a branch in doubt may have left a loop or the routine: it is in doubt too."""
@@ -534,7 +546,7 @@ class Flow(Execution, ABC):
 
     @abstractmethod
     def _process(self, code: str) -> bool:
-        """Execute a statement of ``[controller.spindle.krl]``; returns whether it is one, or follows the first of one."""
+        """Execute a statement of ``[controller.spindle.krl]``; returns whether it is one, or a later line of one."""
 
     @abstractmethod
     def _is_library(self, name: str) -> bool:

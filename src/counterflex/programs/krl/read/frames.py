@@ -172,8 +172,7 @@ class Frames(NumberedFrames):
         """(4, 4) m, the base in the part: the part frame of the cell, or without a cell the first base."""
         taken = self._taken["BASE"]
         if self.cell is not None:
-            shift = taken.value.T_shift if isinstance(taken.value, StoredFrame) and taken.value.shifted else None
-            return shift
+            return taken.value.T_shift if isinstance(taken.value, StoredFrame) and taken.value.shifted else None
         if self._reference is None:
             self._reference, self._first_motion = taken, where
         first, now = self._reference.value, taken.value

@@ -29,7 +29,9 @@ from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known
 
-_MOTIONS: Final = frozenset(("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "PTP_REL", "LIN_REL", "SLIN_REL", "SPTP_REL"))
+_MOTIONS: Final = frozenset(
+    ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "PTP_REL", "LIN_REL", "SLIN_REL", "SPTP_REL")
+)
 _WITH_MODES: Final = {"TOOL": "$TOOL", "BASE": "$BASE", "IPO_MODE": "$IPO_MODE", "ORI_TYPE": "$ORI_TYPE"}
 
 
@@ -268,7 +270,10 @@ class Interpreter(Modes):
                 limit="$IPO_MODE=#BASE", hint="Give the G-code that it was made from",
             )  # fmt: skip
         active = _Active(
-            self.memory.changes, self.frames.T_part_base, self.memory.system.get("$ORI_TYPE") != "#VAR", self._distance_m()
+            self.memory.changes,
+            self.frames.T_part_base,
+            self.memory.system.get("$ORI_TYPE") != "#VAR",
+            self._distance_m(),
         )
         self._active = active if read.clause is None else None
         return active
@@ -338,7 +343,9 @@ class Interpreter(Modes):
         tip = None if self.cell is None else self.cell.tip_of_axes
         if away is None and pending and tip is None:
             _, _, read = pending[-1]
-            away = Unknown("it goes there by axes, and no cell file says which robot that is", f"{read.file}:{read.line}")
+            away = Unknown(
+                "it goes there by axes, and no cell file says which robot that is", f"{read.file}:{read.line}"
+            )
         if away is not None:
             line = away.where.rsplit(":", 1)[-1]
             raise self._fault(
@@ -390,8 +397,8 @@ class Interpreter(Modes):
             clause = with_clause(code, begins.start(1))
         except WithFault as fault:
             raise self._fault(
-                fault.what.replace("path speed", "path speed of a spline block"), code, limit="SPLINE WITH $VEL.CP=0.02",
-                hint=fault.hint,
+                fault.what.replace("path speed", "path speed of a spline block"), code,
+                limit="SPLINE WITH $VEL.CP=0.02", hint=fault.hint,
             ) from fault  # fmt: skip
         self._in_spline, self._spline = True, None
         if clause is not None:
@@ -430,7 +437,9 @@ class Interpreter(Modes):
     def _trigger_statement(self, code: str) -> None:
         match = form.TRIGGER.fullmatch(code)
         if match is None:
-            raise self._fault("this TRIGGER is not understood", code, limit="TRIGGER WHEN DISTANCE=0 DELAY=0 DO $OUT[1]=TRUE")
+            raise self._fault(
+                "this TRIGGER is not understood", code, limit="TRIGGER WHEN DISTANCE=0 DELAY=0 DO $OUT[1]=TRUE"
+            )
         if not form.AT_START.fullmatch(match[1]):
             self._trigger = self._trigger or self.line
         elif self._trigger is not None:
@@ -448,7 +457,9 @@ class Interpreter(Modes):
         self._note("INTERRUPT DECL", code)
         match = form.INTERRUPT.fullmatch(code)
         if match is None:
-            raise self._fault("this INTERRUPT is not understood", code, limit="INTERRUPT DECL 5 WHEN $IN[1] DO STOP_IT( )")
+            raise self._fault(
+                "this INTERRUPT is not understood", code, limit="INTERRUPT DECL 5 WHEN $IN[1] DO STOP_IT( )"
+            )
         if not form.STANDARD.match(code):
             self._later(match[1], Unknown("an interrupt does it at a time that is not known", self.memory.where()))
 

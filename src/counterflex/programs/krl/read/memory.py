@@ -127,6 +127,7 @@ class Memory:
 
     def call(self, name: str, arguments: Sequence[Value], options: object) -> Value:
         """Return the value of a function: a standard one, one of the inline forms, or one of the job."""
+        del options
         key = name.upper()
         if key in FUNCTIONS:
             unknown = first_unknown(list(arguments))
@@ -263,7 +264,12 @@ class Memory:
     def declared(self, name: str) -> bool:
         """Return whether a file of the job declares a name, or the controller has it."""
         key = name.upper()
-        return key.startswith("$") or key in self.here.references or key in STORED or self._declared(self.here, key) is not None
+        return (
+            key.startswith("$")
+            or key in self.here.references
+            or key in STORED
+            or self._declared(self.here, key) is not None
+        )
 
     def named(self, name: str, index: tuple[int, ...]) -> Named | None:
         """The initial value of a data list that a name still has; None where the program has given it another."""
@@ -406,7 +412,7 @@ class Memory:
             return before.with_components({**record, str(step).upper(): value})
         record = dict(before) if isinstance(before, dict) else {}
         key = step.upper() if isinstance(step, str) else step
-        record[key] = self._with_component(record.get(key), rest, value) if rest else value  # type: ignore[index,call-overload,assignment]
+        record[key] = self._with_component(record.get(key), rest, value) if rest else value  # type: ignore[index,call-overload]
         return record
 
     def forget(self, name: str, path: Path, unknown: Unknown) -> None:

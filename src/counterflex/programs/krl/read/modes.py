@@ -52,7 +52,7 @@ class Modes(Flow):
                 raise self._fault(
                     f"{name} is no system variable that is known, so what it changes is not", code,
                     limit="those of docs/statements/krl.md",
-                    hint="Leave it out, or name the statement in [controller.spindle.krl] (m_codes) if it moves nothing",
+                    hint="Leave it out, or name it in [controller.spindle.krl] (m_codes) if it moves nothing",
                 )  # fmt: skip
             if row.treatment is Treatment.REFUSED:
                 raise self._fault(f"{name} {row.reason}", code, hint=row.remedy)
@@ -152,7 +152,11 @@ class Modes(Flow):
         where = self.at(code)
         for name, least in (("$RED_VEL", 100), ("$OV_PRO", 1)):
             value = known(
-                self.memory.system[name], f"the override {name}", where, text=code, hint=f"Leave {name} as the operator sets it"
+                self.memory.system[name],
+                f"the override {name}",
+                where,
+                text=code,
+                hint=f"Leave {name} as the operator sets it",
             )
             if not is_number(value) or not least <= value <= 100:  # type: ignore[operator]
                 raise self._fault(
@@ -231,7 +235,7 @@ class Modes(Flow):
         """$TOOL or $BASE by a number."""
         name, value = f"${word}", number
         if first_unknown(number) is None:
-            if not is_number(number) or number != int(number):  # type: ignore[operator,call-overload]
+            if not is_number(number) or number != int(number):  # type: ignore[call-overload]
                 raise self._fault(f"{word} needs a number", code, hint="Write the number itself")
             value = self.memory.numbered(f"{word}_DATA", int(number))  # type: ignore[call-overload]
         self._set(name, [], value, code, len(code) - len(code.lstrip()))
@@ -316,4 +320,3 @@ class Modes(Flow):
     def _note(self, word: str, code: str) -> None:
         """A statement that acts on the cell."""
         raise NotImplementedError
-

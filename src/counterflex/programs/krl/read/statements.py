@@ -25,7 +25,8 @@ CIRCLE_ANGLE: Final = re.compile(r"\s*,\s*CA\s+(.+?)\s*(?=C_(?:DIS|PTP|VEL|ORI|S
 CIRCLE_NUMBER: Final = re.compile(NUMBER)
 IN_TOOL: Final = re.compile(r"\s*#\s*(BASE|TOOL)\b", _I)
 ASSIGNMENT: Final = re.compile(
-    r"\s*(?P<name>[A-Za-z_$]\w*)(?P<path>(?:\s*\.\s*\w+|\s*\[[^\]=]*(?:\[[^\]]*\][^\]]*)*\])*)\s*=(?!=)\s*(?P<value>.*)", _I
+    r"\s*(?P<name>[A-Za-z_$]\w*)(?P<path>(?:\s*\.\s*\w+|\s*\[[^\]=]*(?:\[[^\]]*\][^\]]*)*\])*)\s*=(?!=)\s*(?P<value>.*)",
+    _I,
 )
 CALL: Final = re.compile(r"\s*(\w+)\s*\((.*)\)\s*", _I)
 BASIC: Final = re.compile(r"\s*BAS\s*\(\s*#\s*(\w+)\s*(?:,\s*(.*?)\s*)?\)\s*", _I)
@@ -62,7 +63,8 @@ _SECOND: Final = {
 }  # fmt: skip
 _GLOBAL: Final = re.compile(r"\s*GLOBAL\b", _I)
 _DECLARES: Final = re.compile(
-    r"\s*(?:DECL\b|GLOBAL\b|CONST\b|[A-Za-z]\w*(?:\s*\[[\s\d,]*\])?\s+[A-Za-z$]\w*\s*(?:\[[\s\d,]*\])?\s*(?:,|=(?!=)|$))", _I
+    r"\s*(?:DECL\b|GLOBAL\b|CONST\b|[A-Za-z]\w*(?:\s*\[[\s\d,]*\])?\s+[A-Za-z$]\w*\s*(?:\[[\s\d,]*\])?\s*(?:,|=(?!=)|$))",
+    _I,
 )
 ASSIGNS: Final = "NAME ="
 DECLARES: Final = "DECL"

@@ -233,7 +233,12 @@ class Targets:
         """A target by a name whose literal stands in a data list; None where it is another."""
         if word.endswith("PTP") and _STAYS.fullmatch(node.text):
             return Place(stays=True)
-        if isinstance(value, Unknown) and not node.path and word.endswith("PTP") and _OF_CONTROLLER.fullmatch(node.text):
+        if (
+            isinstance(value, Unknown)
+            and not node.path
+            and word.endswith("PTP")
+            and _OF_CONTROLLER.fullmatch(node.text)
+        ):
             return Place(unknown=value)
         if isinstance(value, Unknown) and not self.memory.declared(node.text):
             raise self._fault(

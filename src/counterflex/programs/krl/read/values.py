@@ -11,7 +11,7 @@ Expert (KRL syntax)": operators and their priority, standard functions.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -21,14 +21,15 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.programs.krl.program import LETTERS
-from counterflex.programs.robot_text.expression import ExpressionError, Grammar, Node, Value, is_number, parse_whole
+from counterflex.programs.robot_text.expression import ExpressionError, Grammar, Node, is_number, parse_whole
+from counterflex.programs.robot_text.expression import Value as Value
 from counterflex.programs.unknown import Unknown
 
 _LONGEST_INTEGER: Final = 15
 """Digits of an integer that a float holds exactly."""
 Record = dict[str, Value]
 AXES: Final = tuple(f"A{i}" for i in range(1, 7))
-_NUMERAL: Final = r"(?:(?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?|'\s*(?:[Bb][01]+|[Hh][0-9A-Fa-f]+|\d+)\s*')"
+_NUMERAL: Final = r"(?:(?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?|'\s*(?:[Bb]\s*[01]+|[Hh]\s*[0-9A-Fa-f]+|\d+)\s*')"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,14 +112,14 @@ def _composed(left: Value, right: Value) -> Value:
     behind = right.record() if isinstance(right, StoredFrame) else right
     if isinstance(behind, Unknown):
         return behind
-    if not is_frame(behind):
+    if not is_frame(behind) or not isinstance(behind, Mapping):
         raise ExpressionError("the right operand of ':' is no frame")
-    T_right = matrix_of(behind)  # type: ignore[arg-type]
+    T_right = matrix_of(behind)
     if isinstance(left, StoredFrame):
         return replace(left, T_shift=left.T_shift @ T_right)
     if not is_frame(left):
         raise ExpressionError("the left operand of ':' is no frame")
-    rest = {key: value for key, value in behind.items() if key not in LETTERS}  # type: ignore[union-attr]
+    rest = {key: value for key, value in behind.items() if key not in LETTERS}
     return record_of(matrix_of(left) @ T_right) | rest  # type: ignore[arg-type]
 
 
@@ -208,7 +209,7 @@ def _inverse(value: Value) -> Value:
     return record_of(pose.inverse(matrix_of(value)))  # type: ignore[arg-type]
 
 
-FUNCTIONS: Final = {
+FUNCTIONS: Final[dict[str, Callable[..., Value]]] = {
     "ABS": lambda x: abs(_real(x)),
     "SQRT": lambda x: math.sqrt(_real(x)),
     "SIN": lambda x: math.sin(_real(x) * DEG),
