@@ -277,10 +277,11 @@ def test_a_subprogram_is_corrected_where_it_stands() -> None:
 
 
 ELSEWHERE = {
-    "a shifted base": "$BASE=BASE_DATA[1]:{X 3,Y -2,Z 5,A 30,B 0,C 0}\nLIN {X 20.0}\nLIN {X 40.0,Y 1.0}\n$BASE=BASE_DATA[1]\n"
-    "LIN {X 60.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}",
+    "a shifted base": "$BASE=BASE_DATA[1]:{X 3,Y -2,Z 5,A 30,B 0,C 0}\nLIN {X 20.0}\nLIN {X 40.0,Y 1.0}\n"
+    "$BASE=BASE_DATA[1]\nLIN {X 60.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}",
     "computed targets": "P={X 20,Y 0,Z 5,A 0,B 0,C 180}\nLIN P ; first\nP.X=P.X+20\nLIN P C_DIS\nLIN P:{X 20}",
-    "relative motions": "LIN {X 20.0}\nLIN_REL {X 20.0} C_DIS ; on\nLIN_REL {X 10.0} #BASE\nP=$POS_ACT\nP.X=P.X+5\nLIN P",
+    "relative motions": "LIN {X 20.0}\nLIN_REL {X 20.0} C_DIS ; on\nLIN_REL {X 10.0} #BASE\nP=$POS_ACT\n"
+    "P.X=P.X+5\nLIN P",
     "an override": "$OV_PRO=40\nLIN {X 20.0}\nLIN {X 40.0}\n$OV_PRO=100\nLIN {X 60.0}",
     "an unrolled loop": "FOR I=1 TO 1\nLIN {X 20.0*I}\nENDFOR\nLIN {X 60.0}",
     "an array": "I=2\nLIN P[I]\nLIN {X 60.0}",

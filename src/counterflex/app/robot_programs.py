@@ -210,7 +210,7 @@ def _turning(program: RobotProgram, cell: Cell, angle_deg: Float) -> dict[str, o
         motion = program.motions[int(jumps[0]) + 1]
         raise ProgramError(
             "the tool turns about its own axis in one place, which is not planned",
-            where=f"{program.name}:{program.blocks[motion.block].line}",
+            where=program.blocks[motion.block].where(program.name),
             value=f"{np.diff(angle_deg)[jumps[0]]:.3g} deg",
             hint="Turn it along a motion, or hold it as it is",
         )

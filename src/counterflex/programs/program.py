@@ -118,6 +118,10 @@ class Block:
     cycle: bool = False
     file: str = ""
 
+    def where(self, name: str) -> str:
+        """File and line; ``name`` is that of the main file."""
+        return f"{self.file or name}:{self.line}"
+
 
 @dataclass(frozen=True, slots=True)
 class Motion:

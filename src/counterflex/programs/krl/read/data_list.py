@@ -13,7 +13,8 @@ from counterflex.programs.krl.read.literals import code_of, components
 _I: Final = re.IGNORECASE
 _HEAD: Final = re.compile(r"\s*DEFDAT\s+(\$?\w+)(\s+PUBLIC)?\s*", _I)
 _END: Final = re.compile(r"\s*ENDDAT\s*", _I)
-_NO_VALUE: Final = re.compile(r"\s*(?:EXT|EXTP|EXTFCT|IMPORT|STRUC|ENUM|SIGNAL|GLOBAL\s+(?:STRUC|ENUM|SIGNAL))\b", _I)
+_NO_VALUE: Final = re.compile(r"\s*(?:GLOBAL\s+)?(?:EXT|EXTP|EXTFCT|IMPORT|STRUC|ENUM)\b", _I)
+SIGNAL: Final = re.compile(r"\s*(?:GLOBAL\s+)?SIGNAL\s+([A-Za-z]\w*)\b.*", _I)
 DECLARED: Final = re.compile(
     r"\s*(?P<words>(?:(?:DECL|GLOBAL|CONST|PRIVATE|PUBLIC)\s+)*)(?:(?P<type>[A-Za-z]\w*)\s+)?"
     r"(?P<name>[A-Za-z$]\w*)(?P<index>\s*\[[\s\d,]*\])?\s*(?P<rest>[=,].*)?",
@@ -96,6 +97,10 @@ def data_list(file: KrlFile) -> DataList:
             break
         elif (imported := IMPORT.fullmatch(code)) is not None:
             out.imports[imported[1].upper()] = (imported[2].rstrip("/").rsplit("/", 1)[-1].upper(), imported[3].upper())
+        elif (signal := SIGNAL.fullmatch(code)) is not None:
+            out.types[signal[1].upper()] = "SIGNAL"
+            if public:
+                out.public_names.add(signal[1].upper())
         elif code.strip() and not _NO_VALUE.match(code) and code.lstrip()[:1] != "&":
             _declare(out, code, line, number, public=public)
     if not begun or not ended:

@@ -123,13 +123,8 @@ class Frames(NumberedFrames):
         """
         for word, number in (("TOOL", self.tool_number), ("BASE", self.base_number)):
             taken = self._taken[word]
-            known(
-                taken.value,
-                f"${word}",
-                where,
-                text=code,
-                hint=f"Set ${word} from what the text of the program says: {word}_DATA[{number}] as it is, or a frame in braces",
-            )
+            hint = f"Set ${word} from what the text says: {word}_DATA[{number}] as it is, or a frame in braces"
+            known(taken.value, f"${word}", where, text=code, hint=hint)
             if taken.fault is not None:
                 raise taken.fault
             if taken.value is None and self.cell is not None:

@@ -104,7 +104,7 @@ class Interpreter(Modes):
             self._assignment(word, code)
         elif word[:4] == "BAS ":
             self._basic(code)
-        elif word in (form.DECLARES, "IMPORT"):
+        elif word in (form.DECLARES, "IMPORT", "SIGNAL"):
             self._declaration(code)
         elif word == form.CALLS:
             self._call_statement(code)
@@ -355,6 +355,7 @@ class Interpreter(Modes):
             )  # fmt: skip
         for index, axes, read in pending:
             assert tip is not None
+            self.targets.check_external(axes, f"{read.file}:{read.line}")
             self._stand_at(index, tip([axes[name] for name in AXES]), read)
 
     def _stand_at(self, index: int, T_part_tcp: Float, read: KrlMotion) -> None:

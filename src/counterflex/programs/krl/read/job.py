@@ -24,7 +24,7 @@ _HEAD: Final = re.compile(
 _END: Final = re.compile(r"\s*END(FCT)?\s*", _I)
 _PARAMETER: Final = re.compile(r"\s*(\w+)\s*((?:\[[\s,]*\])?)\s*(?::\s*(IN|OUT)\s*)?", _I)
 _GLOBAL_DEF: Final = re.compile(r"^[ \t]*GLOBAL[ \t]+DEF(?:FCT[ \t]+\w+)?[ \t]+(\w+)", _I | re.MULTILINE)
-_CONFIG: Final = "$CONFIG"
+_PUBLIC: Final = re.compile(r"^[ \t]*DEFDAT\s+(?:\$CONFIG|\$?\w+\s+PUBLIC)\b", _I | re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -220,10 +220,16 @@ class Job:
         out: dict[str, list[DataList]] = {}
         for name in self.folder:
             text = self.folder[name] if name.lower().endswith(".dat") else ""
-            if re.search(r"^[ \t]*DEFDAT\b", text, _I | re.MULTILINE) is None:
+            if _PUBLIC.search(text) is None:
                 continue
             known = name in self.files
-            listed = self._data(name)
+            try:
+                listed = self._data(name)
+            except ProgramError:
+                if known:
+                    raise
+                self.files.pop(name, None)
+                continue  # a list that is damaged gives no names
             if not known:
                 del self.files[name]  # it becomes a file of the job when a name of it is used
             for key in listed.public_names:

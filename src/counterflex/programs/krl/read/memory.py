@@ -166,6 +166,8 @@ class Memory:
         variable = self._declared(at, name)
         if variable is None:
             return Unknown(f"{name} is not declared in the files of the job", self.where())
+        if variable.kind == "SIGNAL":
+            return Unknown(f"{name} is an input or output", self.where())
         index, rest = _split(path)
         if isinstance(index, Unknown):
             return index
@@ -270,6 +272,11 @@ class Memory:
             or key in STORED
             or self._declared(self.here, key) is not None
         )
+
+    def kind(self, name: str) -> str:
+        """Return the type that a name is declared with, in capitals; empty where there is none."""
+        variable = None if name in self.here.references else self._declared(self.here, name.upper())
+        return "" if variable is None else variable.kind
 
     def named(self, name: str, index: tuple[int, ...]) -> Named | None:
         """The initial value of a data list that a name still has; None where the program has given it another."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from counterflex.programs.krl.read import statements as form
-from counterflex.programs.krl.read.data_list import DECLARED, IMPORT, key_of
+from counterflex.programs.krl.read.data_list import DECLARED, IMPORT, SIGNAL, key_of
 from counterflex.programs.krl.read.flow import Flow
 from counterflex.programs.krl.read.frames import Frames, KrlCell
 from counterflex.programs.krl.read.job import Job
@@ -61,6 +61,9 @@ class Modes(Flow):
                 self.memory.forget(name, (), Unknown(f"{name} is a value of the controller", self.memory.where()))
                 self._expression(match["value"], code)
                 return
+        if self.memory.kind(name) == "SIGNAL":
+            self._note("$OUT", code)
+            return
         value = self._expression(match["value"], code)
         path = self._path(match["path"], code)
         self._set(name, path, value, code, match.start("value"))
@@ -104,6 +107,9 @@ class Modes(Flow):
     def _declaration(self, code: str) -> None:
         """``DECL INT N, M``; a value behind ``=`` is given each time the routine runs."""
         text = code.strip()
+        if (signal := SIGNAL.fullmatch(code)) is not None:
+            self.memory.declare(signal[1], "SIGNAL")
+            return
         if text.upper().startswith("IMPORT"):
             match = IMPORT.fullmatch(code)
             if match is not None:

@@ -28,7 +28,7 @@ _NEUTRAL: Final = (
         "$GEAR_JERK[1]=50", "$ACC_MA.CP=10.0", "$VEL_MA.CP=3.0", "$ACC_ORI1=100", "$ECO_LEVEL=#OFF",
         "$ACC_CAR_TOOL.X=1.0",
         "$OV_ASYNC=100", "$OV_JOG=10", "$RED_ACC_ECO_LEVEL=1", "$DYN_DAT=1", "$CP_VEL_TYPE=#CONSTANT",
-        "$SPL_VEL_MODE=#OPT", "$SPL_ORI_JOINT_AUTO=#ON", "$FAST_MEAS_COUNT_RESET=TRUE",
+        "$SPL_VEL_MODE=#OPT", "$APO_DIS_PTP[1]=90.0", "$ACC_C.CP=1.0", "$VEL_C.CP=0.1", "$SPL_ORI_JOINT_AUTO=#ON", "$FAST_MEAS_COUNT_RESET=TRUE",
     )),
     ("load for dynamics and monitoring: the path stays", (
         "$LOAD={M 12.0,CM {X 0.0,Y 0.0,Z 100.0,A 0.0,B 0.0,C 0.0}}", "$LOAD_A1.M=0.0", "$LOAD_A2.M=0.0",
@@ -68,7 +68,9 @@ _NEUTRAL: Final = (
         "$MSG_T.KEY[]=\"X\"",
         "$UTS=0", "$WAITSTATE=FALSE", "$EXT_START=FALSE", "$MOVE_ENABLE=TRUE", "$APPL_RUN=TRUE", "$PGNO_VALID=1",
         "$PR_MODE=#GO", "$TARGET_STATUS=#SOURCE", "$EX_AX_IGNORE=0", "$SINGUL_POS[1]=0", "$SINGUL_STRATEGY=0",
-        "$ORI_CHECK=0", "$SINGUL_ERR_PRO[1]=0", "$SYNC=0", "$DISTANCE=0.0", "$REDUNDANCY=0.0",
+        "$ORI_CHECK=0", "$CP_STATMON=#JOINT", "$TECHPAR[1,1]=0.0", "$TECHVAL[1]=0.0", "$SOFTPLCBOOL[1]=TRUE",
+        "$SOFTPLCINT[1]=0", "$SOFTPLCREAL[1]=0.0", "$REVO_NUM[1]=0", "$IPO_WAIT_FOR=TRUE", "$PATHTIME=1", "$VCP_IP=1",
+        "$SINGUL_ERR_PRO[1]=0", "$SYNC=0", "$DISTANCE=0.0", "$REDUNDANCY=0.0",
     )),
 )  # fmt: skip
 _REFUSED: Final = (

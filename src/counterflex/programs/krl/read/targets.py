@@ -415,10 +415,19 @@ class Targets:
     def _check_external(self, target: Target) -> None:
         """Refuse external axes that move, or stand elsewhere than the cell says."""
         given = {name: part for name, part in target.components.items() if name[0] == "E"}
-        where = f"{target.file}:{target.line}"
+        self.check_external({name: part.value for name, part in given.items()}, f"{target.file}:{target.line}")
         for name, part in given.items():
-            self._external_axes.check(int(name[1]), part.value, name, where)
             self._external.setdefault(name, part)
+
+    def check_external(self, values: Mapping[str, float], where: str) -> None:
+        """Refuse external axes of a place that are not where they stand in the cut.
+
+        Raises:
+            ProgramError: One is not.
+        """
+        for name, value in values.items():
+            if name[0] == "E":
+                self._external_axes.check(int(name[1:]), value, name, where)
 
     @property
     def _place_name(self) -> str:
