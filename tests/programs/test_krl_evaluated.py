@@ -459,3 +459,22 @@ def test_neutral_statements_change_nothing_anywhere(row: object, place: int) -> 
 @pytest.mark.parametrize("row", [row for row in TABLE.rows if row.treatment is Treatment.REFUSED], ids=lambda r: r.word)
 def test_refused_statements_are_refused_with_their_remedy(row: object) -> None:
     assert row.remedy.split(":")[0] in refusal(f"{FIRST}{row.samples[0]}\nLIN {{X 5}}", data=DATA)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("body", "subs", "says"),
+    [
+        # an interrupt may set it again at any time
+        ("INTERRUPT DECL 5 WHEN $IN[1] DO SLOW( )\n$VEL.CP=0.02", "DEF SLOW()\n$VEL.CP=0.001\nEND\n", "an interrupt does it"),
+        # without :IN or :OUT it is not known whether the caller's variable changes
+        ("V=0.02\nTWICE(V)\n$VEL.CP=V", "DEF TWICE(X)\nREAL X\nX=2*X\nEND\n", "whether X is IN or OUT"),
+        ("$VEL.CP=CHIPS", "", "CHIPS is an input or output"),
+    ],
+)  # fmt: skip
+def test_values_that_only_seem_known(body: str, subs: str, says: str) -> None:
+    assert says in refusal(f"SIGNAL CHIPS $OUT[4]\n{FIRST}{body}\nLIN {{X 50}}", subs=subs)
+
+
+def test_arrays_are_passed_by_reference_and_parameters_without_a_word_by_value() -> None:
+    subs = "DEF FILL(P[]:OUT)\nREAL P[]\nP[2]=7\nEND\nDEF CUT(X)\nREAL X\nLIN {X X}\nEND\n"
+    assert xs(job(f"{FIRST}FILL(Q[])\nCUT(Q[2])\nLIN {{X Q[2]+1}}", subs=subs, data="DECL REAL Q[3]")) == [0, 7, 8]

@@ -284,6 +284,7 @@ ELSEWHERE = {
     "P.X=P.X+5\nLIN P",
     "an override": "$OV_PRO=40\nLIN {X 20.0}\nLIN {X 40.0}\n$OV_PRO=100\nLIN {X 60.0}",
     "an unrolled loop": "FOR I=1 TO 1\nLIN {X 20.0*I}\nENDFOR\nLIN {X 60.0}",
+    "an element used twice": "I=2\nLIN P[I]\nLIN {X 30.0}\nLIN P[2]\nLIN {X 60.0}",
     "an array": "I=2\nLIN P[I]\nLIN {X 60.0}",
     "a part": "PART( )\nLIN {X 60.0}",
 }

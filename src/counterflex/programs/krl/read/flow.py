@@ -154,8 +154,10 @@ class Flow(Execution, ABC):
             )  # fmt: skip
         caller, module, line, words, following = self.memory.here, self.module, self.line, self._words, self._next
         activation = Activation(routine)
-        for parameter, node in zip(routine.parameters, arguments, strict=False):
-            self._pass(activation, parameter, node)
+        given = [
+            (parameter, node, self._pass(activation, parameter, node))
+            for parameter, node in zip(routine.parameters, arguments, strict=False)
+        ]
         for parameter in routine.parameters[len(arguments) :]:
             self._give(activation, parameter, Unknown(f"{routine.name} is called without it", self.memory.where()))
         result, self._result = (
@@ -169,20 +171,32 @@ class Flow(Execution, ABC):
         value, self._result = self._result, result
         self.memory.here, self.module, self.line, self._words = caller, module, line, words
         self._called, self._next = len(self.motions), following
+        for parameter, node, before in given:
+            by_value = isinstance(node, Name) and not parameter.passing and parameter.name in activation.local
+            if by_value and isinstance(node, Name) and activation.local[parameter.name].values[()] != before:
+                cause = f"{routine.name} changes it, and does not say whether {parameter.name} is IN or OUT"
+                self.memory.forget(node.text, self._path_of(node), Unknown(cause, self.memory.where()))
         return value
 
-    def _pass(self, activation: Activation, parameter: Parameter, node: Node | None) -> None:
-        if isinstance(node, Name) and parameter.passing != "IN":
-            path = [
-                step if isinstance(step, str) else tuple(self.value(item, self._code) for item in step)
-                for step in node.path
-            ]
-            activation.references[parameter.name] = (self.memory.here, node.text.upper(), [p for p in path if p != ()])
-            return
-        value = (
-            Unknown("an argument is left out", self.memory.where()) if node is None else self.value(node, self._code)
-        )
+    def _path_of(self, node: Name) -> list[object]:
+        steps = [
+            step if isinstance(step, str) else tuple(self.value(item, self._code) for item in step)
+            for step in node.path
+        ]
+        return [step for step in steps if step != ()]
+
+    def _pass(self, activation: Activation, parameter: Parameter, node: Node | None) -> Value:
+        """Give a parameter its argument; returns the value of one by value."""
+        whole = isinstance(node, Name) and () in node.path  # an array, which is passed by reference
+        if isinstance(node, Name) and (parameter.passing == "OUT" or whole):
+            activation.references[parameter.name] = (self.memory.here, node.text.upper(), self._path_of(node))
+            return None
+        if node is None:
+            value: Value = Unknown("an argument is left out", self.memory.where())
+        else:
+            value = self.value(node, self._code)
         self._give(activation, parameter, value)
+        return value
 
     @staticmethod
     def _give(activation: Activation, parameter: Parameter, value: Value) -> None:

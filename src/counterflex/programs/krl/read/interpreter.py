@@ -88,6 +88,11 @@ class Interpreter(Modes):
         self._active: _Active | None = None
         self.reads_position = False
 
+    def run(self) -> None:
+        """Execute the main routine; then the uses of each name are known."""
+        super().run()
+        self.moves = [replace(move, shared=True) if self.targets.shared(move) else move for move in self.moves]
+
     # ---- statements ------------------------------------------------------------------------------------------
 
     def _statement(self, word: str, code: str) -> None:
@@ -462,7 +467,9 @@ class Interpreter(Modes):
                 "this INTERRUPT is not understood", code, limit="INTERRUPT DECL 5 WHEN $IN[1] DO STOP_IT( )"
             )
         if not form.STANDARD.match(code):
+            self.memory.interrupts = True
             self._later(match[1], Unknown("an interrupt does it at a time that is not known", self.memory.where()))
+            self.memory.interrupts = False
 
     def _later(self, statement: str, cause: Unknown) -> None:
         """What a TRIGGER or INTERRUPT does: an output, an assignment, or a subprogram that must not move the robot."""

@@ -90,6 +90,8 @@ class Memory:
         system: Values of system variables that the program has set, by name in capitals.
         doubt: Why it is not known whether the statement that runs is executed; None where it is.
         changes: Number of values that were changed.
+        interrupts: The statements that run are those of an interrupt: what they set is not known from then on.
+        volatile: Why the value of a name is not known, whatever the program gives it.
         position: Returns the place of the robot for ``$POS_ACT`` and the like; an unknown value where it is not known.
     """
 
@@ -98,6 +100,8 @@ class Memory:
         self.system: dict[str, Value] = {}
         self.doubt: Unknown | None = None
         self.changes = 0
+        self.interrupts = False
+        self.volatile: dict[str, Unknown] = {}
         self.position: Callable[[str], Value] = lambda _: Unknown("the place of the robot is not known", where())
         self._lists: dict[str, dict[str, Variable]] = {}
         self._stored: dict[tuple[str, int], Value] = {}
@@ -352,8 +356,12 @@ class Memory:
             other, target, before = at.references[name]
             self._assign(other, target, [*before, *path], value)
             return
+        if name in self.volatile:
+            value = self.volatile[name]
         if self.doubt is not None:
-            if _equal(self._value(at, name, path), value):
+            if self.interrupts:
+                self.volatile[name] = self.doubt
+            elif _equal(self._value(at, name, path), value):
                 return
             value = Unknown(f"whether it is set is not known: {self.doubt}", self.where())
         self.changes += 1

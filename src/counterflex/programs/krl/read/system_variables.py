@@ -28,7 +28,8 @@ _NEUTRAL: Final = (
         "$GEAR_JERK[1]=50", "$ACC_MA.CP=10.0", "$VEL_MA.CP=3.0", "$ACC_ORI1=100", "$ECO_LEVEL=#OFF",
         "$ACC_CAR_TOOL.X=1.0",
         "$OV_ASYNC=100", "$OV_JOG=10", "$RED_ACC_ECO_LEVEL=1", "$DYN_DAT=1", "$CP_VEL_TYPE=#CONSTANT",
-        "$SPL_VEL_MODE=#OPT", "$APO_DIS_PTP[1]=90.0", "$ACC_C.CP=1.0", "$VEL_C.CP=0.1", "$SPL_ORI_JOINT_AUTO=#ON", "$FAST_MEAS_COUNT_RESET=TRUE",
+        "$SPL_VEL_MODE=#OPT", "$APO_DIS_PTP[1]=90.0", "$ACC_C.CP=1.0", "$VEL_C.CP=0.1",
+        "$SPL_ORI_JOINT_AUTO=#ON", "$FAST_MEAS_COUNT_RESET=TRUE",
     )),
     ("load for dynamics and monitoring: the path stays", (
         "$LOAD={M 12.0,CM {X 0.0,Y 0.0,Z 100.0,A 0.0,B 0.0,C 0.0}}", "$LOAD_A1.M=0.0", "$LOAD_A2.M=0.0",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -30,6 +31,7 @@ from counterflex.programs.robot_text.execution import arc_through
 from counterflex.programs.robot_text.expression import ExpressionError, Name, Node, parse
 from counterflex.programs.unknown import Unknown, known
 
+_MENTION: Final = re.compile(r"([A-Za-z$]\w*)(\s*\[[^\]]*\])?")
 _BLANKS: Final = re.compile(r"\s*")
 _COMMA: Final = re.compile(r"\s*,")
 _OF_CONTROLLER: Final = re.compile(r"\$(AXIS|POS)_(ACT|RET|INT|FOR|BACK)\w*|X?HOME\d*|XSTART|\$H_POS", re.IGNORECASE)
@@ -70,7 +72,7 @@ class Targets:
         self.memory, self._evaluate = memory, evaluate
         self.module: Module = memory.job.main
         self.line = 0
-        self._mentioned: dict[str, int] | None = None
+        self._mentioned: Counter[tuple[str, str]] | None = None
         self._external: dict[str, Component] = {}
         self._external_axes = ExternalAxes(cell)
         self._angles: list[float] | None = None
@@ -124,10 +126,9 @@ class Targets:
                 hint="Set speed and approximation by statements of their own",
             )  # fmt: skip
         target = place.target
-        shared = target is not None and bool(target.name) and self._mentions(target.name) > 1
         words = "" if approximation is None else approximation[1].strip()
         return KrlMotion(
-            self.module.file.name, self.line, word, target, auxiliary, words, shared, circle_angle, start, end,
+            self.module.file.name, self.line, word, target, auxiliary, words, False, circle_angle, start, end,
             clause=clause,
         ), place  # fmt: skip
 
@@ -166,8 +167,6 @@ class Targets:
         T = here @ change if in_tool else change @ here
         values = [*(T[:3, 3] / MM), *(rotation.to_zyx(T[:3, :3]) / DEG)]
         parts = {letter: Component(float(v), 0, 0) for letter, v in zip(LETTERS, values, strict=True)}
-        if not in_tool and self._angles is not None:
-            parts |= {letter: Component(v, 0, 0) for letter, v in zip("ABC", self._angles, strict=True)}
         target = self._computed(parts, "", start, end, code)
         words = "" if approximation is None else approximation[1].strip()
         read = replace(self._blank(word, start), target=target, approximation=words, end=end, relative=True)
@@ -296,17 +295,31 @@ class Targets:
                 raise self._fault("a motion without a target", code, at, hint="The line may be cut off") from error
             raise self._fault(f"a target is not understood: {error}", code, error.at) from error
 
-    def _mentions(self, name: str) -> int:
-        """How often a name stands in the code of the job's programs."""
+    def shared(self, move: KrlMotion) -> bool:
+        """Return whether the name of a target is used elsewhere in the job too."""
+        target = move.target
+        if target is None or not target.in_data:
+            return False
+        counts = self._mentions()
+        name, _, index = "".join(target.name.split()).upper().partition("[")
+        if not index:
+            return counts[name, ""] > 1
+        if index[:-1].isdigit():
+            return counts[name, index] + counts[name, "?"] + counts[name, ""] > 1
+        return sum(count for (other, _), count in counts.items() if other == name) > 1
+
+    def _mentions(self) -> Counter[tuple[str, str]]:
+        """How often each name stands in the programs of the job, with its index, or ``?`` for a computed one."""
         if self._mentioned is None:
-            counts: dict[str, int] = {}
+            counts: Counter[tuple[str, str]] = Counter()
             for module in self.memory.job.modules():
                 for code in module.codes:
-                    for found in re.findall(form.NAME, code):
-                        key = "".join(found.split()).upper()
-                        counts[key] = counts.get(key, 0) + 1
+                    for name, index in _MENTION.findall(code):
+                        inside = "".join(index.split())[1:-1]
+                        known = f"{inside}]" if inside.isdigit() else "?" if inside else ""
+                        counts[name.upper(), known] += 1
             self._mentioned = counts
-        return self._mentioned.get("".join(name.split()).upper(), 0)
+        return self._mentioned
 
     # ---- places ----------------------------------------------------------------------------------------------
 
