@@ -23,7 +23,6 @@ from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.val3.program import Val3Program
 
 _NUMBER: Final = r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
-_CDIS: Final = re.compile(rf"^\s*\$APO(?:\.CDIS\s*=\s*|\s*=\s*\{{[^}}]*?\bCDIS\s+){_NUMBER}", re.IGNORECASE)
 _ZONE: Final = re.compile(r"z([0-9]+)", re.IGNORECASE)
 _ZONE_DATA: Final = re.compile(rf"\[\s*FALSE\s*,\s*{_NUMBER}\s*,", re.IGNORECASE)
 _DISTANCE: Final = re.compile(rf"C[DR]\s*{_NUMBER}", re.IGNORECASE)
@@ -60,18 +59,14 @@ def _millimetres(match: re.Match[str] | None) -> float:
 
 
 def _krl(program: KrlProgram) -> list[float]:
-    """``C_DIS`` with the $APO.CDIS that stands above it in the file; a spline goes through its points."""
-    distance, by_line = float("nan"), []
-    for text in program.lines:
-        distance = distance if (match := _CDIS.match(text)) is None else _millimetres(match)
-        by_line.append(distance)
+    """``C_DIS`` with the $APO.CDIS that is active; a spline goes through its points."""
     out = []
     for move in program.moves:
         words = move.approximation.upper()
         if not words and not move.in_spline:
             out.append(0.0)
         else:
-            out.append(by_line[move.line - 1] if "C_DIS" in words else float("nan"))
+            out.append(move.distance_m if "C_DIS" in words else float("nan"))
     return out
 
 

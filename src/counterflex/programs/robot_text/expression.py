@@ -44,7 +44,8 @@ class Grammar:
         number: Pattern of an unsigned number.
         aggregate: Opening and closing bracket of an aggregate.
         labelled: Items of an aggregate have a component's name before the value, ``{X 1.0}``.
-        enumeration: Pattern of a literal of an enumeration; its value is its text in capitals.
+        enumeration: Pattern of a literal of an enumeration; its value is its text in capitals without blanks.
+        numeral: Returns the value of a number by its text; None where ``number`` is a decimal number.
     """
 
     binary: Mapping[str, tuple[int, Operation]]
@@ -55,6 +56,7 @@ class Grammar:
     aggregate: str = "[]"
     labelled: bool = False
     enumeration: str | None = None
+    numeral: Callable[[str], Value] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,9 +262,9 @@ class _Parser:
         if (match := re.compile(_STRING).match(self.text, start)) is not None:
             value: Value = match[0][1:-1].replace('""', '"')
         elif (match := self._number.match(self.text, start)) is not None:
-            value = int(match[0]) if match[0].isdigit() else float(match[0])
+            value = (self.grammar.numeral or _decimal)(match[0])
         elif self._enumeration is not None and (match := self._enumeration.match(self.text, start)) is not None:
-            value = match[0].upper()
+            value = "".join(match[0].split()).upper()
         else:
             return None
         self.end = match.end()
@@ -326,7 +328,8 @@ class _Parser:
             label = None
             if self.grammar.labelled:
                 self._blanks()
-                match = re.compile(rf"({self.grammar.name})(?:\[\])?(?=\s*[^\s,}}:(\[.])").match(self.text, self.end)
+                labels = re.compile(rf"({self.grammar.name})(?![\w$])\s*(?:\[\s*\])?(?=\s*[^\s,}}:])")
+                match = labels.match(self.text, self.end)
                 if match is not None:
                     label, self.end = match[1].upper(), match.end()
             items.append((label, self.expression(0)))
@@ -337,6 +340,10 @@ class _Parser:
         if self.grammar.labelled:
             match = re.compile(rf"\s*{self.grammar.name}\s*:(?!=)").match(self.text, self.end)
             self.end = self.end if match is None else match.end()
+
+
+def _decimal(text: str) -> int | float:
+    return int(text) if text.isdigit() else float(text)
 
 
 def is_number(value: object) -> bool:
