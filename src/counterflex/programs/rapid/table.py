@@ -68,13 +68,14 @@ OUTPUTS: Final[dict[str, tuple[int | str, ...]]] = {
     "WAITAO": ("TIMEFLAG", "VALUEATTIMEOUT"), "WAITGI": ("TIMEFLAG", "VALUEATTIMEOUT"),
     "WAITGO": ("TIMEFLAG", "VALUEATTIMEOUT"), "WAITUNTIL": ("TIMEFLAG",), "WAITTESTANDSET": (0,),
     "GETDATAVAL": (1,), "GETSYSDATA": (0,), "READRAWBYTES": (1,), "UNPACKRAWBYTES": (2,), "READBLOCK": (2,),
-    "READVAR": (2,), "READANYBIN": (1,), "READCFGDATA": (2,), "SOCKETRECEIVE": ("STR", "RAWDATA", "DATA", "NOOFRECBYTES"),
+    "READVARARR": (1,), "READANYBIN": (1,), "READCFGDATA": (2,), "SOCKETRECEIVE": ("STR", "RAWDATA", "DATA", "NOOFRECBYTES"),
     "SOCKETACCEPT": ("CLIENTADDRESS",), "READERRDATA": (1, 2, 3, 4, "TITLE"), "GETTRAPDATA": (0,),
     "RMQGETMESSAGE": (1,), "RMQGETMSGDATA": (1,), "RMQGETMSGHEADER": ("HEADER", "SENDERID", "USERDEF"),
     "RMQREADWAIT": (0,), "RMQSENDWAIT": (2,), "RMQFINDSLOT": (0,), "BOOKERRNO": (0,), "LOADID": ("WOBJ",),
     "GETJOINTDATA": ("POSITION", "SPEED", "TORQUE", "EXTTORQUE"), "FRICIDEVALUATE": (1,),
-    "COPYRAWBYTES": (2,), "PACKRAWBYTES": (1,), "CLEARRAWBYTES": (0,), "GETMODALPAYLOADMODE": (),
-    "WAITSYNCTASK": (), "TEXTTABINSTALL": (), "UIMESSAGEBOX": (), "ERRLOG": (), "SEARCHL": (1,),
+    "COPYRAWBYTES": (2,), "PACKRAWBYTES": (1,), "CLEARRAWBYTES": (0,), "MATRIXSOLVE": (2,), "MATRIXSOLVEQR": (2,), "MATRIXSVD": (1, 2, 3), "FITCIRCLE": (1, 2, 3),
+    "CAMGETPARAMETER": ("BOOLVAR", "NUMVAR", "STRVAR"), "CAMGETRESULT": (1,), "SIGETCYCLIC": (1,),
+    "GETGROUPSIGNALINFO": (1,), "GETTORQUEMARGIN": (0,), "IOBUSSTATE": (1,), "SETUPCYCLICBOOL": (0,),
 }  # fmt: skip
 """Arguments that an instruction writes into: positions from 0, options in capitals."""
 FUNCTION_OUTPUTS: Final[dict[str, tuple[int, ...]]] = {
@@ -153,7 +154,10 @@ def _rows() -> Iterator[Statement]:
     for reason, samples in ASKED:
         for calls in samples:
             yield Statement(
-                _word(calls), Treatment.EVALUATED, f"function: unknown, {reason}", samples=(f"any:={calls};",)
+                _word(calls),
+                Treatment.EVALUATED,
+                f"function: its value is unknown, {reason}",
+                samples=(f"any:={calls};",),
             )
     for reason, remedy, samples in NOT_COMPUTED:
         for calls in samples:

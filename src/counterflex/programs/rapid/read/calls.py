@@ -143,13 +143,14 @@ class Calls:
         keeps = parameter.kind in ("tooldata", "wobjdata")
         if reference is not None and (parameter.reference or keeps):
             return reference
-        if reference is not None and not node_is_local(reference) and parameter.kind == "robtarget":
-            return reference
         value = memory.value(node, text or self.now.code, at)
         if isinstance(value, Unknown) and isinstance(node, Name) and reference is None and keeps:
             return None
-        dims = reference.dims if reference is not None else _sizes(value)
-        return Reference(Variable(parameter.name, parameter.kind, dims, copy_of(value)), (), parameter.kind, dims)
+        dims = reference.dims if reference is not None else ()
+        copy = Variable(parameter.name, parameter.kind, dims, copy_of(value))
+        if reference is not None and not reference.variable.assigned and parameter.kind == "robtarget":
+            copy.copied = reference
+        return Reference(copy, (), parameter.kind, dims)
 
     def call_node(self, node: Call) -> object:
         """Return the value of a function in an expression."""
@@ -163,16 +164,14 @@ class Calls:
             first = node.arguments[0]
             return isinstance(first, Name) and first.text.upper() not in self.memory.frames[-1].absent
         values = [evaluate(item, GRAMMAR, self) for item in node.arguments]
-        options = {
-            key: True if item is None else evaluate(item, GRAMMAR, self) for key, item in node.options.items()
-        }
+        options = {key: True if item is None else evaluate(item, GRAMMAR, self) for key, item in node.options.items()}
         return self._built_in(node, name, values, options)
 
     def _built_in(self, node: Call, name: str, values: list[object], options: dict[str, object]) -> object:
         unknown = first_unknown([*values, *options.values()])
         computed = FUNCTIONS.get(name) or WITH_OPTIONS.get(name)
         row = TABLE.find(name)
-        if computed is None and name != "ORIENTZYX" and row is not None and row.treatment is Treatment.REFUSED:
+        if computed is None and row is not None and row.treatment is Treatment.REFUSED:
             raise self.fault(f"{row.word}(): {row.reason}", self.now, hint=row.remedy)
         if name == "OROBT" and unknown is None:
             return self._without_displacement(values[0])
@@ -181,8 +180,8 @@ class Calls:
                 reference = self.memory.reference(node.arguments[position]) if position < len(values) else None
                 if reference is not None:
                     self.memory.forget(reference, Unknown(f"{node.name} sets it", self._here()))
-            why = "it is not in the files of the program" if row is None else row.reason
-            return Unknown(f"{node.name}() is asked: {why}", self._here())
+            why = "is not in the files of the program" if row is None else "asks the controller"
+            return Unknown(f"{node.name}() {why}", self._here())
         if unknown is not None:
             return unknown
         try:
@@ -207,15 +206,3 @@ class Calls:
 
     def _here(self) -> str:
         return self.source.where(self.now.start)
-
-
-def node_is_local(reference: Reference) -> bool:
-    """Return whether data belongs to a routine or has been changed, so that an argument needs a copy of its value."""
-    variable = reference.variable
-    return variable.declared is None or variable.assigned or variable.module is None
-
-
-def _sizes(value: object) -> tuple[int, ...]:
-    """Dimensions of an array that is written out, as far as its type tells nothing."""
-    del value
-    return ()

@@ -59,7 +59,7 @@ class Instructions(Motions):
 
     # ---- data ------------------------------------------------------------------------------------------------
 
-    def _count(self, statement: Statement, given: Sequence[Argument], by: object) -> None:
+    def _change(self, statement: Statement, given: Sequence[Argument], by: object) -> None:
         reference = self._changed(statement, given[0])
         if reference is None:
             return
@@ -74,17 +74,17 @@ class Instructions(Motions):
 
     def incr(self, statement: Statement, given: Sequence[Argument]) -> None:
         """``Incr n``."""
-        self._count(statement, given, 1)
+        self._change(statement, given, 1)
 
     def decr(self, statement: Statement, given: Sequence[Argument]) -> None:
         """``Decr n``."""
-        self._count(statement, given, -1)
+        self._change(statement, given, -1)
 
     def add(self, statement: Statement, given: Sequence[Argument]) -> None:
         """``Add n, 5``."""
         if len(given) != 2:
             raise self.fault("Add has 2 arguments", statement, hint="Post the program again")
-        self._count(statement, given, self.memory.evaluated(given[1].text, given[1].start))
+        self._change(statement, given, self.memory.evaluated(given[1].text, given[1].start))
 
     def clear(self, statement: Statement, given: Sequence[Argument]) -> None:
         """``Clear n``."""

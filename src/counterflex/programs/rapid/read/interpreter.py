@@ -269,7 +269,8 @@ class Interpreter(Instructions, Calls):
         raise self._unknown_condition(matters, statement, unknown)
 
     def _unknown_condition(self, matters: Statement, statement: Statement, unknown: Unknown) -> ProgramError:
-        what = "a motion or a setting of motions" if matters.word not in FORMS else "a motion"
+        called = self.modules.find(matters.word, self._running[-1].module) is not None
+        what = "a motion" if matters.word in FORMS else "a routine that moves" if called else "what sets the motions"
         return self.fault(
             f"{what} inside {statement.word} ({self.source.where(statement.start)}): whether and how often it is "
             f"executed is not known: {unknown}", matters, limit="conditions that follow from the text",

@@ -27,9 +27,7 @@ _ROUTINE: Final = re.compile(
 _DATA: Final = re.compile(
     r"^[^\S\r\n]*(LOCAL\s+)?(?:TASK\s+|GLOBAL\s+)?(?:CONST|PERS|VAR)\s+\w+\s+(\w+)", re.IGNORECASE | re.MULTILINE
 )
-_BODY: Final = re.compile(
-    r"\b(?:PROC|TRAP|FUNC)\b.*?\bEND(?:PROC|TRAP|FUNC)\b", re.IGNORECASE | re.DOTALL
-)
+_BODY: Final = re.compile(r"\b(?:PROC|TRAP|FUNC)\b.*?\bEND(?:PROC|TRAP|FUNC)\b", re.IGNORECASE | re.DOTALL)
 _NAME: Final = re.compile(r"(?<![\w.\\])[A-Za-z]\w*")
 _LATE: Final = re.compile(r'%\s*"(\w+)|CallByVar\s*"(\w+)', re.IGNORECASE)
 _LOADED: Final = re.compile(r'"([^"\r\n]*?([^/\\:"\r\n]+\.(?:mod|modx|prg|sys|sysx)))"', re.IGNORECASE)

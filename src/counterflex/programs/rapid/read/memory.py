@@ -45,6 +45,7 @@ class Variable:
         persistent: It keeps its value from run to run (PERS).
         assigned: The program has given it a value.
         volatile: An interrupt may change it at any time.
+        copied: Of an argument by value, the data that it is a copy of.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Variable:
     persistent: bool = False
     assigned: bool = False
     volatile: Unknown | None = None
+    copied: Reference | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,11 +94,12 @@ class Motions(Execution):
     def finish(self) -> None:
         """Mark the targets whose data other places use too, which is known at the end of the program."""
         for index, move in enumerate(self.moves):
+            given = (move.target, move.auxiliary)
             ends = [
-                None if target is None else replace(target, shared=self.targets.shared(target))
-                for target in (move.target, move.auxiliary)
+                replace(target, shared=True) if target is not None and self.targets.shared(target) else target
+                for target in given
             ]
-            if any(target is not None and target.shared for target in ends):
+            if ends[0] is not given[0] or ends[1] is not given[1]:
                 self.moves[index] = replace(move, target=ends[0], auxiliary=ends[1])
 
     # ---- instructions ----------------------------------------------------------------------------------------
@@ -142,9 +143,7 @@ class Motions(Execution):
             )
         )  # fmt: skip
 
-    def _arguments(
-        self, statement: Statement, form: Form
-    ) -> tuple[list[Argument], Argument, Argument, Argument]:
+    def _arguments(self, statement: Statement, form: Form) -> tuple[list[Argument], Argument, Argument, Argument]:
         """Points, speed, zone and tool of an instruction.
 
         Raises:

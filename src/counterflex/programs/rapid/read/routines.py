@@ -18,9 +18,7 @@ _MODULE: Final = re.compile(r"MODULE\s+(\w+)", _I)
 _ROUTINE: Final = re.compile(
     r"(?:(LOCAL|TASK|GLOBAL)\s+)?(?:(PROC|TRAP|RECORD)|FUNC\s+(\w+))\s+(\w+)\s*(\(.*\))?", _I | re.DOTALL
 )
-_PARAMETER: Final = re.compile(
-    r"(?:(INOUT|VAR|PERS|REF)\s+)?(switch|\w+)\s+(\w+)\s*(\{[^}]*\})?|(switch)\s+(\w+)", _I
-)
+_PARAMETER: Final = re.compile(r"(?:(INOUT|VAR|PERS|REF)\s+)?(switch|\w+)\s+(\w+)\s*(\{[^}]*\})?|(switch)\s+(\w+)", _I)
 _COMPONENT: Final = re.compile(r"(\w+)\s+(\w+)\s*(\{[^}]*\})?", _I)
 _END_OF: Final = {"PROC": "ENDPROC", "FUNC": "ENDFUNC", "TRAP": "ENDTRAP", "RECORD": "ENDRECORD"}
 _CALL: Final = re.compile(r"([A-Za-z]\w*)\s*")
@@ -68,7 +66,7 @@ class Declared:
     local: bool
 
 
-@dataclass
+@dataclass(eq=False)
 class Routine:
     """A PROC, FUNC or TRAP.
 
@@ -108,7 +106,7 @@ class Routine:
         return [statement.code for statement in self.statements]
 
 
-@dataclass
+@dataclass(eq=False)
 class Module:
     """A module.
 
@@ -285,10 +283,7 @@ class Modules:
     @cached_property
     def _global(self) -> dict[str, Routine]:
         return {
-            name: routine
-            for module in self.modules
-            for name, routine in module.routines.items()
-            if not routine.local
+            name: routine for module in self.modules for name, routine in module.routines.items() if not routine.local
         }
 
     def find(self, name: str, module: Module) -> Routine | None:

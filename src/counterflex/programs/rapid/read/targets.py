@@ -71,7 +71,7 @@ class Targets:
         self.memory, self.source = memory, memory.source
         self._external = ExternalAxes(cell)
         self._checked: set[str] = set()
-        self._uses: dict[tuple[int, tuple[int, ...]], list[RapidTarget]] = {}
+        self._uses: dict[tuple[int, tuple[int, ...]], int] = {}
         self._spans: dict[int, set[int]] = {}
         self._names: dict[int, str] = {}
         self._speeds: dict[tuple[str, int], Speed] = {}
@@ -125,6 +125,8 @@ class Targets:
         )  # fmt: skip
 
     def _named(self, reference: Reference, argument: Argument) -> RapidTarget:
+        argument_copy = reference.variable.copied if not reference.variable.assigned else None
+        reference = argument_copy or reference
         variable = reference.variable
         declared = variable.declared
         if declared is None or declared.value < 0 or variable.assigned or variable.volatile is not None:
@@ -132,12 +134,14 @@ class Targets:
         literal = self._literal_of(declared.value, declared.end, reference.path)
         if literal is None:
             return self._computed(self._value_of(reference), argument)
+        target = replace(self._written(literal, argument), name=variable.name)
+        if argument_copy is not None:
+            return replace(target, shared=True)
         key = (id(variable), reference.path)
-        target = replace(self._written(literal, argument), name=variable.name, place=key)
-        self._uses.setdefault(key, []).append(target)
+        self._uses[key] = self._uses.get(key, 0) + 1
         self._spans.setdefault(id(variable), set()).add(argument.start)
         self._names[id(variable)] = variable.name.upper()
-        return target
+        return replace(target, place=key)
 
     def _value_of(self, reference: Reference) -> object:
         variable = reference.variable
@@ -158,8 +162,8 @@ class Targets:
         """Return whether other places of the program use the data of a target too."""
         place = target.place
         if place is None:
-            return False
-        if len(self._uses[place]) > 1:
+            return target.shared
+        if self._uses[place] > 1:
             return True
         return self._mentioned[self._names[place[0]]] > len(self._spans[place[0]]) + 1
 

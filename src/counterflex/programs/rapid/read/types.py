@@ -8,7 +8,9 @@ from typing import Final
 from counterflex.programs.unknown import Unknown
 
 _NONE: Final = 9e9
-NUMERIC: Final = frozenset(("num", "dnum", "byte", "errnum", "intnum", "stoppoint", "triggmode", "icondata", "buttondata"))
+NUMERIC: Final = frozenset(
+    ("num", "dnum", "byte", "errnum", "intnum", "stoppoint", "triggmode", "icondata", "buttondata")
+)
 _RECORDS: Final[dict[str, str]] = {
     "pos": "x num, y num, z num",
     "orient": "q1 num, q2 num, q3 num, q4 num",
