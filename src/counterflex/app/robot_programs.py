@@ -18,8 +18,10 @@ from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.fanuc.read.interpreter import FanucCell
 from counterflex.programs.krl.read.data_list import data_file_of
 from counterflex.programs.krl.read.frames import KrlCell
+from counterflex.programs.limits import ENDINGS
 from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, VAL3_DIALECT, Program
 from counterflex.programs.rapid.read.frames import RapidCell
+from counterflex.programs.rapid.read.job_files import companion_modules
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
@@ -32,7 +34,9 @@ _APART_M: Final = 1e-6
 
 
 def companions(file: Path) -> tuple[Path, ...]:
-    """Files that belong to a program and are read with it: the ``.dat`` of a ``.src``, the ``.dtx`` of a ``.pgx``."""
+    """Return the files that are read with a program: ``.dat`` of a ``.src``, ``.dtx`` of a ``.pgx``, modules of RAPID."""
+    if file.suffix.lower() in ENDINGS[RAPID_DIALECT]:
+        return companion_modules(file)
     reads = {".src": data_file_of, ".pgx": val3_data_file_of}.get(file.suffix.lower())
     data = None if reads is None else reads(file)
     return () if data is None else (data,)

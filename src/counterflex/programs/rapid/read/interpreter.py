@@ -474,7 +474,7 @@ class Interpreter(Instructions, Calls):
                 raise self.fault("an unknown statement", statement, hint="docs/rapid.md lists what is read")
             value = self.memory.evaluated(code[1 : behind - 1], start + 1)
             text = str(known(value, "the routine", self.source.place(start), text=code, hint=_WITHOUT))
-        routine = self.modules.find(text.split(":")[-1], self._running[-1].module)
+        routine = self.modules.find_late(text, self._running[-1].module)
         if routine is None:
             raise self.fault(
                 f"the routine {text} is not in the files of the program", statement,

@@ -20,7 +20,7 @@ MODULES: Final = (".mod", ".modx", ".prg", ".sys", ".sysx")
 _SYSTEM: Final = (".sys", ".sysx")
 _LISTED: Final = re.compile(r"<Module>\s*([^<]+?)\s*</Module>", re.IGNORECASE)
 _COMMENT: Final = re.compile(r'"(?:[^"\n]|"")*"|![^\r\n]*|%%%.*?%%%', re.DOTALL)
-_MODULE: Final = re.compile(r"^\s*MODULE\s+\w+", re.IGNORECASE | re.MULTILINE)
+_MODULE: Final = re.compile(r"^\s*MODULE\s+(\w+)", re.IGNORECASE | re.MULTILINE)
 _ROUTINE: Final = re.compile(
     r"^[^\S\r\n]*(LOCAL\s+)?(?:(?:PROC|TRAP)\s+|FUNC\s+\w+\s+)(\w+)", re.IGNORECASE | re.MULTILINE
 )
@@ -37,9 +37,10 @@ _LITERALS: Final = re.compile(r"\[[-+\d.,Ee\s\[\]]*\]")
 
 @dataclass(frozen=True)
 class _Index:
-    """Names of a module: of global routines, of global data, of its own, and those that it uses."""
+    """Names of a module: its own, of global routines and data, those that it uses, calls late, and loads as files."""
 
     file: Path
+    module: str
     routines: frozenset[str]
     data: frozenset[str]
     own: frozenset[str]
@@ -58,7 +59,8 @@ def modules_of(file: Path) -> list[Path]:
         ProgramError: A file is missing, or which one is meant is not known.
     """
     if file.suffix.lower() == ".pgf":
-        return _main_first(_listed(file), file)
+        first, *others = _main_first(_listed(file), file)
+        return [first, *others, *_used_systems(first, others)]
     lists = _lists_with(file)
     if len(lists) > 1:
         shown = {tuple(sorted(path.name.upper() for path in _listed(one))) for one in lists}
@@ -122,10 +124,16 @@ def _beside(file: Path, name: str) -> Path:
 
 
 def _folder(file: Path) -> list[Path]:
-    try:
-        return sorted(path for path in file.resolve().parent.iterdir() if path.is_file())
-    except OSError:
-        return []
+    """Files of the folder; of a backup, whose programs lie in PROGMOD, those of SYSMOD beside it too."""
+    here = file.resolve().parent
+    folders = [here, here.parent / "SYSMOD"] if here.name.upper() == "PROGMOD" else [here]
+    out: list[Path] = []
+    for folder in folders:
+        try:
+            out += sorted(path for path in folder.iterdir() if path.is_file())
+        except OSError:
+            continue
+    return out
 
 
 def _lists_with(file: Path) -> list[Path]:
@@ -180,12 +188,14 @@ def _grown(chosen: list[_Index], candidates: list[_Index]) -> list[_Index]:
     """Modules with those added that they use, again and again; names that stand in several are left out."""
     while True:
         taken = frozenset().union(*(one.routines | one.data for one in chosen))
-        fitting = [one for one in candidates if one not in chosen and not (one.routines | one.data) & taken]
+        others = [one for one in candidates if one not in chosen]
+        fitting = [one for one in others if not (one.routines | one.data) & taken]
         added: list[_Index] = []
         for asking in chosen:
             for name in sorted(_wanted(asking) - taken):
                 added += _holder(name, asking, fitting)
-            added += [one for one in fitting if one.file.name.upper() in asking.loaded]
+            named = asking.loaded | asking.late
+            added += [one for one in others if one.file.name.upper() in named or one.module in named]
         added = list({one.file: one for one in added}.values())
         if not added:
             return chosen
@@ -213,8 +223,9 @@ def _index(file: Path) -> _Index:
     text, _ = read_text(file)
     code = _COMMENT.sub(lambda match: '""' if match[0].startswith('"') else " ", text)
     empty: frozenset[str] = frozenset()
-    if _MODULE.search(code) is None:
-        return _Index(file, empty, empty, empty, empty, empty, empty)
+    head = _MODULE.search(code)
+    if head is None:
+        return _Index(file, "", empty, empty, empty, empty, empty, empty)
     routines = [(bool(match[1]), match[2].upper()) for match in _ROUTINE.finditer(code)]
     outside = _BODY.sub(" ", code)
     data = [(bool(match[1]), match[2].upper()) for match in _DATA.finditer(outside)]
@@ -224,7 +235,7 @@ def _index(file: Path) -> _Index:
     late = {(match[1] or match[2]).upper() for match in _LATE.finditer(text)}
     loaded = {match[2].upper() for match in _LOADED.finditer(text)}
     return _Index(
-        file, frozenset(name for local, name in routines if not local),
+        file, head[1].upper(), frozenset(name for local, name in routines if not local),
         frozenset(name for local, name in data if not local), frozenset(own), frozenset(used), frozenset(late),
         frozenset(loaded),
     )  # fmt: skip

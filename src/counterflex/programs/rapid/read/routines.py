@@ -290,9 +290,13 @@ class Modules:
         """A routine by name, as a module sees it."""
         return module.routines.get(name.upper()) or self._global.get(name.upper())
 
-    def main_in_another_file(self) -> bool:
-        """Whether the program begins in a module that is not the first."""
-        return any("MAIN" in module.routines for module in self.modules[1:])
+    def find_late(self, name: str, module: Module) -> Routine | None:
+        """A routine by a name at run time, which may name its module too: ``part_1:main``."""
+        where, _, routine = name.rpartition(":")
+        if not where:
+            return self.find(name, module)
+        holder = next((one for one in self.modules if one.name.upper() == where.upper()), None)
+        return None if holder is None else holder.routines.get(routine.upper())
 
     def first(self) -> Routine:
         """The routine that is the program: ``main``, or the only one of the first module that no other calls.
