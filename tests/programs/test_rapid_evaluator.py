@@ -132,7 +132,7 @@ def test_what_the_text_determines_is_computed(
         ("CONNECT i1 WITH t;", "VAR intnum i1;", f"TRAP t\n{at('1')}ENDTRAP", ("may move the robot", "(m.mod:10)")),
         (f"CONNECT i1 WITH t;\n{at('n')}", "VAR intnum i1;\nVAR num n;", "TRAP t\nn:=n+1;\nENDTRAP", ("the interrupt t may change it", "m.mod:8")),
         (f"t1.tframe.trans.z:=AInput(ai1);\nMoveL p10,v20,fine,t1;", "PERS tooldata t1:=[TRUE,[[0,0,1],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];", "",
-         ("where the tool t1 is is not known", "m.mod:7")),
+         ("the place of the tool t1 is not known", "m.mod:7")),
         ("WHILE TRUE DO\nWaitTime 1;\nENDWHILE", "", "", ("never ends", "m.mod:7:1")),
         ("again:\nSet do1;\nGOTO again;", "", "", ("never ends", "m.mod:9:1")),
         ("Cut 1;", "", "PROC Cut(num n)\nCut n+1;\nENDPROC", ("calls itself", "30 deep")),

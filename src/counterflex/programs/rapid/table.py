@@ -80,7 +80,7 @@ OUTPUTS: Final[dict[str, tuple[int | str, ...]]] = {
 """Arguments that an instruction writes into: positions from 0, options in capitals."""
 FUNCTION_OUTPUTS: Final[dict[str, tuple[int, ...]]] = {
     "STRTOVAL": (1,), "STRTOBYTE": (), "TESTANDSET": (0,), "GETNEXTSYM": (0, 1), "GETNEXTMECHUNIT": (0, 1),
-    "GETNEXTCYCBOOL": (0, 1), "GETNEXTOPTION": (0,), "READDIR": (1,), "ROBNAME": (),
+    "GETNEXTCYCLICBOOL": (0, 1), "READDIR": (1,), "ROBNAME": (),
 }  # fmt: skip
 """Arguments that a function writes into."""
 ACTS: Final = frozenset((

@@ -133,7 +133,7 @@ NEUTRAL_GROUPS: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
             "RMQGetMsgHeader message;", "RMQEmptyQueue;", 'SpyStart "HOME:/spy.log";', "SpyStop;", "SCWrite count;",
             "SaveCfgData \"a\"\\File:=\"b\",ALL_DOMAINS;", 'WriteCfgData "/MOC","attr",count;',
             'ReadCfgData "/MOC","attr",count;', 'SetDataSearch "num";', 'GetDataVal "name",count;',
-            "GetSysData tool0;", "GetJointData 1;", "ResetPPMoved;", "ResetRetryCount;", "ResetAxisDistance 1;",
+            "GetSysData tOther;", "GetJointData 1;", "ResetPPMoved;", "ResetRetryCount;", "ResetAxisDistance 1;",
             "ResetAxisMoveTime 1;", "ResetTorqueMargin;", "TestSignDefine 1,speed,ROB_1,1,0;", "TestSignReset;",
         ),
     ),

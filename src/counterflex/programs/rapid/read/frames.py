@@ -170,7 +170,7 @@ class Frames:
             return None
         volatile = reference.variable.volatile
         value = reference.value() if volatile is None else volatile
-        what = f"where the {'tool' if kind == 'tooldata' else 'work object'} {text} is"
+        what = f"the place of the {'tool' if kind == 'tooldata' else 'work object'} {text}"
         items = known(
             value if not isinstance(value, list) else value[: 2 if kind == "tooldata" else 5], what, where, text=text,
             hint="Write the frame into its declaration",

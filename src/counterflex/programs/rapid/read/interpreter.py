@@ -390,7 +390,7 @@ class Interpreter(Instructions, Calls):
         if match is not None:
             self._assign(statement, match)
             return
-        if word in _LEAVING:
+        if word in LEAVING:
             self._leave(statement, word)
             return
         if word.startswith("%") or word == "CALLBYVAR":
@@ -489,7 +489,7 @@ class Interpreter(Instructions, Calls):
         return ProgramError(what, where=self.source.place(statement.start), value=value, **more)
 
 
-_LEAVING: Final = frozenset(("RETURN", "GOTO", "EXIT", "EXITCYCLE", "STOP", "BREAK", "RAISE", "RETRY", "TRYNEXT"))
+LEAVING: Final = frozenset(("RETURN", "GOTO", "EXIT", "EXITCYCLE", "STOP", "BREAK", "RAISE", "RETRY", "TRYNEXT"))
 
 
 def _index(tree: Tree) -> int:

@@ -253,7 +253,7 @@ class Motions(Execution):
         value = self.memory.evaluated(given[0].text, given[0].start)
         parts = value if isinstance(value, list) else []
         if word == "MOVEEXTJ":
-            external = known(parts[1] if len(parts) == 2 else value, "where external axes go", place)
+            external = known(parts[1] if len(parts) == 2 else value, "the place of the external axes", place)
             self.targets.check_external(external, given[0].start)
             return
         axes = parts[0] if len(parts) == 2 else value
