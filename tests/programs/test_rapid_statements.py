@@ -24,7 +24,7 @@ DECLARED = (
 )
 LINES = (
     "MoveL p20,v20,z1,tool0;", "MoveL Offs(p10,step,0,1),vOwn,fine,tool0;", "step:=step+1;", "MoveJ p30,v100,z50,tool0;",
-    "MoveC p20,p30,v50\\V:=33,z1,tool0;", "q:=p20;", "q.trans.z:=3;", "MoveL q,v20,z0,tool0;", "WaitTime 0.5;",
+    "MoveL p10,v20,z1,tool0;\nMoveC p20,p30,v50\\V:=33,z1,tool0;", "q:=p20;", "q.trans.z:=3;", "MoveL q,v20,z0,tool0;", "WaitTime 0.5;",
     "cut 2;", "IF step>6 cut 3;", "FOR i FROM 1 TO 2 DO\n{0}\nMoveL Offs(p30,i,step,i),v20,z1,tool0;\nENDFOR",
     "IF step<20 THEN\n{0}\nMoveL RelTool(p20,0,0,-2\\Rx:=1),v20,fine,tool0;\nENDIF", "PDispSet [[0,0,step],[1,0,0,0]];",
     "VelSet 50,1000;",
@@ -46,7 +46,7 @@ def path_of(program: RapidProgram) -> list[object]:
         (m.kind, *np.round(m.p_end, 12), m.feed_m_s, m.turn_rad, m.duration_s, m.tool, m.spindle_rad_s)
         for m in program.motions
     ]
-    return [*motions, np.round(program.Rs_part_tcp, 12).tolist(), approximation_m(program).tolist()]
+    return [*motions, np.round(program.Rs_part_tcp, 12).tolist(), str(approximation_m(program))]
 
 
 @settings(max_examples=120, deadline=None)

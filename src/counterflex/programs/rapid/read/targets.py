@@ -232,7 +232,7 @@ class Targets:
                 self._checked.add(item)
             item = numbers_of(item) or self.memory.evaluated(item, at)
         place = self.source.place(at)
-        values = known(item, "place of the external axes", place, hint="Write their values")
+        values = known(item, "the place of the external axes", place, hint="Write their values")
         for index, value in enumerate(values if isinstance(values, list) else [], start=1):
             if is_number(value) and abs(value) < _NONE_FROM:
                 self._external.check(index, value, f"{index}", place)
