@@ -40,7 +40,10 @@ def at(x: str, y: str = "0", z: str = "0") -> str:
     return f"MoveL Offs(p10,{x},{y},{z}),v20,fine,tool0;\n"
 
 
-RECORD = "RECORD hole\npos place;\nnum depth;\nENDRECORD\nVAR hole h:=[[1,2,3],4];\nVAR hole two{2}:=[[[1,0,0],1],[[2,0,0],2]];\n"
+RECORD = (
+    "RECORD hole\npos place;\nnum depth;\nENDRECORD\nVAR hole h:=[[1,2,3],4];\n"
+    "VAR hole two{2}:=[[[1,0,0],1],[[2,0,0],2]];\n"
+)
 
 
 @pytest.mark.parametrize(
@@ -52,31 +55,37 @@ RECORD = "RECORD hole\npos place;\nnum depth;\nENDRECORD\nVAR hole h:=[[1,2,3],4
          [[2.5, 0, 0], [1.5, 0, 0], [0, 0, 0]]),
         (f"FOR i FROM 3 TO 1 DO\n{at('i')}ENDFOR\nFOR i FROM 0 TO 1 STEP 0.5 DO\n{at('0', 'i')}ENDFOR", "", "",
          [[3, 0, 0], [2, 0, 0], [1, 0, 0], [0, 0, 0], [0, 0.5, 0], [0, 1, 0]]),
-        (f"WHILE n<3 DO\nn:=n+1;\nIF n=2 GOTO on;\n{at('n')}on:\nENDWHILE", "VAR num n:=0;", "", [[1, 0, 0], [3, 0, 0]]),
+        (f"WHILE n<3 DO\nn:=n+1;\nIF n=2 GOTO on;\n{at('n')}on:\nENDWHILE", "VAR num n:=0;", "", [[1, 0, 0], [3, 0,
+         0]]),
         (f"TEST n\nCASE 1,2:\n{at('1')}CASE 3:\n{at('3')}DEFAULT:\n{at('9')}ENDTEST", "VAR num n:=3;", "", [[3, 0, 0]]),
         (f"IF n>3 THEN\n{at('1')}ELSEIF n=3 AND NOT n=4 THEN\n{at('2')}ELSE\n{at('3')}ENDIF", "VAR num n:=3;", "",
          [[2, 0, 0]]),
         (f"IF deep Cut 5;\nIF NOT deep Cut 6;\nIF deep d:=20;\n{at('d')}", "VAR bool deep:=TRUE;\nVAR num d:=1;",
          f"PROC Cut(num x)\n{at('x')}ENDPROC", [[5, 0, 0], [20, 0, 0]]),
-        (f"Cut 1,2\\z:=3;\nCut 1,2\\up;\nCut 1,2;", "",
-         f"PROC Cut(num x,num y\\num z|switch up)\nVAR num h:=0;\nIF Present(z) h:=z;\nIF Present(up) h:=50;\n{at('x', 'y', 'h')}ENDPROC",
+        ("Cut 1,2\\z:=3;\nCut 1,2\\up;\nCut 1,2;", "",
+         f"PROC Cut(num x,num y\\num z|switch up)\nVAR num h:=0;\nIF Present(z) h:=z;\nIF Present(up) h:=50;\n"
+         f"{at('x', 'y', 'h')}ENDPROC",
          [[1, 2, 3], [1, 2, 50], [1, 2, 0]]),
         (f"Twice n;\n{at('n')}Kept n;\n{at('n')}", "VAR num n:=4;",
          "PROC Twice(INOUT num x)\nx:=2*x;\nENDPROC\nPROC Kept(num x)\nx:=99;\nENDPROC", [[8, 0, 0], [8, 0, 0]]),
         (at("half(area(3,4))"), "",
-         "FUNC num area(num a,num b)\nRETURN a*b;\nENDFUNC\nFUNC num half(num a)\nIF a<0 RETURN 0;\nRETURN a/2;\nENDFUNC",
+         "FUNC num area(num a,num b)\nRETURN a*b;\nENDFUNC\nFUNC num half(num a)\nIF a<0 RETURN 0;\n"
+         "RETURN a/2;\nENDFUNC",
          [[6, 0, 0]]),
-        (f"p20:=p10;\np20.trans.z:=7;\np20.trans:=p20.trans+[1,2,0];\nMoveL p20,v20,fine,tool0;\nMoveL p10,v20,fine,tool0;",
+        ("p20:=p10;\np20.trans.z:=7;\np20.trans:=p20.trans+[1,2,0];\nMoveL p20,v20,fine,tool0;\n"
+        "MoveL p10,v20,fine,tool0;",
          "VAR robtarget p20;", "", [[1, 2, 7], [0, 0, 0]]),
         (f"{at('h.place.x', 'two{2}.depth', 'h.depth')}two{{1}}.place.y:=8;\n{at('two{1}.place.y')}", RECORD, "",
          [[1, 2, 4], [8, 0, 0]]),
-        (f"FOR i FROM 1 TO Dim(q,1) DO\nMoveL q{{i}},v20,z1,tool0;\nENDFOR",
-         f"CONST robtarget q{{2}}:=[[[1,1,1],[0,1,0,0],{REST}],[[2,2,2],[0,1,0,0],{REST}]];", "", [[1, 1, 1], [2, 2, 2]]),
+        ("FOR i FROM 1 TO Dim(q,1) DO\nMoveL q{i},v20,z1,tool0;\nENDFOR",
+         f"CONST robtarget q{{2}}:=[[[1,1,1],[0,1,0,0],{REST}],[[2,2,2],[0,1,0,0],{REST}]];", "", [[1, 1, 1], [2, 2,
+          2]]),
         (at("m{2,1}"), "CONST num m{2,2}:=[[1,2],[3,4]];", "", [[3, 0, 0]]),
         (f"PDispSet [[0,0,10],[1,0,0,0]];\n{at('1')}PDispOff;\n{at('2')}", "", "", [[1, 0, 10], [2, 0, 0]]),
         (f"PDispSet [[5,0,0],OrientZYX(90,0,0)];\n{at('1', '2')}", "", "", [[3, 1, 0]]),
         (f"PDispOn \\ExeP:=Offs(p10,1,2,3),p10,tool0;\n{at('1')}", "", "", [[2, 2, 3]]),
-        ("MoveL RelTool(p10,0,0,5),v20,fine,tool0;\nMoveL Offs(RelTool(p10,1,0,0\\Rz:=90),0,0,2),v20,fine,tool0;", "", "",
+        ("MoveL RelTool(p10,0,0,5),v20,fine,tool0;\nMoveL Offs(RelTool(p10,1,0,0\\Rz:=90),0,0,2),v20,fine,tool0;", "",
+         "",
          [[0, 0, -5], [1, 0, 2]]),
         ("MoveL [PoseVect(PoseMult(a,PoseInv(a)),[3,4,5]),o,c,e],v20,fine,tool0;",
          "CONST pose a:=[[1,2,3],[0.5,0.5,0.5,0.5]];\nCONST orient o:=[0,1,0,0];\nVAR confdata c:=[0,0,0,0];\n"
@@ -89,15 +98,18 @@ RECORD = "RECORD hole\npos place;\nnum depth;\nENDRECORD\nVAR hole h:=[[1,2,3],4
         (f"again:\nn:=n+1;\n{at('n')}IF n<3 GOTO again;", "VAR num n:=0;", "", [[1, 0, 0], [2, 0, 0], [3, 0, 0]]),
         (f"{at('1')}EXIT;\n{at('2')}", "", "", [[1, 0, 0]]),
         (f"Cut;\n{at('3')}", "", f"PROC Cut()\n{at('1')}RETURN;\n{at('2')}ENDPROC", [[1, 0, 0], [3, 0, 0]]),
-        (f"MoveLDO Offs(p10,1,0,0),v20,z1,tool0,do1,1;\nTriggL Offs(p10,2,0,0),v20,t1\\T2:=t2,z1,tool0;\n"
-         f"MoveLSync Offs(p10,3,0,0),v20,z1,tool0,\"beep\";", "", "PROC beep()\nSet do1;\nENDPROC",
+        ("MoveLDO Offs(p10,1,0,0),v20,z1,tool0,do1,1;\nTriggL Offs(p10,2,0,0),v20,t1\\T2:=t2,z1,tool0;\n"
+         "MoveLSync Offs(p10,3,0,0),v20,z1,tool0,\"beep\";", "", "PROC beep()\nSet do1;\nENDPROC",
          [[1, 0, 0], [2, 0, 0], [3, 0, 0]]),
-        (f"Cut p10;", "", "PROC Cut(robtarget p)\np.trans.x:=4;\nMoveL p,v20,fine,tool0;\nMoveL p10,v20,fine,tool0;\nENDPROC",
+        ("Cut p10;", "",
+         "PROC Cut(robtarget p)\np.trans.x:=4;\nMoveL p,v20,fine,tool0;\nMoveL p10,v20,fine,tool0;\nENDPROC",
          [[4, 0, 0], [0, 0, 0]]),
-        (f"WHILE TestDI(di1) DO\nWaitTime 0.1;\nENDWHILE\nIF di2=1 THEN\nTPWrite \"x\";\nEXIT;\nENDIF\n{at('1')}", "", "",
+        (f"WHILE TestDI(di1) DO\nWaitTime 0.1;\nENDWHILE\nIF di2=1 THEN\nTPWrite \"x\";\nEXIT;\nENDIF\n{at('1')}", "",
+         "",
          [[1, 0, 0]]),
         (f"wait:\nIF di2=0 GOTO wait;\n{at('1')}", "", "", [[1, 0, 0]]),
-        ("ActUnit STN_1;\nMoveExtJ [[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine;\n" + at("1"), "", "", [[1, 0, 0]]),
+        ("ActUnit STN_1;\nMoveExtJ [[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine;\n" + at("1"), "", "", [[1, 0,
+         0]]),
     ],
 )  # fmt: skip
 def test_what_the_text_determines_is_computed(
@@ -110,7 +122,8 @@ def test_what_the_text_determines_is_computed(
     ("body", "declared", "routines", "says"),
     [
         (f"TPReadNum n,\"depth\";\n{at('n')}", "VAR num n:=5;", "", ("TPReadNum sets n in m.mod:7", "m.mod:8:16")),
-        (f"IF TestDI(di1) n:=20;\n{at('n')}", "VAR num n:=2;", "", ("TestDI() asks the controller in m.mod:7", "m.mod:8:16")),
+        (f"IF TestDI(di1) n:=20;\n{at('n')}", "VAR num n:=2;", "", ("TestDI() asks the controller in m.mod:7",
+         "m.mod:8:16")),
         (f"n:=di1;\n{at('2*n+1')}", "VAR num n;", "", ("di1 is declared nowhere", "m.mod:7")),
         (f"IF di1=1 THEN\n{at('1')}ENDIF", "", "", ("a motion inside IF (m.mod:7)", "m.mod:8:1")),
         ("IF di1=1 Cut;", "", f"PROC Cut()\n{at('1')}ENDPROC", ("a routine that moves inside IF", "m.mod:7")),
@@ -118,10 +131,13 @@ def test_what_the_text_determines_is_computed(
         (f"{at('n')}n:=n+1;", "PERS num n:=1;", "", ("what the last run left", "m.mod:4")),
         (f"WHILE n<di1 DO\n{at('1')}ENDWHILE", "VAR num n;", "", ("a motion inside WHILE", "m.mod:8:1")),
         (f"FOR i FROM 1 TO GInput(gi1) DO\n{at('i')}ENDFOR", "", "", ("a motion inside FOR", "GInput()")),
-        (f"TEST di1\nCASE 1:\nVelSet 50,1000;\nENDTEST\n{at('1')}", "", "", ("sets the motions inside TEST", "m.mod:9:1")),
-        (f"Cut;\n{at('2')}", "", f"PROC Cut()\nIF di1=1 RETURN;\n{at('1')}ENDPROC", ("m.mod:13:1", "(m.mod:12)", "di1 is declared")),
+        (f"TEST di1\nCASE 1:\nVelSet 50,1000;\nENDTEST\n{at('1')}", "", "", ("sets the motions inside TEST",
+         "m.mod:9:1")),
+        (f"Cut;\n{at('2')}", "", f"PROC Cut()\nIF di1=1 RETURN;\n{at('1')}ENDPROC", ("m.mod:13:1", "(m.mod:12)",
+         "di1 is declared")),
         (f"IF di1=1 GOTO on;\n{at('1')}on:\n{at('2')}", "", "", ("a motion inside IF", "m.mod:8:1")),
-        ("MoveL CRobT(),v20,fine,tool0;", "", "", ("the target is not known: CRobT() asks the controller", "m.mod:7:7")),
+        ("MoveL CRobT(),v20,fine,tool0;", "", "", ("the target is not known: CRobT() asks the controller",
+         "m.mod:7:7")),
         ("p:=CRobT();\nMoveL Offs(p,0,0,9),v20,fine,tool0;", "VAR robtarget p;", "", ("CRobT() asks", "m.mod:7")),
         ("MoveL p10,vOwn,fine,tool0;", "", "", ("the speed is not known: vOwn is declared nowhere", "m.mod:7:11")),
         ("MoveL p10,vmax,fine,tool0;", "", "", ("the speed is not known", "largest speed of the robot")),
@@ -130,24 +146,29 @@ def test_what_the_text_determines_is_computed(
         ("PDispOn p10,tool0;", "", "", ("measures from where the robot stands", "m.mod:7:1")),
         ("SearchL di1,p20,p10,v10,tool0;", "VAR robtarget p20;", "", ("ends where a sensor says", "m.mod:7:1")),
         ("CONNECT i1 WITH t;", "VAR intnum i1;", f"TRAP t\n{at('1')}ENDTRAP", ("may move the robot", "(m.mod:10)")),
-        (f"CONNECT i1 WITH t;\n{at('n')}", "VAR intnum i1;\nVAR num n;", "TRAP t\nn:=n+1;\nENDTRAP", ("the interrupt t may change it", "m.mod:8")),
-        (f"t1.tframe.trans.z:=AInput(ai1);\nMoveL p10,v20,fine,t1;", "PERS tooldata t1:=[TRUE,[[0,0,1],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];", "",
+        (f"CONNECT i1 WITH t;\n{at('n')}", "VAR intnum i1;\nVAR num n;", "TRAP t\nn:=n+1;\nENDTRAP",
+         ("the interrupt t may change it", "m.mod:8")),
+        ("t1.tframe.trans.z:=AInput(ai1);\nMoveL p10,v20,fine,t1;",
+         "PERS tooldata t1:=[TRUE,[[0,0,1],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];", "",
          ("the place of the tool t1 is not known", "m.mod:7")),
         ("WHILE TRUE DO\nWaitTime 1;\nENDWHILE", "", "", ("never ends", "m.mod:7:1")),
         ("again:\nSet do1;\nGOTO again;", "", "", ("never ends", "m.mod:9:1")),
         ("Cut 1;", "", "PROC Cut(num n)\nCut n+1;\nENDPROC", ("calls itself", "30 deep")),
         ("WHILE n>0 DO\nn:=n+1;\nENDWHILE", "VAR num n:=1;", "", ("does not end", "m.mod:7:1")),
         ("FOR i FROM 1 TO 5 STEP 0 DO\nSet do1;\nENDFOR", "", "", ("never ends", "m.mod:7:1")),
-        (f"IF 0.1+0.2=0.3 Cut;", "", f"PROC Cut()\n{at('1')}ENDPROC", ("rounding of the controller", "m.mod:7")),
+        ("IF 0.1+0.2=0.3 Cut;", "", f"PROC Cut()\n{at('1')}ENDPROC", ("rounding of the controller", "m.mod:7")),
         (at("q{3}"), "VAR num q{2};", "", ("elements 1 to 2, 3 is none", "m.mod:7")),
         (at("h.deep"), RECORD, "", ("has no component deep", "m.mod:")),
         (at("1/0"), "", "", ("a division by zero", "m.mod:7")),
         (at('"a"'), "", "", ("is no number", "m.mod:7")),
         ("Cut 1,2;", "", "PROC Cut(num x)\nENDPROC", ("has no such argument", "m.mod:7")),
-        ("Load \\Dynamic,\"HOME:/part.mod\";\n%\"part\"%;", "", "", ("the routine part is not in the files", "m.mod:8")),
-        (f"MoveL p10,v20,z1,tool0\\WObj:=wA;\nMoveL p10,v20,z1,tool0\\WObj:=wB;", "", "", ("where one lies in the other", "m.mod:")),
+        ("Load \\Dynamic,\"HOME:/part.mod\";\n%\"part\"%;", "", "", ("the routine part is not in the files",
+         "m.mod:8")),
+        ("MoveL p10,v20,z1,tool0\\WObj:=wA;\nMoveL p10,v20,z1,tool0\\WObj:=wB;", "", "",
+         ("where one lies in the other", "m.mod:")),
         ("EOffsSet [100,0,0,0,0,0];", "", "", ("moves external axes", "m.mod:7")),
-        ("MoveLSync p10,v20,z1,tool0,\"Cut\";", "", f"PROC Cut()\n{at('1')}ENDPROC", ("runs in the middle of the motion", "m.mod:7")),
+        ("MoveLSync p10,v20,z1,tool0,\"Cut\";", "", f"PROC Cut()\n{at('1')}ENDPROC",
+         ("runs in the middle of the motion", "m.mod:7")),
         ("RAISE 5;", "", "", ("the handler of errors", "m.mod:7")),
     ],
 )  # fmt: skip
@@ -216,7 +237,8 @@ def cell_with_robot() -> RapidCell:
     return RapidCell(
         where="cell.toml", tools=[1], tool_of_data={}, work_object="", T_base_tcp=None, T_flange_tcp=np.eye(4),
         T_base_part=np.eye(4), functions=MachineFunctions("rapid", {}),
-        tip_of_axes=lambda axes: pose.make(Rotation.from_euler("x", 180, degrees=True).as_matrix(), np.array([axes[0] * MM, 0, 0])),
+        tip_of_axes=lambda axes: pose.make(Rotation.from_euler("x", 180, degrees=True).as_matrix(),
+         np.array([axes[0] * MM, 0, 0])),
     )  # fmt: skip
 
 

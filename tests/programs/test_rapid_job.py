@@ -9,8 +9,8 @@ import pytest
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, UM
-from counterflex.path.toolpath import tool_orientation
 from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.rapid.in_place import write_rapid_in_place
@@ -91,14 +91,16 @@ def test_local_names_stay_in_their_module(tmp_path: Path) -> None:
 def test_modules_that_are_loaded_while_it_runs(tmp_path: Path) -> None:
     """As the Robots plug-in writes long programs: each part has a Main of its own, called with its module."""
     calls = "".join(
-        f'Load\\Dynamic, "HOME:/job/job_T_ROB1_{i:03}.MOD";\n%"job_T_ROB1_{i:03}:Main"%;\nUnLoad "HOME:/job/job_T_ROB1_{i:03}.MOD";\n'
+        f'Load\\Dynamic, "HOME:/job/job_T_ROB1_{i:03}.MOD";\n%"job_T_ROB1_{i:03}:Main"%;\n'
+        f'UnLoad "HOME:/job/job_T_ROB1_{i:03}.MOD";\n'
         for i in range(2)
     )
     declared = (
         "VAR extjoint extj := [9E9,9E9,9E9,9E9,9E9,9E9];\nVAR confdata conf := [0,0,0,0];\n"
-        "PERS tooldata Mill:=[TRUE,[[0.000,0.000,120.000],[1.00000,0.00000,0.00000,0.00000]],[1.000,[0,0,0.001],[1,0,0,0],0,0,0]];\n"
-        'TASK PERS wobjdata Table:=[FALSE,TRUE,"",[[800.000,0.000,500.000],[1.00000,0.00000,0.00000,0.00000]],[[0,0,0],[1,0,0,0]]];\n'
-        "TASK PERS speeddata Speed000:=[20.000,180.000,5000.000,1080.000];\nTASK PERS zonedata Zone000:=[FALSE,1.000,1.000,1.000,0.100,1.000,0.100];\n"
+        "PERS tooldata Mill:=[TRUE,[[0.000,0.000,120.000],[1,0,0,0]],[1.000,[0,0,0.001],[1,0,0,0],0,0,0]];\n"
+        'TASK PERS wobjdata Table:=[FALSE,TRUE,"",[[800.000,0.000,500.000],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+        "TASK PERS speeddata Speed000:=[20.000,180.000,5000.000,1080.000];\n"
+        "TASK PERS zonedata Zone000:=[FALSE,1.000,1.000,1.000,0.100,1.000,0.100];\n"
     )
     files = {
         f"job_T_ROB1_{i:03}_MOD": module(
@@ -172,13 +174,17 @@ def test_what_the_writer_divides_is_one_program_again(tmp_path: Path) -> None:
     assert float(cuts[-1].p_end[0]) / MM == pytest.approx(29.1)
 
 
-ONE = f"MODULE m\n{P10}CONST robtarget q{{2}}:=[[[10,0,0],[0,1,0,0],{REST}],[[20,0,0],[0,1,0,0],{REST}]];\nVAR bool deep:=TRUE;\nPROC main()\n{START}"
+ONE = (
+    f"MODULE m\n{P10}CONST robtarget q{{2}}:=[[[10,0,0],[0,1,0,0],{REST}],[[20,0,0],[0,1,0,0],{REST}]];\n"
+    f"VAR bool deep:=TRUE;\nPROC main()\n{START}"
+)
 
 
 @pytest.mark.parametrize(
     ("body", "holds"),
     [
-        ("MoveL Offs(p10,1+1,0,0),v20,fine,tool0;\n", "[[2.1000,0,0],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v20"),
+        ("MoveL Offs(p10,1+1,0,0),v20,fine,tool0;\n",
+         "[[2.1000,0,0],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v20"),
         ("IF deep MoveL Offs(p10,20,0,0),v20,fine,tool0;\n", "Offs(p10,20.1000,0,0)"),
         ("VelSet 50,1000;\nMoveL Offs(p10,20,0,0),v20,fine,tool0;\n", "20.1000"),
         ("PDispSet [[0,0,5],OrientZYX(90,0,0)];\nMoveL Offs(p10,0,20,0),v20,fine,tool0;\n", "Offs(p10,0,19.9000,0)"),
@@ -188,14 +194,15 @@ ONE = f"MODULE m\n{P10}CONST robtarget q{{2}}:=[[[10,0,0],[0,1,0,0],{REST}],[[20
 )  # fmt: skip
 def test_computed_targets_are_written_back(tmp_path: Path, body: str, holds: str) -> None:
     """A computed target is written out, others where they stand; read back, the path is the commanded one."""
-    text = f"{ONE}{body}ENDPROC\nPROC cut(robtarget p)\nMoveL Offs(p10,9,0,0),v20,fine,tool0;\nMoveL p,v20,fine,tool0;\nENDPROC\nENDMODULE\n"
+    text = (
+        f"{ONE}{body}ENDPROC\nPROC cut(robtarget p)\nMoveL Offs(p10,9,0,0),v20,fine,tool0;\n"
+        f"MoveL p,v20,fine,tool0;\nENDPROC\nENDMODULE\n"
+    )
     main = write(tmp_path / "a", m_mod=text)
     program = read_rapid_file(main)
     back = rewritten(program, tmp_path / "b")
     assert holds in (tmp_path / "b" / "m.mod").read_text()
-    np.testing.assert_allclose(
-        [back.motions[-1].p_end], [np.array(program.motions[-1].p_end) + [1e-4, 0, 0]], atol=1e-7
-    )
+    np.testing.assert_allclose([back.motions[-1].p_end], [np.add(program.motions[-1].p_end, [1e-4, 0, 0])], atol=1e-7)
     np.testing.assert_allclose(back.motions[-1].feed_m_s, program.motions[-1].feed_m_s, rtol=0.02)
 
 

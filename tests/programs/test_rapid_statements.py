@@ -23,8 +23,10 @@ DECLARED = (
     "CONST speeddata vOwn:=[17,500,5000,1000];\nVAR robtarget q:=p20;\n"
 )
 LINES = (
-    "MoveL p20,v20,z1,tool0;", "MoveL Offs(p10,step,0,1),vOwn,fine,tool0;", "step:=step+1;", "MoveJ p30,v100,z50,tool0;",
-    "MoveL p10,v20,z1,tool0;\nMoveC p20,p30,v50\\V:=33,z1,tool0;", "q:=p20;", "q.trans.z:=3;", "MoveL q,v20,z0,tool0;", "WaitTime 0.5;",
+    "MoveL p20,v20,z1,tool0;", "MoveL Offs(p10,step,0,1),vOwn,fine,tool0;", "step:=step+1;",
+     "MoveJ p30,v100,z50,tool0;",
+    "MoveL p10,v20,z1,tool0;\nMoveC p20,p30,v50\\V:=33,z1,tool0;", "q:=p20;", "q.trans.z:=3;", "MoveL q,v20,z0,tool0;",
+     "WaitTime 0.5;",
     "cut 2;", "IF step>6 cut 3;", "FOR i FROM 1 TO 2 DO\n{0}\nMoveL Offs(p30,i,step,i),v20,z1,tool0;\nENDFOR",
     "IF step<20 THEN\n{0}\nMoveL RelTool(p20,0,0,-2\\Rx:=1),v20,fine,tool0;\nENDIF", "PDispSet [[0,0,step],[1,0,0,0]];",
     "VelSet 50,1000;",
@@ -55,7 +57,7 @@ def path_of(program: RapidProgram) -> list[object]:
     st.lists(st.tuples(st.integers(0, 20), st.sampled_from(NEUTRAL)), min_size=1, max_size=8),
 )
 def test_neutral_statements_anywhere_change_nothing(lines: list[str], inserted: list[tuple[int, str]]) -> None:
-    body = [line for line in lines]
+    body = list(lines)
     before = path_of(read_rapid(module("\n".join(line.format("") for line in body))))
     inner = inserted[0][1]
     for place, sample in inserted:

@@ -34,7 +34,7 @@ _APART_M: Final = 1e-6
 
 
 def companions(file: Path) -> tuple[Path, ...]:
-    """Return the files that are read with a program: ``.dat`` of a ``.src``, ``.dtx`` of a ``.pgx``, modules of RAPID."""
+    """Return the files that are read with a program: ``.dat`` of ``.src``, ``.dtx`` of ``.pgx``, modules of RAPID."""
     if file.suffix.lower() in ENDINGS[RAPID_DIALECT]:
         return companion_modules(file)
     reads = {".src": data_file_of, ".pgx": val3_data_file_of}.get(file.suffix.lower())

@@ -1,8 +1,7 @@
 """Statements, instructions and functions of RAPID, and what the reader does with each.
 
-The lists follow the manual: RAPID instructions, functions and data types, 3HAC050917, RobotWare 6, and the statements of
-the RAPID overview, 3HAC050947. A row is written as ``sample``; its first word is the instruction. Of functions the word
-stands before a colon.
+The lists follow the manual: RAPID instructions, functions and data types, 3HAC050917, RobotWare 6, and the statements
+of the RAPID overview, 3HAC050947. Neutral and refused rows are written as samples; their first word is the instruction.
 """
 
 from __future__ import annotations
@@ -68,12 +67,15 @@ OUTPUTS: Final[dict[str, tuple[int | str, ...]]] = {
     "WAITAO": ("TIMEFLAG", "VALUEATTIMEOUT"), "WAITGI": ("TIMEFLAG", "VALUEATTIMEOUT"),
     "WAITGO": ("TIMEFLAG", "VALUEATTIMEOUT"), "WAITUNTIL": ("TIMEFLAG",), "WAITTESTANDSET": (0,),
     "GETDATAVAL": (1,), "GETSYSDATA": (0,), "READRAWBYTES": (1,), "UNPACKRAWBYTES": (2,), "READBLOCK": (2,),
-    "READVARARR": (1,), "READANYBIN": (1,), "READCFGDATA": (2,), "SOCKETRECEIVE": ("STR", "RAWDATA", "DATA", "NOOFRECBYTES"),
+    "READVARARR": (1,), "READANYBIN": (1,), "READCFGDATA": (2,),
+    "SOCKETRECEIVE": ("STR", "RAWDATA", "DATA", "NOOFRECBYTES"),
     "SOCKETACCEPT": ("CLIENTADDRESS",), "READERRDATA": (1, 2, 3, 4, "TITLE"), "GETTRAPDATA": (0,),
     "RMQGETMESSAGE": (1,), "RMQGETMSGDATA": (1,), "RMQGETMSGHEADER": ("HEADER", "SENDERID", "USERDEF"),
     "RMQREADWAIT": (0,), "RMQSENDWAIT": (2,), "RMQFINDSLOT": (0,), "BOOKERRNO": (0,), "LOADID": ("WOBJ",),
     "GETJOINTDATA": ("POSITION", "SPEED", "TORQUE", "EXTTORQUE"), "FRICIDEVALUATE": (1,),
-    "COPYRAWBYTES": (2,), "PACKRAWBYTES": (1,), "CLEARRAWBYTES": (0,), "MATRIXSOLVE": (2,), "MATRIXSOLVEQR": (2,), "MATRIXSVD": (1, 2, 3), "FITCIRCLE": (1, 2, 3),
+    "COPYRAWBYTES": (2,), "PACKRAWBYTES": (1,), "CLEARRAWBYTES": (0,),
+    "MATRIXSOLVE": (2,), "MATRIXSOLVEQR": (2,), "MATRIXSVD": (1, 2, 3),
+    "FITCIRCLE": (1, 2, 3),
     "CAMGETPARAMETER": ("BOOLVAR", "NUMVAR", "STRVAR"), "CAMGETRESULT": (1,), "SIGETCYCLIC": (1,),
     "GETGROUPSIGNALINFO": (1,), "GETTORQUEMARGIN": (0,), "IOBUSSTATE": (1,), "SETUPCYCLICBOOL": (0,),
 }  # fmt: skip
@@ -106,7 +108,8 @@ _EVALUATED: Final = (
     ("TEST", "branch by a value", "TEST a"), ("CASE", "branch", "CASE 1,2:"), ("DEFAULT", "branch", "DEFAULT:"),
     ("ENDTEST", "end", "ENDTEST"), ("GOTO", "jump to a label", "GOTO again;"),
     ("RETURN", "end of a routine, with the value of a function", "RETURN a;"),
-    ("EXIT", "end of the program", "EXIT;"), ("ExitCycle", "end of the cycle: what comes behind is the next one", "ExitCycle;"),
+    ("EXIT", "end of the program", "EXIT;"),
+    ("ExitCycle", "end of the cycle: what comes behind is the next one", "ExitCycle;"),
     ("CallByVar", "routine by a number", 'CallByVar "cut",1;'), ("ERROR", "handler: errors are not evaluated", "ERROR"),
     ("UNDO", "handler: errors are not evaluated", "UNDO"), ("BACKWARD", "handler of steps back", "BACKWARD"),
     ("Stop", "stop; the path goes on from there", "Stop;"),
@@ -135,7 +138,8 @@ _EVALUATED: Final = (
     ("PDispOn", "displacement between two targets", "PDispOn\\ExeP:=p20,p10,tool0;"),
     ("PDispOff", "end of the displacement", "PDispOff;"), ("EOffsSet", "offsets of 0 alone", "EOffsSet [0,0,0,0,0,0];"),
     ("Incr", "adds 1", "Incr n;"), ("Decr", "takes 1", "Decr n;"), ("Add", "adds a number", "Add n,2;"),
-    ("Clear", "sets 0", "Clear n;"), ("BitSet", "sets a bit", "BitSet b,1;"), ("BitClear", "clears a bit", "BitClear b,1;"),
+    ("Clear", "sets 0", "Clear n;"), ("BitSet", "sets a bit", "BitSet b,1;"),
+    ("BitClear", "clears a bit", "BitClear b,1;"),
     ("CONNECT", "what the interrupt assigns is unknown behind it", "CONNECT i1 WITH stopped;"),
 )  # fmt: skip
 

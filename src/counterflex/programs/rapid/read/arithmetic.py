@@ -179,15 +179,18 @@ def _orient_zyx(z: float, y: float, x: float) -> list[float]:
 def _euler_zyx(options: Options, q: list[float]) -> float:
     R = matrix(_quaternion(q))
     level = math.hypot(R[0, 0], R[1, 0])
+    angle = math.atan2(R[1, 0], R[0, 0])
     if "Y" in options:
-        return math.degrees(math.atan2(-R[2, 0], level))
-    if level < _LEAST_LENGTH:
-        return 0.0 if "X" in options else math.degrees(math.atan2(-R[0, 1], R[1, 1]))
-    return math.degrees(math.atan2(R[2, 1], R[2, 2]) if "X" in options else math.atan2(R[1, 0], R[0, 0]))
+        angle = math.atan2(-R[2, 0], level)
+    elif level < _LEAST_LENGTH:
+        angle = 0.0 if "X" in options else math.atan2(-R[0, 1], R[1, 1])
+    elif "X" in options:
+        angle = math.atan2(R[2, 1], R[2, 2])
+    return math.degrees(angle)
 
 
 def _def_frame(options: Options, p1: list[list[float]], p2: list[list[float]], p3: list[list[float]]) -> list[object]:
-    """x from the first to the second point, y towards the third; ``\\Origin`` 3: the third lies on y."""
+    r"""Return the frame with x from the first to the second point, y towards the third; ``\Origin`` 3 has it on y."""
     a, b, c = (np.array(p[0], dtype=float) for p in (p1, p2, p3))
     x = b - a
     y = c - a - x * float((c - a) @ x) / float(x @ x) if float(x @ x) > 0.0 else x
@@ -203,12 +206,12 @@ def _def_frame(options: Options, p1: list[list[float]], p2: list[list[float]], p
 
 
 def _round(options: Options, value: float) -> float:
-    scale = 10.0 ** _number(options.get("DEC", 0))
+    scale = math.pow(10.0, _number(options.get("DEC", 0)))
     return math.copysign(math.floor(abs(value) * scale + 0.5), value) / scale
 
 
 def _trunc(options: Options, value: float) -> float:
-    scale = 10.0 ** _number(options.get("DEC", 0))
+    scale = math.pow(10.0, _number(options.get("DEC", 0)))
     return math.trunc(value * scale) / scale
 
 

@@ -86,7 +86,7 @@ class Calls:
             return Unknown(value.why, self._here())
         return value
 
-    def call(self, routine: Routine, given: Given, place: tuple[int, int]) -> object:
+    def call_routine(self, routine: Routine, given: Given, place: tuple[int, int]) -> object:
         """Execute a routine with arguments.
 
         Raises:
@@ -159,15 +159,25 @@ class Calls:
         if routine is not None:
             at = self.now.code.upper().find(name)
             start = self.now.start + max(at, 0)
-            return self.call(routine, Given.of_function(node), (start, start + len(name)))
+            return self.call_routine(routine, Given.of_function(node), (start, start + len(name)))
         if name == "PRESENT":
             first = node.arguments[0]
             return isinstance(first, Name) and first.text.upper() not in self.memory.frames[-1].absent
         values = [evaluate(item, GRAMMAR, self) for item in node.arguments]
         options = {key: True if item is None else evaluate(item, GRAMMAR, self) for key, item in node.options.items()}
-        return self._built_in(node, name, values, options)
+        for position in FUNCTION_OUTPUTS.get(name, ()):
+            reference = self.memory.reference(node.arguments[position]) if position < len(values) else None
+            if reference is not None:
+                self.memory.forget(reference, Unknown(f"{node.name} sets it", self._here()))
+        return self.call(node.name, values, options)
 
-    def _built_in(self, node: Call, name: str, values: list[object], options: dict[str, object]) -> object:
+    def call(self, name: str, arguments: Sequence[object], options: Mapping[str, object]) -> object:
+        """Return the value of a function of the controller.
+
+        Raises:
+            ExpressionError: The arguments do not fit.
+        """
+        word, name, values = name, name.upper(), list(arguments)
         unknown = first_unknown([*values, *options.values()])
         computed = FUNCTIONS.get(name) or WITH_OPTIONS.get(name)
         row = TABLE.find(name)
@@ -176,12 +186,8 @@ class Calls:
         if name == "OROBT" and unknown is None:
             return self._without_displacement(values[0])
         if computed is None:
-            for position in FUNCTION_OUTPUTS.get(name, ()):
-                reference = self.memory.reference(node.arguments[position]) if position < len(values) else None
-                if reference is not None:
-                    self.memory.forget(reference, Unknown(f"{node.name} sets it", self._here()))
             why = "is not in the files of the program" if row is None else "asks the controller"
-            return Unknown(f"{node.name}() {why}", self._here())
+            return Unknown(f"{word}() {why}", self._here())
         if unknown is not None:
             return unknown
         try:
@@ -191,7 +197,7 @@ class Calls:
         except ExpressionError:
             raise
         except (TypeError, ValueError, IndexError, OverflowError, ZeroDivisionError) as fault:
-            raise ExpressionError(f"{node.name} does not fit its arguments", node.start) from fault
+            raise ExpressionError(f"{word} does not fit its arguments") from fault
 
     def _without_displacement(self, target: object) -> object:
         """``ORobT``: a robtarget as it lies in the work object, the displacement of the program taken out."""

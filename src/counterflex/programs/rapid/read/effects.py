@@ -61,7 +61,9 @@ class EffectsOf:
         self._whole[id(routine)] = Effects()  # a routine that calls itself adds nothing
         inner = self.of(routine.tree, routine)
         own = {*routine.declared, *(parameter.name for parameter in routine.parameters)}
-        assigned = {(where or routine, name) for where, name in inner.assigned if where is not None or name not in own}
+        assigned: set[tuple[Routine | None, str]] = {
+            (where or routine, name) for where, name in inner.assigned if where is not None or name not in own
+        }
         out = Effects(inner.matters, assigned, ends=inner.ends)
         self._whole[id(routine)] = out
         return out

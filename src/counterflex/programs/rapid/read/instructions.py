@@ -169,7 +169,8 @@ class Instructions(Motions):
         if "EXEP" not in options or len(points) != 2 or self._displacement is not None:
             raise self.fault(
                 "PDispOn measures from where the robot stands, or adds to another displacement", statement,
-                limit=r"PDispOn \ExeP:=p2, p1, tool behind PDispOff", hint="Write PDispSet with the displacement itself",
+                limit=r"PDispOn \ExeP:=p2, p1, tool behind PDispOff",
+                hint="Write PDispSet with the displacement itself",
             )  # fmt: skip
         text, start, _ = options["EXEP"]
         where = self.source.place(statement.start)

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.program import Block, Word
 from counterflex.programs.rapid.program import RoutineCall
-from counterflex.programs.rapid.read.blocks import Choice, Label, Loop, Simple, Tree
+from counterflex.programs.rapid.read.blocks import Simple
 from counterflex.programs.rapid.read.calls import Calls, Given
-from counterflex.programs.rapid.read.effects import Effects, EffectsOf, is_output, names_given
+from counterflex.programs.rapid.read.effects import EffectsOf, is_output, names_given
+from counterflex.programs.rapid.read.flow import WITHOUT, End, Flow, Jump, MayReturn, Return
 from counterflex.programs.rapid.read.frames import Frames, RapidCell
 from counterflex.programs.rapid.read.instructions import HANDLERS, Instructions
 from counterflex.programs.rapid.read.literals import arguments
-from counterflex.programs.rapid.read.memory import Memory, Reference, Variable
+from counterflex.programs.rapid.read.memory import Memory, Reference
 from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Source, Statement, statements_of
 from counterflex.programs.rapid.read.targets import Targets
 from counterflex.programs.rapid.table import ACTS, FORMS, TABLE
-from counterflex.programs.robot_text.expression import Node, is_number
 from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known
@@ -31,31 +31,9 @@ _MOST: Final = 500_000
 """Statements that loops and routines may execute in addition to those of the text: seconds of computing time."""
 _DEEPEST: Final = 30
 _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*(?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:=", re.DOTALL)
-_WITHOUT: Final = "Post the path without this condition, or give its value in the text"
 
 
-class _Jump(Exception):  # noqa: N818
-    """GOTO; ``unknown`` where whether it jumps is not known."""
-
-    def __init__(self, label: str, statement: Statement, unknown: Unknown | None = None) -> None:
-        self.label, self.statement, self.unknown = label, statement, unknown
-
-
-class _Return(Exception):  # noqa: N818
-    def __init__(self, value: object) -> None:
-        self.value = value
-
-
-class _MayReturn(Exception):  # noqa: N818
-    def __init__(self, statement: Statement, unknown: Unknown) -> None:
-        self.statement, self.unknown = statement, unknown
-
-
-class _End(Exception):  # noqa: N818
-    """The program ends."""
-
-
-class Interpreter(Instructions, Calls):
+class Interpreter(Flow, Instructions, Calls):
     """State of the controller while a program runs.
 
     Args:
@@ -88,7 +66,7 @@ class Interpreter(Instructions, Calls):
         Raises:
             ProgramError: See :func:`~counterflex.programs.rapid.read.reader.read_rapid`.
         """
-        with contextlib.suppress(_End):
+        with contextlib.suppress(End):
             self.execute(self.modules.first(), {}, set(), (0, 0))
         self.finish()
 
@@ -114,12 +92,12 @@ class Interpreter(Instructions, Calls):
         self.memory.enter(routine, names, absent)
         value: object = None
         try:
-            self._body(routine.tree)
-        except _Return as result:
+            self.body(routine.tree)
+        except Return as result:
             value = result.value
-        except _MayReturn as may:
+        except MayReturn as may:
             value = self._left_perhaps(routine, may)
-        except _Jump as jump:
+        except Jump as jump:
             raise self.fault(
                 f"the label {jump.label.lower()} is not in the same part of the routine", jump.statement,
                 hint="The file may be damaged: post it again",
@@ -130,220 +108,15 @@ class Interpreter(Instructions, Calls):
         self._call, self.now = parent, now
         return value
 
-    def _left_perhaps(self, routine: Routine, may: _MayReturn) -> object:
+    def _left_perhaps(self, routine: Routine, may: MayReturn) -> object:
         """A RETURN of which nobody knows whether it is executed: the rest of the routine is passed."""
         effects = self.effects.of_routine(routine)
         if len(self._running) == 1:
             return None
         if effects.matters is not None:
-            self._refuse_unknown(effects.matters, may.unknown, may.statement)
-        self._forget(effects, may.unknown)
+            self.refuse_unknown(effects.matters, may.unknown, may.statement)
+        self.forget(effects, may.unknown)
         return may.unknown
-
-    # ---- parts -----------------------------------------------------------------------------------------------
-
-    def _body(self, trees: Sequence[Tree]) -> None:
-        at, total = 0, len(trees)
-        while at < total:
-            tree = trees[at]
-            try:
-                if isinstance(tree, Simple):
-                    skipped = self._executed(tree)
-                    while at + 1 < total and skipped > 1 and _index(trees[at + 1]) < tree.index + skipped:
-                        at += 1
-                elif isinstance(tree, Choice):
-                    self._choice(tree)
-                elif isinstance(tree, Loop):
-                    self._loop(tree)
-                at += 1
-            except _Jump as jump:
-                target = next(
-                    (i for i, other in enumerate(trees) if isinstance(other, Label) and other.name == jump.label), -1
-                )
-                if target < 0:
-                    raise
-                at = self._jumped(trees, at, target, jump)
-
-    def _jumped(self, trees: Sequence[Tree], at: int, target: int, jump: _Jump) -> int:
-        """Index at which a list of statements goes on."""
-        if jump.unknown is None:
-            if target <= at:
-                self._refuse_standstill(jump.statement)
-            return target
-        region = trees[at + 1 : target] if target > at else trees[target : at + 1]
-        effects = self.effects.of(region, self._running[-1])
-        if effects.matters is not None:
-            self._refuse_unknown(effects.matters, jump.unknown, jump.statement)
-        self._forget(effects, jump.unknown)
-        return max(at + 1, target)
-
-    def _refuse_standstill(self, statement: Statement) -> None:
-        """Refuse a way back to where the program was with the same data: it never ends."""
-        if self._seen.get(statement.start) == self.memory.stamp:
-            raise self._endless(statement)
-        self._seen[statement.start] = self.memory.stamp
-
-    def _endless(self, statement: Statement) -> ProgramError:
-        return self.fault(
-            "this loop never ends", statement, limit="a program that ends",
-            hint="Give the routine that makes one part as a program of its own",
-        )  # fmt: skip
-
-    def _choice(self, tree: Choice) -> None:
-        self._tick(tree.statement)
-        value: object = None
-        if tree.value is not None:
-            value = self._decided(tree.value, tree.statement)
-        for number, branch in enumerate(tree.branches):
-            verdict: object = True
-            if branch.conditions:
-                verdict = self._verdict(branch.conditions, tree.value is not None, value, branch.statement)
-            if isinstance(verdict, Unknown):
-                bodies = [tree for other in tree.branches[number:] for tree in other.body]
-                self._undecided(tree.statement, bodies, verdict)
-                return
-            if verdict:
-                self._body(branch.body)
-                return
-
-    def _verdict(self, conditions: Sequence[Node], compares: bool, value: object, statement: Statement) -> object:
-        """Whether a branch is executed: True, False or Unknown."""
-        unknown: Unknown | None = None
-        for condition in conditions:
-            given = self._decided(condition, statement)
-            if isinstance(given, Unknown) or (compares and isinstance(value, Unknown)):
-                unknown = unknown or (given if isinstance(given, Unknown) else value)  # type: ignore[assignment]
-            elif (given == value) if compares else self._truth(given, statement):
-                return True if unknown is None else unknown
-        return False if unknown is None else unknown
-
-    def _truth(self, value: object, statement: Statement) -> bool:
-        if not isinstance(value, bool):
-            raise self.fault("the condition is no truth value", statement, limit="TRUE or FALSE", hint="Compare it")
-        return value
-
-    def _decided(self, node: Node, statement: Statement) -> object:
-        self.now = statement
-        self.memory.deciding = True
-        try:
-            return self.memory.value(node, statement.code, statement.start)
-        finally:
-            self.memory.deciding = False
-
-    def _undecided(self, statement: Statement, bodies: Sequence[Tree], unknown: Unknown) -> None:
-        """Statements of which nobody knows whether they are executed: passed where they do not matter."""
-        effects = self.effects.of(bodies, self._running[-1])
-        if effects.matters is not None:
-            self._refuse_unknown(effects.matters, unknown, statement)
-        self.acting.append(statement.line)
-        self._forget(effects, unknown)
-        if effects.jumps:
-            if len(effects.jumps) > 1:
-                raise self._unknown_condition(statement, statement, unknown)
-            raise _Jump(next(iter(effects.jumps)), statement, unknown)
-        if effects.returns:
-            if len(self._running) > 1:
-                raise _MayReturn(statement, unknown)
-
-    def _forget(self, effects: Effects, unknown: Unknown) -> None:
-        for routine, name in effects.assigned:
-            if routine is None:
-                reference = self.memory.find(name)
-            else:
-                with self._inside(routine):
-                    reference = self.memory.find(name)
-            if reference is not None:
-                self.memory.forget(reference, unknown)
-
-    @contextlib.contextmanager
-    def _inside(self, routine: Routine) -> Iterator[None]:
-        """Names as a routine sees them that has no data of its own."""
-        frames = self.memory.frames
-        self.memory.frames = [self.memory.bare(routine)]
-        try:
-            yield
-        finally:
-            self.memory.frames = frames
-
-    def _refuse_unknown(self, matters: Statement, unknown: Unknown, statement: Statement) -> None:
-        raise self._unknown_condition(matters, statement, unknown)
-
-    def _unknown_condition(self, matters: Statement, statement: Statement, unknown: Unknown) -> ProgramError:
-        called = self.modules.find(matters.word, self._running[-1].module) is not None
-        what = "a motion" if matters.word in FORMS else "a routine that moves" if called else "what sets the motions"
-        return self.fault(
-            f"{what} inside {statement.word} ({self.source.where(statement.start)}): whether and how often it is "
-            f"executed is not known: {unknown}", matters, limit="conditions that follow from the text",
-            hint=_WITHOUT,
-        )  # fmt: skip
-
-    # ---- loops -----------------------------------------------------------------------------------------------
-
-    def _loop(self, tree: Loop) -> None:
-        self._tick(tree.statement)
-        if tree.variable:
-            self._counted(tree)
-            return
-        condition = tree.values[0]
-        effects = self.effects.of(tree.body, self._running[-1])
-        first = True
-        while True:
-            verdict = self._decided(condition, tree.statement)
-            if isinstance(verdict, Unknown):
-                self._undecided(tree.statement, tree.body, verdict)
-                return
-            if not self._truth(verdict, tree.statement):
-                return
-            leaves = effects.returns or effects.jumps or effects.ends
-            if first and not leaves and getattr(condition, "value", None) is True:
-                raise self._endless(tree.statement)
-            stamp, first = self.memory.stamp, False
-            self._tick(tree.statement)
-            self._body(tree.body)
-            if stamp == self.memory.stamp:
-                raise self._endless(tree.statement)
-
-    def _counted(self, tree: Loop) -> None:
-        values = [self._decided(node, tree.statement) for node in tree.values]
-        unknown = next((value for value in values if isinstance(value, Unknown)), None)
-        if unknown is not None:
-            self._undecided(tree.statement, tree.body, unknown)
-            return
-        if not all(is_number(value) for value in values):
-            raise self.fault("FOR counts by numbers", tree.statement, hint="FOR i FROM 1 TO 10 STEP 2 DO")
-        first, last = values[0], values[1]
-        step = values[2] if len(values) > 2 else 1 if last >= first else -1  # type: ignore[operator]
-        if step == 0:
-            raise self._endless(tree.statement)
-        names = self.memory.frames[-1].names
-        before = names.get(tree.variable)
-        count = 0
-        while True:
-            value = first + count * step  # type: ignore[operator]
-            if value != last and abs(value - last) < 1e-5 * abs(step):  # type: ignore[operator]
-                self._undecided(
-                    tree.statement, tree.body, Unknown("the rounding of the controller decides how often it runs")
-                )
-                break
-            if (value > last) if step > 0 else (value < last):  # type: ignore[operator]
-                break
-            names[tree.variable] = Reference(Variable(tree.variable, "num", (), value), (), "num")
-            self.memory.stamp += 1
-            self._tick(tree.statement)
-            self._body(tree.body)
-            count += 1
-        if before is None:
-            names.pop(tree.variable, None)
-        else:
-            names[tree.variable] = before
-
-    def _tick(self, statement: Statement) -> None:
-        self._count += 1
-        if self._count > self._most:
-            raise self.fault(
-                "the program is too long, or does not end", statement, limit=f"{self._most} statements",
-                hint="Post the path without this loop",
-            )  # fmt: skip
 
     # ---- statements ------------------------------------------------------------------------------------------
 
@@ -357,7 +130,7 @@ class Interpreter(Instructions, Calls):
     def _executed(self, tree: Simple) -> int:
         """Execute a statement with its block; returns how many statements that were."""
         statement = self.now = tree.statement
-        self._tick(statement)
+        self.tick(statement)
         self.guard = tree.guard
         self._words = []
         first, count, index = len(self.motions), 1, len(self._blocks)
@@ -400,7 +173,7 @@ class Interpreter(Instructions, Calls):
         if routine is not None:
             length = len(word)
             given = Given.of_instruction(self.source.code, statement.start + length, statement.end)
-            self.call(routine, given, (statement.start, statement.start + length))
+            self.call_routine(routine, given, (statement.start, statement.start + length))
             return
         self._instruction(statement, word)
 
@@ -447,11 +220,11 @@ class Interpreter(Instructions, Calls):
         if word == "RETURN":
             text = statement.code[len("RETURN") :]
             value = self.memory.evaluated(text, statement.start + len("RETURN")) if text.strip() else None
-            raise _Return(value)
+            raise Return(value)
         if word == "GOTO":
-            raise _Jump(statement.code[len("GOTO") :].strip().upper(), statement)
+            raise Jump(statement.code[len("GOTO") :].strip().upper(), statement)
         if word in ("EXIT", "EXITCYCLE"):
-            raise _End
+            raise End
         if word == "STOP":
             self._words.append(Word("M", 0.0, 0, 0))
         elif word != "BREAK":
@@ -466,14 +239,14 @@ class Interpreter(Instructions, Calls):
         if word == "CALLBYVAR":
             given = arguments(self.source.code, start + len(word), statement.end)
             parts = [self.memory.evaluated(one.text, one.start) for one in given]
-            name = known(parts, "the routine", self.source.place(start), text=code, hint=_WITHOUT)
+            name = known(parts, "the routine", self.source.place(start), text=code, hint=WITHOUT)
             text, behind = "".join(str(part) for part in name), len(code)
         else:
             behind = code.find("%", 1) + 1
             if behind <= 0:
                 raise self.fault("an unknown statement", statement, hint="docs/rapid.md lists what is read")
             value = self.memory.evaluated(code[1 : behind - 1], start + 1)
-            text = str(known(value, "the routine", self.source.place(start), text=code, hint=_WITHOUT))
+            text = str(known(value, "the routine", self.source.place(start), text=code, hint=WITHOUT))
         routine = self.modules.find_late(text, self._running[-1].module)
         if routine is None:
             raise self.fault(
@@ -481,7 +254,7 @@ class Interpreter(Instructions, Calls):
                 hint="Put its module into the folder of the program, or name the modules in a .pgf",
             )  # fmt: skip
         given_here = Given.of_instruction(self.source.code, start + behind, statement.end)
-        self.call(routine, given_here, (start, start + behind))
+        self.call_routine(routine, given_here, (start, start + behind))
 
     def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
         """Make an error of a statement."""
@@ -490,11 +263,6 @@ class Interpreter(Instructions, Calls):
 
 
 LEAVING: Final = frozenset(("RETURN", "GOTO", "EXIT", "EXITCYCLE", "STOP", "BREAK", "RAISE", "RETRY", "TRYNEXT"))
-
-
-def _index(tree: Tree) -> int:
-    """Place of the first statement of a tree in the routine, by its text."""
-    return tree.index if isinstance(tree, Simple) else 1 << 60
 
 
 def replaced(calls: Sequence[RoutineCall]) -> list[RoutineCall]:

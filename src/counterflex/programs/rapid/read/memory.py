@@ -391,6 +391,6 @@ def _assignments(routine: Routine) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield match[1].upper(), names
 
 
-def _NOWHERE(module: Module) -> Routine:  # noqa: N802
+def _NOWHERE(module: Module) -> Routine:
     """Return an empty routine of a module that has none."""
     return Routine("", "PROC", 0, 0, (0, 0), module, (), False, Source("", ""))

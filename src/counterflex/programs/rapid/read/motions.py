@@ -165,10 +165,11 @@ class Motions(Execution):
         given = arguments(self.source.code, statement.start + len(statement.word), statement.end)
         if not given[0].text and set(given[0].options) <= {"CONC"}:
             given = given[1:]
-        if len(given) != form.points + 3 + form.triggers + form.behind:
+        count = form.points + 3 + form.triggers + form.behind
+        if len(given) != count:
             raise self.fault(
-                f"{statement.code[: len(statement.word)]} has {form.points + 3 + form.triggers + form.behind} arguments",
-                statement, limit="target, speed, zone, tool, separated by commas", hint="Post the program again",
+                f"{statement.code[: len(statement.word)]} has {count} arguments", statement,
+                limit="target, speed, zone, tool, separated by commas", hint="Post the program again",
             )  # fmt: skip
         points, rest = given[: form.points], given[form.points :]
         speed, zone, tool = rest[0], rest[1 + form.triggers], rest[2 + form.triggers]
@@ -224,7 +225,7 @@ class Motions(Execution):
         if speed.m_s <= 0.0:
             return 0.0, 1.0
         feed = speed.m_s * self.override
-        return (self.largest_m_s if feed > self.largest_m_s else feed), self.override
+        return (min(feed, self.largest_m_s)), self.override
 
     def _timed(self, statement: Statement, time_s: float) -> None:
         """Give the last motion the speed that its time means."""

@@ -107,7 +107,7 @@ class Targets:
                 raise self._fault(
                     f"where {argument.text} is, is not known", argument,
                     limit="a robtarget declared in a module of the program",
-                    hint="Put the module that declares it into the folder of the program, or name the modules in a .pgf",
+                    hint="Put its module into the folder of the program, or name the modules in a .pgf",
                 )  # fmt: skip
             return self._named(reference, argument)
         return self._computed(self.memory.value(node, argument.text, argument.start), argument)
@@ -250,15 +250,15 @@ class Targets:
         Raises:
             ProgramError: It is not known, or out of range.
         """
-        for key, (text, start, end) in argument.options.items():
-            if key not in ("V", "T"):
+        for option, (text, start, end) in argument.options.items():
+            if option not in ("V", "T"):
                 continue
             value = known(
                 self.memory.evaluated(text, start), "the speed", self.source.place(start), text=argument.text
             )  # fmt: skip
             if not is_number(value) or not value > 0.0:  # type: ignore[operator]
                 raise self._fault("the speed is out of range", argument, limit="above 0", hint="Write it in mm/s")
-            if key == "T":
+            if option == "T":
                 back = self.source.code.rfind("\\", argument.end, start)
                 return Speed(math.nan, None, (back, end), float(value))  # type: ignore[arg-type]
             return Speed(self._in_range(float(value), argument), (start, end))  # type: ignore[arg-type]
@@ -272,7 +272,7 @@ class Targets:
             first = known(first, "the speed", self.source.place(argument.start), text=argument.text, hint=hint)
             if not is_number(first):
                 raise self._fault("this is no speeddata", argument, limit="[v_tcp,v_ori,v_leax,v_reax]", hint=hint)
-            speed = self._speeds[key] = Speed(self._in_range(float(first), argument))  # type: ignore[arg-type]
+            speed = self._speeds[key] = Speed(self._in_range(float(first), argument))
         return speed
 
     def _in_range(self, value: float, argument: Argument) -> float:
