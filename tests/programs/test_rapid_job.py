@@ -254,3 +254,12 @@ def test_passes_of_a_loop_that_need_different_corrections_are_refused() -> None:
     shift[path.motion > 2, 1] = 1e-4
     with pytest.raises(ProgramError, match="a loop calls cut several times"):
         write_rapid_in_place(program, CompensatedPath.from_correction(path, shift), cycle_s=1e-4)
+
+
+def test_blocks_name_the_file_of_their_line(tmp_path: Path) -> None:
+    part = module("part_m", f"PROC part_1()\nSet do1;\n{at('1')}ENDPROC\n")
+    made = read_rapid_file(write(tmp_path, job_mod=MAIN, part_1_mod=part, user_sys=DATA))
+    blocks = [made.blocks[motion.block] for motion in made.motions]
+    assert [(block.file, block.line) for block in blocks] == [("", 3), ("part_1.mod", 4), ("", 5)]
+    assert made.acting == (4,)
+    assert len(made.lines) == len(MAIN.splitlines()) + 1

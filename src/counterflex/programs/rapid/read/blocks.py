@@ -126,7 +126,11 @@ class _Builder:
         match = re.match(r"[\w%]+", code)
         at = statement.start + start
         inner = replace(
-            statement, start=at, code=code, word="" if match is None else match[0].upper(), line=self.source.line(at)
+            statement,
+            start=at,
+            code=code,
+            word="" if match is None else match[0].upper(),
+            line=self.source.line(at) - self.source.part(at).first_line,
         )
         return Choice(statement, [Branch(statement, (condition,), [Simple(inner, self.at, statement)])])
 

@@ -55,6 +55,7 @@ class Flow(ABC):
     modules: Modules
     effects: EffectsOf
     acting: list[int]
+    main_line: int
     now: Statement
     _running: list[Routine]
     _seen: dict[int, int]
@@ -165,7 +166,7 @@ class Flow(ABC):
         effects = self.effects.of(bodies, self._running[-1])
         if effects.matters is not None:
             self.refuse_unknown(effects.matters, unknown, statement)
-        self.acting.append(statement.line)
+        self.acting.append(self.main_line)
         self.forget(effects, unknown)
         if effects.jumps:
             if len(effects.jumps) > 1:

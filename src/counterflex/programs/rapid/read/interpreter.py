@@ -57,7 +57,7 @@ class Interpreter(Flow, Instructions, Calls):
         self.effects = EffectsOf(modules, self._begins_function)
         self._running: list[Routine] = []
         self._most = _MOST + sum(len(r.statements) for module in modules.modules for r in module.routines.values())
-        self._count = 0
+        self._count, self.main_line = 0, 1
         self._seen: dict[int, int] = {}
 
     def run(self) -> None:
@@ -134,8 +134,10 @@ class Interpreter(Flow, Instructions, Calls):
         self.guard = tree.guard
         self._words = []
         first, count, index = len(self.motions), 1, len(self._blocks)
-        before = self.state("G1")
-        self._blocks.append(Block(statement.line, self._lines[statement.line - 1], (), before, first, 0))
+        before, part = self.state("G1"), self.source.part(statement.start)
+        text, file = self._lines[part.first_line + statement.line - 1], "" if part.start == 0 else part.name
+        self.main_line = self.main_line if file else statement.line
+        self._blocks.append(Block(statement.line, text, (), before, first, 0, file=file))
         function = None
         if self.process is not None and tree.guard is None and statement.word not in FORMS:
             where = self.source.where(statement.start)
@@ -148,10 +150,8 @@ class Interpreter(Flow, Instructions, Calls):
         if len(self._blocks) == index + 1:  # no call, whose statements have blocks of their own
             made = len(self.motions) - first
             if made or self._words:
-                self._blocks[index] = Block(
-                    statement.line, self._lines[statement.line - 1], tuple(self._words),
-                    self.state(self.motion_code(first)), first, made,
-                )  # fmt: skip
+                state = self.state(self.motion_code(first))
+                self._blocks[index] = Block(statement.line, text, tuple(self._words), state, first, made, file=file)
         return count
 
     def _statement(self, statement: Statement) -> None:
@@ -190,7 +190,7 @@ class Interpreter(Flow, Instructions, Calls):
         if row.treatment is Treatment.REFUSED:
             raise self.fault(f"{row.word}: {row.reason}", statement, hint=row.remedy)
         if word in ACTS:
-            self.acting.append(statement.line)
+            self.acting.append(self.main_line)
         handler = HANDLERS.get(word)
         if handler is not None:
             handler(self, statement, arguments(self.source.code, statement.start + len(word), statement.end))

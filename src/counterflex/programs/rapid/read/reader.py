@@ -61,12 +61,13 @@ def read_rapid(
         interpreter.run()
     rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
     leans = tilted(rotations)
-    starts = [(move.start, move.line) for move in interpreter.moves]
+    starts = [move.start for move in interpreter.moves]
+    main = text[: source.parts[0].end]
     return RapidProgram(
         name=name,
         dialect=RAPID_DIALECT,
-        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
-        newline=line_end(text),
+        lines=(*split_lines(main), "") if main.endswith(("\n", "\r")) else split_lines(main),
+        newline=line_end(main),
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
         motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
         straight=len(set(starts)) == len(starts),

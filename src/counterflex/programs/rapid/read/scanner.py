@@ -34,7 +34,7 @@ class Statement:
         start: Index of its first character in the text.
         end: Index behind its last one; of a statement that ends in a semicolon that of the semicolon.
         code: The text between, comments as blanks.
-        line: 1-based line of its first character.
+        line: 1-based line of its first character, in its file.
         structure: It opens or closes a part and has no semicolon.
         word: Its first word, in capitals.
     """
@@ -103,6 +103,8 @@ class Source:
 
     def part(self, at: int) -> FilePart:
         """The file that an index is in."""
+        if len(self.parts) == 1:
+            return self.parts[0]
         return next((part for part in reversed(self.parts) if part.start <= at), self.parts[0])
 
     def statements(self) -> Iterator[Statement]:
@@ -130,7 +132,14 @@ class Source:
                     )  # fmt: skip
             code = self.code[at:end]
             first = _WORD.match(code)
-            yield Statement(at, end, code, self.line(at), structure, "" if first is None else first[0].upper())
+            yield Statement(
+                at,
+                end,
+                code,
+                self.line(at) - self.part(at).first_line,
+                structure,
+                "" if first is None else first[0].upper(),
+            )
             at = end
 
 
