@@ -308,3 +308,68 @@ def test_programs_do_what_the_same_in_python_does(both: tuple[str, str]) -> None
     )
     routine = f"PROC Cut(INOUT num x,num y)\n{at('x', 'y', '1')}x:=x-1;\nENDPROC"
     assert ends(read(rapid, "VAR num a:=1;\nVAR num b:=2;\nVAR num c:=3;", routine)) == noted
+
+
+# ---- routines, arguments, machine functions ------------------------------------------------------------------------
+
+
+def test_arguments_that_are_passed_on_or_left_out() -> None:
+    frames = (
+        "PERS tooldata tA:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+        'PERS wobjdata wA:=[FALSE,TRUE,"",[[100,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+        'PERS wobjdata wB:=[FALSE,TRUE,"",[[100,0,7],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+    )
+    routines = (
+        "PROC outer(robtarget p,PERS tooldata t\\PERS wobjdata w|switch none\\num v)\ninner p,t\\w?w\\v?v;\nENDPROC\n"
+        "PROC inner(robtarget p,PERS tooldata t\\PERS wobjdata w\\num v)\nVAR speeddata s:=v20;\n"
+        "IF Present(v) s.v_tcp:=v;\nMoveL p,s,fine,t\\WObj?w;\nENDPROC\n"
+    )
+    body = "outer p10,tA\\w:=wA\\v:=33;\nouter p10,tA\\w:=wB;\nouter Offs(p10,1,0,0),tA\\w:=wA;\n"
+    text = (
+        f"MODULE m\n{P10}{frames}PROC main()\nMoveJ p10,v100,fine,tA\\WObj:=wA;\n{body}ENDPROC\n{routines}ENDMODULE\n"
+    )
+    made = read_rapid(text)
+    assert ends(made) == [[0, 0, 0], [0, 0, 7], [1, 0, 0]]
+    np.testing.assert_allclose([m.feed_m_s / MM for m in made.motions[1:]], [33, 20, 20])
+
+
+def spindle() -> RapidCell:
+    return RapidCell(
+        where="cell.toml", tools=[1], tool_of_data={"TOOL0": 1}, work_object="", T_base_tcp=None,
+        T_flange_tcp=np.eye(4), T_base_part=np.eye(4),
+        functions=MachineFunctions("rapid", {3: ["SetAO aoSpeed,{s};", "Set doOn;"], 5: ["Reset doOn;"]}),
+    )  # fmt: skip
+
+
+def test_a_spindle_speed_that_is_computed() -> None:
+    declared = "VAR num rpm:=9000;\nVAR bool mill:=TRUE;"
+    body = (
+        f"SetAO aoSpeed,rpm;\nSet doOn;\n{at('1')}rpm:=rpm/2;\nSetAO aoSpeed,rpm+500;\nSet doOn;\n{at('2')}"
+        f"IF mill Reset doOn;\n{at('3')}"
+    )
+    made = read(body, declared, cell=spindle())
+    np.testing.assert_allclose([m.spindle_rad_s * 30 / math.pi for m in made.motions], [0, 9000, 5000, 0])
+    with pytest.raises(
+        ProgramError, match=r"number of this machine function is not known: GInput\(\) asks .* m\.mod:8"
+    ):
+        read(f"rpm:=GInput(gi1);\nSetAO aoSpeed,rpm;\nSet doOn;\n{at('1')}", declared, cell=spindle())
+    with pytest.raises(ProgramError, match="sets the motions inside IF"):
+        read(f"IF di1=1 Reset doOn;\n{at('1')}", declared, cell=spindle())
+
+
+def test_only_what_the_program_may_execute_makes_persistent_data_unknown() -> None:
+    declared = "PERS num depth:=3;"
+    unused = "PROC calibrate()\ndepth:=depth+1;\nENDPROC"
+    assert ends(read(at("depth"), declared, unused)) == [[3, 0, 0]]
+    with pytest.raises(ProgramError, match="what the last run left"):
+        read(f"{at('depth')}calibrate;", declared, unused)
+
+
+def test_many_points_of_an_array_take_no_longer_each() -> None:
+    """The array is divided once, not for each point: 4000 points within the limit of statements and of patience."""
+    points = ",".join(f"[[{i},0,0],[0,1,0,0],{REST}]" for i in range(4000))
+    made = read(
+        "FOR i FROM 1 TO Dim(q,1) DO\nMoveL q{i},v20,z1,tool0;\nENDFOR", f"CONST robtarget q{{4000}}:=[{points}];"
+    )
+    assert len(made.motions) == 4001
+    assert not any(move.target.shared for move in made.moves[1:] if move.target is not None)

@@ -64,7 +64,7 @@ class Copies:
             f"a loop calls {call.routine} several times, and each call needs another correction",
             where=program.place(call.place[0]), value=program.text[slice(*call.place)][:60],
             limit="one correction for each call",
-            hint=f"Write it out first: counterflex convert {program.name} --to rapid --cell CELL --out OUT",
+            hint=f"Write it out: counterflex convert {program.name} --to rapid --cell CELL --out OUT",
         )  # fmt: skip
 
     def _copy(self, index: int, name: str, edits: Spans) -> str:

@@ -115,7 +115,7 @@ class _InPlace(InPlace):
                     where=self.program.place(move.start),
                     value=self.program.text[move.start : move.end][:60],
                     limit="one correction for each instruction",
-                    hint=f"Write it out first: counterflex convert {self.program.name} --to rapid --cell CELL --out OUT",
+                    hint=f"Write it out: counterflex convert {self.program.name} --to rapid --cell CELL --out OUT",
                 )
 
     # ---- language --------------------------------------------------------------------------------------------

@@ -49,7 +49,7 @@ class EffectsOf:
         process: Whether a machine function begins at a statement of a routine.
     """
 
-    def __init__(self, modules: Modules, process: Callable[[Routine, int], bool]) -> None:
+    def __init__(self, modules: Modules, process: Callable[[Routine, Simple], bool]) -> None:
         self._modules, self._process = modules, process
         self._whole: dict[int, Effects] = {}
 
@@ -110,7 +110,7 @@ class EffectsOf:
         statement, code, word = tree.statement, tree.statement.code, tree.statement.word
         for match in _CALLED.finditer(code):
             self._called(match[1], routine, out, statement)
-        if self._process(routine, tree.index):
+        if self._process(routine, tree):
             out.matters = out.matters or statement
         elif (assignment := _ASSIGNMENT.match(code)) is not None:
             out.assigned.add((None, assignment[1].upper()))

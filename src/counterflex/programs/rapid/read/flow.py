@@ -155,11 +155,11 @@ class Flow(ABC):
 
     def _decided(self, node: Node, statement: Statement) -> object:
         self.now = statement
-        self.memory.deciding = True
+        before, self.memory.deciding = self.memory.deciding, True
         try:
             return self.memory.value(node, statement.code, statement.start)
         finally:
-            self.memory.deciding = False
+            self.memory.deciding = before
 
     def _undecided(self, statement: Statement, bodies: Sequence[Tree], unknown: Unknown) -> None:
         """Statements of which nobody knows whether they are executed: passed where they do not matter."""

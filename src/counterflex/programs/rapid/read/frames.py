@@ -20,6 +20,7 @@ from counterflex.programs.robot_text.expression import is_number
 from counterflex.programs.unknown import known
 
 _UNIT: Final = 1e-3
+_KEPT: Final = 1000
 _FORM: Final = {
     "tooldata": "[TRUE,[[x,y,z],[q1,q2,q3,q4]],[...]]",
     "wobjdata": '[FALSE,TRUE,"",[[x,y,z],[q1,q2,q3,q4]],[[0,0,0],[1,0,0,0]]]',
@@ -89,9 +90,9 @@ class Frames:
         Raises:
             ProgramError: The frames are not those of the cell, or not known.
         """
-        if self._stamp != self.memory.stamp:
+        if self._stamp != self.memory.stamp or len(self._known) > _KEPT:
             self._stamp, self._known = self.memory.stamp, {}
-        key = (tool, work_object, id(self.memory.frames[-1]))
+        key = (tool, work_object, self.memory.frames[-1].serial)
         known_frames = self._known.get(key)
         if known_frames is None:
             where = self.memory.source.place(at)

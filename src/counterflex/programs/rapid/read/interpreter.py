@@ -23,13 +23,18 @@ from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Source, Statement, statements_of
 from counterflex.programs.rapid.read.targets import Targets
 from counterflex.programs.rapid.table import ACTS, FORMS, TABLE
-from counterflex.programs.robot_text.process_words import ProcessWords
+from counterflex.programs.robot_text.expression import is_number
+from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known
 
 _MOST: Final = 500_000
 """Statements that loops and routines may execute in addition to those of the text: seconds of computing time."""
 _DEEPEST: Final = 30
+_COMPUTED: Final = re.compile(r"-?\s*([A-Za-z]\w*)(?:\{[\w,]+\}|\.\w+)*(?:\s*[-+*/]\s*[\w.]+)?")
+"""An argument that may be a number: a name, and what is added to it."""
+_LONGEST: Final = 8
+"""Statements of a machine function at most, for those whose numbers are computed."""
 _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*(?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:=", re.DOTALL)
 
 
@@ -120,12 +125,54 @@ class Interpreter(Flow, Instructions, Calls):
 
     # ---- statements ------------------------------------------------------------------------------------------
 
-    def _begins_function(self, routine: Routine, index: int) -> bool:
+    def _begins_function(self, routine: Routine, tree: Simple) -> bool:
         """Whether a machine function begins at a statement."""
-        if self.process is None or routine.statements[index].word in FORMS:
+        if self.process is None or tree.statement.word in FORMS:
             return False
-        where = self.source.where(routine.statements[index].start)
-        return self.process.find(routine.texts, index, where) is not None
+        texts, at = ([tree.statement.code], 0) if tree.guard is not None else (routine.texts, tree.index)
+        return self.process.find(texts, at, self.source.where(tree.statement.start)) is not None
+
+    def _function(self, tree: Simple) -> ProcessWord | None:
+        """The machine function that begins at a statement, its numbers written or computed.
+
+        Raises:
+            ProgramError: A number of it is not known.
+        """
+        if self.process is None or tree.statement.word in FORMS:
+            return None
+        texts, at = self._running[-1].texts, tree.index
+        if tree.guard is not None:
+            texts, at = [tree.statement.code], 0
+        where = self.source.where(tree.statement.start)
+        found = self.process.find(texts, at, where)
+        if found is not None or ":=" in tree.statement.code:
+            return found
+        lost: list[Unknown] = []
+        valued = [
+            *texts[:at],
+            *(self._with_values(text, lost) for text in texts[at : at + _LONGEST]),
+            *texts[at + _LONGEST :],
+        ]
+        found = None if valued == texts else self.process.find(valued, at, where)
+        if found is not None and lost:
+            known(lost[0], "a number of this machine function", where, text=tree.statement.code)
+        return found
+
+    def _with_values(self, text: str, lost: list[Unknown]) -> str:
+        """A statement with the numbers that its arguments stand for; an unknown one counts as 1, and is noted."""
+        head = re.match(r"\s*[A-Za-z]\w*\s+", text)
+        if head is None or ":=" in text:
+            return text
+        parts = []
+        for argument in arguments(text, head.end(), len(text)):
+            name = _COMPUTED.fullmatch(argument.text)
+            declared = name is not None and self.memory.find(name[1]) is not None
+            value = self.memory.evaluated(argument.text, self.now.start) if declared else None
+            if isinstance(value, Unknown):
+                lost.append(value)
+                value = 1
+            parts.append(f"{float(value):.9g}" if is_number(value) else argument.text)  # type: ignore[arg-type]
+        return head[0] + ",".join(parts)
 
     def _executed(self, tree: Simple) -> int:
         """Execute a statement with its block; returns how many statements that were."""
@@ -138,10 +185,7 @@ class Interpreter(Flow, Instructions, Calls):
         text, file = self._lines[part.first_line + statement.line - 1], "" if part.start == 0 else part.name
         self.main_line = self.main_line if file else statement.line
         self._blocks.append(Block(statement.line, text, (), before, first, 0, file=file))
-        function = None
-        if self.process is not None and tree.guard is None and statement.word not in FORMS:
-            where = self.source.where(statement.start)
-            function = self.process.find(self._running[-1].texts, tree.index, where)
+        function = self._function(tree)
         if function is not None:
             self.do(function)
             count = function.lines

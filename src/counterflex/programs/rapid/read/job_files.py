@@ -196,6 +196,8 @@ def _grown(chosen: list[_Index], candidates: list[_Index]) -> list[_Index]:
                 added += _holder(name, asking, fitting)
             named = asking.loaded | asking.late
             added += [one for one in others if one.file.name.upper() in named or one.module in named]
+            numbered = [re.compile(rf"{re.escape(name)}_?\d+") for name in asking.late]
+            added += [one for one in fitting if any(test.fullmatch(n) for test in numbered for n in one.routines)]
         added = list({one.file: one for one in added}.values())
         if not added:
             return chosen

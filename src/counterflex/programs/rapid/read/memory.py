@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -81,11 +82,12 @@ class Reference:
 
 @dataclass
 class Frame:
-    """Names of a routine that is executed: its arguments and data, and the optional arguments that are left out."""
+    """Names of a routine that is executed, its optional arguments that are left out, and its number."""
 
     routine: Routine
     names: dict[str, Reference] = field(default_factory=dict)
     absent: set[str] = field(default_factory=set)
+    serial: int = field(default_factory=itertools.count().__next__)
 
 
 class Memory:
@@ -192,7 +194,7 @@ class Memory:
             literal = robtarget_literal(self.source.code, declared.value)
             if literal is not None and literal.end == declared.end:
                 return literal.value(lambda text: self.evaluated(text, declared.value))
-        return self.evaluated(self.source.code[declared.value : declared.end], declared.value)
+        return copy_of(self.evaluated(self.source.code[declared.value : declared.end], declared.value))
 
     def _dims(self, declared: Declared) -> tuple[int, ...]:
         if not declared.dims.strip():
@@ -367,12 +369,11 @@ class Memory:
 def _assigned_paths(modules: Modules) -> dict[str, set[tuple[str, ...]]]:
     """Components of data of modules that statements assign something to, by name; () is the whole."""
     out: dict[str, set[tuple[str, ...]]] = {}
-    for module in modules.modules:
-        for routine in module.routines.values():
-            own = {*routine.declared, *(parameter.name for parameter in routine.parameters)}
-            for name, path in _assignments(routine):
-                if name not in own:
-                    out.setdefault(name, set()).add(path)
+    for routine in modules.reachable():
+        own = {*routine.declared, *(parameter.name for parameter in routine.parameters)}
+        for name, path in _assignments(routine):
+            if name not in own:
+                out.setdefault(name, set()).add(path)
     return out
 
 

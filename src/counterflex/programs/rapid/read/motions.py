@@ -149,7 +149,8 @@ class Motions(Execution):
         Raises:
             ProgramError: There are others, or an option is not read.
         """
-        if form.plain and (match := _PLAIN.fullmatch(statement.code)) is not None:
+        match = _PLAIN.fullmatch(statement.code) if form.plain else None
+        if match is not None:
             start = statement.start
             target, speed, zone, tool = (
                 Argument(match[i], start + match.start(i), start + match.end(i), {}, start + match.end(i))
@@ -162,7 +163,7 @@ class Motions(Execution):
                 place = (match[6], start + match.start(6), start + match.end(6))
                 tool = replace(tool, options={"WOBJ": place}, behind=place[2])
             return [target], speed, zone, tool
-        given = arguments(self.source.code, statement.start + len(statement.word), statement.end)
+        given = self._without_absent(arguments(self.source.code, statement.start + len(statement.word), statement.end))
         if not given[0].text and set(given[0].options) <= {"CONC"}:
             given = given[1:]
         count = form.points + 3 + form.triggers + form.behind
@@ -181,6 +182,16 @@ class Motions(Execution):
         if form.routine:
             self._check_routine(rest[-1], statement)
         return points, speed, zone, tool
+
+    def _without_absent(self, given: list[Argument]) -> list[Argument]:
+        r"""Arguments without options that the caller of the routine left out (``\WObj?wobj``)."""
+        absent = self.memory.frames[-1].absent
+        if not absent:
+            return given
+        return [
+            replace(one, options={key: item for key, item in one.options.items() if item[0].upper() not in absent})
+            for one in given
+        ]
 
     def _check_options(self, given: Sequence[Argument], known_options: frozenset[str]) -> None:
         """Refuse what options of targets, speed, zone and tool would change."""

@@ -20,7 +20,7 @@ _ROUTINE: Final = re.compile(
 _PARAMETER: Final = re.compile(r"(?:(INOUT|VAR|PERS|REF)\s+)?(switch|\w+)\s+(\w+)\s*(\{[^}]*\})?|(switch)\s+(\w+)", _I)
 _COMPONENT: Final = re.compile(r"(\w+)\s+(\w+)\s*(\{[^}]*\})?", _I)
 _END_OF: Final = {"PROC": "ENDPROC", "FUNC": "ENDFUNC", "TRAP": "ENDTRAP", "RECORD": "ENDRECORD"}
-_CALL: Final = re.compile(r"([A-Za-z]\w*)\s*")
+_WORDS: Final = re.compile(r"[A-Za-z]\w*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,6 +288,25 @@ class Modules:
     def find(self, name: str, module: Module) -> Routine | None:
         """A routine by name, as a module sees it."""
         return module.routines.get(name.upper()) or self._global.get(name.upper())
+
+    def reachable(self) -> list[Routine]:
+        """Return the routines that the program may execute: those whose names stand in it, and in those again."""
+        by_name: dict[str, list[Routine]] = {}
+        for module in self.modules:
+            for name, routine in module.routines.items():
+                by_name.setdefault(name, []).append(routine)
+        whole = [routine for routines in by_name.values() for routine in routines]
+        if any("%" in s.code or s.word == "CALLBYVAR" for routine in whole for s in routine.statements):
+            return whole
+        found, waiting = [], [self.first()]
+        while waiting:
+            routine = waiting.pop()
+            if routine in found:
+                continue
+            found.append(routine)
+            names = {word.upper() for s in routine.statements for word in _WORDS.findall(s.code)}
+            waiting += [other for name in names & by_name.keys() for other in by_name[name]]
+        return found
 
     def find_late(self, name: str, module: Module) -> Routine | None:
         """A routine by a name at run time, which may name its module too: ``part_1:main``."""

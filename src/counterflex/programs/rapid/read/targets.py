@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 from counterflex.core.errors import ProgramError
@@ -27,11 +29,14 @@ from counterflex.programs.unknown import Unknown, first_unknown, known
 
 _OFFS: Final = re.compile(r"Offs\s*\(", re.IGNORECASE)
 _NUMBER: Final = re.compile(NUMBER)
+_SIZE: Final = re.compile(r"\bDim\s*\(\s*\w+", re.IGNORECASE)
 _NONE_FROM: Final = 8e8
 """External axes that are not there are 9E9."""
 _LARGEST_MM: Final = 100_000.0
 _LARGEST_MM_S: Final = 20_000.0
 _UNIT: Final = 1e-3
+_KEPT: Final = 1000
+"""Values of names that are kept: a routine that is called again and again has others each time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +79,7 @@ class Targets:
         self._uses: dict[tuple[int, tuple[int, ...]], int] = {}
         self._spans: dict[int, set[int]] = {}
         self._names: dict[int, str] = {}
+        self._arrays: dict[int, Aggregate | None] = {}
         self._speeds: dict[tuple[str, int], Speed] = {}
         self._zones: dict[str, Zone] = {}
         self._stamp = -1
@@ -137,10 +143,10 @@ class Targets:
         target = replace(self._written(literal, argument), name=variable.name)
         if argument_copy is not None:
             return replace(target, shared=True)
-        key = (id(variable), reference.path)
+        key = (declared.value, reference.path)
         self._uses[key] = self._uses.get(key, 0) + 1
-        self._spans.setdefault(id(variable), set()).add(argument.start)
-        self._names[id(variable)] = variable.name.upper()
+        self._spans.setdefault(declared.value, set()).add(argument.start)
+        self._names[declared.value] = variable.name.upper()
         return replace(target, place=key)
 
     def _value_of(self, reference: Reference) -> object:
@@ -153,7 +159,9 @@ class Targets:
         if not path:
             literal = robtarget_literal(code, start)
             return literal if literal is not None and literal.end <= end else None
-        part: object = aggregate(code, start, end)
+        if start not in self._arrays:
+            self._arrays[start] = aggregate(code, start, end)
+        part: object = self._arrays[start]
         for index in path:
             part = part.items[index] if isinstance(part, Aggregate) and index < len(part.items) else None
         return robtarget_literal(code, part.start) if isinstance(part, Aggregate) else None
@@ -167,16 +175,10 @@ class Targets:
             return True
         return self._mentioned[self._names[place[0]]] > len(self._spans[place[0]]) + 1
 
-    @property
+    @cached_property
     def _mentioned(self) -> dict[str, int]:
-        """How often each name stands in the code."""
-        counts: dict[str, int] | None = getattr(self, "_counts", None)
-        if counts is None:
-            counts = {}
-            for word in re.findall(r"[A-Za-z]\w*", self.source.code):
-                counts[word.upper()] = counts.get(word.upper(), 0) + 1
-            self._counts = counts
-        return counts
+        """How often each name stands in the code, beside its size (Dim)."""
+        return Counter(word.upper() for word in re.findall(r"[A-Za-z]\w*", _SIZE.sub(" ", self.source.code)))
 
     def _written(self, literal: RobtargetLiteral, argument: Argument) -> RapidTarget:
         x, y, z, *q = literal.values
@@ -228,9 +230,10 @@ class Targets:
         if isinstance(item, str):
             if item in self._checked:
                 return
-            if item.startswith("["):
+            numbers = numbers_of(item)
+            if numbers is not None:
                 self._checked.add(item)
-            item = numbers_of(item) or self.memory.evaluated(item, at)
+            item = numbers or self.memory.evaluated(item, at)
         place = self.source.place(at)
         values = known(item, "the place of the external axes", place, hint="Write their values")
         for index, value in enumerate(values if isinstance(values, list) else [], start=1):
@@ -240,7 +243,7 @@ class Targets:
     # ---- speeds and zones ------------------------------------------------------------------------------------
 
     def _forget_old(self) -> None:
-        if self._stamp != self.memory.stamp:
+        if self._stamp != self.memory.stamp or len(self._speeds) > _KEPT:
             self._stamp = self.memory.stamp
             self._speeds, self._zones = {}, {}
 
@@ -263,7 +266,7 @@ class Targets:
                 return Speed(math.nan, None, (back, end), float(value))  # type: ignore[arg-type]
             return Speed(self._in_range(float(value), argument), (start, end))  # type: ignore[arg-type]
         self._forget_old()
-        key = (argument.text, id(self.memory.frames[-1]))
+        key = (argument.text, self.memory.frames[-1].serial)
         speed = self._speeds.get(key)
         if speed is None:
             value = self.memory.evaluated(argument.text, argument.start)
