@@ -80,13 +80,14 @@ def run(
 
     Raises:
         ProgramError: The program cannot be read exactly, or the language cannot say a part of it; names line and word.
-        InputError: It is in that language already.
+        InputError: It is in that language already, and no motion of it is made several times.
         OutputError: What was written is not read back as the same program.
     """
     cell = read_cell(cell_file)
     program = reading.program(program_file, cell)
     dialect = LANGUAGE_NAMES[language]
-    if dialect == program.dialect:
+    loops = isinstance(program, RobotProgram) and not program.straight
+    if dialect == program.dialect and not loops:  # one with loops and routines is written out, each motion once
         raise InputError(
             "the program is in that language already", where=Path(program.name).name, value=language,
             hint="Copy it, or name another language with --to",

@@ -18,9 +18,11 @@ from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.fanuc.read.interpreter import FanucCell
 from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.reader import job_files
+from counterflex.programs.krl.read.reader import job_files as krl_job_files
+from counterflex.programs.limits import ENDINGS
 from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, VAL3_DIALECT, Program
 from counterflex.programs.rapid.read.frames import RapidCell
+from counterflex.programs.rapid.read.job_files import companion_modules
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
@@ -33,10 +35,13 @@ _APART_M: Final = 1e-6
 
 
 def companions(file: Path) -> tuple[Path, ...]:
-    """Files that belong to a program and are read with it: the job of a ``.src``, the ``.dtx`` of a ``.pgx``."""
-    if file.suffix.lower() == ".src":
-        return job_files(file)
-    reads = {".pgx": val3_data_file_of}.get(file.suffix.lower())
+    """Return the files that are read with a program: those of its job, the data of a VAL3 program."""
+    ending = file.suffix.lower()
+    if ending in ENDINGS[RAPID_DIALECT]:
+        return companion_modules(file)
+    if ending in ENDINGS[KRL_DIALECT]:
+        return krl_job_files(file)
+    reads = {".pgx": val3_data_file_of}.get(ending)
     data = None if reads is None else reads(file)
     return () if data is None else (data,)
 

@@ -23,10 +23,7 @@ from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.val3.program import Val3Program
 
 _NUMBER: Final = r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
-_ZONE: Final = re.compile(r"z([0-9]+)", re.IGNORECASE)
-_ZONE_DATA: Final = re.compile(rf"\[\s*FALSE\s*,\s*{_NUMBER}\s*,", re.IGNORECASE)
 _DISTANCE: Final = re.compile(rf"C[DR]\s*{_NUMBER}", re.IGNORECASE)
-_Z0_MM: Final = 0.3
 _EXACT_MODES: Final = frozenset((60.0, 61.0, 61.1))
 _CONTINUOUS_MODES: Final = frozenset((64.0, 641.0, 642.0, 643.0, 644.0, 645.0))
 _EXACT_ONCE: Final = 9.0
@@ -44,7 +41,7 @@ def approximation_m(program: Program) -> Float:
     if isinstance(program, KrlProgram):
         values = _krl(program)
     elif isinstance(program, RapidProgram):
-        values = [0.0 if move.exact else _zone(program, program.text[slice(*move.zone)]) for move in program.moves]
+        values = [0.0 if move.exact else move.rounding_m for move in program.moves]
     elif isinstance(program, FanucProgram):
         values = [0.0 if move.exact else _millimetres(_DISTANCE.search(move.termination)) for move in program.moves]
     elif isinstance(program, Val3Program):
@@ -68,18 +65,6 @@ def _krl(program: KrlProgram) -> list[float]:
         else:
             out.append(move.distance_m if "C_DIS" in words else float("nan"))
     return out
-
-
-def _zone(program: RapidProgram, text: str) -> float:
-    """A predefined zone, or one that is declared in the module."""
-    text = text.strip()
-    declared = re.search(rf"\bzonedata\s+{re.escape(text)}\s*:=\s*(\[[^\]]*\])", program.text, re.IGNORECASE)
-    if declared is not None or text.startswith("["):
-        return _millimetres(_ZONE_DATA.match(text if declared is None else declared[1]))
-    match = _ZONE.fullmatch(text)
-    if match is None:
-        return float("nan")
-    return (float(match[1]) or _Z0_MM) * MM
 
 
 def _mdesc(program: Val3Program, key: tuple[str, int]) -> float:

@@ -52,16 +52,16 @@ def read_module(text: str, where: str) -> ControllerData:
     source = Source(text, where)
     for statement in source.statements():
         match = DECLARATION.match(statement.code)
-        if match is None or match[1].lower() not in ("tooldata", "wobjdata") or match[3] or not match[4]:
+        if match is None or match[2].lower() not in ("tooldata", "wobjdata") or match[4] or not match[5]:
             continue
         start = statement.start + match.end()
         parts = aggregate(source.code, start, statement.end)
         if parts is None:
             raise FileFormatError(
-                f"{match[2]} is no {match[1]} with its numbers", where=source.place(start),
+                f"{match[3]} is no {match[2]} with its numbers", where=source.place(start),
                 value=" ".join(statement.code[match.end() :].split())[:60], hint="Give the module of a backup",
             )  # fmt: skip
-        (_tool if match[1].lower() == "tooldata" else _work_object)(out, match[2], parts, source.place(start))
+        (_tool if match[2].lower() == "tooldata" else _work_object)(out, match[3], parts, source.place(start))
     return out
 
 

@@ -43,6 +43,7 @@ class Grammar:
         name: Pattern of a name.
         number: Pattern of an unsigned number.
         aggregate: Opening and closing bracket of an aggregate.
+        index: Opening and closing bracket of indices behind a name.
         labelled: Items of an aggregate have a component's name before the value, ``{X 1.0}``.
         enumeration: Pattern of a literal of an enumeration; its value is its text in capitals without blanks.
         numeral: Returns the value of a number by its text; None where ``number`` is a decimal number.
@@ -54,6 +55,7 @@ class Grammar:
     name: str = r"[A-Za-z_]\w*"
     number: str = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
     aggregate: str = "[]"
+    index: str = "[]"
     labelled: bool = False
     enumeration: str | None = None
     numeral: Callable[[str], Value] | None = None
@@ -121,6 +123,13 @@ class Scope(Protocol):
         """Return the value of a function."""
 
 
+class ScopeOfReferences(Scope, Protocol):
+    """A scope whose functions may change their arguments."""
+
+    def call_node(self, node: Call) -> Value:
+        """Return the value of a function from its arguments as they are written."""
+
+
 _STRING: Final = r'"(?:[^"]|"")*"'
 
 
@@ -175,6 +184,9 @@ def evaluate(node: Node, grammar: Grammar, scope: Scope) -> Value:
         ]
         return scope.value_of(node.text, path)
     if isinstance(node, Call):
+        by_reference = getattr(scope, "call_node", None)
+        if by_reference is not None:
+            return by_reference(node)
         options = {key: None if item is None else evaluate(item, grammar, scope) for key, item in node.options.items()}
         return scope.call(node.name, [evaluate(item, grammar, scope) for item in node.arguments], options)
     if isinstance(node, Aggregate):
@@ -283,7 +295,7 @@ class _Parser:
         path: list[tuple[Node, ...] | str] = []
         behind = self.end = match.end()
         while True:
-            if self._accepts("["):
+            if self._accepts(self.grammar.index[0]):
                 path.append(self._indices())
             elif (component := re.compile(rf"\s*\.\s*({self.grammar.name})").match(self.text, behind)) is not None:
                 self.end = component.end()
@@ -294,12 +306,12 @@ class _Parser:
             behind = self.end
 
     def _indices(self) -> tuple[Node, ...]:
-        if self._accepts("]"):
+        if self._accepts(self.grammar.index[1]):
             return ()
         items = [self.expression(0)]
         while self._accepts(","):
             items.append(self.expression(0))
-        self._require("]")
+        self._require(self.grammar.index[1])
         return tuple(items)
 
     def _call(self, name: str, start: int) -> Call:
@@ -313,7 +325,8 @@ class _Parser:
                 if match is None:
                     raise ExpressionError("the name of an option is missing", self.end)
                 self.end = match.end()
-                options[match[0].upper()] = self.expression(0) if self._accepts(":=") else None
+                given = self._accepts(":=") or self._accepts("?")
+                options[match[0].upper()] = self.expression(0) if given else None
             else:
                 arguments.append(self.expression(0))
         return Call(name, tuple(arguments), options, start, self.end)
