@@ -105,6 +105,7 @@ class Block:
         motion_count: Number of motions it makes (a canned cycle makes several, a comment none).
         single: True when the block is executed exactly once, in file order, so that it can be edited in place.
         cycle: True for canned cycles and other blocks whose motions are not simply their own target.
+        file: Name of the file it stands in; empty of the program's own.
     """
 
     line: int
@@ -115,6 +116,15 @@ class Block:
     motion_count: int
     single: bool = True
     cycle: bool = False
+    file: str = ""
+
+    def place(self, name: str) -> str:
+        """Return ``file:line``, for messages.
+
+        Args:
+            name: Of the program's own file.
+        """
+        return f"{self.file or name}:{self.line}"
 
 
 @dataclass(frozen=True, slots=True)
