@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,6 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM, RPM
 from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.fanuc.read.interpreter import FanucCell
 from counterflex.programs.krl.read.data_list import data_file_of
@@ -24,6 +25,7 @@ from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.programs.val3.read.data_file import data_file_of as val3_data_file_of
 from counterflex.programs.val3.read.interpreter import Val3Cell
+from counterflex.robot.elasticity.chain import forward
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6
@@ -146,7 +148,15 @@ def _shared(cell: Cell, language: Dialect) -> dict[str, Any]:
         "T_base_part": np.eye(4) if cell.holds_part else replace(cell, R_part_plane=None).T_base_part,
         "functions": cell.machine_functions(language),
         "external_axes": {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
+        "tip_of_axes": None if cell.holds_part else lambda axes_deg: _tip_of_axes(cell, axes_deg),
     }
+
+
+def _tip_of_axes(cell: Cell, axes_deg: Sequence[float]) -> Float:
+    """Return (4, 4) m, the TCP frame in the part frame where the controller shows these axes."""
+    T_base_tcp = forward(cell.controller_chain, np.asarray(axes_deg, dtype=np.float64) * DEG)
+    out: Float = pose.inverse(replace(cell, R_part_plane=None).T_base_part) @ T_base_tcp
+    return out
 
 
 _CELLS: Final[dict[str, Callable[[Cell], RobotCell]]] = {
