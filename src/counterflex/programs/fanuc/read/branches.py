@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Final, NamedTuple
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.fanuc.read.listing import Statement
@@ -25,6 +25,22 @@ _CALL: Final = re.compile(r"(?:CALL|RUN)\s+([A-Za-z_][\w-]*)", re.IGNORECASE)
 _FOR: Final = re.compile(r"FOR\s+(R\s*\[[^=]*\])\s*=", re.IGNORECASE)
 _HINT: Final = "Post the path without loops, conditions and jumps, or set what they depend on in the program"
 _DEEPEST: Final = 20
+
+
+class Step(NamedTuple):
+    """A statement that runs.
+
+    Attributes:
+        routine: Its listing.
+        at: Its index there.
+        statement: Itself.
+        text: Its code, or what stands behind the condition.
+    """
+
+    routine: Routine
+    at: int
+    statement: Statement
+    text: str
 
 
 class Branches(MotionExecution):
@@ -188,12 +204,11 @@ class Branches(MotionExecution):
     def target_of(self, routine: Routine, statement: Statement, text: str) -> tuple[str, list[Value], str]:
         """Return register, indices and text of the value of an assignment."""
         code = plain_code(text)
-        depth, at = 0, 0
-        for at, character in enumerate(code):
-            depth += (character == "[") - (character == "]")
-            if character == "=" and depth == 0:
-                break
-        left, right = code[:at], code[at + 1 :]
+        end = code.index("]") + 1 if "]" in code else 0
+        while code.count("[", 0, end) > code.count("]", 0, end) and "]" in code[end:]:
+            end = code.index("]", end) + 1
+        left, _, right = code[end:].partition("=")
+        left = code[:end] + left
         word, _, inside = left.partition("[")
         indices = [self.value(routine, statement, part) for part in divided(inside.rstrip().removesuffix("]"))]
         return word.strip(), indices, right.strip()
@@ -225,7 +240,8 @@ def _action(text: str) -> str:
 
 def divided(text: str, most: int = 99) -> list[str]:
     """Return the parts of a text between commas outside of brackets."""
-    parts, depth, begin = [], 0, 0
+    parts: list[str] = []
+    depth = begin = 0
     for at, character in enumerate(text):
         depth += (character in "[(") - (character in "])")
         if character == "," and depth == 0 and len(parts) < most - 1:

@@ -181,7 +181,7 @@ class Targets:
         offset = matrix_of(value, "Offset", where)
         if frame != self.frames.user_frame and (T_world_offset is None or T_world_user is None):
             raise ProgramError("the offset is in a frame whose place is not known", where=where,
-                               value=f"UFRAME[{frame}]", hint="Set the frame in the program: UFRAME[n]=PR[m]")  # fmt: skip
+                               value=f"UFRAME[{frame}]", hint="Set the frame in the program")  # fmt: skip
         if float(np.abs(offset[:3, :3] - np.eye(3)).max()) > _TURN_DEG:
             raise ProgramError("a turn as an offset in another frame is not read", where=where, value="W P R of Offset",
                                limit="0", hint="Write the target itself")  # fmt: skip

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import operator
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, cast
 
 from counterflex.programs.fanuc.program import LETTERS, FanucPosition
 from counterflex.programs.robot_text.expression import ExpressionError, Grammar, Node, Value, evaluate, is_number, parse
@@ -39,7 +38,8 @@ def _both(operation: str, a: Value, b: Value) -> Value:
     if operation == "+" and isinstance(a, str) and isinstance(b, str):
         return a + b
     _numbers(a, b)
-    return a + b if operation == "+" else a - b  # type: ignore[operator]  # numbers
+    x, y = cast("float", a), cast("float", b)
+    return x + y if operation == "+" else x - y
 
 
 def _whole(operation: str, a: Value, b: Value) -> Value:
@@ -61,12 +61,10 @@ def _equal(a: Value, b: Value) -> bool:
     return a == b
 
 
-def _order(compare: object) -> object:
-    def ordered(a: Value, b: Value) -> Value:
-        _numbers(a, b)
-        return compare(a, b)  # type: ignore[operator]
-
-    return ordered
+def _order(word: str, a: Value, b: Value) -> bool:
+    _numbers(a, b)
+    x, y = cast("float", a), cast("float", b)
+    return {"<": x < y, "<=": x <= y, ">": x > y, ">=": x >= y}[word]
 
 
 def _truths(a: Value, b: Value, decide: bool) -> bool:
@@ -86,17 +84,20 @@ def _minus(a: Value) -> Value:
     return -a  # type: ignore[operator]
 
 
+_REAL: Final[dict[str, Callable[[float], float]]] = {
+    "SIN": lambda x: math.sin(math.radians(x)), "COS": lambda x: math.cos(math.radians(x)),
+    "TAN": lambda x: math.tan(math.radians(x)), "ASIN": lambda x: math.degrees(math.asin(x)),
+    "ACOS": lambda x: math.degrees(math.acos(x)), "ATAN": lambda x: math.degrees(math.atan(x)),
+    "SQRT": math.sqrt, "EXP": math.exp, "LN": math.log, "ABS": abs, "TRUNC": math.trunc,
+}  # fmt: skip
+_FUNCTIONS: Final = frozenset((*_REAL, "ROUND"))
+
+
 def _function(name: str, value: Value) -> Value:
-    functions = {
-        "SIN": lambda x: math.sin(math.radians(x)), "COS": lambda x: math.cos(math.radians(x)),
-        "TAN": lambda x: math.tan(math.radians(x)), "ASIN": lambda x: math.degrees(math.asin(x)),
-        "ACOS": lambda x: math.degrees(math.acos(x)), "ATAN": lambda x: math.degrees(math.atan(x)),
-        "SQRT": math.sqrt, "EXP": math.exp, "LN": math.log, "ABS": abs, "TRUNC": math.trunc,
-    }  # fmt: skip
-    if name not in functions or not is_number(value):
+    if name not in _REAL or not is_number(value):
         return Unknown(f"the value of {name} is the controller's")
     try:
-        return functions[name](float(value))  # type: ignore[arg-type]
+        return _REAL[name](float(cast("float", value)))
     except ValueError as error:
         raise ExpressionError(f"{name} has no value here") from error
 
@@ -105,8 +106,8 @@ GRAMMAR: Final = Grammar(
     binary={
         "OR": (1, lambda a, b: _truths(a, b, True)), "AND": (2, lambda a, b: _truths(a, b, False)),
         "=": (3, _equal), "<>": (3, lambda a, b: not _equal(a, b)),
-        "<=": (4, _order(operator.le)), ">=": (4, _order(operator.ge)),
-        "<": (4, _order(operator.lt)), ">": (4, _order(operator.gt)),
+        "<=": (4, lambda a, b: _order("<=", a, b)), ">=": (4, lambda a, b: _order(">=", a, b)),
+        "<": (4, lambda a, b: _order("<", a, b)), ">": (4, lambda a, b: _order(">", a, b)),
         "+": (5, lambda a, b: _both("+", a, b)), "-": (5, lambda a, b: _both("-", a, b)),
         "*": (6, lambda a, b: _arithmetic(a, b, "*")), "/": (6, lambda a, b: _arithmetic(a, b, "/")),
         "DIV": (6, lambda a, b: _whole("DIV", a, b)), "MOD": (6, lambda a, b: _whole("MOD", a, b)),
@@ -119,7 +120,7 @@ GRAMMAR: Final = Grammar(
 
 def plain_code(code: str) -> str:
     """A statement without the comments of its registers: ``R[1:speed]`` is ``R[1]``."""
-    return _STRING.sub(r'"\1"', _COMMENT.sub("]", code))
+    return str(_STRING.sub(r'"\1"', _COMMENT.sub("]", code)))
 
 
 def position_value(position: FanucPosition) -> dict[str, Value]:
@@ -241,8 +242,8 @@ class Values:
         word = word.upper()
         if any(not is_number(index) for index in indices):
             why = next((index for index in indices if isinstance(index, Unknown)), None)
-            self._forget(word, Unknown(f"a register whose number is not known is set{'' if why is None else f' ({why})'}",
-                                       self.where))  # fmt: skip
+            cause = "" if why is None else f" ({why})"
+            self._forget(word, Unknown(f"a register whose number is not known is set{cause}", self.where))
             return
         number = int(indices[0])  # type: ignore[call-overload]
         value = Unknown(value.why, value.where or self.where) if isinstance(value, Unknown) else value
@@ -272,7 +273,4 @@ class Values:
             self._forget(word, why)
 
 
-_FUNCTIONS: Final = frozenset(
-    ("SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "SQRT", "EXP", "LN", "ABS", "TRUNC", "ROUND")
-)
 _REGISTERS: Final = ("R", "PR", "SR", "F", "M")
