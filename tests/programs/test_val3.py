@@ -18,7 +18,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.val3.in_place import write_val3_in_place
 from counterflex.programs.val3.program import LETTERS, frame_of, rotations_of
-from counterflex.programs.val3.read.interpreter import Val3Cell
+from counterflex.programs.val3.read.motions import Val3Cell
 from counterflex.programs.val3.read.reader import read_val3, read_val3_file
 from robot_corrections import corrected, gap_to_polyline
 

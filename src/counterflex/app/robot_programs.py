@@ -15,7 +15,7 @@ from counterflex.core.units import DEG, MM, RPM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
-from counterflex.programs.fanuc.read.interpreter import FanucCell
+from counterflex.programs.fanuc.read.frames import FanucCell
 from counterflex.programs.krl.read.data_list import data_file_of
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, VAL3_DIALECT, Program
@@ -24,7 +24,7 @@ from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.programs.val3.read.data_file import data_file_of as val3_data_file_of
-from counterflex.programs.val3.read.interpreter import Val3Cell
+from counterflex.programs.val3.read.motions import Val3Cell
 from counterflex.robot.elasticity.chain import forward
 
 _SAME_DEG: Final = 0.01

@@ -39,6 +39,7 @@ _ROBOT_READERS: Final[dict[str, str]] = {
 """The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
 _STATEMENT_TABLES: Final[dict[str, str]] = {
     "fanuc": "counterflex.programs.fanuc.read.table:TABLE",
+    "val3": "counterflex.programs.val3.read.table:TABLE",
 }
 """``module:name`` of each language's :class:`~counterflex.programs.statement_table.StatementTable`."""
 

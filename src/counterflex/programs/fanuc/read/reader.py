@@ -17,7 +17,7 @@ from counterflex.programs.fanuc.read.routine import Folder, Routine, listings_be
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.program import FANUC_DIALECT, TOOL_VECTOR
 from counterflex.programs.robot_text.axes import tilted, with_axes
-from counterflex.programs.source_text import read_text
+from counterflex.programs.source_text import common_encoding, read_text
 
 
 def read_fanuc(
@@ -97,19 +97,3 @@ def read_fanuc_file(
         name: (routine.listing.text, routine.encoding) for name, routine in folder.routines.items()
     }
     return replace(program, encoding=common_encoding(texts))
-
-
-def common_encoding(texts: dict[str, tuple[str, str]]) -> str:
-    """Return the encoding of all files of a job, which are written back in one.
-
-    Args:
-        texts: Text and encoding by name.
-
-    Raises:
-        ProgramError: They differ in it.
-    """
-    own = {encoding for text, encoding in texts.values() if not text.isascii() or encoding == "utf-8-sig"}
-    if len(own) > 1:
-        raise ProgramError("the files of the job are in different encodings", where=" ".join(texts),
-                           value=" ".join(sorted(own)), hint="Save all of them in one encoding")  # fmt: skip
-    return own.pop() if own else "utf-8"
