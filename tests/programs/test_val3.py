@@ -185,13 +185,13 @@ def test_circles_waits_and_process_words() -> None:
 
 TWO = [at(0, 0, 50), at(1, 0, 50)]
 BAD = {
-    "computed": (program("movel(appro(p[0],tA),tMill[0],mRun[0])"), data(TWO), r"computed targets"),
-    "a variable index": (program("movel(p[i],tMill[0],mRun[0])"), data(TWO), r"computed targets"),
-    "assigned": (program("p[0].trsf.x=5", "movel(p[0],tMill[0],mRun[0])"), data(TWO), r"p is computed"),
-    "no such point": (program("movel(p[7],tMill[0],mRun[0])"), data(TWO), r"part.pgx:5:3.*where p\[7\] is"),
+    "computed": (program("movel(appro(p[0],tA),tMill[0],mRun[0])"), data(TWO), r"tA is in no data file"),
+    "a variable index": (program("movel(p[i],tMill[0],mRun[0])"), data(TWO), r"place of p\[i\].*i is in no data file"),
+    "assigned": (program("p[0].trsf.x=nX", "movel(p[0],tMill[0],mRun[0])"), data(TWO), r"nX is in no data file"),
+    "no such point": (program("movel(p[7],tMill[0],mRun[0])"), data(TWO), r"part.pgx:5:3.*place of p\[7\]"),
     "no data": (program("movel(p[0],tMill[0],mRun[0])"), "", r"not known"),
     "axes": (program("movel(jRest[0],tMill[0],mRun[0])"), data(TWO), r"axis angles"),
-    "loop": (program("while true", "movel(p[0],tMill[0],mRun[0])", "endWhile"), data(TWO), r"inside while \(line 5\)"),
+    "loop": (program("while true", "movel(p[0],tMill[0],mRun[0])", "endWhile"), data(TWO), r"repeats from line 5 on"),
     "call": (program("call other()"), data(TWO), r"subprogram"),
     "arguments": (program("movel(p[0],tMill[0])"), data(TWO), r"has 3 arguments"),
     "other frame": (program("movel(p[0],tMill[0],mRun[0])"), data(TWO).replace('rz="90"', 'rz="80"'), r"part frame"),

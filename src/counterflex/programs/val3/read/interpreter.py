@@ -210,7 +210,8 @@ class Interpreter(Flow):
     def do_reset(self, routine: Routine, at: int) -> int:
         """Refuse to cancel motions that are not finished."""
         if self.settled is None:
-            raise routine.fault(at, "resetMotion() cancels motions that are not finished", limit="waitEndMove() before it", hint="Put waitEndMove() before it")  # fmt: skip
+            raise routine.fault(at, "resetMotion() cancels motions that are not finished", limit="waitEndMove() before it",
+                                hint="Put waitEndMove() before it")  # fmt: skip
         return at + 1
 
     def do_monitor_speed(self, routine: Routine, at: int) -> int:

@@ -160,7 +160,7 @@ class MotionExecution(Execution):
                 key = None
         else:
             value = self._value(text, routine, at)
-        known(value, f"where {text} is", where, text=routine.codes[at],
+        known(value, f"the place of {text}", where, text=routine.codes[at],
               hint="Give .pgx and .dtx in one folder, or write the target itself")  # fmt: skip
         if isinstance(value, Mapping) and "j1" in value:
             if word != "movej":

@@ -23,6 +23,7 @@ from counterflex.programs.unknown import Unknown, known
 from counterflex.programs.val3.program import Key
 from counterflex.programs.val3.read.data_file import DataFile
 from counterflex.programs.val3.read.program_file import Routine, Variable
+from counterflex.programs.val3.read.table import TABLE
 from counterflex.programs.val3.read.values import (
     FATHER,
     GRAMMAR,
@@ -171,7 +172,14 @@ class Store:
         return value
 
     def call(self, name: str, arguments: Sequence[Value], _: Mapping[str, Value]) -> Value:
-        """Return the value of a function."""
+        """Return the value of a function.
+
+        Raises:
+            ExpressionError: VAL3 has no such function.
+        """
+        row = TABLE.find(name.rpartition(":")[2])
+        if row is None or row.word != name.rpartition(":")[2]:
+            raise ExpressionError(f"{name}() is no function of VAL3 (docs/statements/val3.md)")
         value = function(name, arguments, self.place)
         return Unknown(value.why, value.where or self.where) if isinstance(value, Unknown) else value
 
@@ -240,7 +248,7 @@ class Store:
             return None
         cells = self.globals.get(name)
         value = Unknown(f"{name} is in no data file of the application") if cells is None else cells.get(index)
-        return known(value, f"where {name} is", self.where, text=father,
+        return known(value, f"the place of {name}", self.where, text=father,
                      hint="Write it into the data file: frames of libraries lie in their folders")  # fmt: skip
 
     # ---- assign --------------------------------------------------------------------------------------------

@@ -14,8 +14,9 @@ def _rows(treatment: Treatment, reason: str, samples: str, remedy: str = "") -> 
     """Rows of several statements, one sample each, of which the word before the bracket is the key."""
     out = []
     for sample in samples.split(" ; "):
-        head = sample.strip().partition("(")[0]
-        out.append(Statement(head.rpartition("=")[2].split()[0], treatment, reason, remedy, (sample.strip(),)))
+        head = sample.strip().partition("(")[0].split()[0]
+        word = head.rpartition("=")[2].rpartition(":")[2]
+        out.append(Statement(word, treatment, reason, remedy, (sample.strip(),)))
     return tuple(out)
 
 
@@ -98,7 +99,7 @@ TABLE: Final = StatementTable(
 )
 ACTING: Final = frozenset(
     ("open", "close", "wait", "watch", "aioSet", "dioSet", "sioSet", "setDout", "taskSuspend", "taskResume", "taskKill",
-     "get", "taskCreate", "taskCreateSync")
+     "taskCreate", "taskCreateSync")
 )  # fmt: skip
 """Instructions that act on the cell, or wait for it."""
 EFFECTS: Final = frozenset(
