@@ -49,11 +49,13 @@ class Branches(MotionExecution):
     Attributes:
         folder: Programs that can be called.
         depth: Number of programs that run, one calling the other.
+        call_line: Line of the main program that runs.
     """
 
     folder: Folder
     process: ProcessWords | None
     depth: int
+    call_line: int = 1
 
     def pass_over(
         self, routine: Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
@@ -88,7 +90,7 @@ class Branches(MotionExecution):
         row = row_of(text) if text else None
         if not text:
             return
-        self.acting.append(statement.line)
+        self.act(routine, statement)
         if MOTION.match(text) or row is None:
             raise self._refusal(routine, statement, condition, opening)
         if row.word in ASSIGNED:
@@ -144,7 +146,7 @@ class Branches(MotionExecution):
         opening = (routine.texts[at].split()[0], statement.line)
         if target is None:
             raise fault(routine.listing, statement, f"there is no LBL[{number}]", hint="The file may be damaged")
-        self.acting.append(statement.line)
+        self.act(routine, statement)
         if self.gives_up(routine, number):
             return at + 1
         if target > at:
@@ -176,6 +178,10 @@ class Branches(MotionExecution):
             elif row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, *_HARMLESS):
                 return False
         return at is not None and at >= len(routine.texts) and self.depth == 1
+
+    def act(self, routine: Routine, statement: Statement) -> None:
+        """Remember a statement that acts on the cell: its line in the main program, or that of the call."""
+        self.acting.append(statement.line if routine.name == self.file else self.call_line)
 
     # ---- parts ---------------------------------------------------------------------------------------------
 

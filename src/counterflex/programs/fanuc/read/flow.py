@@ -43,7 +43,7 @@ class Flow(Branches):
         decision = self._decision(step.routine, step.statement, block[1])
         end, other = step.routine.ends[step.at], step.routine.elses.get(step.at)
         if isinstance(decision, Unknown):
-            self.acting.append(step.statement.line)
+            self.act(step.routine, step.statement)
             self.pass_over(step.routine, step.at + 1, end, decision, ("IF", step.statement.line))
             return end + 1
         return step.at + 1 if decision else end + 1 if other is None else other + 1
@@ -61,7 +61,7 @@ class Flow(Branches):
     def _action(self, routine: Routine, at: int, statement: Statement, action: str, decision: bool | Unknown) -> int:
         """Do what stands behind the comma of IF or SELECT; returns the index of the next statement."""
         if isinstance(decision, Unknown):
-            self.acting.append(statement.line)
+            self.act(routine, statement)
             jump = JUMP.fullmatch(action)
             if jump is not None:
                 number = self.number(routine, statement, jump[1], "the label of a jump")
@@ -166,7 +166,7 @@ class Flow(Branches):
         end = step.routine.ends[step.at]
         unknown = next((one for one in (first, last) if isinstance(one, Unknown)), None)
         if unknown is not None:
-            self.acting.append(step.statement.line)
+            self.act(step.routine, step.statement)
             condition = Unknown(unknown.why, unknown.where or f"{step.routine.name}:{step.statement.line}")
             self.pass_over(step.routine, step.at, end, condition, ("FOR", step.statement.line))
             return end + 1

@@ -19,7 +19,7 @@ from counterflex.programs.fanuc.read.motion_form import MOTION
 from counterflex.programs.fanuc.read.routine import Folder, Routine, fault
 from counterflex.programs.fanuc.read.table import ACTING, row_of
 from counterflex.programs.program import Word
-from counterflex.programs.robot_text.expression import Value, is_number
+from counterflex.programs.robot_text.expression import ExpressionError, Value, is_number
 from counterflex.programs.robot_text.process_words import NUMBER, ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known
@@ -97,6 +97,7 @@ class Interpreter(Flow):
                 limit=f"{_MOST} statements",
                 hint="Give the program of one part",
             )
+        self.call_line = statement.line if self.depth == 1 else self.call_line
         first = len(self.motions)
         self.block(routine, statement)
         block = len(self._blocks) - 1
@@ -110,7 +111,11 @@ class Interpreter(Flow):
         elif not text:
             return at + 1
         else:
-            then = self.statement(routine, at, statement, text)
+            try:
+                then = self.statement(routine, at, statement, text)
+            except (ExpressionError, RecursionError) as error:
+                what = "an expression is nested too deep" if isinstance(error, RecursionError) else str(error)
+                raise fault(routine.listing, statement, what, hint="The file may be damaged: post it again") from error
         if len(self.motions) > first or self._words:
             made = len(self._blocks) == block + 1
             count = len(self.motions) - first if made else 0
@@ -130,7 +135,7 @@ class Interpreter(Flow):
         if motion is not None and motion[1].upper() != "S":
             key = (routine.name, statement.start)
             self.runs[key] = self.runs.get(key, 0) + 1
-            self.motion(routine, statement, motion[1].upper())
+            self._at_time(routine, statement, self.motion(routine, statement, motion[1].upper()))
             return at + 1
         row = row_of(text)
         if row is None:
@@ -146,8 +151,28 @@ class Interpreter(Flow):
             raise fault(routine.listing, statement, f"{row.word}: {row.reason}, which is not read", hint=row.remedy)
         handler = _HANDLERS.get(row.word)
         if row.word in ACTING:
-            self.acting.append(statement.line)
+            self.act(routine, statement)
         return at + 1 if handler is None else handler(self, Step(routine, at, statement, text))
+
+    def _at_time(self, routine: Routine, statement: Statement, text: str) -> None:
+        """What runs before or behind the end of a motion (TA, TB, DB) leaves registers that are not known."""
+        if not text:
+            return
+        self.act(routine, statement)
+        row = row_of(text)
+        condition = Unknown("it is set while a motion runs", f"{routine.name}:{statement.line}")
+        if row is not None and row.word in ASSIGNED:
+            self._forget_assigned(routine, statement, text, condition)
+        elif row is not None and row.word == "CALL":
+            call = _CALL.fullmatch(text)
+            called = (
+                None
+                if call is None
+                else self.folder.find(call[1], lambda what, hint: fault(routine.listing, statement, what, hint=hint))
+            )
+            if called is not None:
+                opening = (statement.code.split()[0], statement.line)
+                self.pass_over(called, 0, len(called.statements), condition, opening, 1)
 
     def _assign(self, step: Step) -> int:
         if "=" not in step.text:
@@ -283,6 +308,8 @@ class Interpreter(Flow):
                 Unknown("an input comes or not", f"{step.routine.name}:{step.statement.line}"),
             )
         match = _WAIT_TIME.fullmatch(step.text)
+        if match is None:
+            self.act(step.routine, step.statement)
         time_s = None if match is None else self.value(step.routine, step.statement, match[1])
         if is_number(time_s) and self.dwell(len(self._blocks) - 1, float(cast("float", time_s))):
             self.moves.append(

@@ -76,8 +76,8 @@ class MotionExecution(Execution):
 
     # ---- motions -------------------------------------------------------------------------------------------
 
-    def motion(self, routine: Routine, statement: Statement, word: str) -> None:
-        """Make a motion.
+    def motion(self, routine: Routine, statement: Statement, word: str) -> str:
+        """Make a motion; returns the statement that runs before or behind its end.
 
         Raises:
             ProgramError: Its end, speed or frames are not known.
@@ -94,7 +94,7 @@ class MotionExecution(Execution):
         T = self._place(target, word, where, routine, statement)
         if T is None:
             self._close_arcs(routine)
-            return
+            return form.at_time
         if self._away is not None and self.motions:
             raise self._refuse_away(routine, statement)
         self._away = None
@@ -111,6 +111,7 @@ class MotionExecution(Execution):
         self._T_part_end, self._end_tool, self._end_exact = T, self.frames.user_tool, form.exact
         if by_axes:
             self._end_tool = -2
+        return form.at_time
 
     def _place(self, target: Target, word: str, where: str, routine: Routine, statement: Statement) -> Float | None:
         """(4, 4) m of a target in the part frame; None of one by axes without a cell, or of J to one not known."""

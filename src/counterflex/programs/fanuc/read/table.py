@@ -153,7 +153,7 @@ TABLE: Final = StatementTable(
     (*_MOTIONS, *_FRAMES, *_SPEEDS, *_VALUES, *_FLOW, *_CELL, *_SENSORS, *_PROCESS),
 )
 ACTING: Final = frozenset(
-    ("DO[]", "RO[]", "GO[]", "AO[]", "SO[]", "UO[]", "WO[]", "SPO[]", "UALM[]", "MONITOR", "MONITOR END", "WAIT", "F[]",
+    ("DO[]", "RO[]", "GO[]", "AO[]", "SO[]", "UO[]", "WO[]", "SPO[]", "UALM[]", "MONITOR", "MONITOR END", "F[]",
      "M[]")
 )  # fmt: skip
 """Statements that act on the cell, or wait for it."""

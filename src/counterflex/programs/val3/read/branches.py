@@ -87,12 +87,14 @@ class Branches(MotionExecution):
         folder: Programs that can be called.
         depth: Number of programs that run, one calling the other.
         main: Name of the main program's file.
+        call_line: Line of the main program that runs.
     """
 
     folder: Folder
     process: ProcessWords | None
     depth: int
     main: str
+    call_line: int = 1
 
     def pass_over(
         self, routine: Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
@@ -118,7 +120,7 @@ class Branches(MotionExecution):
 
     def _pass(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         code = routine.codes[at]
-        self.acting.append(at + 1)
+        self.act(routine, at)
         if self.process is not None and self.process.find([code], 0, routine.place(at)) is not None:
             raise self.refusal(routine, at, condition, opening)
         row = row_of(code)
@@ -160,6 +162,10 @@ class Branches(MotionExecution):
         places = arguments(code, match.end(), code.rfind(")"))
         given = [code[a:b] for a, b in places if code[a:b]]
         return None if found is None else (prefix, found, given)
+
+    def act(self, routine: Routine, at: int) -> None:
+        """Remember a line that acts on the cell: in the main program, or that of the call."""
+        self.acting.append(at + 1 if routine.name == self.main else self.call_line)
 
     # ---- parts ---------------------------------------------------------------------------------------------
 

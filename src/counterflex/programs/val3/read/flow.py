@@ -44,7 +44,7 @@ class Flow(Branches):
                 return branch + 1
             decision = self.decision(routine, branch, code.removeprefix("elseIf").removeprefix("if"))
             if isinstance(decision, Unknown):
-                self.acting.append(branch + 1)
+                self.act(routine, branch)
                 self.pass_over(routine, branch + 1, end, decision, ("if", branch + 1))
                 return end + 1
             if decision:
@@ -60,7 +60,7 @@ class Flow(Branches):
         end = routine.ends[at]
         decision = self.decision(routine, at, routine.codes[at].removeprefix("while"))
         if isinstance(decision, Unknown):
-            self.acting.append(at + 1)
+            self.act(routine, at)
             self.pass_over(routine, at + 1, end, decision, ("while", at + 1))
             return end + 1
         return at + 1 if decision else end + 1
@@ -73,7 +73,7 @@ class Flow(Branches):
         """Repeat until a condition holds."""
         decision = self.decision(routine, at, routine.codes[at].removeprefix("until"))
         if isinstance(decision, Unknown):
-            self.acting.append(at + 1)
+            self.act(routine, at)
             for line in range(routine.ends[at] + 1, at):
                 if routine.codes[line]:
                     self._pass(routine, line, decision, ("until", at + 1), 0)
@@ -94,7 +94,7 @@ class Flow(Branches):
         end = routine.ends[at]
         unknown = next((one for one in values if isinstance(one, Unknown)), None)
         if unknown is not None:
-            self.acting.append(at + 1)
+            self.act(routine, at)
             condition = Unknown(unknown.why, unknown.where or f"{routine.name}:{at + 1}")
             self.pass_over(routine, at, end, condition, ("for", at + 1))
             return end + 1
@@ -128,7 +128,7 @@ class Flow(Branches):
         end = routine.ends[at]
         value = self.value(routine, at, routine.codes[at].removeprefix("switch"))
         if isinstance(value, Unknown):
-            self.acting.append(at + 1)
+            self.act(routine, at)
             condition = Unknown(value.why, value.where or f"{routine.name}:{at + 1}")
             self.pass_over(routine, at + 1, end, condition, ("switch", at + 1))
             return end + 1

@@ -91,6 +91,7 @@ class Interpreter(Flow):
             raise routine.fault(at, "the program does not end within the lines that are executed",
                                 limit=f"{_MOST} lines", hint="Give the program of one part")  # fmt: skip
         self.block(routine, at)
+        self.call_line = at + 1 if self.depth == 1 else self.call_line
         code = routine.codes[at]
         if not code:
             return at + 1
@@ -98,7 +99,11 @@ class Interpreter(Flow):
         self._words = []
         then = self._machine_function(routine, at)
         if then is None:
-            then = self.statement(routine, at, code)
+            try:
+                then = self.statement(routine, at, code)
+            except (ExpressionError, RecursionError) as error:
+                what = "an expression is nested too deep" if isinstance(error, RecursionError) else str(error)
+                raise routine.fault(at, what, hint="The file may be damaged: post it again") from error
         if len(self.motions) > first or self._words:
             made = len(self._blocks) == block + 1
             self._blocks[block] = replace(
@@ -150,7 +155,7 @@ class Interpreter(Flow):
         if row.treatment is Treatment.REFUSED:
             raise routine.fault(at, f"{row.word}: {row.reason}, which is not read", hint=row.remedy)
         if row.word in ACTING:
-            self.acting.append(at + 1)
+            self.act(routine, at)
         handler = _HANDLERS.get(row.word)
         if handler is not None:
             return handler(self, routine, at)
@@ -165,7 +170,7 @@ class Interpreter(Flow):
         if parts is None:
             return
         if self.is_output(code, parts[0]):
-            self.acting.append(at + 1)
+            self.act(routine, at)
         else:
             self.put(routine, at, parts[0], self.value(routine, at, parts[1]))
 
@@ -210,7 +215,7 @@ class Interpreter(Flow):
     def do_reset(self, routine: Routine, at: int) -> int:
         """Refuse to cancel motions that are not finished."""
         if self.settled is None:
-            raise routine.fault(at, "resetMotion() cancels motions that are not finished", limit="waitEndMove() before it",
+            raise routine.fault(at, "resetMotion() cancels motions that are not finished", limit="the robot at rest",
                                 hint="Put waitEndMove() before it")  # fmt: skip
         return at + 1
 

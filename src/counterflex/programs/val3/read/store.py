@@ -221,7 +221,7 @@ class Store:
 
         Raises:
             ProgramError: A frame of it is not known.
-            TypeError: It is none.
+            ExpressionError: It is none.
         """
         T = matrix(value)
         for _ in range(_DEEPEST):

@@ -96,7 +96,7 @@ def matrix(value: Value) -> Float:
     """(4, 4) m of a transformation, point, frame or tool; of six numbers too.
 
     Raises:
-        TypeError: It is none.
+        ExpressionError: It is none.
     """
     if isinstance(value, list) and len(value) == 6 and all(is_number(item) for item in value):
         value = dict(zip(LETTERS, value, strict=True))
@@ -105,7 +105,7 @@ def matrix(value: Value) -> Float:
     if isinstance(value, Mapping) and TRSF in value:
         value = value[TRSF]
     if not isinstance(value, Mapping) or not all(is_number(value.get(letter)) for letter in LETTERS):
-        raise TypeError
+        raise ExpressionError("this is no place: x y z rx ry rz are needed")
     return frame_of({letter: float(value[letter]) for letter in LETTERS})
 
 
