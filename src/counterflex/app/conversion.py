@@ -79,13 +79,13 @@ def run(
 
     Raises:
         ProgramError: The program cannot be read exactly, or the language cannot say a part of it; names line and word.
-        InputError: It is in that language already.
+        InputError: It is in that language already, one instruction for each motion.
         OutputError: What was written is not read back as the same program.
     """
     cell = read_cell(cell_file)
     program = reading.program(program_file, cell)
     dialect = LANGUAGE_NAMES[language]
-    if dialect == program.dialect:
+    if dialect == program.dialect and (program.straight or not isinstance(program, RobotProgram)):
         raise InputError(
             "the program is in that language already", where=Path(program.name).name, value=language,
             hint="Copy it, or name another language with --to",

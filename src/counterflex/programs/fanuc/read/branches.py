@@ -125,7 +125,7 @@ class Branches(MotionExecution):
             self.pass_over(called, 0, len(called.statements), condition, opening, level + 1)
             return
         if action.upper() in ("END", "RETURN"):
-            if level == 0 and self.depth > 1:
+            if level == 0:
                 raise self._refusal(routine, statement, condition, opening)
             return
         if call is not None:
@@ -157,8 +157,8 @@ class Branches(MotionExecution):
         return at + 1
 
     def gives_up(self, routine: Routine, number: int) -> bool:
-        """Whether nothing but signals, waits and alarms stand between a label and the end of the job."""
-        at, seen = routine.labels.get(number), set[int]()
+        """Whether a label leads to an alarm and the end of the job, with nothing but signals and waits on the way."""
+        at, seen, alarm = routine.labels.get(number), set[int](), False
         while at is not None and at not in seen and at < len(routine.texts):
             seen.add(at)
             text = routine.texts[at]
@@ -168,16 +168,17 @@ class Branches(MotionExecution):
                 continue
             if row is None or MOTION.match(text):
                 return False
+            alarm |= row.word == "UALM[]"
             if row.word == "ABORT":
                 return True
             if row.word in ("END", "RETURN"):
-                return self.depth == 1
+                return alarm and self.depth == 1
             if row.word == "JMP":
                 jump = _LABEL.match(text)
                 at = None if jump is None else routine.labels.get(int(jump[1]))
             elif row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, *_HARMLESS):
                 return False
-        return at is not None and at >= len(routine.texts) and self.depth == 1
+        return alarm and at is not None and at >= len(routine.texts) and self.depth == 1
 
     def act(self, routine: Routine, statement: Statement) -> None:
         """Remember a statement that acts on the cell: its line in the main program, or that of the call."""

@@ -123,7 +123,7 @@ _SENSORS: Final = tuple(
         ("LINE", "the path follows a conveyor", "LINE[1] ON"),
         ("LINE[]", "the path follows a conveyor", "LINE[1] ON"),
         ("SETTRIG", "the path follows a conveyor", "SETTRIG LNSCH[1] R[1]"),
-        ("DEFENC", "the path follows a conveyor", "DEFENC[1]"),
+        ("DEFENC[]", "the path follows a conveyor", "DEFENC[1]"),
         ("STOP_TRACKING", "the path follows a conveyor", "STOP_TRACKING"),
         ("PALLETIZING", "a pallet's counter decides where the robot goes", "PALLETIZING-B_1"),
         ("PL[]", "a pallet's counter decides where the robot goes", "PL[1]=[1,1,1]"),

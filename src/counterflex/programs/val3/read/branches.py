@@ -134,7 +134,7 @@ class Branches(MotionExecution):
         elif row.word in ("call", "taskCreate", "taskCreateSync"):
             self._pass_call(routine, at, condition, opening, level)
         elif row.word == "return":
-            if self.depth > 1 and level == 0:
+            if level == 0 and (self.depth > 1 or not self._says_why(routine, at)):
                 raise self.refusal(routine, at, condition, opening)
         elif row.word == "=" and parts is not None:
             if not self.is_output(code, parts[0]):
@@ -149,6 +149,17 @@ class Branches(MotionExecution):
         if called is None or level >= _DEEPEST:
             raise self.refusal(routine, at, condition, opening)
         self.pass_over(called[1], called[1].first, called[1].last, condition, opening, level + 1)
+
+    @staticmethod
+    def _says_why(routine: Routine, at: int) -> bool:
+        """Whether a message stands before return in its branch: the end of a job that cannot go on."""
+        for line in range(at - 1, routine.first - 1, -1):
+            row = row_of(routine.codes[line]) if routine.codes[line] else None
+            if row is not None and row.word in ("popUpMsg", "logMsg", "putln", "put"):
+                return True
+            if line in routine.ends or row is None:
+                return False
+        return False
 
     def called(self, routine: Routine, at: int) -> tuple[str, Routine, list[str]] | None:
         """Return the prefix, program file and arguments of a call; None where no file has it."""
