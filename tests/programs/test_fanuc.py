@@ -184,7 +184,7 @@ BAD = {
     "an offset": (listing("L P[1] 20mm/sec FINE Offset,PR[1]", entries=P12), r"Offset is not known: PR\[1\]"),
     "a jump": (listing("JMP LBL[1]", entries=P12), r"no LBL\[1\]"),
     "a call": (listing("CALL OTHER", entries=P12), r"another program is called"),
-    "a motion in IF": (listing("IF (R[1]=1) THEN", "L P[1] 20mm/sec FINE", "ENDIF", entries=P12), r"inside IF \(line 5\)"),
+    "a motion in IF": (listing("IF (R[1]=1) THEN", "L P[1] 20mm/sec FINE", "ENDIF", entries=P12), r"inside IF .line 5"),
     "override": (listing("OVERRIDE=R[3]%", "L P[1] 9mm/sec FINE", entries=P12), r"override is not known: R\[3\]"),
     "not taught": (listing(entries=P12.replace("X =     1.000", "X = ********")), r"never taught"),
     "missing position": (listing("L P[9] 20mm/sec FINE", entries=P12), r"where P\[9\] is, is not known"),

@@ -169,9 +169,10 @@ class Interpreter(Flow):
         parts = assignment(code)
         if parts is None:
             return
-        if self.is_output(code, parts[0]):
+        right = instruction(parts[1])
+        if self.is_output(code, parts[0]) or (right is not None and right[0] in ACTING):
             self.act(routine, at)
-        else:
+        if not self.is_output(code, parts[0]):
             self.put(routine, at, parts[0], self.value(routine, at, parts[1]))
 
     def _given(self, routine: Routine, at: int) -> tuple[str, list[str]]:

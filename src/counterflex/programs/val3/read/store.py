@@ -40,6 +40,8 @@ from counterflex.programs.val3.read.values import (
 _SIZE: Final = re.compile(r"\bsize\s*\(\s*((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*\)")
 _FATHER: Final = re.compile(r"((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*(?:\[\s*(\d+)\s*\])?")
 _DEEPEST: Final = 20
+_WHOLE: Final = 1e-6
+"""Distance of a computed index from a whole number: above the noise of binary fractions."""
 _ROOTS: Final = ("world", "flange")
 
 
@@ -331,6 +333,6 @@ def _index(indices: tuple[object, ...], name: str) -> int | Unknown:
     index = indices[0]
     if isinstance(index, Unknown):
         return index
-    if not is_number(index) or not float(cast("float", index)).is_integer():
+    if not is_number(index) or abs(cast("float", index) - round(cast("float", index))) > _WHOLE:
         return Unknown(f"{name}: an index that is no whole number")
-    return int(cast("float", index))
+    return round(cast("float", index))
