@@ -10,8 +10,10 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.programs.fanuc.program import Span
+from counterflex.programs.fanuc.read.table import OPTION, TABLE
 from counterflex.programs.fanuc.read.values import plain_code
 from counterflex.programs.robot_text.process_words import NUMBER
+from counterflex.programs.statement_table import Treatment
 
 _I: Final = re.IGNORECASE
 MOTION: Final = re.compile(r"([JLCAS])\s+(?=PR?\s*\[|@)", _I)
@@ -35,15 +37,11 @@ _OPTION: Final = re.compile(
     rf"|(?P<time>(?:TA|TB|DB)\s*(?:{NUMBER}|{_REGISTER})\s*(?:sec|mm)?\s*,.*))",
     _I | re.DOTALL,
 )
-REFUSED_OPTIONS: Final = {
-    "WJNT": "the wrist runs by axes: the tool's axis between the ends is not known",
-    "RTCP": "the tool stands still, the part moves",
-    "VOFFSET": "a camera displaces the target",
-    "SKIP": "an input ends the motion: where the robot stops is not known",
-    "PSPD": "the speed is multiplied by a process speed",
-    "WEAVE": "the path swings",
+_REFUSED: Final = {
+    row.word.removeprefix(OPTION).upper(): row.reason
+    for row in TABLE.of(Treatment.REFUSED)
+    if row.word.startswith(OPTION)
 }
-"""Options of a motion that change where the robot goes, or how fast."""
 EXACT: Final = re.compile(r"FINE|CNT\s*0+", _I)
 
 
@@ -161,7 +159,7 @@ def _options(code: str, at: int, refuse: Refuse) -> tuple[tuple[tuple[str, str],
         match = _OPTION.match(code, at)
         if match is None:
             word = re.match(r"\s*([A-Za-z_]+)", code[at:])
-            reason = next((why for key, why in REFUSED_OPTIONS.items() if word and word[1].upper().startswith(key)), "")
+            reason = next((why for key, why in _REFUSED.items() if word and word[1].upper().startswith(key)), "")
             raise refuse(
                 f"an option of a motion that is not read{': ' if reason else ''}{reason}",
                 "ACC, PTH, BREAK, INC, Offset, Tool_Offset, COORD, TA, TB, DB", "Post the path without it",

@@ -23,6 +23,44 @@ _MOTIONS: Final = (
     _row("A", _E, "chain of points on one circle", "A P[1] 25mm/sec FINE"),
     _row("S", _R, "the curve of a spline is the controller's own", "S P[1] 25mm/sec FINE", remedy="Post the path as L"),
 )
+OPTION: Final = "option "
+"""Begins the key of an option of a motion."""
+_OPTIONS: Final = (
+    *(
+        _row(f"{OPTION}{word}", _E, reason, f"L P[1] 25mm/sec {sample}")
+        for word, reason, sample in (
+            ("FINE", "the robot stops at the end", "FINE"),
+            ("CNT", "the corner is rounded", "CNT100"),
+            ("CD", "distance at which the corner is rounded", "CD5"),
+            ("CR", "radius of the corner", "CR5"),
+            ("ACC", "carried: acceleration, not path or speed", "FINE ACC50"),
+            ("PTH", "carried: short motions run more evenly", "CNT100 PTH"),
+            ("BREAK", "carried: the controller does not look ahead", "FINE BREAK"),
+            ("MROT", "carried: of J, which is a rapid", "FINE MROT"),
+            ("AP_LD", "carried: length that is not rounded", "CNT100 AP_LD50"),
+            ("RT_LD", "carried: length that is not rounded", "CNT100 RT_LD50"),
+            ("EV", "carried: speed of external axes, which stand still", "FINE EV50%"),
+            ("COORD", "carried: the positioner stands still", "FINE COORD"),
+            ("INC", "the end counts from the end before", "FINE INC"),
+            ("Offset", "added to the end in the user frame", "FINE Offset,PR[1]"),
+            ("Tool_Offset", "turned and added in the tool frame", "FINE Tool_Offset,PR[1]"),
+            ("TA", "something happens behind the end", "FINE TA .10sec,DO[1]=ON"),
+            ("TB", "something happens before the end", "FINE TB .10sec,DO[1]=ON"),
+            ("DB", "something happens before the end", "FINE DB 5.0mm,DO[1]=ON"),
+        )
+    ),
+    *(
+        _row(f"{OPTION}{word}", _R, reason, f"L P[1] 25mm/sec FINE {word}", remedy=_POST)
+        for word, reason in (
+            ("Wjnt", "the wrist runs by axes: the tool's axis between the ends is not known"),
+            ("RTCP", "the tool stands still, the part moves"),
+            ("VOFFSET", "a camera displaces the target"),
+            ("Skip", "an input ends the motion: where the robot stops is not known"),
+            ("PSPD", "the speed is multiplied by a process speed"),
+            ("Weave", "the path swings"),
+        )
+    ),
+)
 _FRAMES: Final = (
     _row("UFRAME_NUM", _E, "active user frame", "UFRAME_NUM=1"),
     _row("UTOOL_NUM", _E, "active tool frame", "UTOOL_NUM=1"),
@@ -150,7 +188,7 @@ _PROCESS: Final = tuple(
 TABLE: Final = StatementTable(
     "fanuc",
     "FANUC Robot series R-30iB and R-30iB Plus, Operator's manual (basic operation), chapters 4 and 9",
-    (*_MOTIONS, *_FRAMES, *_SPEEDS, *_VALUES, *_FLOW, *_CELL, *_SENSORS, *_PROCESS),
+    (*_MOTIONS, *_OPTIONS, *_FRAMES, *_SPEEDS, *_VALUES, *_FLOW, *_CELL, *_SENSORS, *_PROCESS),
 )
 ACTING: Final = frozenset(
     ("DO[]", "RO[]", "GO[]", "AO[]", "SO[]", "UO[]", "WO[]", "SPO[]", "UALM[]", "MONITOR", "MONITOR END", "F[]",

@@ -141,7 +141,8 @@ def element_key(value: Mapping[str, Value], index: int) -> str:
         raise ExpressionError(f"a position register has no element {index}")
     if "J1" in value:
         return f"J{index}"
-    return (*LETTERS, *_EXTERNAL)[index - 1]
+    names: tuple[str, ...] = (*LETTERS, *_EXTERNAL)
+    return names[index - 1]
 
 
 @dataclass

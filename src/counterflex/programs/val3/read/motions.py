@@ -82,6 +82,7 @@ class MotionExecution(Execution):
         self._first_father: tuple[str, Float | None] | None = None
         self._frames: dict[tuple[str, int], Float] = {}
         self._tools: dict[tuple[Key, int], Float] = {}
+        self._speeds: dict[tuple[Key, int], tuple[float, bool, dict[str, str]]] = {}
 
     def motion(self, routine: Routine, at: int, word: str, start: int) -> None:
         """Make a motion.
@@ -160,8 +161,9 @@ class MotionExecution(Execution):
                 key = None
         else:
             value = self._value(text, routine, at)
-        known(value, f"the place of {text}", where, text=routine.codes[at],
-              hint="Give .pgx and .dtx in one folder, or write the target itself")  # fmt: skip
+        if key is None or isinstance(value, Unknown):
+            known(value, f"the place of {text}", where, text=routine.codes[at],
+                  hint="Give .pgx and .dtx in one folder, or write the target itself")  # fmt: skip
         if isinstance(value, Mapping) and "j1" in value:
             if word != "movej":
                 raise routine.fault(at, "axis angles are no target of a path", limit="a pointRx")
@@ -277,6 +279,15 @@ class MotionExecution(Execution):
 
     def _speed(self, text: str, routine: Routine, at: int) -> tuple[float, bool, dict[str, str]]:
         """Speed in m/s (0: as fast as the axes), whether it stops, and the attributes of its mdesc."""
+        literal = self.store.literal(text)
+        if literal is None or literal[1][0].data is None:
+            return self._speed_of(text, routine, at)
+        state = (literal[0], self.store.version)
+        if state not in self._speeds:
+            self._speeds[state] = self._speed_of(text, routine, at)
+        return self._speeds[state]
+
+    def _speed_of(self, text: str, routine: Routine, at: int) -> tuple[float, bool, dict[str, str]]:
         value = self._value(text, routine, at)
         if isinstance(value, Unknown):
             known(value, f"the speed {text}", routine.place(at), text=routine.codes[at],

@@ -39,6 +39,7 @@ from counterflex.programs.val3.read.values import (
 
 _SIZE: Final = re.compile(r"\bsize\s*\(\s*((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*\)")
 _FATHER: Final = re.compile(r"((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*(?:\[\s*(\d+)\s*\])?")
+_PLAIN: Final = re.compile(r"([A-Za-z_]\w*)(?:\[(\d+)\])?")
 _DEEPEST: Final = 20
 _WHOLE: Final = 1e-6
 """Distance of a computed index from a whole number: above the noise of binary fractions."""
@@ -207,6 +208,11 @@ class Store:
         Raises:
             ExpressionError: It is no expression.
         """
+        plain = _PLAIN.fullmatch(text)
+        if plain is not None:  # most points of a program: no parsing
+            found = self.bound(plain[1])
+            index: int | Unknown = int(plain[2] or 0)
+            return None if found is None else ((found[0].name, int(index) + found[1]), found)
         node = self.parsed(text)
         if not isinstance(node, Name):
             return None
