@@ -16,6 +16,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.fanuc.read.frames import FanucCell
+from counterflex.programs.fanuc.read.routine import job_files as fanuc_job_files
 from counterflex.programs.krl.read.data_list import data_file_of
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, VAL3_DIALECT, Program
@@ -23,7 +24,7 @@ from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
-from counterflex.programs.val3.read.data_file import data_file_of as val3_data_file_of
+from counterflex.programs.val3.read.application import job_files as val3_job_files
 from counterflex.programs.val3.read.motions import Val3Cell
 from counterflex.robot.elasticity.chain import forward
 
@@ -32,8 +33,11 @@ _APART_M: Final = 1e-6
 
 
 def companions(file: Path) -> tuple[Path, ...]:
-    """Files that belong to a program and are read with it: the ``.dat`` of a ``.src``, the ``.dtx`` of a ``.pgx``."""
-    reads = {".src": data_file_of, ".pgx": val3_data_file_of}.get(file.suffix.lower())
+    """Return the files that are read with a program: ``.dat`` of ``.src``, listings, data and programs of VAL3."""
+    jobs = {".ls": fanuc_job_files, ".pgx": val3_job_files}.get(file.suffix.lower())
+    if jobs is not None:
+        return jobs(file)
+    reads = {".src": data_file_of}.get(file.suffix.lower())
     data = None if reads is None else reads(file)
     return () if data is None else (data,)
 

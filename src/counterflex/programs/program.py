@@ -105,7 +105,7 @@ class Block:
         motion_count: Number of motions it makes (a canned cycle makes several, a comment none).
         single: True when the block is executed exactly once, in file order, so that it can be edited in place.
         cycle: True for canned cycles and other blocks whose motions are not simply their own target.
-        file: Name of the file it stands in; empty of the program's own.
+        file: Name of the file that the line is in, where that is another than the main one.
     """
 
     line: int
@@ -118,12 +118,8 @@ class Block:
     cycle: bool = False
     file: str = ""
 
-    def place(self, name: str) -> str:
-        """Return ``file:line``, for messages.
-
-        Args:
-            name: Of the program's own file.
-        """
+    def where(self, name: str) -> str:
+        """File and line; ``name`` is that of the main file."""
         return f"{self.file or name}:{self.line}"
 
 

@@ -257,8 +257,9 @@ def _check_same(paths: Sequence[Path]) -> None:
     ):
         hashes = set()
         for path in paths:
-            name = simulate.kept(path, pattern).name if pattern == simulate.ORIGINAL else pattern
+            name = str(simulate.kept(path, pattern).relative_to(path)) if pattern == simulate.ORIGINAL else pattern
             files = sorted(path.glob(name))
+            files += sorted(file for file in (path / pattern).glob("*") if file not in files)
             if not files and pattern != simulate.BLANKS:
                 raise FileFormatError("a file of the run is missing", where=str(path / name))
             try:

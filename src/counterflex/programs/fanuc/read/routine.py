@@ -19,6 +19,7 @@ from counterflex.programs.statement_table import Statement as Row
 
 POSITION: Final = re.compile(r"P\s*\[\s*(\d+)\s*(?::[^\]]*)?\]", re.IGNORECASE)
 _LABEL: Final = re.compile(r"LBL\s*\[\s*(\d+)", re.IGNORECASE)
+_CALLED: Final = re.compile(r"\b(?:CALL|RUN)\s+([A-Za-z_][\w-]*)", re.IGNORECASE)
 _OPENS: Final = re.compile(r"(IF)\b.*\bTHEN|(FOR)\b.*", re.IGNORECASE | re.DOTALL)
 _CLOSED_BY: Final = {"IF": "ENDIF", "FOR": "ENDFOR"}
 
@@ -145,3 +146,19 @@ def listings_beside(program: Path) -> list[Path]:
         return []
     return [file for file in program.parent.iterdir() if file.suffix.lower() == ".ls" and file.is_file()
             and file.name != program.name]  # fmt: skip
+
+
+def job_files(program: Path) -> tuple[Path, ...]:
+    """Return the listings of a program's folder that it names in CALL or RUN, and those that they name."""
+    beside = {file.stem.upper(): file for file in listings_beside(program)}
+    found: dict[str, Path] = {}
+    open_files = [program]
+    while open_files:
+        file = open_files.pop()
+        text = file.read_bytes().decode("latin-1") if file.is_file() else ""
+        for match in _CALLED.finditer(text):
+            name = match[1].upper()
+            if name in beside and name not in found:
+                found[name] = beside[name]
+                open_files.append(beside[name])
+    return tuple(found[name] for name in sorted(found))

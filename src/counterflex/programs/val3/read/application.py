@@ -15,6 +15,7 @@ from counterflex.programs.val3.read.store import Store
 
 _ALIAS: Final = re.compile(r"<(?:Library|alias)\b([^<>]*?)/?>")
 _ATTRIBUTE: Final = re.compile(r"([A-Za-z]\w*)\s*=\s*\"([^\"<>]*)\"")
+_CALLED: Final = re.compile(r"\b(?:call|taskCreate(?:Sync)?\s+[^,\n]*(?:,[^,\n]*?)?,)\s*([A-Za-z_]\w*)\s*\(")
 Refuse = Callable[[str, str], ProgramError]
 """Makes the error of a message and a hint."""
 
@@ -93,3 +94,19 @@ class Folder:
             folder = self._path / path.removesuffix(".pjx").replace("\\", "/")
             if alias and path and folder.is_dir():
                 self._libraries[alias] = folder
+
+
+def job_files(program: Path) -> tuple[Path, ...]:
+    """Return the data file of a program, and the programs of its folder that it calls, and those that they call."""
+    data = data_file_of(program)
+    found: dict[str, Path] = {}
+    open_files = [program]
+    while open_files:
+        file = open_files.pop()
+        text = file.read_bytes().decode("latin-1") if file.is_file() else ""
+        for match in _CALLED.finditer(text):
+            called = program.with_name(f"{match[1]}{program.suffix}")
+            if called != program and match[1] not in found and called.is_file():
+                found[match[1]] = called
+                open_files.append(called)
+    return (*(() if data is None else (data,)), *(found[name] for name in sorted(found)))
