@@ -134,7 +134,9 @@ UNKNOWN = {
     "no folder": (("CALL CUT",), r"another program is called.*Put CUT.ls beside"),
     "itself": (("CALL PART",), r"call each other without end"),
     "loop without end": (("LBL[1]", "L P[2] 9mm/sec FINE", "JMP LBL[1]"), r"repeats from line 8 on without end"),
-    "count without end": (("R[1]=0", "LBL[1]", "R[1]=R[1]+1", "JMP LBL[1]"), r"does not end within"),
+    "count without end": (("R[1]=0", "LBL[1]", "R[1]=R[1]+1", "JMP LBL[1]"), r"repeats from line 9 on without end"),
+    "condition that never comes": (("R[1]=0", "LBL[1]", "R[1]=R[1]+1", "IF R[1]>(-1),JMP LBL[1]"),
+                                   r"does not end within.*without a motion"),
 }  # fmt: skip
 
 

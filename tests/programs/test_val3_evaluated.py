@@ -117,7 +117,8 @@ UNKNOWN = {
     "no folder": (("call cut()",), r"subprogram is called.*Put its .pgx beside"),
     "library": (("call lib:cut()",), r"subprogram is called"),
     "loop without end": (("do", to("p[1]"), "until (false)"), r"repeats from line 7 on without end"),
-    "count without end": (("while true", "nI=nI+1", "endWhile"), r"does not end within"),
+    "count without end": (("while true", "nI=nI+1", "endWhile"), r"repeats from line 6 on without end"),
+    "condition that never comes": (("while nI>-1", "nI=nI+1", "endWhile"), r"does not end within.*without a motion"),
     "step of nothing": (("for nI=0 to 3 step 0", "endFor"), r"its step is 0"),
     "another part frame": (("link(p[1],fW)", to("p[1]")), None),
 }  # fmt: skip

@@ -24,12 +24,14 @@ from counterflex.programs.robot_text.process_words import NUMBER, ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known
 
-_MOST: Final = 500_000
-"""Statements executed beyond ten times those written. A program of 200 000 points in loops stays below; a loop that
-never ends reaches it within seconds."""
+_MOST: Final = 100_000
+"""Statements executed beyond ten times those written: a loop that never ends reaches it within seconds."""
+_MOST_IDLE: Final = 20_000
+"""Statements executed beyond those written without a motion between them."""
 _DEEPEST: Final = 40
 _I: Final = re.IGNORECASE
 _REGISTER: Final = r"A?R\s*\[.*\]"
+_LEAVES: Final = re.compile(r"(?:IF|JMP|SELECT|=|ELSE|END|RETURN|ABORT|CALL)\b|.*\bTIMEOUT\b|=", _I)
 _WAIT_TIME: Final = re.compile(rf"WAIT\s+({NUMBER}|{_REGISTER})\s*(?:\(\s*sec\s*\))?", _I)
 _TIMEOUT: Final = re.compile(r".*\bTIMEOUT\s*,\s*(LBL\s*\[.*\])", _I | re.DOTALL)
 _CALL: Final = re.compile(r"(?:CALL|RUN)\s+([A-Za-z_][\w-]*|(?:SR|PROG)\s*\[.*?\])\s*(?:\((.*)\))?", _I | re.DOTALL)
@@ -52,6 +54,7 @@ class Interpreter(Flow):
         self.routine, self.folder, self.file = routine, folder, routine.name
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code)
         self.depth, self._count, self._ended = 0, 0, False
+        self._counted_at, self._moved = 0, -1
         self.runs: dict[tuple[str, int], int] = {}
 
     def run(self) -> None:
@@ -72,31 +75,38 @@ class Interpreter(Flow):
         while at < count and not self._ended:
             then = self._executed(routine, at)
             if then <= at:
-                if passes.get(at) == values.version:
+                if passes.get(at) == values.version or self._never_left(routine, then, at):
                     raise fault(
-                        routine.listing,
-                        routine.statements[at],
+                        routine.listing, routine.statements[at],
                         f"the program repeats from line {routine.statements[then].line} on without end",
                         limit="a program that ends",
                         hint="Give the program of one part, without the loop around it",
-                    )
+                    )  # fmt: skip
                 passes[at] = values.version
             at = then
         self.depth -= 1
         values.arguments, values.positions = outer
 
+    @staticmethod
+    def _never_left(routine: Routine, begin: int, at: int) -> bool:
+        """Whether a jump back is made always, and nothing between its label and it leads elsewhere."""
+        if not routine.texts[at].upper().startswith("JMP"):
+            return False
+        return not any(_LEAVES.match(routine.texts[index]) for index in range(begin, at))
+
     def _executed(self, routine: Routine, at: int) -> int:
         """Execute a statement; returns the index of the next one."""
         statement, text = routine.statements[at], routine.texts[at]
         self._count += 1
-        if self._count > _MOST + 10 * len(routine.statements):
+        idle = self._count - self._counted_at if len(self.motions) == self._moved else 0
+        if not idle:
+            self._counted_at, self._moved = self._count, len(self.motions)
+        written = len(routine.statements)
+        if self._count > _MOST + 10 * written or idle > _MOST_IDLE + written:
             raise fault(
-                routine.listing,
-                statement,
-                "the program does not end within the statements that are executed",
-                limit=f"{_MOST} statements",
-                hint="Give the program of one part",
-            )
+                routine.listing, statement, "the program does not end within the statements that are executed",
+                limit=f"{_MOST} statements, {_MOST_IDLE} of them without a motion", hint="Give the program of one part",
+            )  # fmt: skip
         self.call_line = statement.line if self.depth == 1 else self.call_line
         first = len(self.motions)
         self.block(routine, statement)

@@ -27,10 +27,13 @@ from counterflex.programs.val3.read.values import FATHER, TRSF, trsf_of
 
 __all__ = ["Interpreter", "Val3Cell"]
 
-_MOST: Final = 500_000
+_MOST: Final = 100_000
 """Lines executed beyond ten times those written: a loop that never ends reaches it within seconds."""
+_MOST_IDLE: Final = 20_000
+"""Lines executed beyond those written without a motion between them."""
 _DEEPEST: Final = 40
 _LEAST_M: Final = 1e-6
+_FOREVER: Final = re.compile(r"(?:while\s*\(?\s*true|until\s*\(?\s*false)\s*\)?")
 _MOTION: Final = re.compile(r"(?:[A-Za-z_]\w*(?:\[\w+\])?\s*=\s*)?(movej|movel|movec)\s*\(")
 
 
@@ -53,6 +56,7 @@ class Interpreter(Flow):
         self.routine, self.folder, self.main = routine, folder, routine.name
         self.process = None if cell is None else ProcessWords(cell.functions, code_of)
         self.depth, self._count = 0, 0
+        self._counted_at, self._moved = 0, -1
         self.runs: Counter[tuple[str, int]] = Counter()
         self._full: dict[str, tuple[list[str], dict[int, int], list[int]]] = {}
 
@@ -76,7 +80,7 @@ class Interpreter(Flow):
             then = self._executed(routine, at)
             if then <= at:
                 state = (self.store.version, then)
-                if passes.get(at) == state:
+                if passes.get(at) == state or self._never_left(routine, at):
                     raise routine.fault(at, f"the program repeats from line {then + 1} on without end",
                                         limit="a program that ends",
                                         hint="Give the program of one part, without the loop around it")  # fmt: skip
@@ -84,12 +88,24 @@ class Interpreter(Flow):
             at = then
         self.depth -= 1
 
+    @staticmethod
+    def _never_left(routine: Routine, at: int) -> bool:
+        """Whether the condition of a loop is constant, and nothing within it ends the program."""
+        begin = routine.ends[at]
+        if _FOREVER.fullmatch(routine.codes[begin]) or _FOREVER.fullmatch(routine.codes[at]):
+            return not any(routine.codes[index].startswith("return") for index in range(min(begin, at), at))
+        return False
+
     def _executed(self, routine: Routine, at: int) -> int:
         """Execute a line; returns the index of the next one."""
         self._count += 1
-        if self._count > _MOST + 10 * len(routine.lines):
+        idle = self._count - self._counted_at if len(self.motions) == self._moved else 0
+        if not idle:
+            self._counted_at, self._moved = self._count, len(self.motions)
+        if self._count > _MOST + 10 * len(routine.lines) or idle > _MOST_IDLE + len(routine.lines):
             raise routine.fault(at, "the program does not end within the lines that are executed",
-                                limit=f"{_MOST} lines", hint="Give the program of one part")  # fmt: skip
+                                limit=f"{_MOST} lines, {_MOST_IDLE} of them without a motion",
+                                hint="Give the program of one part")  # fmt: skip
         self.block(routine, at)
         self.call_line = at + 1 if self.depth == 1 else self.call_line
         code = routine.codes[at]

@@ -211,8 +211,7 @@ class Store:
         plain = _PLAIN.fullmatch(text)
         if plain is not None:  # most points of a program: no parsing
             found = self.bound(plain[1])
-            index: int | Unknown = int(plain[2] or 0)
-            return None if found is None else ((found[0].name, int(index) + found[1]), found)
+            return None if found is None else ((found[0].name, int(plain[2] or 0) + found[1]), found)
         node = self.parsed(text)
         if not isinstance(node, Name):
             return None
