@@ -16,7 +16,8 @@ from counterflex.core.units import DEG, MM, RPM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
-from counterflex.programs.fanuc.read.interpreter import FanucCell
+from counterflex.programs.fanuc.read.frames import FanucCell
+from counterflex.programs.fanuc.read.routine import job_files as fanuc_job_files
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.reader import job_files as krl_job_files
 from counterflex.programs.limits import ENDINGS
@@ -26,8 +27,8 @@ from counterflex.programs.rapid.read.job_files import companion_modules
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
-from counterflex.programs.val3.read.data_file import data_file_of as val3_data_file_of
-from counterflex.programs.val3.read.interpreter import Val3Cell
+from counterflex.programs.val3.read.application import job_files as val3_job_files
+from counterflex.programs.val3.read.motions import Val3Cell
 from counterflex.robot.elasticity.chain import forward
 
 _SAME_DEG: Final = 0.01
@@ -35,15 +36,12 @@ _APART_M: Final = 1e-6
 
 
 def companions(file: Path) -> tuple[Path, ...]:
-    """Return the files that are read with a program: those of its job, the data of a VAL3 program."""
-    ending = file.suffix.lower()
-    if ending in ENDINGS[RAPID_DIALECT]:
-        return companion_modules(file)
-    if ending in ENDINGS[KRL_DIALECT]:
-        return krl_job_files(file)
-    reads = {".pgx": val3_data_file_of}.get(ending)
-    data = None if reads is None else reads(file)
-    return () if data is None else (data,)
+    """Return the files that are read with a program: those of its job."""
+    jobs: dict[str, Callable[[Path], tuple[Path, ...]]] = {
+        KRL_DIALECT: krl_job_files, RAPID_DIALECT: companion_modules, FANUC_DIALECT: fanuc_job_files,
+        VAL3_DIALECT: val3_job_files,
+    }  # fmt: skip
+    return next((files(file) for name, files in jobs.items() if file.suffix.lower() in ENDINGS[name]), ())
 
 
 def with_spindle(program: RobotProgram, cell: Cell) -> RobotProgram:

@@ -9,7 +9,7 @@ Staubli VAL3 reference (``leave`` and ``reach`` of an mdesc in mm).
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -45,7 +45,7 @@ def approximation_m(program: Program) -> Float:
     elif isinstance(program, FanucProgram):
         values = [0.0 if move.exact else _millimetres(_DISTANCE.search(move.termination)) for move in program.moves]
     elif isinstance(program, Val3Program):
-        values = [0.0 if move.exact else _mdesc(program, move.speed) for move in program.moves]
+        values = [0.0 if move.exact else _mdesc(move.speed) for move in program.moves]
     else:
         values = _machine(program)
     return np.array(values, dtype=np.float64)
@@ -67,13 +67,9 @@ def _krl(program: KrlProgram) -> list[float]:
     return out
 
 
-def _mdesc(program: Val3Program, key: tuple[str, int]) -> float:
+def _mdesc(attributes: Mapping[str, str]) -> float:
     """The shorter one of ``leave`` and ``reach``."""
-    variable = program.variables.get(key[0])
-    value = None if variable is None else variable.values.get(key[1])
-    if value is None:
-        return float("nan")
-    numbers = [re.fullmatch(_NUMBER, value.attributes.get(name, "").strip()) for name in ("leave", "reach")]
+    numbers = [re.fullmatch(_NUMBER, attributes.get(name, "").strip()) for name in ("leave", "reach")]
     return min((_millimetres(match) for match in numbers), key=lambda one: np.inf if np.isnan(one) else one)
 
 

@@ -40,6 +40,8 @@ _ROBOT_READERS: Final[dict[str, str]] = {
 _STATEMENT_TABLES: Final[dict[str, str]] = {
     "krl": "counterflex.programs.krl.read.table:TABLE",
     "rapid": "counterflex.programs.rapid.table:TABLE",
+    "fanuc": "counterflex.programs.fanuc.read.table:TABLE",
+    "val3": "counterflex.programs.val3.read.table:TABLE",
 }
 """``module:name`` of each language's :class:`~counterflex.programs.statement_table.StatementTable`."""
 
