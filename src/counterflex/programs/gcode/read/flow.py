@@ -9,6 +9,7 @@ from typing import Final
 from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, scan_line
 
 _FLOW_LINE: Final = re.compile(r"[ \t]*/?[ \t]*(?:[Nn][ \t0-9.]*)?[Oo]")
+_NUMBERED: Final = re.compile(r"[ \t]*/?[ \t]*[Nn][ \t]*(\d+)(?![.\d])")
 _CLOSERS: Final = {"endsub": "sub", "endwhile": "while", "endif": "if", "endrepeat": "repeat"}
 LOOPS: Final = ("while", "do", "repeat")
 
@@ -70,8 +71,11 @@ class Source:
         self.at: dict[int, Construct] = {}
         self.subs: dict[str, Construct] = {}
         self.labels: dict[str, int] = {}
+        self.numbered: dict[int, int] = {}
         self._open: list[Construct] = []
         for index, line in enumerate(lines):
+            if (numbered := _NUMBERED.match(line)) is not None:
+                self.numbered.setdefault(int(numbered[1]), index)
             if _FLOW_LINE.match(line):
                 flow = self.scan(index).flow
                 if flow is not None:

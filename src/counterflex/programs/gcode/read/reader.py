@@ -7,7 +7,8 @@ in milliseconds, as many controls read it; lines that begin with a slash, which 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -18,12 +19,15 @@ from counterflex.programs.foreign_language import foreign_language
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.flow import Source, line_end, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
+from counterflex.programs.gcode.read.jumps import Include
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.state import State, work_offset_table
+from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.work_offsets import WorkOffsets
 from counterflex.programs.program import Block, Motion, Program
 from counterflex.programs.source_text import read_text
 
 Point = tuple[float, float, float]
+_FURTHER_OFFSET: Final = re.compile(r"\bG(54\.1|154)\s*P|\bG54\s*P", re.IGNORECASE)
 _HERE: Final[Point] = (0.0, 0.0, 0.0)
 COORDINATES_OF_THE_PART: Final = MillingMachine()
 """A machine whose coordinates are those of the part, with nothing else known."""
@@ -35,7 +39,7 @@ def read_gcode(
     name: str = "program",
     machine: MillingMachine = COORDINATES_OF_THE_PART,
     step_limit: int = 2_000_000,
-    includes: Callable[[str], str | None] | None = None,
+    includes: Include | None = None,
     block_delete: bool = False,
     complete: bool = False,
     plain_lines: bool = True,
@@ -50,7 +54,8 @@ def read_gcode(
         name: Its name, for errors.
         machine: What is known of the machine that the program was written for.
         step_limit: Largest number of lines executed.
-        includes: Given the name of a subroutine that the text does not define, returns the text of its file or None.
+        includes: Given the name of a subroutine that the text does not define, returns name and text of its file or
+            None.
         block_delete: Skip lines that begin with a slash, as with the operator's switch on.
         complete: Refuse a text that stops without M2, M30 or a closing ``%``, as LinuxCNC does: it may have been
             cut off.
@@ -79,7 +84,12 @@ def read_gcode(
             where=f"{name}:1:1",
             hint="Give a file with G-code; post it again where the CAM system wrote nothing",
         )
-    state = State(work_offsets=work_offset_table(machine.work_offsets))
+    state = State(
+        work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
+        unknown=set() if machine.known else {0, 1, 2},
+        fanuc_offsets=any(_FURTHER_OFFSET.search(line) for line in lines),
+        lengths_known=machine.known or machine.tool_lengths is not None,
+    )
     if machine.part_at_g54:
         state.position = state.work_offsets["G54"]
     zero = state.position[:3]
@@ -100,6 +110,7 @@ def read_gcode(
         blocks=tuple(_moved_block(block, zero) for block in interpreter.blocks),
         motions=tuple(_moved(motion, zero) for motion in interpreter.motions),
         straight=straight,
+        part_zero=(state.work_offsets.reference, state.work_offsets.line) if state.work_offsets.reference else None,
     )
 
 
@@ -151,6 +162,15 @@ def _moved(motion: Motion, zero: Point) -> Motion:
     return replace(motion, p_start=motion.p_start - zero, p_end=motion.p_end - zero, p_centre=centre)
 
 
+def _file_names(label: str, suffix: str) -> list[str]:
+    """Names of the file of a subroutine: ``drill.ngc``, and of a number ``1001.nc``, ``O1001.nc``, ``O1001``."""
+    stems = [label]
+    if label.isdecimal():
+        stems += [label.zfill(4), *(f"{letter}{number}" for letter in "Oo" for number in (label, label.zfill(4)))]
+    suffixes = dict.fromkeys((suffix, ".ngc", ".nc", ".tap", ".cnc", ".NC", ""))
+    return [stem + ending for stem in dict.fromkeys(stems) for ending in suffixes]
+
+
 def read_gcode_file(
     path: str | os.PathLike[str],
     *,
@@ -159,7 +179,9 @@ def read_gcode_file(
     block_delete: bool = False,
     complete: bool = True,
 ) -> Program:
-    """Read a program from a file; subroutines it does not define are looked for beside it as ``name.ngc``.
+    """Read a program from a file; the subroutines that it does not define are files of its folder.
+
+    They are named by the subroutine: ``drill.ngc``, ``O1001.nc``.
 
     Args:
         path: The file, UTF-8 or Latin-1 (comments only may hold more than ASCII).
@@ -177,9 +199,12 @@ def read_gcode_file(
     file = Path(path)
     folder = file.parent
 
-    def include(label: str) -> str | None:
-        neighbour = folder / f"{label}.ngc"
-        return read_text(neighbour)[0] if neighbour.parent == folder and neighbour.is_file() else None
+    def include(label: str) -> tuple[str, str] | None:
+        for name in _file_names(label, file.suffix):
+            neighbour = folder / name
+            if neighbour.parent == folder and neighbour != file and neighbour.is_file():
+                return name, read_text(neighbour)[0]
+        return None
 
     text, encoding = read_text(file)
     program = read_gcode(

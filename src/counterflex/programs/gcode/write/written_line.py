@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from counterflex.programs.gcode.read.codes import WORDS_OF_M
+from counterflex.programs.gcode.read.codes import TAKEN_BY_G, WORDS_OF_M
 from counterflex.programs.gcode.write.spelling import SPELLINGS, Spell
 from counterflex.programs.program import Block, Word
 
 AXES = "XYZ"
 _ORDER = "XYZABCIJKRF"
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
-_TAKEN_BY_G = {64.0: "PQ"}
+_TAKEN_BY_G = {code / 10.0: letters for code, letters in TAKEN_BY_G.items()}
 _FLOW_LETTERS = frozenset("ON")
 _CALLS = frozenset((98.0, 99.0))
 
