@@ -138,7 +138,8 @@ def test_subroutine_files(tmp_path: Path) -> None:
     assert not program.straight
     with pytest.raises(ProgramError, match="not defined"):
         read_gcode(main.read_text(encoding="ascii"))
-    assert ends_mm(read_gcode("G21\no<a> call\nM2", includes={"a": ("a.ngc", "o<a> sub\nG0 X3\no<a> endsub")}.get)) == [[3, 0, 0]]
+    files = {"a": ("a.ngc", "o<a> sub\nG0 X3\no<a> endsub")}
+    assert ends_mm(read_gcode("G21\no<a> call\nM2", includes=files.get)) == [[3, 0, 0]]
 
 
 def test_subroutine_files_stay_beside_the_program(tmp_path: Path) -> None:

@@ -106,8 +106,8 @@ class Reading:
             machine = replace(machine, tool_names=cell.tool_names, part_offsets=cell.work_offsets)
             if self.parameters is not None and cell.work_offsets:
                 raise FileFormatError(
-                    "work offsets are given twice", where=f"{cell.path}: part.work_offsets_mm", value=str(self.parameters),
-                    hint="Leave one of them out",
+                    "work offsets are given twice", where=f"{cell.path}: part.work_offsets_mm",
+                    value=str(self.parameters), hint="Leave one of them out",
                 )  # fmt: skip
         machine = replace(machine, listed=self.listed)
         return read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)

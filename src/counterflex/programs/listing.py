@@ -63,12 +63,12 @@ def listing(program: Program, held: Orientations | None = None) -> pl.DataFrame:
     """Return the motions of a program as a table.
 
     Columns: ``line`` in the source; ``motion`` rapid, feed, arc or dwell; end point ``x_mm y_mm z_mm`` of the tool tip
-    in the part frame (as programmed where the tool turns; empty where it is not known) and ``a_deg b_deg c_deg`` of the rotary
-    axes (empty under G43.5, which has none); ``feed_mm_min`` along the path (empty for rapids,
-    dwells and moves of rotary axes alone); of arcs ``plane`` (G17, G18, G19), the centre at the start's height and
-    ``turns`` = angle / 360 deg, positive for G3; ``dwell_s``; ``tool``;
-    ``spindle_rpm``, positive for M3; tool axis ``tool_i tool_j tool_k`` from the tip to the spindle in the part frame;
-    and ``tool_turn_deg``, the rotation about it, where the program states it.
+    in the part frame (as programmed where the tool turns; empty where it is not known); ``a_deg b_deg c_deg`` of the
+    rotary axes (empty under G43.5, which has none); ``feed_mm_min`` along the path (empty for rapids, dwells and moves
+    of rotary axes alone); of arcs ``plane`` (G17, G18, G19), the centre at the start's height and ``turns`` = angle /
+    360 deg, positive for G3; ``dwell_s``; ``tool``; ``spindle_rpm``, positive for M3; tool axis ``tool_i tool_j
+    tool_k`` from the tip to the spindle in the part frame; and ``tool_turn_deg``, the rotation about it, where the
+    program states it.
 
     Args:
         program: As read.

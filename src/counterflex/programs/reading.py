@@ -37,7 +37,10 @@ _ROBOT_READERS: Final[dict[str, str]] = {
     "val3": "counterflex.programs.val3.read.reader:read_val3_file",
 }
 """The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
-_STATEMENT_TABLES: Final[dict[str, str]] = {}
+_STATEMENT_TABLES: Final[dict[str, str]] = {
+    LINUXCNC: "counterflex.programs.gcode.read.code_table:TABLE",
+    "sinumerik": "counterflex.programs.gcode.sinumerik.word_table:TABLE",
+}
 """``module:name`` of each language's :class:`~counterflex.programs.statement_table.StatementTable`."""
 
 

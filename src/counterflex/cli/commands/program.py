@@ -80,7 +80,9 @@ def path(
     cell: Annotated[
         Path | None,
         typer.Option(
-            "--cell", help="Cell file (.toml): tools by name, frames, work offsets, rotary machine.", metavar="CELL",
+            "--cell",
+            help="Cell file (.toml): tools by name, frames, work offsets, rotary machine.",
+            metavar="CELL",
             callback=arguments.file,
         ),
     ] = None,
@@ -90,7 +92,8 @@ def path(
 ) -> None:
     """List the motions of a program as read: line, end point, feed, arc and orientation of the tool.
 
-    A cell is empty where the program does not say: an axis that no word has named yet, a place of the machine (G53, G28).
+    A cell is empty where the program does not say it: an axis that no word has named yet, a place of the machine
+    (G53, G28).
 
     Example: `counterflex path part.ngc --csv path.csv`
     """

@@ -6,52 +6,15 @@ manuals.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
+from counterflex.programs.gcode.read.code import Code
+from counterflex.programs.gcode.read.code import neutral as _neutral
+from counterflex.programs.gcode.read.code import read as _read
+from counterflex.programs.gcode.read.code import refused as _refused
 from counterflex.programs.statement_table import Statement, StatementTable, Treatment
 
 _EVALUATED, _NEUTRAL, _REFUSED = Treatment.EVALUATED, Treatment.NEUTRAL, Treatment.REFUSED
-
-
-@dataclass(frozen=True)
-class Code:
-    """A G or M code.
-
-    Attributes:
-        word: As written; with a letter behind it (``G5.1 Q``) where that word makes it another code.
-        treatment: What the reader does with it.
-        group: Modal group; two codes of one group in a block are refused. Empty for a refused one.
-        reason: See :class:`~counterflex.programs.statement_table.Statement`.
-        remedy: There too.
-        sample: A complete block.
-        takes: Letters of the words that belong to a neutral code.
-    """
-
-    word: str
-    treatment: Treatment
-    group: str
-    reason: str
-    remedy: str = ""
-    sample: str = ""
-    takes: str = ""
-
-
-def _read(words: str, group: str, reason: str, sample: str = "") -> list[Code]:
-    return [Code(word, _EVALUATED, group, reason, sample=sample.replace("*", word) or word) for word in words.split()]
-
-
-def _neutral(words: str, reason: str, sample: str = "", takes: str = "", group: str = "") -> list[Code]:
-    return [
-        Code(w, _NEUTRAL, group or w, reason, sample=sample.replace("*", w) or w, takes=takes) for w in words.split("|")
-    ]
-
-
-def _refused(words: str, reason: str, remedy: str, sample: str = "") -> list[Code]:
-    return [
-        Code(word, _REFUSED, "", reason.replace("*", word), remedy, sample.replace("*", word) or word)
-        for word in words.split()
-    ]
 
 
 _CAM: Final = "Let the CAM system write the tool-centre path"
@@ -99,7 +62,7 @@ G_CODES: Final[tuple[Code, ...]] = (
     *_read("G40", "cutter radius", "no cutter radius compensation"),
     *_refused("G41 G42", "cutter radius compensation * depends on the machine's tool table", _CAM, "* D1"),
     *_refused("G41.1 G42.1 G41.2 G42.2 G141", "cutter radius compensation * is not read", _CAM, "* D8"),
-    *_read("G43", "tool length", "tool length offset H: the control compensates it; H is compared with the tool", "G43 H1"),
+    *_read("G43", "tool length", "tool length offset H, which the control compensates", "G43 H1"),
     *_read("G43.1", "tool length", "tool length offset by words", "G43.1 Z0"),
     *_refused("G43.2", "additional tool offsets G43.2 are not read", "Use G43 or G43.1", "G43.2 H1"),
     *_read("G43.4 G43.5", "tool length", "X Y Z are the tool tip in the part; direction A B C or I J K"),
@@ -117,8 +80,6 @@ G_CODES: Final[tuple[Code, ...]] = (
     *_refused("G53.1 G53.6", "a tilted working plane * moves the rotary axes of its machine", _PLAIN),
     *_read("G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3", "work offset", "work offset"),
     *_read("G54.1 G154", "work offset", "further work offset P", "* P1"),
-    *_read(" ".join(f"G{number}" for number in range(110, 130) if number not in (112, 113)), "work offset",
-           "further work offset of Haas, as G154 P1 to P20"),
     *_refused("G60", "G60 approaches from one direction: by how much it overshoots is a parameter", "Use G0", "G60 X1"),
     *_neutral("G61|G61.1", "exact stops: how the control follows the path", group="path control"),
     *_neutral("G62", "lower feed in inner corners under cutter radius compensation", group="path control"),
@@ -206,14 +167,13 @@ STATEMENTS: Final[tuple[Statement, ...]] = (
 )  # fmt: skip
 
 
-def _rows() -> tuple[Statement, ...]:
-    codes = (Statement(c.word, c.treatment, c.reason, c.remedy, (c.sample,)) for c in (*G_CODES, *M_CODES))
-    return (*codes, *STATEMENTS)
-
-
 TABLE: Final = StatementTable(
     "linuxcnc",
-    "G-code: LinuxCNC 2.9 (G codes, M codes, O codes), Fanuc 30i (Operator's Manual, milling) and Haas (Mill Operator's "
-    "Manual)",
-    _rows(),
+    "G-code: LinuxCNC 2.9 (G codes, M codes, O codes), Fanuc 30i (Operator's Manual, milling) and Haas (Mill "
+    "Operator's Manual)",
+    (
+        *(code.statement for code in (*G_CODES, *M_CODES)),
+        Statement("G110 to G129", _EVALUATED, "further work offset of Haas, as G154 P1 to P20", samples=("G110",)),
+        *STATEMENTS,
+    ),
 )

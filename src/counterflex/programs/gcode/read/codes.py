@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from counterflex.programs.gcode.read.code_table import G_CODES, M_CODES, Code
+from counterflex.programs.gcode.read.code import Code
+from counterflex.programs.gcode.read.code_table import G_CODES, M_CODES
 from counterflex.programs.statement_table import Treatment
 
 
@@ -21,7 +22,11 @@ def _plain(codes: Iterable[Code]) -> list[Code]:
     return [code for code in codes if " " not in code.word]
 
 
-G_GROUP: Final = {_tenths(code.word): code.group for code in _plain(G_CODES) if code.group}
+HAAS_OFFSETS: Final = {10 * number: number - 109 for number in range(110, 130) if number not in (112, 113)}
+"""Number P of the further work offset that G110 to G129 select; G112 and G113 are Fanuc's polar interpolation."""
+G_GROUP: Final = {_tenths(code.word): code.group for code in _plain(G_CODES) if code.group} | dict.fromkeys(
+    HAAS_OFFSETS, "work offset"
+)
 """Modal group of each G code that is read."""
 M_GROUP: Final = {_tenths(code.word): code.group for code in _plain(M_CODES) if code.group}
 """Modal group of each M code that is read."""

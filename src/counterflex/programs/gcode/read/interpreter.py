@@ -253,7 +253,9 @@ class Interpreter(FlowRunner):
         words = tuple(
             Word(word.letter, word.value, word.start, word.end)
             if word.value is not None
-            else Word(word.letter, self._value(word.expression, word.letter, word.start), word.start, word.end, literal=False)
+            else Word(
+                word.letter, self._value(word.expression, word.letter, word.start), word.start, word.end, literal=False
+            )
             for word in scanned.words
         )
         settled = [(assignment, self._open_value(assignment.value)) for assignment in scanned.assignments]
@@ -265,6 +267,17 @@ class Interpreter(FlowRunner):
                 index = self._value(target.index, "the number of a parameter")
                 self._parameters.set_numbered(index, value, assignment.column)
         return words
+
+    def _places(self, block: BlockWords, special: int | None) -> bool:
+        """Execute what goes to stored positions or sets them and offsets; whether the block moved there."""
+        if special in (280, 300):
+            self._maker.home(block, special)
+            return True
+        if special in (281, 301):
+            self._parameters.store_position(special - 1, self._maker.machine_position())
+        else:
+            apply_offsets(block, self._state)
+        return False
 
     def _words(self, source: Source, block: BlockWords) -> tuple[Modal, bool, Callable[[], Place | None] | None]:
         """Execute a block's words in LinuxCNC's order."""
@@ -288,14 +301,7 @@ class Interpreter(FlowRunner):
             )  # fmt: skip
         if motion is not None:
             state.choose_motion(motion)
-        cycle = False
-        if special in (280, 300):
-            maker.home(block, special)
-            cycle = True
-        elif special in (281, 301):
-            self._parameters.store_position(special - 1, maker.machine_position())
-        else:
-            apply_offsets(block, state)
+        cycle = self._places(block, special)
         active = state.motion
         modal = self._refresh()
         if machine:

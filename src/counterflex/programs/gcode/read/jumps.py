@@ -171,8 +171,14 @@ class FlowRunner:
         return f"{value:g}"
 
     def _call(
-        self, source: Source, index: int, label: str, arguments: list[float | Unknown | None] | None, repeats: int,
-        column: int, modern: bool = False,
+        self,
+        source: Source,
+        index: int,
+        label: str,
+        arguments: list[float | Unknown | None] | None,
+        repeats: int,
+        column: int,
+        modern: bool = False,
     ) -> Place:
         self._refuse_depth(column)
         target, entry = self._find(source, label, modern, column)
@@ -223,7 +229,8 @@ class FlowRunner:
                 raise block.fault(f"{code} needs the number P of the subprogram", f"M{stop}", code)
             repeats = block.whole("L", 1, MOST_REPEATS) or 1
             if stop == 970:
-                return lambda: self._call_block(source, index, number, repeats)
+                place = number
+                return lambda: self._call_block(source, index, place, repeats)
             if number > 9999 and repeats == 1 and not self._defined(source, str(number)):
                 repeats, number = divmod(number, 10_000)  # Fanuc: repetitions before the last four digits
             return lambda: self._call(source, index, str(number), None, repeats, 0)

@@ -7,18 +7,17 @@ from dataclasses import replace
 from typing import Final
 
 from counterflex.core.units import INCH, MM
-from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.arc import PLANE_AXES
-from counterflex.programs.gcode.read.codes import code_name
+from counterflex.programs.gcode.read.block import BlockWords
+from counterflex.programs.gcode.read.codes import HAAS_OFFSETS, code_name
 from counterflex.programs.gcode.read.frames import Frame, Rotation
 from counterflex.programs.gcode.read.state import State, minus, plus
 from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS, MOST_FURTHER, ZERO, Six, further
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR
 
 _OFFSET_CODES: Final = (540, 550, 560, 570, 580, 590, 591, 592, 593)
-_HAAS_OFFSETS: Final = [number for number in range(110, 130) if number not in (112, 113)]
 _WORK_OFFSET: Final = dict(zip(_OFFSET_CODES, LINUXCNC_OFFSETS, strict=True)) | {
-    10 * number: further(number - 109) for number in _HAAS_OFFSETS
+    code: further(number) for code, number in HAAS_OFFSETS.items()
 }
 _FURTHER: Final = (541, 1540)
 _GIVE_OFFSETS: Final = (
@@ -193,9 +192,10 @@ def _require_offset(block: BlockWords, state: State, code: str) -> None:
     if not axes:
         return
     first = f"{offsets.reference} (line {offsets.line})" if offsets.reference else "the part"
+    shown = "G55" if name == "G54" else f'"{name}"' if " " in name else name
     raise block.fault(
-        f"how far {name} lies from {first} along {' and '.join(axes)} is not known", code, name,
-        _GIVE_OFFSETS.format(name if name != "G54" else "G55"),
+        f"how far {name} lies from {first} along {', '.join(axes)} is not known", code, name,
+        _GIVE_OFFSETS.format(shown),
     )  # fmt: skip
 
 
@@ -226,10 +226,10 @@ def _frame(block: BlockWords, state: State) -> None:
 def _mirror(block: BlockWords, state: State, frame: Frame) -> Frame:
     on = block.g["mirror"] == 511
     if frame.rotation is not None:
-        raise block.fault("the mirror image changes while G68 is active: its order is not read", f"G{block.g['mirror']}",
+        raise block.fault("the mirror image changes while G68 is active", f"G{block.g['mirror']}",
                           None, "Write G69 before")  # fmt: skip
     axes = {axis: value * state.unit_m for axis, value in block.take_axes().items()}
-    if on and not axes or any(axis > 2 for axis in axes):
+    if (on and not axes) or any(axis > 2 for axis in axes):
         raise block.fault("G51.1 needs X, Y or Z", "G511", "G51.1")
     if on and not state.absolute:
         raise block.fault("G51.1 in G91: where the mirror lies is not read", "G511", "G91", "Write G90")

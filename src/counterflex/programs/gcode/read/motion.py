@@ -15,7 +15,7 @@ from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.canned_cycles import MOST_PECKS, Step, hole
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.parameters import Parameters
-from counterflex.programs.gcode.read.state import State, minus, plus
+from counterflex.programs.gcode.read.state import State, plus
 from counterflex.programs.gcode.read.targets import target_of
 from counterflex.programs.gcode.read.work_offsets import ZERO, Six
 from counterflex.programs.program import TOOL_VECTOR, Motion, MotionKind
@@ -63,9 +63,7 @@ class MotionMaker:
             end of a program that does not matter; nothing may be made of it.
     """
 
-    def __init__(
-        self, state: State, parameters: Parameters, machine_known: bool = True, listed: bool = False
-    ) -> None:
+    def __init__(self, state: State, parameters: Parameters, machine_known: bool = True, listed: bool = False) -> None:
         self._state = state
         self._parameters = parameters
         self._machine_known = machine_known

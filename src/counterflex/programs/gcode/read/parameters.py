@@ -44,7 +44,7 @@ _OF_THE_MACHINE: Final = (
 """Parameters that nothing in a program determines, and what does."""
 
 
-class UnknownValue(Exception):  # noqa: N818 - no fault by itself
+class UnknownValue(Exception):
     """An expression reads a value that the program does not determine."""
 
     def __init__(self, value: Unknown) -> None:
