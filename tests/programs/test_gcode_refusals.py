@@ -13,7 +13,7 @@ from counterflex.programs.reading import read_program_file
 
 HEAD = "G21 G90 F100\n"
 CASES = {
-    "unknown letter": ("G0 X1 U2", "2:7: an unknown word; got U2"),
+    "unknown letter": ("G0 X1 U2", "2:7: axes U V W are not read; got U2"),
     "unknown G": ("G0.5 X1", "2:1: an unknown G code; got G0.5"),
     "unknown M": ("M123", "2:1: an unknown M code; got M123"),
     "Sinumerik assignment": ("G0 Z=50", "2:5: a number is expected; got '=50'"),

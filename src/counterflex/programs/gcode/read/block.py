@@ -56,8 +56,9 @@ class BlockWords:
             elif word.letter == "M":
                 self._code(word, "M", M_GROUP, REFUSED_M, self.m)
             elif word.letter not in _KNOWN:
-                hint = "Axes U V W are not read" if word.letter in "UVW" else None
-                raise fault("an unknown word", word.start, f"{word.letter}{word.value:g}", hint)
+                axis = word.letter in "UVW"
+                what = "axes U V W are not read" if axis else "an unknown word"
+                raise fault(what, word.start, f"{word.letter}{word.value:g}", "Post X Y Z" if axis else None)
             elif word.letter in self._values:
                 raise fault("the word appears twice in one block", word.start, f"{word.letter}{word.value:g}", None)
             else:

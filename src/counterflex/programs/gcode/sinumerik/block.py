@@ -165,7 +165,7 @@ class Block:
     def named_fault(self, call: Name, meant: str) -> ProgramError:
         """Make the error of a name that is neither a word of the language nor a subprogram."""
         shown = self._shown(call.start, call.end)
-        if call.called or (call.name[:1] == "L" and call.name[1:].isdecimal()):
+        if call.called or call.name.endswith("CALL") or (call.name[:1] == "L" and call.name[1:].isdecimal()):
             what = "a subprogram is called that is neither in the program's file nor in its folder"
         else:
             what = f"an unknown word of the {self._table.dialect} dialect"

@@ -97,7 +97,7 @@ _SETTINGS: Final[tuple[tuple[str, str, str], ...]] = (
     ("CYCLE800()", "ends a swivelled plane; none is active", ""),
     ("STOPRE FIFOCTRL STARTFIFO STOPFIFO", "how far the control reads ahead", ""),
     ("MSG", "message", 'MSG("text")'),
-    ("ORIWKS ORIMKS ORIVECT ORIPLANE ORIAXES ORIVIRT1 ORIVIRT2 ORISOF ORISON ORIRESET OSOF OSC OSS OSSE OSD OST",
+    ("ORIWKS ORIMKS ORIVECT ORIPLANE ORIAXES ORIVIRT1 ORIVIRT2 ORISOF ORISON ORIRESET OSOF OSC OSS OSSE OSD",
      "how directions go between blocks: linear here", ""),
     ("UPATH SPATH", "parameter of the path of other axes", ""),
     ("WORKPIECE GROUP_BEGIN GROUP_END G_END", "picture and outline of the program", 'WORKPIECE(,"",,"BOX",0,0,-20,-80)'),
