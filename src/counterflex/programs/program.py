@@ -72,7 +72,6 @@ class Modal:
         R_part_work: Rows of the rotation from the programmed axes to those of the part, or None where they are
             parallel: ``p_part = p_part_origin + R_part_work @ value * unit_m``. A mirror image has determinant -1.
         not_written: Why blocks in this state cannot be written back with other targets; empty where they can.
-        length_offset: Number of the active tool length offset (H of G43); 0 for none.
     """
 
     motion: str
@@ -88,7 +87,6 @@ class Modal:
     feed_unit_m: float = 0.0
     R_part_work: tuple[tuple[float, float, float], ...] | None = None
     not_written: str = ""
-    length_offset: int = 0
 
     @property
     def unit_of_feed_m(self) -> float:

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from counterflex.programs.gcode.read.code import Code
-from counterflex.programs.gcode.read.code_table import G_CODES, M_CODES
+from counterflex.programs.gcode.read.code_table import G_CODES, M_CODES, Code
 from counterflex.programs.statement_table import Treatment
 
 

@@ -12,6 +12,7 @@ from counterflex.programs.gcode.read.codes import TAKES_AXES, code_name
 from counterflex.programs.gcode.read.expression import NamedParameter
 from counterflex.programs.gcode.read.flow import Source
 from counterflex.programs.gcode.read.jumps import FlowRunner, Include, Place
+from counterflex.programs.gcode.read.macro_flow import MacroFlow
 from counterflex.programs.gcode.read.modes import apply_modes, apply_offsets, apply_rates
 from counterflex.programs.gcode.read.motion import FARTHEST_M, MotionMaker, point, radians
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
@@ -107,6 +108,10 @@ class Interpreter(FlowRunner):
         self._place = Place(source, index + 1)
         here = Place(source, index)
         text = source.lines[index]
+        macro = source.macro.get(index)
+        if macro is not None:
+            self._macro_line(source, index, macro)
+            return
         words = scan_plain(text) if self._plain else None
         if words is not None and not self._frames and self._straight(text, index, words):
             return
@@ -115,6 +120,18 @@ class Interpreter(FlowRunner):
         self._parameters.line = index + 1
         jump = self._execute(source, index, text, scanned, words or ())
         self._place = after if jump is None else jump
+
+    def _macro_line(self, source: Source, index: int, flow: MacroFlow) -> None:
+        """Execute a line of the flow of a Fanuc macro."""
+        self._place, self._parameters.line = Place(source, index), index + 1
+        self._append_block(source, index, source.lines[index], (), self._modal, len(self._maker.motions), False)
+        holds = flow.then is not None and self._value(flow.condition, "a condition") != 0.0
+        jump = None
+        if holds and flow.then is not None:
+            self._evaluate(flow.then)
+        elif flow.then is None:
+            jump = self._macro_flow(source, index, flow)
+        self._place = jump or Place(source, index + 1)
 
     def _count(self, source: Source, index: int) -> None:
         if source is self._main:

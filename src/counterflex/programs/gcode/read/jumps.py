@@ -11,6 +11,7 @@ from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import code_name
 from counterflex.programs.gcode.read.expression import Expression
 from counterflex.programs.gcode.read.flow import LOOPS, Construct, Source, split_lines
+from counterflex.programs.gcode.read.macro_flow import MacroFlow
 from counterflex.programs.gcode.read.parameters import ARGUMENTS, Parameters, UnknownValue
 from counterflex.programs.gcode.read.scanner import FlowWord, error_at
 from counterflex.programs.gcode.read.state import State
@@ -215,6 +216,22 @@ class FlowRunner:
             return False
         return True
 
+    # Fanuc macros ---------------------------------------------------------------------------------------------------
+
+    def _macro_flow(self, source: Source, index: int, flow: MacroFlow) -> Place | None:
+        """Where a line of the flow of a macro leads; None for the next line. A THEN that holds is the caller's."""
+        if flow.condition is not None and self._value(flow.condition, "a condition") == 0.0:
+            return Place(source, source.loops.get(index, index) + 1) if flow.keyword == "while" else None
+        if flow.target is not None:
+            number = self._value(flow.target, "the target of a jump")
+            place = source.jump(round(number), index)
+            if place is None:
+                raise self._fault("a jump to a block that is not there", 0, f"N{number:g}", "Write the block number")
+            return Place(source, place)
+        if flow.keyword in ("while", "do") and index not in source.loops:
+            raise self._fault(f"DO{flow.loop} is never closed", 0, None, f"Write END{flow.loop}")
+        return Place(source, source.loops[index]) if flow.keyword == "end" else None
+
     # M97, M98, M99, G65 ---------------------------------------------------------------------------------------------
 
     def _subprogram(self, source: Source, block: BlockWords) -> Callable[[], Place | None] | None:
@@ -259,7 +276,7 @@ class FlowRunner:
     def _call_block(self, source: Source, index: int, number: int, repeats: int) -> Place:
         """M97: go on at a block number of the same file, until M99."""
         self._refuse_depth(0)
-        entry = source.numbered.get(number)
+        entry = source.jump(number, -1)
         if entry is None:
             raise self._fault("M97 names a block that is not there", 0, f"N{number}", "Write the block number")
         self._frames.append(Frame(source, index + 1, entry, False, repeats))

@@ -146,7 +146,7 @@ def _tool_length(block: BlockWords, state: State, tool_lengths: Mapping[int, flo
         state.position = (x, y, z, 0.0, 0.0, 0.0)
     state.tool_centre = code if code in (TOOL_CENTRE, TOOL_VECTOR) else 0
     if code == 490:
-        state.tool_length, state.length_offset = ZERO, 0
+        state.tool_length = ZERO
     elif code == 431:
         given = block.take_axes()
         if not given:
@@ -155,10 +155,9 @@ def _tool_length(block: BlockWords, state: State, tool_lengths: Mapping[int, flo
         for axis, value in given.items():
             offset[axis] = value * state.unit_m if axis < 3 else value
         state.tool_length = (offset[0], offset[1], offset[2], offset[3], offset[4], offset[5])
-        state.length_offset = state.tool
     else:
         number = block.whole("H", 0, 99_999)
-        number = state.length_offset = state.tool if number is None else number
+        number = state.tool if number is None else number
         if tool_lengths is None or number == 0:
             state.tool_length = ZERO
         elif number in tool_lengths:

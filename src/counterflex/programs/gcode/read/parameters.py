@@ -27,6 +27,8 @@ _TOOL_LENGTH: Final = 5401
 _CURRENT: Final = 5420
 # From here on the machine answers; programs may not write.
 _SYSTEM: Final = 5061
+_LOCAL: Final = 33
+"""Last parameter that belongs to a macro; the control keeps the values of the others."""
 _INPUT: Final = 5399
 """Result of M66."""
 _OF_THE_MACHINE: Final = (
@@ -147,6 +149,13 @@ class Parameters:
                 "Set it in the program, or hand it over with the program's parameters",
             )  # fmt: skip
         return value
+
+    def vacant(self, index: float, column: int) -> bool:
+        """Whether ``#index`` has no value; of the parameters that the control keeps that is not known."""
+        number = self._index(index, column)
+        if number not in self._values and number > _LOCAL:
+            raise UnknownValue(Unknown(f"the control keeps it (#{number})", self.here()))
+        return number not in self._values
 
     def stored_position(self, code: int, axis: int) -> float | None:
         """Stored position of G28 or G30 along an axis in mm or degrees; None where nobody gave one."""

@@ -162,6 +162,11 @@ def _moved(motion: Motion, zero: Point) -> Motion:
     return replace(motion, p_start=motion.p_start - zero, p_end=motion.p_end - zero, p_centre=centre)
 
 
+def _has_further(program: Program) -> bool:
+    """Whether a program uses G54.1, so that L20 is that of Fanuc."""
+    return any(_FURTHER_OFFSET.search(line) for line in program.lines)
+
+
 def _file_names(label: str, suffix: str) -> list[str]:
     """Names of the file of a subroutine: ``drill.ngc``, and of a number ``1001.nc``, ``O1001.nc``, ``O1001``."""
     stems = [label]
@@ -227,7 +232,31 @@ _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
     long = _long_dwells(program) if program.dialect == "linuxcnc" else []  # elsewhere the unit is beyond doubt
-    return [*long, *_skipped_by_switch(program)]
+    return [*long, *_skipped_by_switch(program), *_part_zero(program), *_zeros_set_here(program)]
+
+
+def _part_zero(program: Program) -> list[str]:
+    """The work offset that was taken as the part frame, where it is another than the first one of a control."""
+    if program.part_zero is None or program.part_zero[0] == "G54":
+        return []
+    name, line = program.part_zero
+    return [
+        f"{name} (line {line}) is taken as the zero of the part; where it lies is not known. To state it: "
+        "part.work_offsets_mm in the cell file, or --parameters"
+    ]
+
+
+def _zeros_set_here(program: Program) -> list[str]:
+    """G10 L20, which LinuxCNC and Fanuc read in different ways."""
+    for block in program.blocks:
+        words = {word.letter: word.value for word in block.words}
+        tens = any(word.letter == "G" and word.value == 10.0 for word in block.words)
+        if tens and words.get("L") == 20.0 and program.dialect == "linuxcnc" and not _has_further(program):
+            return [
+                f"G10 L20 in line {block.line} is read as LinuxCNC does: program zero from where the tool stands; "
+                "Fanuc sets an offset of G54.1 P with it"
+            ]
+    return []
 
 
 def _long_dwells(program: Program) -> list[str]:

@@ -65,7 +65,6 @@ class State:
         polar: Radius (m) and angle (deg) in force by axis, under G16.
         fanuc_offsets: G10 L20 sets the offsets of G54.1, which the program uses; else those of LinuxCNC.
         lengths_known: Tool lengths are those of the machine's tool table.
-        length_offset: Number H of the active tool length offset; 0 for none.
     """
 
     work_offsets: WorkOffsets
@@ -98,7 +97,6 @@ class State:
     polar: dict[int, float] = field(default_factory=dict)
     fanuc_offsets: bool = False
     lengths_known: bool = True
-    length_offset: int = 0
 
     @property
     def origin(self) -> Six:
@@ -153,5 +151,4 @@ class State:
             tool_centre=self.tool_centre,
             R_part_work=None if machine else self.frame.rows,
             not_written=self.frame.not_written,
-            length_offset=self.length_offset,
         )

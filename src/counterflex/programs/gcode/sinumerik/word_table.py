@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.programs.gcode.read.code import Code, neutral, read, refused
+from counterflex.programs.gcode.read.code_table import Code, neutral, read, refused
 from counterflex.programs.statement_table import Statement, StatementTable, Treatment
 
 _CAM: Final = "Let the CAM system write the tool-centre path"
@@ -100,7 +100,7 @@ _SETTINGS: Final[tuple[tuple[str, str, str], ...]] = (
     ("ORIWKS ORIMKS ORIVECT ORIPLANE ORIAXES ORIVIRT1 ORIVIRT2 ORISOF ORISON ORIRESET OSOF OSC OSS OSSE OSD",
      "how directions go between blocks: linear here", ""),
     ("UPATH SPATH", "parameter of the path of other axes", ""),
-    ("WORKPIECE GROUP_BEGIN GROUP_END G_END", "picture and outline of the program", 'WORKPIECE(,"",,"BOX",0,0,-20,-80)'),
+    ("WORKPIECE GROUP_BEGIN GROUP_END G_END", "picture and outline of the program", 'WORKPIECE(,"",,"BOX",0,0,-9,-80)'),
     ("DISPLOF DISPLON ACTBLOCNO SBLOF SBLON SAVE", "what the control shows", ""),
     ("FNORM FLIN FCUB FPO", "how the feed goes to its new value", ""),
     ("DIAMOF", "radii are radii", ""),
