@@ -18,7 +18,9 @@ from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import Program
 
 HEAD = "G21 G90 G17\nT1 M6\nS1000 M3 F600\nG0 X0 Y0 Z5\n"
-BODY = "G0 X20 Y3\nG1 Z-1\nG1 X25 Y3\nG91\nG1 X2 Y1\nG90\nG2 X37 Y4 I5 J0\nG3 X37 Y4 I-2 J1 Z-2\nG3 X30 Y-3 R-9\nG0 Z5\n"
+BODY = (
+    "G0 X20 Y3\nG1 Z-1\nG1 X25 Y3\nG91\nG1 X2 Y1\nG90\nG2 X37 Y4 I5 J0\nG3 X37 Y4 I-2 J1 Z-2\nG3 X30 Y-3 R-9\nG0 Z5\n"
+)
 PLANES = {17: (0, 1), 18: (2, 0), 19: (1, 2)}
 
 

@@ -128,7 +128,9 @@ def test_a_value_of_the_control_is_carried_until_it_is_used(number: str, use: st
 
 @pytest.mark.parametrize("flow", ["o1 if [#100 GT 0]\nG1 X5\no1 endif", "o1 while [#100 GT 0]\n#100=0\no1 endwhile"])
 def test_a_condition_that_is_not_known_is_refused(flow: str) -> None:
-    with pytest.raises(ProgramError, match=r"6:\d+: a condition is not known: the probe found it \(#5063\) in part.nc:5"):
+    with pytest.raises(
+        ProgramError, match=r"6:\d+: a condition is not known: the probe found it \(#5063\) in part.nc:5"
+    ):
         read(f"{HEAD}#100=#5063\n{flow}\nM2\n")
 
 

@@ -40,6 +40,7 @@ _ROBOT_READERS: Final[dict[str, str]] = {
 _STATEMENT_TABLES: Final[dict[str, str]] = {
     LINUXCNC: "counterflex.programs.gcode.read.code_table:TABLE",
     "sinumerik": "counterflex.programs.gcode.sinumerik.word_table:TABLE",
+    "twincat": "counterflex.programs.gcode.twincat.word_table:TABLE",
     "apt": "counterflex.programs.apt.word_table:TABLE",
 }
 """``module:name`` of each language's :class:`~counterflex.programs.statement_table.StatementTable`."""

@@ -197,8 +197,9 @@ class _Run:
             self._leave(part)
         elif major == "INSERT" and CODES.search(re.sub(r"\([^)]*\)", "", part.text.upper().partition("INSERT")[2])):
             raise self._fault(part, "text for the control with codes is not read: INSERT", hint="Use the words of APT")
-        elif major.startswith(NOTES) and not MOVES_FRAMES.search(major):
-            pass
+        elif major.startswith(NOTES):
+            if MOVES_FRAMES.search(major):
+                raise self._fault(part, f"a word of SolidWorks CAM that may change frames or feeds: {major}", hint=POST)
         elif major and major not in CARRIED:
             close = close_to(major, [*READ, *CARRIED], 1)
             hint = f"Did you mean {close[0]}?" if close else None
