@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import MM
+from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import doubtful_readings, read_gcode, read_gcode_file
+from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.listing import listing
 from counterflex.programs.program import Program
 
@@ -228,3 +230,26 @@ def test_jumps_and_loops_of_fanuc_macros(text: str, last: list[int]) -> None:
 def test_flow_of_macros_that_is_wrong_or_not_known(line: str, match: str) -> None:
     with pytest.raises(ProgramError, match=match):
         read(f"{HEAD}{line}\nM30\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "M97 P70 L2\nM30\nN70 G91 G1 X1\nG90\nM99\n",
+        "G65 P9010 X5. Y2. L2\nM30\nO9010\nG1 X#24 Y#25\nG1 X0\nM99\n",
+        f"{LOOP}M30\n",
+        "G54\nG68 X0 Y0 R30\nM98 P3 L2\nG69\nM30\nO3\nG0 X1 Y0\nG1 X5\nM99\n",
+    ],
+)
+def test_macros_and_loops_are_written_out_as_they_run(text: str) -> None:
+    program = read(HEAD + text)
+    path = tool_path(program, step_m=1e-3)
+    shift = np.where((path.feed_m_s > 0.0)[:, None], [0.0, 0.2 * MM, 0.0], 0.0)
+    written = write_gcode(program, CompensatedPath.from_correction(path, shift), header=False)
+    assert written.unrolled
+    again = read(written.text)
+    feeds = [np.round(motion.p_end / MM, 3).tolist() for motion in again.motions if motion.kind == "feed"]
+    for motion in program.motions:
+        if motion.kind == "feed":
+            assert np.round(motion.p_end / MM + [0.0, 0.2, 0.0], 3).tolist() in feeds
+    assert not {"M97", "G65", "WHILE", "M98"} & set(written.text.split())

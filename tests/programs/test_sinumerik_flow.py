@@ -119,6 +119,21 @@ def test_conditions_and_jumps(text: str, x: float) -> None:
     assert last(text)[0] == x
 
 
+@pytest.mark.parametrize(
+    ("text", "x"),
+    [
+        ("G91\nA: G1 X1\nREPEAT A\n", 2),
+        ("G91\nA: G1 X1\nG1 X2\nREPEAT A P=2\n", 9),
+        ("G91\nA: G1 X1\nG1 X2\nB: G1 X3\nG1 X4\nREPEAT A B P=2\n", 22),
+        ("G91\nA: G1 X1\nG1 X2\nREPEATB A P=3\n", 6),
+        ("G91\nA: G1 X1\nC: G1 X2\nREPEATB C\nREPEAT A P2\n", 15),
+        ("EXTERN HOLE(REAL)\nG1 X1\n", 1),
+    ],
+)
+def test_parts_of_the_program_that_run_again(text: str, x: float) -> None:
+    assert last(text)[0] == x
+
+
 UNKNOWN = {
     "$AA_IM[X]": r"the control has it \(\$AA_IM\)",
     "$A_IN[3]": r"the control has it \(\$A_IN\)",
@@ -206,7 +221,7 @@ def test_mcall_acts_behind_each_motion_until_it_ends(tmp_path: Path) -> None:
         ("ENDFOR\n", "ENDFOR closes nothing"),
         ("GOTOF X1Y\n", "the label of a jump is not there; got X1Y"),
         ("GOTOS\n", "a jump without a label"),
-        ("REPEAT A B\n", "the repetition of a part"),
+        ("REPEAT A B\n", "the labels of a repetition are not there"),
         ("LOOP\nG4 F0\nENDLOOP\n", "does not end within the step limit"),
     ],
 )
@@ -251,8 +266,10 @@ def test_loops_are_not_written_back_in_sinumerik() -> None:
 
 
 def test_places_of_the_machine_have_no_number() -> None:
-    rows = listing(read(f"{HEAD}SUPA G0 Z0\nG0 X5\nZ3\nM30\n", listed=True))
-    assert rows["z_mm"].to_list() == [10.0, None, None, 3.0]
+    for way in ("SUPA G0 Z0", "G53 G0 Z0", "G75 Z1=0", "G74 Z1=0", "G75 FP=2 Z1=0"):
+        rows = listing(read(f"{HEAD}{way}\nG0 X5\nZ3\nM30\n", listed=True))
+        assert rows["z_mm"].to_list() == [10.0, None, None, 3.0]
+        assert len(read(f"{HEAD}{way}\nM30\n").motions) == 1
     with pytest.raises(ProgramError, match="a feed motion while it is not known where the tool is along Z"):
         read("G54 G0 X0 Y0\nG1 X5 F100\nM30\n")
     with pytest.raises(ProgramError, match="a displacement along X from a place that is not known"):

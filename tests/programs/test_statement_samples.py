@@ -1,7 +1,7 @@
 """Tables of G-code, Sinumerik, TwinCAT and APT: neutral words change no motion, refused ones are refused.
 
-A neutral statement is inserted between any two lines of valid programs; the motions stay bit for bit. A refused one ends
-in an error with its line, its reason and its remedy, and no motion.
+A neutral statement is inserted between any two lines of valid programs; the motions stay bit for bit. A refused one
+ends in an error with its line, its reason and its remedy, and no motion.
 """
 
 from __future__ import annotations

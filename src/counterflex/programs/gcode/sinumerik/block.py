@@ -25,7 +25,11 @@ MIDDLE: Final = ("I1", "J1", "K1")
 """Point on the arc of CIP."""
 _OF_DWELL: Final = {"F": "P", "S": "Q"}
 _TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNHP", "CR", "AR", "TURN", "RPL", "S1", *MIDDLE,
-                             "SPOS", "SPOSA"))  # fmt: skip
+                             "SPOS", "SPOSA",
+        "X1",
+        "Y1",
+        "Z1",
+        "FP"))  # fmt: skip
 
 
 class Block:

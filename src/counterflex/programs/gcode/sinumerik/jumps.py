@@ -22,9 +22,23 @@ _TYPE: Final = re.compile(
 )
 _ZERO: Final = {"STRING": "", "CHAR": 0.0, "REAL": 0.0, "INT": 0.0, "BOOL": False}
 _FOR: Final = re.compile(r"\s*((?:INT\s+)?[A-Z_]\w*)\s*(\[[^\]]*\])?\s*=\s*", re.IGNORECASE)
+_SECTION: Final = re.compile(
+    r"\s*([A-Z_]\w*)(?:\s+(?!P\s*=?\s*[\d(R])([A-Z_]\w*))?(?:\s+P\s*=?\s*(\S+))?\s*$", re.IGNORECASE
+)
 _PARAMETERS: Final = re.compile(
     r"(VAR\s+)?(REAL|INT|BOOL|CHAR|STRING\s*\[[^\]]*\]|AXIS|FRAME)\s+([A-Z_]\w*)", re.IGNORECASE
 )
+
+
+@dataclass
+class Section:
+    """A part of a program that runs again: from ``first`` to before ``end``, then on at ``back``."""
+
+    depth: int
+    first: int
+    end: int
+    times: int
+    back: int
 
 
 @dataclass
@@ -62,6 +76,7 @@ class Flow:
         self.frames: list[Frame] = []
         self._library = library
         self._loops: dict[int, float] = {}
+        self._sections: list[Section] = []
 
     def fault(self, what: str, column: int = 0, value: object = None, hint: str | None = None) -> ProgramError:
         """Make an error on the line that is executed."""
@@ -90,7 +105,7 @@ class Flow:
         code = code_of(text)
         word, at = head.keyword, head.rest
         construct = self.source.at.get(self.index)
-        if word in ("DEF", "PROC"):
+        if word in ("DEF", "PROC", "EXTERN"):
             if word == "DEF":
                 self._declare(code, at)
             self.index += 1
@@ -103,10 +118,42 @@ class Flow:
             else:
                 self.index += 1
         elif construct is None:
-            raise self.fault(f"the repetition of a part of the program is not read: {word}", 0, text.strip()[:40],
-                             "Write a loop: FOR, WHILE, REPEAT and UNTIL")  # fmt: skip
+            self._section(code, at, word)
         else:
             self.index = self._enter(code, at, word, construct)
+
+    def _section(self, code: str, at: int, word: str) -> None:
+        """REPEAT and REPEATB with labels: run a part of the program again."""
+        match = _SECTION.match(code, at)
+        if match is None:
+            raise self.fault(f"{word} without a label that is read", at, code.strip()[:40], "REPEAT LABEL P=2")
+        first = self.source.target("GOTOC", match[1], self.index)
+        last = first if match[2] is None else self.source.target("GOTOC", match[2], self.index)
+        if first is None or last is None or last < first:
+            raise self.fault(
+                "the labels of a repetition are not there", match.start(1), match[0].strip(), "Write LABEL:"
+            )
+        times = 1.0
+        if match[3] is not None:
+            times, _ = self._needed(code, match.start(3), "the number of repetitions")
+        end = first + 1 if word == "REPEATB" else self.index if match[2] is None else last + 1
+        if times < 1.0:
+            self.index += 1
+            return
+        self._sections.append(Section(len(self.frames), first, end, round(times), self.index + 1))
+        self.index = first
+
+    def settle(self) -> None:
+        """At the end of a part that runs again, go back to its beginning or behind its REPEAT."""
+        while self._sections:
+            section = self._sections[-1]
+            if section.depth != len(self.frames) or self.index != section.end:
+                return
+            section.times -= 1
+            self.index = section.first if section.times > 0 else section.back
+            if section.times > 0:
+                return
+            self._sections.pop()
 
     def _enter(self, code: str, at: int, word: str, construct: Construct) -> int:
         """Index of the line behind a line of a loop or condition."""

@@ -137,6 +137,7 @@ class Run:
         """
         steps, flow = 0, self.flow
         while True:
+            flow.settle()
             if flow.index >= flow.source.last:
                 if not flow.frames:
                     flow.index = flow.source.last - 1
@@ -400,7 +401,10 @@ class Run:
         axes = block.has(*AXES, *ROTARY, *VECTOR)
         if machine is not None or (state.machine_axes and axes):
             away = [axis for axis, name in enumerate((*AXES, *ROTARY)) if block.take(name) is not None]
-            if axes:
+            if machine in ("G74", "G75"):
+                away += [axis for axis, name in enumerate(AXES) if block.take(f"{name}1") is not None]
+                block.take("FP")
+            if axes or machine in ("G74", "G75"):
                 maker.leave(len(self.blocks), machine or "G500", [axis for axis in away if axis < 3])
             return False
         arc = state.motion in ("G2", "G3")

@@ -17,7 +17,7 @@ _HEAD: Final = re.compile(
 )
 _WORDS: Final = (
     "IF", "ELSE", "ENDIF", "FOR", "ENDFOR", "WHILE", "ENDWHILE", "LOOP", "ENDLOOP", "REPEATB", "REPEAT", "UNTIL",
-    "GOTOF", "GOTOB", "GOTOC", "GOTOS", "GOTO", "CASE", "DEF", "PROC",
+    "GOTOF", "GOTOB", "GOTOC", "GOTOS", "GOTO", "CASE", "DEF", "PROC", "EXTERN",
 )  # fmt: skip
 _KEYWORD: Final = re.compile(rf"({'|'.join(_WORDS)})(?![\w=])", re.IGNORECASE)
 _PROGRAM: Final = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)

@@ -47,7 +47,8 @@ CODES: Final[tuple[Code, ...]] = (
     *neutral("G290", "Siemens mode"),
     *refused("G41 G42 G41.1 G42.1", "cutter radius compensation * depends on the control's tool table", _CAM, "* D1"),
     *refused("G33 G34 G35 G63 G331 G332", "threads and tapping are not milling of a path", _MOVES, "* Z-5 K1"),
-    *refused("G74 G75 G751", "a fixed point of the machine is not known here", _RETRACT, "* X0"),
+    *read("G74 G75", "machine", "to a fixed point of the machine, which is not known", "* Z1=0"),
+    *refused("G751", "a fixed point of the machine is not known here", _RETRACT, "G751 X0"),
     *refused("G58 G59", "axial offsets G58 and G59 are not read", "Use TRANS and ATRANS", "* X1"),
     *refused("G110 G111 G112 AP RP", "polar coordinates are not read", "Post X, Y and Z", "*=1"),
     *refused("G96 G961 G962 G97 G971 G972 G973", "constant cutting speed is turning, not milling", "Use S in rpm"),
@@ -77,9 +78,7 @@ CODES: Final[tuple[Code, ...]] = (
              "Take probing out of the program", "*=1"),
     *refused("POS POSA POSP OSCILL OS", "positioning and oscillating axes are not read", _LINES, "*[X]=1"),
     *refused("GOTOS", "a jump to the start runs the program for ever", "End it with M30"),
-    *refused("REPEATB", "the repetition of a part of the program is not read", "Write a loop: FOR, WHILE",
-             "REPEATB A"),
-    *refused("REDEF", "a declaration that is not read", "Use DEF", "REDEF REAL A"),
+    *refused("REDEF DEFINE", "a declaration that is not read", "Use DEF", "* REAL A"),
     *refused("CYCLE60 CYCLE61 CYCLE62 CYCLE63 CYCLE64 CYCLE70 CYCLE71 CYCLE72 CYCLE73 CYCLE74 CYCLE75 CYCLE76 CYCLE77 "
              "CYCLE78 CYCLE79 CYCLE84 CYCLE840 CYCLE85 CYCLE86 CYCLE87 CYCLE88 CYCLE89 CYCLE90 CYCLE801 CYCLE802 "
              "CYCLE899 CYCLE98 CYCLE99 CYCLE976 CYCLE977 CYCLE978 CYCLE979 CYCLE995 CYCLE996 HOLES1 HOLES2 SLOT1 SLOT2 "
@@ -125,11 +124,13 @@ _FLOW: Final[tuple[tuple[str, str], ...]] = (
     ("IF", "IF R1==1"), ("ELSE", "ELSE"), ("ENDIF", "ENDIF"), ("FOR", "FOR R1=1 TO 3"), ("ENDFOR", "ENDFOR"),
     ("WHILE", "WHILE R1<3"), ("ENDWHILE", "ENDWHILE"), ("LOOP", "LOOP"), ("ENDLOOP", "ENDLOOP"), ("REPEAT", "REPEAT"),
     ("UNTIL", "UNTIL R1==3"), ("GOTO", "GOTO A"), ("GOTOF", "GOTOF A"), ("GOTOB", "GOTOB A"), ("GOTOC", "GOTOC A"),
-    ("CASE", "CASE(R1) OF 1 GOTOF A DEFAULT GOTOF B"), ("LABEL:", "A:"),
+    ("CASE", "CASE(R1) OF 1 GOTOF A DEFAULT GOTOF B"), ("REPEATB", "REPEATB A P=2"), ("REPEAT LABEL", "REPEAT A P=2"),
+    ("LABEL:", "A:"),
 )  # fmt: skip
 _EVALUATED: Final[tuple[tuple[str, str, str], ...]] = (
     ("DEF", "declares variables", "DEF REAL A=1"),
     ("PROC", "parameters of a subprogram", "PROC SUB(REAL A)"),
+    ("EXTERN", "names a subprogram and its parameters", "EXTERN SUB(REAL)"),
     ("R=", "R parameter, with arithmetic", "R1=2*3"),
     ("NAME=", "variable of the program", "A=2"),
     (
