@@ -160,6 +160,13 @@ def test_what_the_control_knows_is_carried_until_it_is_used(source: str, use: st
         assert "in part.mpf:6" in str(caught.value)
 
 
+def test_a_block_sets_its_variables_from_left_to_right() -> None:
+    assert last("R1=5.5 R2=R1+.5\nG1 X=R2\n")[0] == 6.0
+    assert last("IF $P_SEARCH==1 GOTOF A\nG1 X4\nA: G4 F0\n")[0] == 4.0
+    with pytest.raises(ProgramError, match="R1 is set and used in one block"):
+        read(f"{HEAD}R1=1\nR1=5 G1 X=R1\nM30\n")
+
+
 @pytest.mark.parametrize("line", ["$P_UIFR[1]=CTRANS(X,10)", "$P_PFRAME=CTRANS(X,10)", "$TC_DP3[1,1]=100", "$MC_X=1"])
 def test_data_of_the_control_are_not_set(line: str) -> None:
     with pytest.raises(ProgramError, match="data of the control are set"):

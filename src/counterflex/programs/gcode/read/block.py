@@ -79,7 +79,12 @@ class BlockWords:
         code = round(word.value * 10.0) if abs(word.value) < 1e6 else -1
         name = f"{letter}{word.value:g}"
         if abs(word.value * 10.0 - code) > 1e-3 or (code not in groups and code not in refused):
-            hint = "User-defined M codes run programs of the machine" if letter == "M" and 1000 <= code < 2000 else None
+            own = letter == "M" and 1000 <= code < 2000
+            hint = (
+                "User-defined M codes run programs of the machine: take it out, or write what it does"
+                if own
+                else f"Take it out, or post without it. The {letter} codes that are read: docs/statements/linuxcnc.md"
+            )
             raise self._fault(f"an unknown {letter} code", word.start, name, hint)
         neutral = self._neutral_by_word(code) if letter == "G" else ""
         if neutral:

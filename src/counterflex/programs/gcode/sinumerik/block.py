@@ -149,7 +149,10 @@ class Block:
         if address.name == "L":
             raise self._fault(REFUSED_CALL[0], address.start, shown, REFUSED_CALL[1])
         if address.name not in _TAKEN and address.name not in self._table.carried_values:
-            raise self._fault(f"an unknown word of the {self._table.dialect} dialect", address.start, shown, None)
+            hint = f"If it is a variable of the program, declare it: DEF REAL {address.name}"
+            named = self._table.subprograms and len(address.name) > 1
+            raise self._fault(f"an unknown word of the {self._table.dialect} dialect", address.start, shown,
+                              hint if named else None)  # fmt: skip
         if address.name in self.given:
             raise self._fault("the word appears twice in one block", address.start, shown, None)
         self.given[address.name] = address
@@ -166,14 +169,14 @@ class Block:
         """Make an error at a column."""
         return self._fault(what, column, value, hint)
 
-    def named_fault(self, call: Name, meant: str) -> ProgramError:
+    def named_fault(self, call: Name, name: str, meant: str) -> ProgramError:
         """Make the error of a name that is neither a word of the language nor a subprogram."""
         shown = self._shown(call.start, call.end)
         if call.called or call.name.endswith("CALL") or (call.name[:1] == "L" and call.name[1:].isdecimal()):
             what = "a subprogram is called that is neither in the program's file nor in its folder"
         else:
             what = f"an unknown word of the {self._table.dialect} dialect"
-        meant = meant or f"If it is a subprogram, put {call.name}.spf beside the program"
+        meant = meant or f"If it is a subprogram, put {name}.spf beside the program"
         return self._fault(what, call.start, shown, meant)
 
     def has(self, *names: str) -> bool:

@@ -16,6 +16,8 @@ from counterflex.programs.robot_text.expression import Grammar, evaluate, parse
 from counterflex.programs.unknown import Unknown, first_unknown
 
 _EQUAL: Final = 1e-12
+_ORDINARY_RUN: Final = ("$P_SEARCH", "$P_SEARCHL", "$P_SIM", "$P_DRYRUN", "$P_ISTEST")
+"""System variables that are 0 in an ordinary run: no block search, simulation, dry run or program test."""
 
 
 def number(value: object) -> float:
@@ -70,7 +72,7 @@ GRAMMAR: Final = Grammar(
         "+": (11, _of_numbers(lambda a: a)),
         "NOT": (11, _of_numbers(lambda a: not a)),
     },
-    constants={"TRUE": True, "FALSE": False, "$PI": math.pi},
+    constants={"TRUE": True, "FALSE": False, "$PI": math.pi} | dict.fromkeys(_ORDINARY_RUN, 0.0),
     name=r"\$?[A-Za-z_]\w*",
     number=r"(?:\d+\.?\d*|\.\d+)",
 )

@@ -250,7 +250,7 @@ class Run:
         if self.flow.call(name, arguments, repeats):
             return
         close = close_to(name, [*self.table.group, *self.table.carried], 1)
-        raise block.named_fault(call, f"Did you mean {close[0]}?" if close else "")
+        raise block.named_fault(call, name, f"Did you mean {close[0]}?" if close else "")
 
     def _assign(self, block: Block, line: Line) -> None:
         """Let variables have their values; frames, offsets and tools of the control are no variables."""

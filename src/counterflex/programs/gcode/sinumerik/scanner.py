@@ -120,8 +120,11 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
                 content, at = value_at(text, given.end(), name, line, variables)
                 index = _indices(given, text, name, line, variables)
                 assigned.append(Assigned(given[1].upper(), index, content, given.start()))
+                if not given[1].startswith("$"):
+                    variables.assign(given[1], index, content)  # what follows in the block sees it
             else:
                 address = _assigned(text, given, name, line, variables)
+                _refuse_set_here(assigned, text[given.end() : address.end], name, line, given.start())
                 addresses.append(address)
                 at = address.end
         elif called := _NAME.match(text, at):
@@ -139,6 +142,14 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
                 "Comments begin with ;",
             )  # fmt: skip
     return Line(tuple(addresses), tuple(names), tuple(assigned))
+
+
+def _refuse_set_here(assigned: list[Assigned], text: str, name: str, line: int, column: int) -> None:
+    """Refuse a word that uses a variable which its own block sets: when that takes effect is not certain."""
+    for item in assigned:
+        if re.search(rf"(?<!\w){re.escape(item.name)}(?!\w)", text, re.IGNORECASE):
+            raise error_at(name, line, f"{item.name} is set and used in one block", column, text.strip()[:30],
+                           "Set it in a block before")  # fmt: skip
 
 
 def _is_variable(name: str, variables: Variables) -> bool:
