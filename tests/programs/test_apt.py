@@ -103,7 +103,7 @@ def test_tool_axes() -> None:
         ("FEDRAT/9\nCIRCLE/0,0,0,0,0,1,5\nGOTO/9,9,0", "part:3:1: the arc"),
         ("TLLFT,GOLFT/L1,PAST,L2", "geometry that a post processor must solve"),
         ("TLON,GOFWD/L1,ON,L2", "geometry that a post processor must solve"),
-        ("AUXFUN/77", "functions of the machine are not read: AUXFUN"),
+        ("AUXFUN/77", "a function of the machine that is not read: AUXFUN"),
         ("LOADTL/1E400", "part:2:8: a number is out of range; got 1E400"),
         ("LOADTL/MILL", "an unknown word of APT in LOADTL"),
         ("LOAD/TURRET,1", "an unknown word of APT in LOAD; got TURRET"),

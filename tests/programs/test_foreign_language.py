@@ -62,13 +62,6 @@ SAMPLES = {
         "O100\nVC1=10\nG0 X=VC1\nM2",
         "G15 H5\nG116 T3\nG56 H3 Z50\nM30",
     ),
-    "FANUC macro B": (
-        "%\nO1000\n#100=5\nWHILE [#100 GT 0] DO1\nG1 X#100 F500\n#100=#100-1\nEND1\nM30\n%",
-        "O9010\nIF [#1 EQ #0] GOTO 100\nG65 P9011 A1. B2.\nN100 M99",
-        "G21 G90\nG65 P9800 Z10\nM30",
-        "N10 GOTO 20\nN20 M30",
-        "#1=10\nN20IF[#1GT5]GOTO100\nN100M30",
-    ),
     "Fagor": ("%MILL,MX--,\nG0 X0\nM30", "#TSAFE ON\nG0 X0"),
     "an APT or CL file of a CAM system": (
         "PARTNO MILL\nUNITS/MM\nLOADTL/1\nFEDRAT/500,MMPM\nGOTO/10,20,30\nFINI",

@@ -138,7 +138,8 @@ def test_subroutine_files(tmp_path: Path) -> None:
     assert not program.straight
     with pytest.raises(ProgramError, match="not defined"):
         read_gcode(main.read_text(encoding="ascii"))
-    assert ends_mm(read_gcode("G21\no<a> call\nM2", includes={"a": "o<a> sub\nG0 X3\no<a> endsub"}.get)) == [[3, 0, 0]]
+    files = {"a": ("a.ngc", "o<a> sub\nG0 X3\no<a> endsub")}
+    assert ends_mm(read_gcode("G21\no<a> call\nM2", includes=files.get)) == [[3, 0, 0]]
 
 
 def test_subroutine_files_stay_beside_the_program(tmp_path: Path) -> None:
@@ -152,7 +153,7 @@ def test_subroutine_files_stay_beside_the_program(tmp_path: Path) -> None:
 
 def test_an_error_in_a_subroutine_file_names_that_file() -> None:
     with pytest.raises(ProgramError, match=r"a\.ngc:2:4: the word appears twice|a\.ngc:2:7"):
-        read_gcode("G21\no<a> call\nM2", includes=lambda name: f"o<{name}> sub\nG0 X3 X4\no<{name}> endsub")
+        read_gcode("G21\no<a> call\nM2", includes=lambda _: ("a.ngc", "o<a> sub\nG0 X3 X4\no<a> endsub"))
 
 
 def test_constant_surface_speed_follows_x() -> None:

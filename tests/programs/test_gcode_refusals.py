@@ -13,7 +13,7 @@ from counterflex.programs.reading import read_program_file
 
 HEAD = "G21 G90 F100\n"
 CASES = {
-    "unknown letter": ("G0 X1 U2", "2:7: an unknown word; got U2"),
+    "unknown letter": ("G0 X1 U2", "2:7: axes U V W are not read; got U2"),
     "unknown G": ("G0.5 X1", "2:1: an unknown G code; got G0.5"),
     "unknown M": ("M123", "2:1: an unknown M code; got M123"),
     "Sinumerik assignment": ("G0 Z=50", "2:5: a number is expected; got '=50'"),
@@ -105,7 +105,9 @@ CASES = {
     "too long": ("G1 " + " ".join(f"#{n}=1" for n in range(1, 90)), "2:"),
     "G96 without limit": ("G96 S100", "2:1: G96 needs a speed limit D above 0"),
     "negative tolerance": ("G64 P-1", "2:5: a path tolerance is negative; got P-1"),
-    "M66": ("M66 P1 L0", "2:1: M66 waits for an input that is not known here"),
+    "M66 used": (
+        "M66 P1 L0\nG1 X#5399", "3:4: X is not known: an input signal decides about it (M66) in part.ngc:2. Write",
+    ),
 }  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.write.writer import write_gcode
@@ -176,19 +177,19 @@ def test_tool_vectors_and_rotary_words() -> None:
         ("M77", "an unknown M code of the Sinumerik dialect; got M77"),
         ("MCALL POCKET3(10,0,2,-5)", "machining cycles are not read: POCKET3"),
         ("CYCLE84(10,0,2,-5)", r"machining cycles are not read: CYCLE84; got CYCLE84\(10,0,2,-5\)"),
-        ("CYCLE800()", "this frame is not read: CYCLE800"),
-        ("SCALE X2", "this frame is not read"),
+        ("CYCLE800(1)", "this frame is not read: CYCLE800"),
+        ("SCALE X2", "a scale of the path is not read"),
         ("CT X1 Y1", "the tangential arc CT is not read"),
         ("G41 X5", "cutter radius compensation G41"),
-        ("G1 X=R7 F100", "the R parameter has no value; got R7"),
-        ("G1 X=(R1+5) F100", "the value of X is no plain number"),
-        ("START: G0 X1", "labels are not read"),
-        ("IF R1==1 GOTOF ENDE", "jumps, loops, subprograms"),
+        ("G1 X=R7 F100", "X is not known: nothing in the program gives R7 a value; got X=R7"),
+        ("G1 X=(R1+5) F100", "X is not known: nothing in the program gives R1 a value"),
+        ("R1=1\nIF R1==1 GOTOF ENDE", "3:16: the label of a jump is not there; got ENDE"),
+        ("IF R1==1\nG0 X1\nENDIF", "a condition is not known: nothing in the program gives R1 a value"),
         ("UP_1(5)", "a subprogram is called"),
         ("L100", "a subprogram is called"),
         ("ROT X10 Y20", "turns about several axes"),
         ("TRANS X5 G0", "TRANS needs a block of its own"),
-        ("G55", "a second settable offset"),
+        ("G0 X1\nG55", r"3:1: how far G55 lies from G54 \(line 1\) is not known"),
         ("G1 X5", "a feed move without a feed"),
         ("G2 X5 Y5 F100", "neither a centre nor CR= nor AR="),
         ("G2 X5 Y5 CR=5 I3 F100", "given in two ways"),
@@ -375,7 +376,7 @@ def test_a_tool_by_its_name() -> None:
     cell = read_cell(ROOT / "examples" / "cells" / "kr300_d16_small.toml")
     assert cell.tool_names == {"END MILL D16 Z3": 1, "END MILL D10 Z3": 2}
     text = 'T="End mill D10 z3"\nM6\nG0 X0 Y0 Z5\nT1 M6\nG0 X1\nM30\n'
-    program = read_sinumerik(text, tool_names=cell.tool_names)
+    program = read_sinumerik(text, machine=MillingMachine(tool_names=cell.tool_names))
     assert [motion.tool for motion in program.motions] == [2, 1]
 
 

@@ -69,14 +69,15 @@ BAD = {
     "$IF a": "statement of the channel", "@100": "statement of the channel", "(open": "comments stand in brackets",
     "; old": "comments stand in brackets", "G74": "reference point", "G1 X1 Q5 F9": "unknown word",
     "G99": "unknown G code",
-    "X=R7": "no value", "R1=R2+1": "no value", "G58 X1": "second programmable offset", "FOO": "unknown word",
-    "G54\nG55": "second settable offset", "G42 X1": "cutter radius", "G1 X1": "without a feed",
+    "X=R7": "nothing in the program gives R7", "R1=R2+1\nX=R1": "nothing in the program gives R2",
+    "G58 X1": "second programmable offset", "FOO": "unknown word",
+    "G54\nG0 X1\nG55": "how far G55 lies from G54", "G42 X1": "cutter radius", "G1 X1": "without a feed",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("line", BAD)
 def test_what_is_not_known_is_refused_with_its_line(line: str) -> None:
-    with pytest.raises(ProgramError, match=rf"part.nc:[23]:\d+.*{BAD[line]}") as caught:
+    with pytest.raises(ProgramError, match=rf"part.nc:[234]:\d+.*{BAD[line]}") as caught:
         read_twincat(f"G71 G90\n{line}\nM30\n", name="part.nc", complete=True)
     assert "\n" not in str(caught.value)
 

@@ -78,11 +78,13 @@ class Reading:
         dialect: Language, one of :data:`~counterflex.programs.limits.DIALECTS`.
         parameters: LinuxCNC parameter file of the machine that the program was written for, or None.
         complete: Refuse a program that stops without M2, M30 or a closing ``%``.
+        listed: Keep motions to and from places that are not known, marked: for a list of the motions.
     """
 
     dialect: str = BY_ENDING
     parameters: Path | None = None
     complete: bool = True
+    listed: bool = False
 
     def program(self, file: str | Path, cell: Cell | None = None) -> Program:
         """Read a program.
@@ -100,7 +102,14 @@ class Reading:
             program = read_program_file(file, dialect=language, complete=self.complete, cell=robot_cell(cell, language))
             return with_spindle(program, cell) if isinstance(program, RobotProgram) else program
         machine = MillingMachine(known=False) if self.parameters is None else read_parameter_file(self.parameters)
-        machine = machine if cell is None else replace(machine, tool_names=cell.tool_names)
+        if cell is not None:
+            machine = replace(machine, tool_names=cell.tool_names, part_offsets=cell.work_offsets)
+            if self.parameters is not None and cell.work_offsets:
+                raise FileFormatError(
+                    "work offsets are given twice", where=f"{cell.path}: part.work_offsets_mm",
+                    value=str(self.parameters), hint="Leave one of them out",
+                )  # fmt: skip
+        machine = replace(machine, listed=self.listed)
         return read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
 
 

@@ -140,18 +140,6 @@ _LANGUAGES: Final = (
             r"^(N\d+\s*)?(IF|ENDIF|ELSE|FOR|ENDFOR|WHILE|ENDWHILE)\b",
         ),
     ),
-    _Signs(
-        "FANUC macro B",
-        _UNROLL,
-        (
-            r"IF\s*\[.*\]\s*(GOTO|THEN)",
-            r"WHILE\s*\[.*\]\s*DO\s*\d",
-            r"^(N\d+\s*)?GOTO\s*\d+",
-            r"\bG6[56](\.1)?\s*P\d",
-            r"^(N\d+\s*)?(POPEN|PCLOS|DPRNT|BPRNT)\b",
-        ),
-        (r"^(N\d+\s*)?END\s*\d\b", r"#\d+\s*=\s*#0\b"),
-    ),
     _Signs("Fagor", _UNROLL, (r"^%\w+\s*,\s*MX", r"^#(TSAFE|HSC|TANGCTRL|RTCP|CS|ACS)\b", r"^\$(IF|WHILE|FOR|GOTO)\b")),
     _Signs("NUM", _UNROLL, (r"\bG7[79]\s*[NH]\d", r"\bG997\b"), (r"\bL\d+\s*=", r"\bE\d{5}\s*=")),
     _Signs(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import dataclass
 from typing import Final
 
 import polars as pl
 
+from counterflex.core.arrays import Float
 from counterflex.core.atomic import write_text
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM
 from counterflex.programs.program import TOOL_VECTOR, Program
@@ -32,6 +34,10 @@ SCHEMA: Final[dict[str, type[pl.DataType]]] = {
     "dwell_s": pl.Float64,
     "tool": pl.Int64,
     "spindle_rpm": pl.Float64,
+    "tool_i": pl.Float64,
+    "tool_j": pl.Float64,
+    "tool_k": pl.Float64,
+    "tool_turn_deg": pl.Float64,
 }
 
 
@@ -40,24 +46,39 @@ def _shown(value: float) -> float:
     return round(value, _DIGITS) + 0.0
 
 
-def listing(program: Program) -> pl.DataFrame:
+@dataclass(frozen=True)
+class Orientations:
+    """How the tool is held at the end of each motion.
+
+    Attributes:
+        axis_part: (motions, 3) from the tip to the spindle, in the part frame; NaN where it is not known.
+        turn_rad: (motions,) rotation about the tool axis; NaN where the program leaves it free.
+    """
+
+    axis_part: Float
+    turn_rad: Float
+
+
+def listing(program: Program, held: Orientations | None = None) -> pl.DataFrame:
     """Return the motions of a program as a table.
 
     Columns: ``line`` in the source; ``motion`` rapid, feed, arc or dwell; end point ``x_mm y_mm z_mm`` of the tool tip
-    in the part frame (as programmed where the tool turns) and ``a_deg b_deg c_deg`` of the rotary
-    axes (empty under G43.5, which has none); ``feed_mm_min`` along the path (empty for rapids,
-    dwells and moves of rotary axes alone); of arcs ``plane`` (G17, G18, G19), the centre at the start's height and
-    ``turns`` = angle / 360 deg, positive for G3; ``dwell_s``; ``tool``; and
-    ``spindle_rpm``, positive for M3.
+    in the part frame (as programmed where the tool turns; empty where it is not known); ``a_deg b_deg c_deg`` of the
+    rotary axes (empty under G43.5, which has none); ``feed_mm_min`` along the path (empty for rapids, dwells and moves
+    of rotary axes alone); of arcs ``plane`` (G17, G18, G19), the centre at the start's height and ``turns`` = angle /
+    360 deg, positive for G3; ``dwell_s``; ``tool``; ``spindle_rpm``, positive for M3; tool axis ``tool_i tool_j
+    tool_k`` from the tip to the spindle in the part frame; and ``tool_turn_deg``, the rotation about it, where the
+    program states it.
 
     Args:
         program: As read.
+        held: Orientation of the tool; without it the axis is z.
 
     Returns:
         One row for each motion, in order of execution; empty cells are null.
     """
     columns: dict[str, list[object]] = {name: [] for name in SCHEMA}
-    for motion in program.motions:
+    for index, motion in enumerate(program.motions):
         block = program.blocks[motion.block]
         arc, vector = motion.p_centre is not None, block.modal.tool_centre == TOOL_VECTOR
         centre = [_shown(value / MM) for value in motion.p_centre] if motion.p_centre is not None else [None] * 3
@@ -65,7 +86,7 @@ def listing(program: Program) -> pl.DataFrame:
         row: tuple[object, ...] = (
             block.line,
             motion.kind,
-            *(_shown(value / MM) for value in motion.p_end),
+            *(None if c in motion.unknown else _shown(v / MM) for c, v in zip("XYZ", motion.p_end, strict=True)),
             *(None if vector else _shown(angle / DEG) for angle in motion.abc_end),
             feed,
             f"G{block.modal.plane}" if arc else None,
@@ -74,18 +95,28 @@ def listing(program: Program) -> pl.DataFrame:
             motion.duration_s if motion.kind == "dwell" else None,
             motion.tool,
             _shown(motion.spindle_rad_s / RPM),
+            *_held(held, index),
         )
         for column, value in zip(columns.values(), row, strict=True):
             column.append(value)
     return pl.DataFrame(columns, schema=SCHEMA)
 
 
-def write_listing(program: Program, target: str | os.PathLike[str]) -> int:
+def _held(held: Orientations | None, index: int) -> tuple[float | None, ...]:
+    """Cells of the orientation of the tool."""
+    if held is None:
+        return (0.0, 0.0, 1.0, None)
+    cells = (*held.axis_part[index], held.turn_rad[index] / DEG)
+    return tuple(None if math.isnan(value) else _shown(float(value)) for value in cells)
+
+
+def write_listing(program: Program, target: str | os.PathLike[str], held: Orientations | None = None) -> int:
     """Write the table as comma-separated values, whole or not at all.
 
     Args:
         program: As read.
         target: File to write.
+        held: Orientation of the tool.
 
     Returns:
         Number of motions written.
@@ -93,6 +124,6 @@ def write_listing(program: Program, target: str | os.PathLike[str]) -> int:
     Raises:
         OutputError: The file cannot be written.
     """
-    table = listing(program)
+    table = listing(program, held)
     write_text(target, table.write_csv())
     return table.height

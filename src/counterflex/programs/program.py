@@ -70,7 +70,8 @@ class Modal:
         tool_centre: :data:`TOOL_CENTRE`, :data:`TOOL_VECTOR`, or 0 for none.
         feed_unit_m: Length of one unit of F in m; 0 where it is ``unit_m``.
         R_part_work: Rows of the rotation from the programmed axes to those of the part, or None where they are
-            parallel: ``p_part = p_part_origin + R_part_work @ value * unit_m``.
+            parallel: ``p_part = p_part_origin + R_part_work @ value * unit_m``. A mirror image has determinant -1.
+        not_written: Why blocks in this state cannot be written back with other targets; empty where they can.
     """
 
     motion: str
@@ -85,6 +86,7 @@ class Modal:
     tool_centre: int = 0
     feed_unit_m: float = 0.0
     R_part_work: tuple[tuple[float, float, float], ...] | None = None
+    not_written: str = ""
 
     @property
     def unit_of_feed_m(self) -> float:
@@ -143,6 +145,8 @@ class Motion:
         normal: (3,) unit normal of the arc's plane; the turn is right-handed about it.
         turn_rad: Signed angle turned about ``normal`` (several turns and helices included), 0 for straight motions.
         feed_rad_s: Programmed speed where only rotary axes turn, else 0.
+        unknown: Letters of the axes along which the end is not known: numbers of ``p_end`` there mean nothing. Only in
+            programs that were read to be listed.
     """
 
     block: int
@@ -159,6 +163,7 @@ class Motion:
     normal: Float | None = None
     turn_rad: float = 0.0
     feed_rad_s: float = 0.0
+    unknown: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +179,8 @@ class Program:
         motions: All motions in order.
         straight: True when every source line is executed at most once and in file order (no loops, no subroutines).
         encoding: Of the source's bytes; what is written back uses the same.
+        part_zero: Work offset whose zero was taken as that of the part because nothing says where it lies, with its
+            line; None where it is known or the language has none.
     """
 
     name: str
@@ -184,3 +191,4 @@ class Program:
     motions: tuple[Motion, ...]
     straight: bool
     encoding: str = "utf-8"
+    part_zero: tuple[str, int] | None = None

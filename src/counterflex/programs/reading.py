@@ -42,6 +42,10 @@ _STATEMENT_TABLES: Final[dict[str, str]] = {
     "rapid": "counterflex.programs.rapid.table:TABLE",
     "fanuc": "counterflex.programs.fanuc.read.table:TABLE",
     "val3": "counterflex.programs.val3.read.table:TABLE",
+    LINUXCNC: "counterflex.programs.gcode.read.code_table:TABLE",
+    "sinumerik": "counterflex.programs.gcode.sinumerik.word_table:TABLE",
+    "twincat": "counterflex.programs.gcode.twincat.word_table:TABLE",
+    "apt": "counterflex.programs.apt.word_table:TABLE",
 }
 """``module:name`` of each language's :class:`~counterflex.programs.statement_table.StatementTable`."""
 
@@ -61,7 +65,10 @@ def dialect_of(file: str | os.PathLike[str], dialect: str = BY_ENDING) -> str:
         raise InputError("an unknown language of programs", value=dialect, limit=" ".join(DIALECTS))
     if dialect != BY_ENDING:
         return dialect
-    ending = Path(file).suffix.lower()
+    path = Path(file)
+    if path.suffix[1:].isdecimal():  # Creo numbers its versions: part.ncl.1
+        path = path.with_suffix("")
+    ending = path.suffix.lower()
     return next((name for name, endings in ENDINGS.items() if ending in endings), LINUXCNC)
 
 

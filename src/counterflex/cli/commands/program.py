@@ -77,35 +77,46 @@ def path(
         ),
     ] = None,
     dialect: Dialect = BY_ENDING,
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            "--cell",
+            help="Cell file (.toml): tools by name, frames, work offsets, rotary machine.",
+            metavar="CELL",
+            callback=arguments.file,
+        ),
+    ] = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the motions as JSON.")] = False,
 ) -> None:
-    """List the motions of a program as read: line, end point, feed and arc.
+    """List the motions of a program as read: line, end point, feed, arc and orientation of the tool.
+
+    A cell is empty where the program does not say it: an axis that no word has named yet, a place of the machine
+    (G53, G28).
 
     Example: `counterflex path part.ngc --csv path.csv`
     """
-    inputs = [program, *([] if parameters is None else [parameters])]
+    inputs = [program, *(file for file in (cell, parameters) if file is not None)]
     if csv is not None:
         keep_inputs(csv, *inputs, option="--csv")
-    from counterflex.programs.gcode.read.parameter_file import read_parameter_file
-    from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, doubtful_readings
+    from counterflex.app.inputs import Reading
+    from counterflex.app.motion_list import listed
+    from counterflex.programs.gcode.read.reader import doubtful_readings
     from counterflex.programs.listing import listing, write_listing
-    from counterflex.programs.reading import read_program_file
 
-    machine = COORDINATES_OF_THE_PART if parameters is None else read_parameter_file(parameters)
-    toolpath = read_program_file(program, dialect=dialect, complete=not without_end, machine=machine)
+    toolpath, held = listed(program, Reading(dialect, parameters, complete=not without_end), cell)
     for warning in doubtful_readings(toolpath):
         typer.echo(f"warning: {warning}", err=True)
     if as_json:
-        rows = listing(toolpath).to_dicts()
+        rows = listing(toolpath, held).to_dicts()
         print_json(
             {"program": toolpath.name, "dialect": toolpath.dialect, "lines": len(toolpath.lines), "motions": rows}
         )
     if csv is None and not as_json:
-        typer.echo(listing(toolpath).write_csv(), nl=False)
+        typer.echo(listing(toolpath, held).write_csv(), nl=False)
     elif csv is not None:
-        count = write_listing(toolpath, csv)
+        count = write_listing(toolpath, csv, held)
         if not as_json:
             say_written(csv, f"wrote {csv}: {count} motions")
 

@@ -277,6 +277,12 @@ class Cell:
         )
 
     @property
+    def work_offsets(self) -> dict[str, tuple[float, float, float]]:
+        """Zeros of work offsets in the part frame, m."""
+        given = {} if self.tables.part is None else self.tables.part.work_offsets_mm
+        return {name: (x * MM, y * MM, z * MM) for name, (x, y, z) in given.items()}
+
+    @property
     def tool_names(self) -> dict[str, int]:
         """Number of each tool by its name in capitals; names that two tools have are left out."""
         names = [tool.name.strip().upper() for tool in self.tables.tools]

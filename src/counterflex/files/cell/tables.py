@@ -35,6 +35,8 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 
 
 Vector = tuple[Length, Length, Length]
+WorkOffsetName = Annotated[str, Field(pattern=r"^G(5[4-9]|59\.[1-3]|54\.1 P\d{1,3}|5\d\d)$")]
+"""A work offset of G-code (``G54.1 P3``: also G154 P3) or a settable offset of Sinumerik (``G505``)."""
 
 
 Share = Annotated[float, Field(ge=0.0, le=5.0)]
@@ -244,6 +246,7 @@ class PartTable(PoseTable):
     measured_with: Literal["robot", "external"] = "robot"
     datum_points_mm: Annotated[tuple[Vector, ...], Field(max_length=100)] = ()
     stock: StockTable | None = None
+    work_offsets_mm: Annotated[dict[WorkOffsetName, Vector], Field(max_length=400)] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _datum(self) -> PartTable:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -14,9 +15,22 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
-from counterflex.programs.apt.statements import TOOL_ON_CIRCLE, Argument, Statement, place, statements, tilts
+from counterflex.programs.apt.statements import SYSTEM, TOOL_ON_CIRCLE, Argument, Statement, place, statements, tilts
 from counterflex.programs.apt.tool_on_circle import TOOL_ON_FORM, ToolOnCircle
-from counterflex.programs.apt.words import CARRIED, COOLANT, FEEDS, POST, READ, REFUSED
+from counterflex.programs.apt.word_table import NOTES
+from counterflex.programs.apt.words import (
+    CARRIED,
+    CODES,
+    COOLANT,
+    FEEDS,
+    HARMLESS,
+    MOVES_FRAMES,
+    NEUTRAL_M,
+    POST,
+    READ,
+    REFUSED,
+    TURNS,
+)
 from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.motion import FARTHEST_M
@@ -27,7 +41,7 @@ from counterflex.programs.source_text import read_text
 _LOADS: Final = ("ADJUST", "LENGTH", "OSETNO", "ZOFF")
 
 
-def read_apt(text: str, *, name: str = "program", complete: bool = False) -> Program:
+def read_apt(text: str, *, name: str = "program", complete: bool = False, listed: bool = False) -> Program:
     """Execute a file's text and return the statements passed and the motions made.
 
     The coordinates of the file are those of the part. GOTO is the tool tip; where the tool axis is anywhere else than
@@ -38,6 +52,7 @@ def read_apt(text: str, *, name: str = "program", complete: bool = False) -> Pro
         text: The file.
         name: Its name, for errors.
         complete: Refuse a text that stops without FINI or END-OF-PATH.
+        listed: Keep motions to places that are not known (GOHOME), marked.
 
     Returns:
         The program as executed, a block for each statement.
@@ -51,7 +66,7 @@ def read_apt(text: str, *, name: str = "program", complete: bool = False) -> Pro
     if not any(line.strip() for line in lines):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a cutter location file")
     parts = list(statements(lines, name))
-    run = _Run(name, turning=any(tilts(part) for part in parts))
+    run = _Run(name, any(tilts(part) for part in parts), listed)
     ended = False
     for part in parts:
         if ended:
@@ -90,14 +105,16 @@ def read_apt_file(
     if machine is not None and machine.part_at_g54:
         raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for APT", where=str(file))
     text, encoding = read_text(Path(file))
-    return replace(read_apt(text, name=Path(file).name, complete=complete), encoding=encoding)
+    listed = machine is not None and machine.listed
+    return replace(read_apt(text, name=Path(file).name, complete=complete, listed=listed), encoding=encoding)
 
 
 class _Run:
     """One pass through a file."""
 
-    def __init__(self, name: str, turning: bool) -> None:
-        self._name, self._turning = name, turning
+    def __init__(self, name: str, turning: bool, listed: bool = False) -> None:
+        self._name, self._turning, self._listed = name, turning, listed
+        self._away = ""
         self.blocks: list[Block] = []
         self.motions: list[Motion] = []
         self._p: Float = np.zeros(3)
@@ -108,7 +125,7 @@ class _Run:
         self._rapid = False
         self._arc: Statement | None = None
         self._indirv: tuple[float, float, float] | None = None
-        self._msys: tuple[float | None, ...] | None = None
+        self._msys: tuple[tuple[float | None, ...], int] | None = None
         self._motion, self._plane = "G1", 17
 
     def _fault(self, part: Statement, what: str, at: Argument | None = None, hint: str | None = None) -> ProgramError:
@@ -137,11 +154,13 @@ class _Run:
 
     def _execute(self, part: Statement) -> list[Word]:
         major = part.major
+        if self._is_harmless(part):
+            return []
         if major in REFUSED:
             raise self._fault(part, f"{REFUSED[major][0]}: {major}", hint=REFUSED[major][1])
         if major in ("GOTO", "GODLTA"):
             return self._goto(part)
-        if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "FINI"):
+        if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "AUXFUN", "FINI"):
             return self._machine(part)
         if major == "FEDRAT":
             return self._feedrate(part)
@@ -157,7 +176,7 @@ class _Run:
     def _settings(self, part: Statement) -> None:
         """Statements that stand for no word of a machine."""
         major = part.major
-        if major in ("UNITS", "MM", "INCH", "INCHES"):
+        if major in ("UNITS", "UNIT", "MM", "INCH", "INCHES"):
             self._units(part)
         elif major == "RAPID":
             self._rapid = True
@@ -170,16 +189,45 @@ class _Run:
             self._indirv = i, j, k
         elif major == "MULTAX":
             self._allow(part, ("ON", "OFF"))
-        elif major in ("CUTCOM", "CYCLE"):
-            if part.words()[:1] != ["OFF"]:
-                what = "cutter radius compensation is" if major == "CUTCOM" else "machining cycles are"
-                raise self._fault(part, f"{what} not read: {major}", hint=POST)
-        elif major == "MSYS":
+        elif major in ("MSYS", SYSTEM):
             self._system(part)
+        elif major == "TLON":
+            raise self._fault(part, f"{REFUSED['GOFWD'][0]}: {major}", hint=REFUSED["GOFWD"][1])
+        elif major == "GOHOME":
+            self._leave(part)
+        elif major == "INSERT" and CODES.search(re.sub(r"\([^)]*\)", "", part.text.upper().partition("INSERT")[2])):
+            raise self._fault(part, "text for the control with codes is not read: INSERT", hint="Use the words of APT")
+        elif major.startswith(NOTES):
+            if MOVES_FRAMES.search(major):
+                raise self._fault(part, f"a word of SolidWorks CAM that may change frames or feeds: {major}", hint=POST)
         elif major and major not in CARRIED:
             close = close_to(major, [*READ, *CARRIED], 1)
             hint = f"Did you mean {close[0]}?" if close else None
             raise self._fault(part, f"an unknown word of APT: {major}", hint=hint)
+
+    def _is_harmless(self, part: Statement) -> bool:
+        """Whether a word is neutral with its arguments: ``CUTCOM/OFF``, ``ORIGIN/0,0,0``."""
+        for major, arguments in HARMLESS:
+            if part.major != major:
+                continue
+            if part.numbers() and not part.words() and all(a.value == 0.0 for a in part.numbers()):
+                return arguments.startswith("0")
+            if part.words()[:1] == [arguments]:
+                return True
+        return False
+
+    def _leave(self, part: Statement) -> None:
+        """Go home: to a place of the machine that is not known."""
+        if self._listed:
+            self._append("rapid", self._p, self._axis, unknown="XYZ")
+        self._away = f"{part.major} in line {part.line}" if self.motions else ""
+
+    def _require_place(self, part: Statement) -> None:
+        if self._away and not self._listed:
+            raise self._fault(
+                part, f"the file moves on after {self._away}, and where that leads is not known",
+                hint="Write GOTO instead",
+            )  # fmt: skip
 
     def _allow(self, part: Statement, words: tuple[str, ...]) -> None:
         for argument in part.arguments:
@@ -213,6 +261,7 @@ class _Run:
         return (values[0], values[1], values[2]) if self._turning else (0.0, 0.0, 0.0)
 
     def _goto(self, part: Statement) -> list[Word]:
+        self._require_place(part)
         p, axis = self._point(part)
         kind: MotionKind = "rapid" if self._rapid else "feed"
         shape = None
@@ -239,6 +288,7 @@ class _Run:
         centre: Float | None = None,
         normal: Float | None = None,
         turn_rad: float = 0.0,
+        unknown: str = "",
     ) -> None:
         self.motions.append(
             Motion(
@@ -256,6 +306,7 @@ class _Run:
                 normal=normal,
                 turn_rad=turn_rad,
                 feed_rad_s=feed[1],
+                unknown=unknown,
             )
         )
         self._p, self._axis, self._indirv = p, axis, None
@@ -314,6 +365,7 @@ class _Run:
 
     def _tool_on_circle(self, part: Statement) -> list[Word]:
         """TLON,GOFWD on a circle to a line, after INDIRV: an arc in a plane parallel to xy."""
+        self._require_place(part)
         numbers = part.numbers()
         if len(numbers) != 10:
             raise self._fault(part, "the circle needs 4 numbers and the line 6", hint=TOOL_ON_FORM)
@@ -336,7 +388,7 @@ class _Run:
         return [Word(letter, a.value or 0.0, a.start, a.end, True) for letter, a in places]
 
     def _units(self, part: Statement) -> None:
-        words = part.words() if part.major == "UNITS" else [part.major]
+        words = part.words() if part.major in ("UNITS", "UNIT") else [part.major]
         if words not in (["MM"], ["INCH"], ["INCHES"]):
             raise self._fault(part, "an unknown unit of length", hint="UNITS/MM or UNITS/INCHES")
         if self.motions:
@@ -360,13 +412,13 @@ class _Run:
         value = numbers[0].value if numbers else None
         out: list[tuple[str, float]] = []
         if part.major == "SPINDL":
-            self._allow(part, ("RPM", "CLW", "CCLW", "ON", "OFF"))
+            self._allow(part, ("RPM", "ON", "RANGE", "LOW", "MEDIUM", "HIGH", *TURNS))
             if len(numbers) > 1 or (value is not None and not 0.0 <= value <= 1e6):
                 raise self._fault(part, "SPINDL takes one speed, 0 to 1e6 rpm")
             if value is not None:
                 self._rpm = value
                 out.append(("S", value))
-            turns = 0 if "OFF" in words else -1 if "CCLW" in words else 1
+            turns = next((TURNS[word] for word in words if word in TURNS), 1)
             self._turns = turns
             out.append(("M", {0: 5, 1: 3, -1: 4}[turns]))
         elif part.major == "COOLNT":
@@ -382,6 +434,11 @@ class _Run:
                 raise self._fault(part, f"{part.major} needs the number of a tool first", hint="LOADTL/1, LOAD/TOOL,1")
             self._tool, self._turns = int(value), 0
             out += [("T", value), ("M", 6)]
+        elif part.major == "AUXFUN":
+            if value is None or value not in NEUTRAL_M:
+                raise self._fault(part, "a function of the machine that is not read: AUXFUN",
+                                  hint="Use SPINDL, COOLNT, LOADTL, STOP")  # fmt: skip
+            out.append(("M", value))
         else:
             out.append(("M", {"STOP": 0, "OPSTOP": 1, "FINI": 30}[part.major]))
         at = len(part.text) - len(part.text.lstrip())
@@ -396,8 +453,11 @@ class _Run:
         return [Word("G", 4.0, 0, 0, False)]
 
     def _system(self, part: Statement) -> None:
-        """MSYS: the coordinates that the points are in; one for the whole file is that of the part."""
+        """MSYS, CSYS: the coordinates that the points are in; one for the whole file is that of the part."""
         values = tuple(argument.value for argument in part.arguments)
-        if self._msys not in (None, values):
-            raise self._fault(part, "a second coordinate system MSYS", hint="Write the file in one system")
-        self._msys = values
+        if self._msys is not None and self._msys[0] != values:
+            raise self._fault(
+                part, f"a second coordinate system {part.major}, other than in line {self._msys[1]}",
+                hint="Write the file in one system",
+            )  # fmt: skip
+        self._msys = values, part.line

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.apt.word_table import TABLE
 
 FREE_TEXT: Final = frozenset(
     ("PARTNO", "PPRINT", "REMARK", "INSERT", "TOOL PATH", "MACHIN", "PLABEL", "PAINT", "TPRINT")
@@ -17,7 +18,7 @@ FREE_TEXT: Final = frozenset(
 LARGEST: Final = 1e9
 """Largest number of a file; nothing that is measured needs one as large."""
 _AXIS_OFF: Final = 1e-9
-_MAJOR: Final = re.compile(r"\s*([A-Z][A-Z0-9_\- ]*?)\s*(/|$)", re.IGNORECASE)
+_MAJOR: Final = re.compile(r"\s*([A-Z][A-Z0-9_\-. ]*?)\s*(/|$)", re.IGNORECASE)
 _TEXT: Final = re.compile(r"\s*(PARTNO|PPRINT|REMARK|INSERT|TOOL PATH|MACHIN|PLABEL|PAINT|TPRINT)\b", re.IGNORECASE)
 _ARGUMENT: Final = re.compile(r"\s*([^,\s]+)\s*(,|$)")
 _TOOL_ON: Final = re.compile(r"\s*(TLON|TLLFT|TLRGT)\b\s*,?", re.IGNORECASE)
@@ -26,6 +27,10 @@ _TOOL_ON_CIRCLE: Final = re.compile(
     r"\(?\s*LINE\s*/([^()A-Z]*?)\)?\s*",
     re.IGNORECASE,
 )
+SYSTEM: Final = "$$-> CSYS"
+"""Major word of the coordinate system that Creo writes as a comment."""
+_SYSTEM: Final = re.compile(r"\s*\$\$->\s*CSYS\s*/", re.IGNORECASE)
+_KNOWN: Final = frozenset(row.word.split("/")[0].split(" ")[0] for row in TABLE.rows)
 TOOL_ON_CIRCLE: Final = "TLON,GOFWD"
 """Major word of the circular motion that CATIA writes; its arguments: centre, radius, both points of the line, and the
 word INTOF where the second intersection with the line is meant."""
@@ -77,7 +82,8 @@ def statements(lines: Sequence[str], name: str) -> Iterator[Statement]:
     """Yield the statements of a file.
 
     ``$$`` begins a comment; a single ``$`` says that the statement goes on in the next line, what follows it is no part
-    of it.
+    of it. A comment that ends in ``$`` goes on in the next line, unless that is a statement; ``$$-> CSYS / ...`` is how
+    Creo writes its coordinate system.
 
     Args:
         lines: Without line ends.
@@ -93,11 +99,33 @@ def statements(lines: Sequence[str], name: str) -> Iterator[Statement]:
             line, goes_on = _code(lines[index])
             code.append(line)
             index += 1
+            if not goes_on and lines[first].lstrip().startswith("$$") and _comment_goes_on(lines, first, index):
+                goes_on, code[-1] = True, " " * len(lines[index - 1])
             if not goes_on:
                 break
             if index == len(lines):
                 raise ProgramError("the file ends within a statement", where=f"{name}:{index}:1", value=lines[-1][:40])
-        yield _statement("\n".join(code), "\n".join(lines[first:index]), first + 1, name)
+        text = "\n".join(lines[first:index])
+        if (system := _SYSTEM.match(text)) is not None:
+            flat = text.replace("\n", " ").replace("$", " ")
+            whole = Statement(first + 1, text, SYSTEM)
+            arguments = _arguments(flat, system.end(), len(flat.rstrip()), whole, name)
+            yield Statement(first + 1, text, SYSTEM, tuple(arguments))
+        elif lines[first].lstrip().startswith("$$"):
+            yield Statement(first + 1, text, "")
+        else:
+            yield _statement("\n".join(code), text, first + 1, name)
+
+
+def _comment_goes_on(lines: Sequence[str], first: int, index: int) -> bool:
+    """Whether the comment that begins in line ``first`` goes on in the line ``index``."""
+    last = lines[index - 1].rstrip()
+    if not last.endswith("$") or last.endswith("$$") or index == len(lines):
+        return False
+    if _SYSTEM.match(lines[first]) is not None:
+        return True
+    major = _MAJOR.match(lines[index])
+    return major is None or major[1].split()[0].upper() not in _KNOWN
 
 
 def _code(line: str) -> tuple[str, bool]:

@@ -1,36 +1,38 @@
-"""Which words of APT the reader knows, and why it refuses the others.
-
-Source: ISO 4343, numerical control of machines, processor output.
-"""
+"""The words of APT as the reader asks for them, from the table of statements, and their units and coolants."""
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from counterflex.core.units import INCH, MM
-from counterflex.programs.apt.statements import FREE_TEXT
+from counterflex.programs.apt.word_table import TABLE
+from counterflex.programs.statement_table import Treatment
 
-CARRIED: Final = FREE_TEXT | frozenset(
-    ("CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "CLEARP", "OPSKIP", "SEQNO", "SELCTL", "TOOLNO",
-     "SELECT", "END-OF-PATH", "MSYS", "NOPOST", "CLPRNT", "DISPLY", "MODE", "HEAD", "CLRSRF", "ARCSLP", "FIXTURE",
-     "AUTOPS", "SELECTL", "SWITCH")
-)  # fmt: skip
-"""Words that change no target."""
-READ: Final = (
-    "GOTO", "GODLTA", "FROM", "CIRCLE", "MOVARC", "INDIRV", "RAPID", "FEDRAT", "SPINDL", "COOLNT", "LOADTL", "LOAD",
-    "TLAXIS", "MULTAX","UNITS", "MM", "INCH", "INCHES", "DELAY", "STOP", "OPSTOP", "CUTCOM", "CYCLE", "FINI",
-)  # fmt: skip
 POST: Final = "Let the CAM system write GOTO"
-REFUSED: Final[dict[str, tuple[str, str]]] = {
-    **dict.fromkeys(("INDIRP", "TLON", "TLLFT", "TLRGT", "GOFWD", "GOLFT", "GORGT", "GOBACK", "GO"),
-                    ("geometry that a post processor must solve is not read", "Write the file with CIRCLE or GOTO")),
-    **dict.fromkeys(("GOHOME", "RETRCT", "ORIGIN", "TRANS", "ROTATE", "ROTABL", "ROTHED", "COPY", "TRACUT"),
-                    ("motions and frames of the machine are not read", POST)),
-    **dict.fromkeys(("AUXFUN", "PREFUN"), ("functions of the machine are not read", "Use SPINDL, COOLNT, LOADTL")),
-    **dict.fromkeys(("MACRO", "CALL", "TERMAC", "JUMPTO", "IF", "LOOPST"), ("macros and jumps are not read", POST)),
-    **dict.fromkeys(("SPLINE", "NURBS", "POLYN"), ("splines are not read", POST)),
-}  # fmt: skip
+CARRIED: Final = frozenset(row.word for row in TABLE.of(Treatment.NEUTRAL) if "/" not in row.word)
+"""Words that change no target."""
+READ: Final = tuple(row.word for row in TABLE.of(Treatment.EVALUATED))
+REFUSED: Final = {row.word: (row.reason, row.remedy) for row in TABLE.of(Treatment.REFUSED)}
 """Words that the reader knows and does not take."""
-FEEDS: Final = {"MMPM": (94, MM), "IPM": (94, INCH), "MMPR": (95, MM), "IPR": (95, INCH), "PERMIN": (94, 0.0),
-                 "PERREV": (95, 0.0)}  # fmt: skip
-COOLANT: Final = {"ON": 8, "FLOOD": 8, "MIST": 7, "OFF": 9}
+HARMLESS: Final = {
+    tuple(row.word.split("/", 1)) for row in TABLE.of(Treatment.NEUTRAL) if "/" in row.word and row.word[0] != "$"
+}
+"""Words that are neutral with these arguments, and refused with others."""
+MOVES_FRAMES: Final = re.compile(
+    r"TRANS|ROT|CSYS|ORIG|MATRIX|COORD|CYCLE|HOME|OFFSET|DRILL|TAP|PLANE|AXIS|MOVE|FEED|SPEED"
+)
+"""Notes of SolidWorks CAM that may not be neutral."""
+CODES: Final = re.compile(r"(?<![A-Z])[GMTSF]\d|(?<![A-Z])[XYZABCIJKR]\s*[-+=]?\s*[\d.#]", re.IGNORECASE)
+"""Codes and targets in a text for the control (INSERT)."""
+FEEDS: Final = {
+    "MMPM": (94, MM), "IPM": (94, INCH), "MMPR": (95, MM), "IPR": (95, INCH), "PERMIN": (94, 0.0), "PERREV": (95, 0.0),
+    "MPM": (94, 1.0),
+}  # fmt: skip
+COOLANT: Final = {"ON": 8, "FLOOD": 8, "TAP": 8, "THRU": 8, "TAPKUL": 8, "MIST": 7, "AIR": 7, "OFF": 9}
+NEUTRAL_M: Final = frozenset(
+    (0, 1, 7, 8, 9, 10, 11, 12, 13, 31, 33, 34, 35, 40, 41, 42, 48, 49, 50, 51, 83, 84, 88, 89)
+)
+"""M codes of AUXFUN that move nothing."""
+TURNS: Final = {"CLW": 1, "FWD": 1, "CCLW": -1, "REV": -1, "OFF": 0, "ORIENT": 0, "LOCK": 0}
+"""Sense of the spindle; without a word it is clockwise."""

@@ -22,7 +22,7 @@ from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.machine_functions import BEHIND
 from counterflex.programs.val3.program import Val3Program
 
-ENDS: Final = frozenset((2, 17, 30, 60, 98, 99))
+ENDS: Final = frozenset((2, 17, 30, 60, 97, 98, 99))
 _ORDER: Final = (6, 3, 4, 7, 8, 9, 5)
 _NO_EFFECT: Final = frozenset((48, 49))
 _TOGETHER: Final = frozenset("SPQER")

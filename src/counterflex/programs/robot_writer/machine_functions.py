@@ -22,7 +22,7 @@ KEYS: Final[dict[int, str]] = {
     9: "coolant_off",
 }
 """Key of the table by M-code."""
-ELSEWHERE: Final = frozenset({0, 1, 2, 17, 30, 60, 98, 99})
+ELSEWHERE: Final = frozenset({0, 1, 2, 17, 30, 60, 97, 98, 99})
 """M-codes that writers turn into stops and ends themselves, and calls, which are written out."""
 _NO_EFFECT: Final = frozenset({48, 49})
 _ORDER: Final = (6, 3, 4, 7, 8, 9, 5)

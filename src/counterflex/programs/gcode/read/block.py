@@ -6,10 +6,21 @@ from collections.abc import Callable
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.gcode.read.codes import AXES, G_GROUP, M_GROUP, REFUSED_G, REFUSED_M, code_name
+from counterflex.programs.gcode.read.codes import (
+    AXES,
+    G_GROUP,
+    M_GROUP,
+    NEUTRAL_BY_WORD,
+    REFUSED_G,
+    REFUSED_M,
+    TAKEN_BY_G,
+    code_name,
+)
 from counterflex.programs.program import Word
 
 _KNOWN: Final = frozenset("ABCDEFGHIJKLMNPQRSTXYZ")
+_BLENDING: Final = 640
+"""G64, whose words have limits."""
 _MODAL_GROUPS_OF_ONE: Final = "Two codes of one modal group contradict each other: put them on two lines"
 
 
@@ -19,6 +30,7 @@ class BlockWords:
     Args:
         words: In order of appearance.
         fault: Makes an error on this line from what, column, value and hint.
+        line: 1-based number of the line.
 
     Raises:
         ProgramError: An unknown letter or code, a repeated word, two codes of one modal group, a refused code.
@@ -28,26 +40,33 @@ class BlockWords:
         m: M codes in tenths, in order.
     """
 
-    def __init__(self, words: tuple[Word, ...], fault: Callable[[str, int, object, str | None], ProgramError]) -> None:
+    def __init__(
+        self, words: tuple[Word, ...], fault: Callable[[str, int, object, str | None], ProgramError], line: int = 0
+    ) -> None:
         self._fault = fault
+        self.line = line
         self.g: dict[str, int] = {}
         self.m: dict[str, int] = {}
         self._values: dict[str, float] = {}
         self._columns: dict[str, int] = {}
+        self._letters = frozenset(word.letter for word in words)
         for word in words:
             if word.letter == "G":
                 self._code(word, "G", G_GROUP, REFUSED_G, self.g)
             elif word.letter == "M":
                 self._code(word, "M", M_GROUP, REFUSED_M, self.m)
             elif word.letter not in _KNOWN:
-                hint = "Axes U V W are not read" if word.letter in "UVW" else None
-                raise fault("an unknown word", word.start, f"{word.letter}{word.value:g}", hint)
+                axis = word.letter in "UVW"
+                what = "axes U V W are not read" if axis else "an unknown word"
+                raise fault(what, word.start, f"{word.letter}{word.value:g}", "Post X Y Z" if axis else None)
             elif word.letter in self._values:
                 raise fault("the word appears twice in one block", word.start, f"{word.letter}{word.value:g}", None)
             else:
                 self._values[word.letter] = word.value
                 self._columns[word.letter] = word.start
         self._unused = set(self._values) - {"N"}
+        for code in self.g.values():
+            self._unused -= set(TAKEN_BY_G.get(code, "")) if code != _BLENDING else set()
 
     def _code(
         self,
@@ -60,8 +79,18 @@ class BlockWords:
         code = round(word.value * 10.0) if abs(word.value) < 1e6 else -1
         name = f"{letter}{word.value:g}"
         if abs(word.value * 10.0 - code) > 1e-3 or (code not in groups and code not in refused):
-            hint = "User-defined M codes run programs of the machine" if letter == "M" and 1000 <= code < 2000 else None
+            own = letter == "M" and 1000 <= code < 2000
+            hint = (
+                "User-defined M codes run programs of the machine: take it out, or write what it does"
+                if own
+                else f"Take it out, or post without it. The {letter} codes that are read: docs/statements/linuxcnc.md"
+            )
             raise self._fault(f"an unknown {letter} code", word.start, name, hint)
+        neutral = self._neutral_by_word(code) if letter == "G" else ""
+        if neutral:
+            self.g[neutral] = code
+            self._columns[letter + str(code)] = word.start
+            return
         if code in refused:
             what, hint = refused[code]
             raise self._fault(what, word.start, name, hint)
@@ -78,6 +107,13 @@ class BlockWords:
             )
         into[group] = code
         self._columns[letter + str(code)] = word.start
+
+    def _neutral_by_word(self, code: int) -> str:
+        """Modal group of a code that another word of the block makes neutral: G5.1 with Q and without I and J."""
+        if not self._letters.isdisjoint("IJ" if code == 51 else "XYIJ"):
+            return ""
+        return next((group for (c, letter), group in NEUTRAL_BY_WORD.items() if c == code and letter in self._letters),
+                    "")  # fmt: skip
 
     def fault(self, what: str, letter: str = "", value: object = None, hint: str | None = None) -> ProgramError:
         """Make an error at a word (``"X"``), a code (``"G830"``), or the line's beginning."""

@@ -1,80 +1,57 @@
-"""Which G and M codes the reader knows, their modal groups, and why it refuses the others.
+"""Modal groups of the G and M codes that are read, and why the others are refused: the table as the reader asks for it.
 
-Codes are kept as tenths: G43.1 is 431. Source: LinuxCNC, G-codes, M-codes and "Modal groups".
+Codes are kept as tenths: G43.1 is 431.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
-G_GROUP: Final[dict[int, str]] = {
-    **dict.fromkeys((40, 100, 280, 281, 300, 301, 520, 530, 920, 921, 922, 923), "non-modal"),
-    **dict.fromkeys((0, 10, 20, 30, 730, 800, 810, 820, 830, 850, 860, 890), "motion"),
-    **dict.fromkeys((170, 180, 190), "plane"),
-    **dict.fromkeys((900, 910), "distance"),
-    **dict.fromkeys((901, 911), "arc distance"),
-    **dict.fromkeys((930, 940, 950), "feed"),
-    **dict.fromkeys((200, 210), "units"),
-    400: "cutter radius",
-    **dict.fromkeys((430, 431, 434, 435, 490), "tool length"),
-    **dict.fromkeys((980, 990), "retract"),
-    **dict.fromkeys((540, 550, 560, 570, 580, 590, 591, 592, 593), "work offset"),
-    **dict.fromkeys((610, 611, 640), "path control"),
-    80: "diameter",
-    **dict.fromkeys((960, 970), "spindle mode"),
-}
+from counterflex.programs.gcode.read.code_table import G_CODES, M_CODES, Code
+from counterflex.programs.statement_table import Treatment
 
-_CAM: Final = "Let the CAM system write the tool-centre path"
-_CYCLE: Final = "Use G81, G82, G83, G85, G86 or G89, or let the CAM system write the moves"
-REFUSED_G: Final[dict[int, tuple[str, str]]] = {
-    410: ("cutter radius compensation G41 depends on the machine's tool table", _CAM),
-    411: ("cutter radius compensation G41.1 is not read", _CAM),
-    420: ("cutter radius compensation G42 depends on the machine's tool table", _CAM),
-    421: ("cutter radius compensation G42.1 is not read", _CAM),
-    432: ("additional tool offsets G43.2 are not read", "Use G43 or G43.1"),
-    50: ("splines G5 are not read", _CAM),
-    51: ("splines G5.1 are not read", _CAM),
-    52: ("splines G5.2 are not read", _CAM),
-    53: ("splines G5.3 are not read", _CAM),
-    70: ("lathe diameter mode G7 is not milling", "Use radii"),
-    171: ("the UV plane G17.1 is not read", "Use G17, G18 or G19"),
-    181: ("the WU plane G18.1 is not read", "Use G17, G18 or G19"),
-    191: ("the VW plane G19.1 is not read", "Use G17, G18 or G19"),
-    330: ("spindle-synchronised motion G33 is not milling", _CYCLE),
-    331: ("rigid tapping G33.1 is not milling", _CYCLE),
-    382: ("probing G38.2 has no known end point", "Take probing out of the program"),
-    383: ("probing G38.3 has no known end point", "Take probing out of the program"),
-    384: ("probing G38.4 has no known end point", "Take probing out of the program"),
-    385: ("probing G38.5 has no known end point", "Take probing out of the program"),
-    740: ("tapping G74 is not milling", _CYCLE),
-    760: ("threading cycle G76 is not milling", _CYCLE),
-    840: ("tapping G84 is not milling", _CYCLE),
-    870: ("back boring G87 is not read", _CYCLE),
-    880: ("boring with manual retract G88 is not read", _CYCLE),
-}
 
-M_GROUP: Final[dict[int, str]] = {
-    **dict.fromkeys((0, 10, 20, 300, 600, 980, 990), "stopping"),
-    **dict.fromkeys((30, 40, 50, 190), "spindle"),
-    60: "tool change",
-    610: "tool change",
-    **dict.fromkeys((70, 80, 90), "coolant"),
-    **dict.fromkeys((480, 490, 500, 510, 520, 530), "override"),
-    **dict.fromkeys((620, 630, 640, 650, 670, 680), "output"),
+def _tenths(word: str) -> int:
+    whole, _, tenth = word[1:].partition(".")
+    return 10 * int(whole) + int(tenth or 0)
+
+
+def _plain(codes: Iterable[Code]) -> list[Code]:
+    return [code for code in codes if " " not in code.word]
+
+
+HAAS_OFFSETS: Final = {10 * number: number - 109 for number in range(110, 130) if number not in (112, 113)}
+"""Number P of the further work offset that G110 to G129 select; G112 and G113 are Fanuc's polar interpolation."""
+G_GROUP: Final = {_tenths(code.word): code.group for code in _plain(G_CODES) if code.group} | dict.fromkeys(
+    HAAS_OFFSETS, "work offset"
+)
+"""Modal group of each G code that is read."""
+M_GROUP: Final = {_tenths(code.word): code.group for code in _plain(M_CODES) if code.group}
+"""Modal group of each M code that is read."""
+REFUSED_G: Final = {
+    _tenths(code.word): (code.reason, code.remedy) for code in G_CODES if code.treatment is Treatment.REFUSED
 }
-REFUSED_M: Final[dict[int, tuple[str, str]]] = {
-    660: ("M66 waits for an input that is not known here", "Take it out of the program"),
-    700: ("M70 saves a modal state and is not read", "Set the modes with their own codes"),
-    710: ("M71 drops a modal state and is not read", "Set the modes with their own codes"),
-    720: ("M72 restores a modal state and is not read", "Set the modes with their own codes"),
-    730: ("M73 saves a modal state and is not read", "Set the modes with their own codes"),
+"""Reason and remedy of each G code that is refused."""
+REFUSED_M: Final = {
+    _tenths(code.word): (code.reason, code.remedy) for code in M_CODES if code.treatment is Treatment.REFUSED
 }
+"""Reason and remedy of each M code that is refused."""
+NEUTRAL_BY_WORD: Final = {
+    (_tenths(code.word.split()[0]), code.word.split()[1]): code.group for code in G_CODES if " " in code.word
+}
+"""Modal group of codes that are neutral with a word (``G5.1 Q1``), by code and letter."""
+TAKEN_BY_G: Final = {
+    _tenths(code.word.split()[0]): code.takes for code in G_CODES if code.treatment is Treatment.NEUTRAL and code.takes
+}
+"""Letters of the words that belong to a neutral G code."""
 
 WORDS_OF_M: Final[dict[int, str]] = {
     19: "RPQ",
-    **dict.fromkeys((48, 49, 50, 51, 52, 53, 62, 63, 64, 65), "P"),
+    **{_tenths(code.word) // 10: code.takes for code in M_CODES if code.takes},
     61: "Q",
-    **dict.fromkeys((67, 68), "EQ"),
+    66: "PELQ",
+    97: "PL",
     98: "PL",
 }
 """Words that an M-code takes, by its number."""

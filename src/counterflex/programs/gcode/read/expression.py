@@ -31,6 +31,9 @@ class ParameterSource(Protocol):
     def exists(self, name: str) -> bool:
         """Whether ``#<name>`` has a value."""
 
+    def vacant(self, index: float, column: int) -> bool:
+        """Whether ``#index`` has no value."""
+
     def fault(self, what: str, column: int, value: object = None, hint: str | None = None) -> ProgramError:
         """Make an error at a column (0-based) of the line being executed."""
 
@@ -141,6 +144,10 @@ class Operation:
 
     def evaluate(self, source: ParameterSource) -> float:
         """Return the result."""
+        for one, other in ((self.left, self.right), (self.right, self.left)):
+            if self.operator in ("eq", "ne") and _is_null(one) and isinstance(other, NumberedParameter):
+                vacant = source.vacant(other.index.evaluate(source), other.column)
+                return float(vacant == (self.operator == "eq"))
         left, right = self.left.evaluate(source), self.right.evaluate(source)
         try:
             value = _OPERATORS[self.operator](left, right)
@@ -153,6 +160,11 @@ class Operation:
         if not math.isfinite(value):
             raise source.fault("the result is not a finite number", self.column, f"{left:g} {self.operator} {right:g}")
         return value
+
+
+def _is_null(expression: Expression) -> bool:
+    """Whether it is ``#0``, which has no value on Fanuc's controls."""
+    return isinstance(expression, NumberedParameter) and expression.index == Number(0.0)
 
 
 def _power(left: float, right: float) -> float:
@@ -359,6 +371,10 @@ class Cursor:
                 "an operator or ] is expected", repr(self.peek(8)) if self.peek() else "the end of the line"
             )
         return inner
+
+    def assigned(self) -> Expression:
+        """Read what a parameter is set to: a value, or operations without brackets as Fanuc writes them."""
+        return self._operation(1)
 
     def _operation(self, least: int) -> Expression:
         """Read operators of precedence ``least`` or tighter, left to right."""

@@ -6,9 +6,12 @@ import re
 from dataclasses import dataclass, field
 from typing import Final
 
+from counterflex.programs.gcode.read.macro_flow import MacroFlow, scan_macro
 from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, scan_line
 
 _FLOW_LINE: Final = re.compile(r"[ \t]*/?[ \t]*(?:[Nn][ \t0-9.]*)?[Oo]")
+_NUMBERED: Final = re.compile(r"[ \t]*/?[ \t]*[Nn][ \t]*(\d+)(?![.\d])")
+_MACRO_LINE: Final = re.compile(r"(if|while)\s*\[|goto|do\s*[1-9]|end\s*[1-9]|popen|pclos|[db]prnt", re.IGNORECASE)
 _CLOSERS: Final = {"endsub": "sub", "endwhile": "while", "endif": "if", "endrepeat": "repeat"}
 LOOPS: Final = ("while", "do", "repeat")
 
@@ -70,8 +73,17 @@ class Source:
         self.at: dict[int, Construct] = {}
         self.subs: dict[str, Construct] = {}
         self.labels: dict[str, int] = {}
+        self.numbered: dict[int, list[int]] = {}
+        self.macro: dict[int, MacroFlow] = {}
+        self.loops: dict[int, int] = {}
+        self._loop_starts: dict[int, int] = {}
         self._open: list[Construct] = []
         for index, line in enumerate(lines):
+            if (numbered := _NUMBERED.match(line)) is not None:
+                self.numbered.setdefault(int(numbered[1]), []).append(index)
+            if _MACRO_LINE.search(line) and (macro := scan_macro(line, name, index + 1)) is not None:
+                self._place_macro(index, macro)
+                continue
             if _FLOW_LINE.match(line):
                 flow = self.scan(index).flow
                 if flow is not None:
@@ -85,6 +97,22 @@ class Source:
                 0,
                 lines[remaining.start].strip(),
             )
+
+    def _place_macro(self, index: int, macro: MacroFlow) -> None:
+        """Note a line of the flow of a macro; a loop and its END find each other."""
+        self.macro[index] = macro
+        if macro.keyword in ("while", "do"):
+            self._loop_starts[macro.loop] = index
+        elif macro.keyword == "end":
+            if macro.loop not in self._loop_starts:
+                raise error_at(self.name, index + 1, f"END{macro.loop} closes no loop", 0, self.lines[index].strip())
+            start = self._loop_starts.pop(macro.loop)
+            self.loops[start], self.loops[index] = index, start
+
+    def jump(self, number: int, index: int) -> int | None:
+        """Return the index of a block number: the next one behind a line, else the first one of all."""
+        places = self.numbered.get(number, [])
+        return next((place for place in places if place > index), places[0] if places else None)
 
     def scan(self, index: int) -> ScannedLine:
         """Return the line as scanned; each line is scanned once."""

@@ -11,7 +11,8 @@ from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import TAKES_AXES, code_name
 from counterflex.programs.gcode.read.expression import NamedParameter
 from counterflex.programs.gcode.read.flow import Source
-from counterflex.programs.gcode.read.jumps import MOST_REPEATS, FlowRunner, Place
+from counterflex.programs.gcode.read.jumps import FlowRunner, Include, Place
+from counterflex.programs.gcode.read.macro_flow import MacroFlow
 from counterflex.programs.gcode.read.modes import apply_modes, apply_offsets, apply_rates
 from counterflex.programs.gcode.read.motion import FARTHEST_M, MotionMaker, point, radians
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
@@ -29,7 +30,7 @@ class Interpreter(FlowRunner):
         source: The program.
         state: Offsets and modes at the start.
         machine: What is known of the machine at the start.
-        includes: Returns the text of a subroutine's file by name, or None.
+        includes: Returns name and text of a subroutine's file, or None.
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
         complete: Refuse a program that stops without M2, M30 or a closing ``%``.
@@ -41,7 +42,7 @@ class Interpreter(FlowRunner):
         source: Source,
         state: State,
         machine: MillingMachine,
-        includes: Callable[[str], str | None] | None,
+        includes: Include | None,
         *,
         step_limit: int,
         block_delete: bool,
@@ -55,7 +56,7 @@ class Interpreter(FlowRunner):
         self._block_delete = block_delete
         self._complete = complete
         self._plain = plain
-        self._maker = MotionMaker(state, self._parameters, machine.known)
+        self._maker = MotionMaker(state, self._parameters, machine.known, machine.listed)
         self._modals: dict[Modal, Modal] = {}
         self._modal = state.modal()
         self._ended = False
@@ -107,6 +108,10 @@ class Interpreter(FlowRunner):
         self._place = Place(source, index + 1)
         here = Place(source, index)
         text = source.lines[index]
+        macro = source.macro.get(index)
+        if macro is not None:
+            self._macro_line(source, index, macro)
+            return
         words = scan_plain(text) if self._plain else None
         if words is not None and not self._frames and self._straight(text, index, words):
             return
@@ -115,6 +120,18 @@ class Interpreter(FlowRunner):
         self._parameters.line = index + 1
         jump = self._execute(source, index, text, scanned, words or ())
         self._place = after if jump is None else jump
+
+    def _macro_line(self, source: Source, index: int, flow: MacroFlow) -> None:
+        """Execute a line of the flow of a Fanuc macro."""
+        self._place, self._parameters.line = Place(source, index), index + 1
+        self._append_block(source, index, source.lines[index], (), self._modal, len(self._maker.motions), False)
+        holds = flow.then is not None and self._value(flow.condition, "a condition") != 0.0
+        jump = None
+        if holds and flow.then is not None:
+            self._evaluate(flow.then)
+        elif flow.then is None:
+            jump = self._macro_flow(source, index, flow)
+        self._place = jump or Place(source, index + 1)
 
     def _count(self, source: Source, index: int) -> None:
         if source is self._main:
@@ -153,7 +170,7 @@ class Interpreter(FlowRunner):
     def _straight(self, text: str, index: int, words: tuple[Word, ...]) -> bool:
         """Execute a plain G0 or G1 line under G94; False where the line needs the long way."""
         state = self._state
-        if state.feed_mode != 94 or self._maker.away:
+        if not state.plain or self._maker.away:
             return False
         plain = _plain_words(words, state.motion)
         if plain is None:
@@ -232,17 +249,17 @@ class Interpreter(FlowRunner):
         if not words:
             self._append_block(source, index, text, (), self._modal, first, False)
             return None
-        block = BlockWords(words, self._fault)
+        block = BlockWords(words, self._fault, index + 1)
         self._maker.block = len(self.blocks)
         modal, cycle, jump = self._words(source, block)
         self._append_block(source, index, text, words, modal, first, cycle)
         return jump() if jump is not None else None
 
     def _percent_line(self, source: Source, index: int) -> None:
-        """A percent sign opens the program where nothing but blank lines come before it; a second one ends it."""
+        """A percent sign opens the program where nothing but blank lines come before it, and ends it later on."""
         if not any(line.strip() for line in source.lines[:index]):
             self._percent = True
-        elif self._percent:
+        elif self._percent or not any(line.strip() for line in source.lines[index + 1 :]):
             self._ended = True
         else:
             column = source.lines[index].index("%")
@@ -253,17 +270,31 @@ class Interpreter(FlowRunner):
         words = tuple(
             Word(word.letter, word.value, word.start, word.end)
             if word.value is not None
-            else Word(word.letter, self._value(word.expression), word.start, word.end, literal=False)
+            else Word(
+                word.letter, self._value(word.expression, word.letter, word.start), word.start, word.end, literal=False
+            )
             for word in scanned.words
         )
-        settled = [(assignment, self._value(assignment.value)) for assignment in scanned.assignments]
+        settled = [(assignment, self._open_value(assignment.value)) for assignment in scanned.assignments]
         for assignment, value in settled:
             target = assignment.target
             if isinstance(target, NamedParameter):
                 self._parameters.set_named(target.name, value, assignment.column)
             else:
-                self._parameters.set_numbered(target.index.evaluate(self._parameters), value, assignment.column)
+                index = self._value(target.index, "the number of a parameter")
+                self._parameters.set_numbered(index, value, assignment.column)
         return words
+
+    def _places(self, block: BlockWords, special: int | None) -> bool:
+        """Execute what goes to stored positions or sets them and offsets; whether the block moved there."""
+        if special in (280, 300):
+            self._maker.home(block, special)
+            return True
+        if special in (281, 301):
+            self._parameters.store_position(special - 1, self._maker.machine_position())
+        else:
+            apply_offsets(block, self._state)
+        return False
 
     def _words(self, source: Source, block: BlockWords) -> tuple[Modal, bool, Callable[[], Place | None] | None]:
         """Execute a block's words in LinuxCNC's order."""
@@ -272,9 +303,13 @@ class Interpreter(FlowRunner):
         motion = block.g.get("motion")
         machine = special == 530
         stop = block.m.get("stopping")
+        if special == 650:
+            jump = self._subprogram(source, block)
+            block.finish()
+            return self._refresh(), False, jump
         apply_rates(block, state)
         if special == 40:
-            maker.dwell(block, block.take("P"))
+            maker.dwell(block, block.take("P") if block.has("P") else block.take("X"))
         apply_modes(block, state, self._tool_lengths)
         if special in TAKES_AXES and motion is not None and motion != 800 and block.has("XYZABC"):
             raise block.fault(
@@ -283,19 +318,12 @@ class Interpreter(FlowRunner):
             )  # fmt: skip
         if motion is not None:
             state.choose_motion(motion)
-        cycle = False
-        if special in (280, 300):
-            maker.home(block, special)
-            cycle = True
-        elif special in (281, 301):
-            self._parameters.store_position(special - 1, maker.machine_position())
-        else:
-            apply_offsets(block, state)
+        cycle = self._places(block, special)
         active = state.motion
         modal = self._refresh()
         if machine:
             modal = self._refresh(machine=True)
-        jump = self._stop(source, block, stop)
+        jump = self._subprogram(source, block)
         if motion == 800 and block.has("XYZABC"):
             raise block.fault("G80 moves nothing, yet there are axis words", "G800", "G80")
         vector = active in (0, 10) and state.tool_centre == TOOL_VECTOR and block.has("IJK")
@@ -311,29 +339,13 @@ class Interpreter(FlowRunner):
         elif motion is not None and motion not in (0, 10, 800):
             raise block.fault("the motion code has no axis word", f"G{motion}", code_name("G", motion))
         block.finish()
+        if "input" in block.m:
+            self._parameters.forget_input()
         if stop in (20, 300):
             self._ended = True
         if not machine and state.constant_surface:
             modal = self._refresh()
         return modal, cycle, jump
-
-    # Jumps ----------------------------------------------------------------------------------------------------------
-
-    def _stop(self, source: Source, block: BlockWords, stop: int | None) -> Callable[[], Place | None] | None:
-        if stop == 980:
-            number = block.whole("P", 1, 99_999_999)
-            if number is None:
-                raise block.fault("M98 needs the number P of the subprogram", "M980", "M98")
-            repeats = block.whole("L", 1, MOST_REPEATS) or 1
-            index = self._place.index
-            return lambda: self._call(source, index, str(number), [], repeats, False, 0)
-        if stop == 990:
-            if not self._frames or self._frames[-1].modern:
-                raise block.fault(
-                    "M99 outside a subprogram runs the program for ever", "M990", "M99", "End it with M2 or M30"
-                )
-            return lambda: self._return(None)
-        return None
 
 
 def _plain_words(words: tuple[Word, ...], motion: int) -> tuple[int, float | None, dict[str, float]] | None:

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Final
 
 from counterflex.core.units import INCH, MM
+from counterflex.programs.gcode.read.arc import PLANE_AXES
 from counterflex.programs.gcode.read.block import BlockWords
-from counterflex.programs.gcode.read.codes import code_name
-from counterflex.programs.gcode.read.state import WORK_OFFSETS, ZERO, Six, State, minus, plus
+from counterflex.programs.gcode.read.codes import HAAS_OFFSETS, code_name
+from counterflex.programs.gcode.read.frames import Frame, Rotation
+from counterflex.programs.gcode.read.state import State, minus, plus
+from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS, MOST_FURTHER, ZERO, Six, further
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR
 
 _OFFSET_CODES: Final = (540, 550, 560, 570, 580, 590, 591, 592, 593)
-_WORK_OFFSET: Final = dict(zip(_OFFSET_CODES, WORK_OFFSETS, strict=True))
+_WORK_OFFSET: Final = dict(zip(_OFFSET_CODES, LINUXCNC_OFFSETS, strict=True)) | {
+    code: further(number) for code, number in HAAS_OFFSETS.items()
+}
+_FURTHER: Final = (541, 1540)
+_GIVE_OFFSETS: Final = (
+    "Give the zeros of all offsets in the cell file (--cell): part.work_offsets_mm = {{G54 = [0, 0, 0], {0} = [...]}}; "
+    "or the parameters of the machine: --parameters FILE"
+)
 _MOST: Final = 1_000_000.0
 
 
@@ -43,6 +54,9 @@ def apply_rates(block: BlockWords, state: State) -> None:
             block.take(letter)
     if block.m.get("override") is not None:
         block.take("P")
+    if "input" in block.m:
+        for letter in "PELQ":
+            block.take(letter)
 
 
 def _feed(block: BlockWords, state: State) -> None:
@@ -108,7 +122,8 @@ def apply_modes(block: BlockWords, state: State, tool_lengths: Mapping[int, floa
     if "tool length" in groups:
         _tool_length(block, state, tool_lengths)
     if "work offset" in groups:
-        state.work_offset = _WORK_OFFSET[groups["work offset"]]
+        _work_offset(block, state)
+    _frame(block, state)
     if groups.get("path control") == 640:
         for letter in "PQ":
             value = block.take(letter)
@@ -155,17 +170,114 @@ def _tool_length(block: BlockWords, state: State, tool_lengths: Mapping[int, flo
     state.position = plus(state.position, minus(before, state.tool_length))
 
 
+def _work_offset(block: BlockWords, state: State) -> None:
+    """Select a work offset; G54 P3 is G54.1 P3."""
+    code = block.g["work offset"]
+    name = _WORK_OFFSET.get(code, "")
+    own = "non-modal" not in block.g and block.m.get("stopping") not in (970, 980)
+    if code in _FURTHER or (code == 540 and block.has("P") and own):
+        number = block.whole("P", 1, MOST_FURTHER)
+        if number is None:
+            raise block.fault(f"{code_name('G', code)} needs the number P of the offset", f"G{code}")
+        name = further(number)
+    state.work_offset = name
+    _require_offset(block, state, f"G{code}")
+
+
+def _require_offset(block: BlockWords, state: State, code: str) -> None:
+    """Refuse an offset in force whose zero is not known."""
+    offsets, name = state.work_offsets, state.work_offset
+    axes = offsets.unknown_axes(name)
+    if not axes:
+        return
+    first = f"{offsets.reference} (line {offsets.line})" if offsets.reference else "the part"
+    shown = "G55" if name == "G54" else f'"{name}"' if " " in name else name
+    raise block.fault(
+        f"how far {name} lies from {first} along {', '.join(axes)} is not known", code, name,
+        _GIVE_OFFSETS.format(shown),
+    )  # fmt: skip
+
+
+def _frame(block: BlockWords, state: State) -> None:
+    """Apply G68 and G69, G51.1 and G50.1, G15 and G16."""
+    groups = block.g
+    if not {"rotation", "mirror", "polar"} & set(groups):
+        if "plane" in groups and not (state.frame.rotation is None and not state.frame.polar):
+            raise block.fault("the plane changes while G68 or G16 is active", f"G{groups['plane']}", None,
+                              "Write G69 and G15 before")  # fmt: skip
+        return
+    if state.tool_centre:
+        raise block.fault("G68, G51.1 and G16 under G43.4 or G43.5 are not read", "", None, "Write G49 before")
+    frame, line = state.frame, block.line
+    if "polar" in groups:
+        frame = replace(frame, polar=groups["polar"] == 160, line=line)
+        state.polar = {}
+    if "mirror" in groups:
+        frame = _mirror(block, state, frame)
+    if "rotation" in groups:
+        frame = _rotation(block, state, frame)
+    if frame.rows != state.frame.rows:
+        changed = frame.affected | state.frame.affected
+        frame = replace(frame, line=line, pending=frame.pending | changed)
+    state.frame = frame
+
+
+def _mirror(block: BlockWords, state: State, frame: Frame) -> Frame:
+    on = block.g["mirror"] == 511
+    if frame.rotation is not None:
+        raise block.fault("the mirror image changes while G68 is active", f"G{block.g['mirror']}",
+                          None, "Write G69 before")  # fmt: skip
+    axes = {axis: value * state.unit_m for axis, value in block.take_axes().items()}
+    if (on and not axes) or any(axis > 2 for axis in axes):
+        raise block.fault("G51.1 needs X, Y or Z", "G511", "G51.1")
+    if on and not state.absolute:
+        raise block.fault("G51.1 in G91: where the mirror lies is not read", "G511", "G91", "Write G90")
+    if on:
+        return replace(frame, mirror_m=frame.mirror_m | axes)
+    return replace(frame, mirror_m={axis: at for axis, at in frame.mirror_m.items() if axes and axis not in axes})
+
+
+def _rotation(block: BlockWords, state: State, frame: Frame) -> Frame:
+    if block.g["rotation"] == 690:
+        return replace(frame, rotation=None)
+    first, second, third = PLANE_AXES[state.plane]
+    if block.has("IJK") or block.has("XYZ"[third]):
+        raise block.fault("a rotation G68 in space is not read", "G680", None, "Post the program unrotated")
+    angle = block.take("R")
+    if angle is None or (not state.absolute and frame.rotation is not None):
+        what = "G68 without R: the angle is a setting of the control" if angle is None else (
+            "G68 in G91 after G68: controllers differ in whether R is added")  # fmt: skip
+        raise block.fault(what, "G680", None, "Write the angle as R, in G90")
+    axes = block.take_axes()
+    here = minus(state.position, state.origin)
+    centre = []
+    for axis in (first, second):
+        if axis not in axes and (axis in state.unknown or frame.rows is not None):
+            raise block.fault("the centre of G68 is not known", "G680", None,
+                              f"Write {'XYZ'[first]} and {'XYZ'[second]} in the block")  # fmt: skip
+        if axis in axes and not state.absolute:
+            raise block.fault("the centre of G68 in G91 is not read", "XYZ"[axis], None, "Write it in G90")
+        centre.append(axes[axis] * state.unit_m if axis in axes else here[axis])
+    return replace(frame, rotation=Rotation(state.plane, (centre[0], centre[1]), angle))
+
+
 def apply_offsets(block: BlockWords, state: State) -> None:
     """Apply G10, G52 and the G92 family; the tool does not move."""
     code = block.g.get("non-modal")
+    if code in (100, 520, 920, 921, 922, 923) and state.frame.rows is not None:
+        raise block.fault(f"{code_name('G', code)} under G68 or G51.1: controllers differ in its axes", f"G{code}",
+                          None, "Write G69 and G50.1 before")  # fmt: skip
     if code == 100:
         _set_work_offset(block, state)
+        _require_offset(block, state, "G100")
     elif code in (520, 920):
         axes = block.take_axes()
         if not axes:
             raise block.fault(f"{code_name('G', code)} needs an axis word", f"G{code}", code_name("G", code))
         shift = list(state.g92)
         here = minus(state.position, state.work_offsets[state.work_offset])
+        if code == 920:
+            _require_place(block, state, axes, "G92")
         for axis, value in axes.items():
             number = value * state.unit_m if axis < 3 else value
             shift[axis] = number if code == 520 else here[axis] - number
@@ -178,23 +290,39 @@ def apply_offsets(block: BlockWords, state: State) -> None:
         state.g92 = state.g92_saved
 
 
+def _require_place(block: BlockWords, state: State, axes: Iterable[int], name: str) -> None:
+    """Refuse an offset that is set from where the tool stands while that is not known."""
+    if lost := sorted(state.unknown & set(axes)):
+        letter = "XYZ"[lost[0]]
+        raise block.fault(
+            f"{name} sets zero from where the tool stands, and that is not known along {letter}", letter, None,
+            "Leave it out: without offsets the zero of the program is that of the part",
+        )  # fmt: skip
+
+
 def _set_work_offset(block: BlockWords, state: State) -> None:
     kind = block.whole("L", 0, 99)
     if kind not in (2, 20):
-        raise block.fault("G10 is read with L2 or L20 only", "L" if kind is not None else "G100")
-    number = block.whole("P", 0, 9)
+        raise block.fault("G10 is read with L2 or L20 only", "L" if kind is not None else "G100", None,
+                          "Set tools and parameters on the control")  # fmt: skip
+    fanuc = kind == 20 and state.fanuc_offsets
+    number = block.whole("P", 0, MOST_FURTHER if fanuc else 9)
     if number is None:
         raise block.fault("G10 needs the number P of the work offset", "G100", "G10")
     turn = block.take("R")
     if turn is not None and abs(turn) > 0.0:
         raise block.fault("a rotated work offset (G10 ... R) is not read", "R", hint="Post the program unrotated")
-    name = state.work_offset if number == 0 else WORK_OFFSETS[number - 1]
-    offset = list(state.work_offsets[name])
+    name = state.work_offset if number == 0 else further(number) if fanuc else LINUXCNC_OFFSETS[number - 1]
+    axes, offsets = block.take_axes(), state.work_offsets
+    if kind == 20 and not fanuc:
+        _require_place(block, state, axes, "G10 L20")
     shifted = minus(state.position, state.g92)
-    for axis, value in block.take_axes().items():
+    for axis, value in axes.items():
         given = value * state.unit_m if axis < 3 else value
-        offset[axis] = given if kind == 2 else shifted[axis] - given
-    state.work_offsets[name] = _as_six(offset)
+        if kind == 20 and not fanuc:
+            offsets.set_here(name, axis, shifted[axis] - given)
+        else:
+            offsets.set_in_machine(name, axis, given)
 
 
 def _as_six(values: list[float]) -> Six:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,9 @@ from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.canned_cycles import MOST_PECKS, Step, hole
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.parameters import Parameters
-from counterflex.programs.gcode.read.state import Six, State, minus
+from counterflex.programs.gcode.read.state import State, plus
+from counterflex.programs.gcode.read.targets import target_of
+from counterflex.programs.gcode.read.work_offsets import ZERO, Six
 from counterflex.programs.program import TOOL_VECTOR, Motion, MotionKind
 
 # No machine is larger, and beyond it a float no longer resolves a micrometre against rounding.
@@ -50,6 +53,8 @@ class MotionMaker:
         state: Moved along.
         parameters: Hold the stored positions of G28 and G30.
         machine_known: Where the part lies in the machine is known: G53 leads somewhere.
+        listed: Motions to and from places that are not known are made, marked with
+            :attr:`~counterflex.programs.program.Motion.unknown`.
 
     Attributes:
         motions: Everything made so far.
@@ -58,10 +63,11 @@ class MotionMaker:
             end of a program that does not matter; nothing may be made of it.
     """
 
-    def __init__(self, state: State, parameters: Parameters, machine_known: bool = True) -> None:
+    def __init__(self, state: State, parameters: Parameters, machine_known: bool = True, listed: bool = False) -> None:
         self._state = state
         self._parameters = parameters
         self._machine_known = machine_known
+        self._listed = listed
         self.motions: list[Motion] = []
         self.block = 0
         self.away = ""
@@ -79,6 +85,7 @@ class MotionMaker:
         spindle: bool = True,
     ) -> None:
         state = self._state
+        state.work_offsets.fix(state.work_offset, self._parameters.line)
         start = state.position
         state.position = target
         last = self.motions[-1].p_end if self.motions else None
@@ -100,6 +107,7 @@ class MotionMaker:
                 normal=normal,
                 turn_rad=turn,
                 feed_rad_s=feed_rad_s,
+                unknown="".join("XYZ"[axis] for axis in sorted(state.unknown)) if self._listed else "",
             )
         )
 
@@ -131,21 +139,36 @@ class MotionMaker:
                 raise block.fault("the target is beyond any machine", letter, shown, "At most 1000 m or 1e7 deg")
         return target
 
-    def straight(self, block: BlockWords, target: Six, rapid: bool) -> None:
-        """Move straight to a point."""
+    def straight(self, block: BlockWords, target: Six, rapid: bool, before: frozenset[int] = frozenset()) -> None:
+        """Move straight to a point; ``before`` are the axes along which the start is not known."""
         self._require_place(block)
         self._check(block, target)
         if rapid:
             self._append("rapid", target)
             return
+        if not self._listed:
+            self._require_axes(block, self._state.unknown, "a feed motion")
         start = self._state.position
+        if self._state.feed_mode == 93:
+            self._require_axes(block, before, "a motion in inverse time (G93)")
         feed = self._feed(block, math.dist(start[:3], target[:3]), math.dist(start[3:], target[3:]))
         self._append("feed", target, feed[0], feed_rad_s=feed[1])
 
-    def _leave(self, name: str) -> None:
-        """Go to a place that is not known. Before the first motion no place is known anyway."""
-        if self.motions and not self.away:
+    def _leave(self, name: str, axes: Iterable[int]) -> None:
+        """Go to a place that is not known along some axes. Before the first motion no place is known anyway."""
+        self._state.unknown |= set(axes)
+        if self._listed:
+            self._append("rapid", self._state.position)
+        elif self.motions and not self.away:
             self.away = f"{name} in line {self._parameters.line}"
+
+    def _require_axes(self, block: BlockWords, axes: Iterable[int], what: str) -> None:
+        """Refuse a motion that needs a place which is not known."""
+        if letters := "".join("XYZ"[axis] for axis in sorted(axes)):
+            raise block.fault(
+                f"{what} while it is not known where the tool is along {' and '.join(letters)}", "", None,
+                f"Go there with G0 before, in G90: G0 {letters[0]}...",
+            )  # fmt: skip
 
     def _require_place(self, block: BlockWords) -> None:
         if self.away:
@@ -162,21 +185,6 @@ class MotionMaker:
 
     # Blocks ---------------------------------------------------------------------------------------------------------
 
-    def target(self, axes: dict[int, float], machine: bool) -> Six:
-        """End point of a block from its axis words, G90 or G91, and G53."""
-        state = self._state
-        target = list(state.position)
-        origin = state.origin
-        for axis, value in axes.items():
-            number = value * state.unit_m if axis < 3 else value
-            if machine:
-                target[axis] = number - state.tool_length[axis]
-            elif state.absolute:
-                target[axis] = origin[axis] + number
-            else:
-                target[axis] += number
-        return (target[0], target[1], target[2], target[3], target[4], target[5])
-
     def run(self, block: BlockWords, code: int, machine: bool) -> None:
         """Execute the motion ``code`` (tenths) with the block's axis words."""
         if machine and code not in (0, 10):
@@ -184,9 +192,9 @@ class MotionMaker:
         if machine and not self._state.absolute:
             raise block.fault("G53 under G91 is not defined", "G530", "G91", "Write G90")
         if machine and not self._machine_known:
-            block.take_axes()
-            self._leave("G53")
+            self._leave("G53", [axis for axis in block.take_axes() if axis < 3])
             return
+        self._require_place(block)
         if code in CYCLES:
             self.cycle(block, code)
         elif code in (20, 30):
@@ -195,7 +203,8 @@ class MotionMaker:
             axes = block.take_axes()
             if self._state.tool_centre == TOOL_VECTOR:
                 axes |= self._tool_vector(block, axes)
-            self.straight(block, self.target(axes, machine), rapid=code == 0)
+            before = frozenset(self._state.unknown)
+            self.straight(block, target_of(self._state, block, axes, machine), code == 0, before)
 
     def _tool_vector(self, block: BlockWords, axes: dict[int, float]) -> dict[int, float]:
         """Components of the tool axis (G43.5) in the places of A B C; those that a block leaves out are 0."""
@@ -214,15 +223,19 @@ class MotionMaker:
 
     def arc(self, block: BlockWords, clockwise: bool) -> None:
         """Execute G2 or G3."""
-        self._require_place(block)
         state = self._state
         first, second, third = PLANE_AXES[state.plane]
         unit = state.unit_m
         if not block.has("XYZABCIJKR"):
             return
         in_plane = block.has("XYZ"[first] + "XYZ"[second])
-        start = state.position
-        target = self._check(block, self.target(block.take_axes(), machine=False))
+        self._require_axes(block, state.unknown, "an arc")
+        p_target = self._check(block, target_of(state, block, block.take_axes()))
+        turned = state.frame.rows is not None
+        start, target = (state.to_work(p) if turned else p for p in (state.position, p_target))
+        if state.frame.polar and block.has(_CENTRE_LETTERS):
+            raise block.fault("an arc in polar coordinates (G16) has its centre", next(
+                letter for letter in _CENTRE_LETTERS if block.has(letter)), hint="Write R, or G15 before")  # fmt: skip
         turns = block.whole("P", 1, 100_000) or 1
         radius = block.take("R")
         offsets = {axis: block.take(_CENTRE_LETTERS[axis]) for axis in (first, second)}
@@ -247,7 +260,8 @@ class MotionMaker:
                     )
                 if state.arc_absolute and len(given) < 2:
                     raise block.fault("under G90.1 an arc needs both words of its centre", "", name, f"Write {letters}")
-                base = state.origin if state.arc_absolute else start
+                zero = ZERO if turned else state.origin
+                base = zero if state.arc_absolute else start
                 centre = (
                     base[first] + given.get(first, 0.0) * unit,
                     base[second] + given.get(second, 0.0) * unit,
@@ -256,17 +270,22 @@ class MotionMaker:
         except ArcFault as fault:
             letter = fault.letter or next(_CENTRE_LETTERS[axis] for axis in given)
             raise block.fault(fault.what, letter, fault.value) from fault
-        self._append_arc(block, arc, target)
+        self._append_arc(block, arc, p_target, target[third] - start[third])
 
-    def _append_arc(self, block: BlockWords, arc: Arc, target: Six) -> None:
+    def _append_arc(self, block: BlockWords, arc: Arc, target: Six, rise_m: float) -> None:
         state = self._state
         first, second, third = PLANE_AXES[state.plane]
-        start = state.position
-        centre = [0.0, 0.0, 0.0]
-        centre[first], centre[second], centre[third] = arc.first, arc.second, start[third]
-        length = math.hypot(arc.radius_m * arc.turn_rad, target[third] - start[third])
-        feed, _ = self._feed(block, length, 0.0)
-        self._append("arc", target, feed, arc=(point(tuple(centre)), _NORMALS[state.plane], arc.turn_rad))
+        turned = state.frame.rows is not None
+        start = state.to_work(state.position) if turned else state.position
+        centre = [*start[:3], 0.0, 0.0, 0.0]
+        centre[first], centre[second] = arc.first, arc.second
+        p_centre: tuple[float, ...] = tuple(centre)
+        normal, turn = _NORMALS[state.plane], arc.turn_rad
+        if turned:
+            p_centre = state.to_part((centre[0], centre[1], centre[2], 0.0, 0.0, 0.0))
+            normal, turn = point(state.frame.direction(third)), turn * state.frame.sense
+        feed, _ = self._feed(block, math.hypot(arc.radius_m * arc.turn_rad, rise_m), 0.0)
+        self._append("arc", target, feed, arc=(point(p_centre), normal, turn))
 
     def home(self, block: BlockWords, code: int) -> None:
         """Execute G28 or G30: through the point of the axis words, then those axes to the stored position.
@@ -274,20 +293,27 @@ class MotionMaker:
         Where the stored position is not known, the way ends at the point of the axis words: :attr:`away`.
         """
         axes = block.take_axes()
-        here = self._state.position
-        goal: list[float] | None = list(here)
+        state, here, lost = self._state, self._state.position, []
+        before = frozenset(state.unknown)
+        goal = list(here)
         for axis in axes or range(6):
             stored = self._parameters.stored_position(code, axis)
-            if stored is not None and goal is not None:
-                goal[axis] = (stored * MM if axis < 3 else stored) - self._state.tool_length[axis]
+            if stored is not None:
+                goal[axis] = (stored * MM if axis < 3 else stored) - state.tool_length[axis]
             elif axes or axis < 3:
-                goal = None
-        if axes and (goal is not None or self.target(axes, machine=False) != here):
-            self.straight(block, self.target(axes, machine=False), rapid=True)
-        if goal is None:
-            self._leave(code_name("G", code))
-        else:
-            self.straight(block, (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5]), rapid=True)
+                lost.append(axis)
+        moves = axes if state.absolute else {axis: value for axis, value in axes.items() if value != 0.0}
+        if moves:
+            target = target_of(state, block, moves)
+            if not lost or target != here or before != state.unknown:
+                self.straight(block, target, True, before)
+        elif axes and not lost:
+            self.straight(block, here, rapid=True)
+        if lost:
+            self._leave(code_name("G", code), [axis for axis in lost if axis < 3])
+            return
+        state.unknown -= set(axes or range(3))
+        self.straight(block, (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5]), rapid=True)
 
     def cycle(self, block: BlockWords, code: int) -> None:
         """Execute a canned cycle; its words stay in force while the same cycle is repeated."""
@@ -302,6 +328,9 @@ class MotionMaker:
             raise block.fault("a canned cycle cannot turn a rotary axis", "XYZABC"[rotary[0]])
         needed = "ZR" + {730: "Q", 830: "Q", 820: "P", 860: "P", 890: "P"}.get(code, "")
         count = self._cycle_words(block, code, axes, needed)
+        self._require_axes(block, state.unknown - (set(axes) if state.absolute else set()), "a canned cycle")
+        if third in state.frame.mirror_m:
+            raise block.fault("a canned cycle along a mirrored axis is not read", f"G{code}", name, "Post its moves")
         sticky = state.cycle
         peck, dwell_s = sticky.get("Q", 0.0) * state.unit_m, sticky.get("P", 0.0)
         if code == 860 and state.spindle_rpm == 0.0:
@@ -332,7 +361,7 @@ class MotionMaker:
             self._along(block, third, r, rapid=True)
         clear = max(r, old) if state.retract_initial else r
         for _ in range(count):
-            target = list(self.target(axes, machine=False))
+            target = list(target_of(state, block, axes))
             above = state.position[third] - r > _SAME_HEIGHT_M  # as LinuxCNC does: not up to clear first
             target[third] = state.position[third] if above else clear
             self.straight(block, (target[0], target[1], target[2], target[3], target[4], target[5]), rapid=True)
@@ -386,7 +415,7 @@ class MotionMaker:
 
     def machine_position(self) -> Six:
         """Where the machine stands: tip and tool length offset together."""
-        return minus(self._state.position, minus((0.0,) * 6, self._state.tool_length))
+        return plus(self._state.position, self._state.tool_length)
 
 
 def radians(position: Six) -> tuple[float, float, float]:

@@ -13,9 +13,9 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import missing_file
 from counterflex.core.units import MM
 from counterflex.programs.gcode.read.parameters import HOME_POSITION, LAST
-from counterflex.programs.gcode.read.state import WORK_OFFSETS
+from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS
 
-_OFFSETS: Final = {name: 5221 + 20 * i for i, name in enumerate(WORK_OFFSETS)}
+_OFFSETS: Final = {name: 5221 + 20 * i for i, name in enumerate(LINUXCNC_OFFSETS)}
 _STORED: Final = frozenset(start + axis for start in HOME_POSITION.values() for axis in range(6))
 _LAST_FREE: Final = 5060
 """Last parameter that programs may write."""
@@ -38,6 +38,8 @@ class MillingMachine:
             where the part lies in the machine is not known, G53 leads nowhere that anything may follow.
         part_at_g54: The zero of the part is that of G54 as ``work_offsets`` has it, and not that of the machine.
         tool_names: Number of a tool by its name in capitals, for controls that call tools by name.
+        part_offsets: Zeros of work offsets in the part frame, as ``work_offsets``. No other offset is known then.
+        listed: The program is read to be listed: motions to and from places that are not known are kept and marked.
     """
 
     parameters: Mapping[str | int, float] = field(default_factory=dict)
@@ -46,6 +48,8 @@ class MillingMachine:
     known: bool = True
     part_at_g54: bool = False
     tool_names: Mapping[str, int] = field(default_factory=dict)
+    part_offsets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    listed: bool = False
 
 
 def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:

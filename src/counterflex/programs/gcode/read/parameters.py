@@ -1,4 +1,8 @@
-"""Parameters ``#1`` ... ``#5602`` and ``#<name>``: scopes of subroutines, and those the interpreter itself answers."""
+"""Parameters ``#1`` ... ``#5602`` and ``#<name>``: scopes of subroutines, and those the interpreter itself answers.
+
+Those of the machine (probe, inputs, stored positions, zeros of offsets, tool lengths) are not known where nobody gave
+them. Reading one raises :class:`UnknownValue`; an assignment stores it, everything else refuses it.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,9 @@ from typing import Final
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.gcode.read.codes import AXES
-from counterflex.programs.gcode.read.state import WORK_OFFSETS, Six, State, minus
+from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS, Six
+from counterflex.programs.unknown import Unknown
 
 LAST: Final = 5602
 ARGUMENTS: Final = 30
@@ -21,6 +27,31 @@ _TOOL_LENGTH: Final = 5401
 _CURRENT: Final = 5420
 # From here on the machine answers; programs may not write.
 _SYSTEM: Final = 5061
+_LOCAL: Final = 33
+"""Last parameter that belongs to a macro; the control keeps the values of the others."""
+_INPUT: Final = 5399
+"""Result of M66."""
+_OF_THE_MACHINE: Final = (
+    (range(1000, 1200), "an input or output of the control"),
+    (range(2000, 2500), "the tool table has it"),
+    (range(3000, 3100), "clock, alarms and messages of the control"),
+    (range(4000, 4400), "the control's own modal state"),
+    (range(5001, 5061), "a position that the control reports"),
+    (range(5061, 5071), "the probe found it"),
+    (range(5161, 5210), "the machine stores it for G28 and G30"),
+    (range(5221, 5400), "where the offset lies in the machine"),
+    (range(5401, 5420), "the tool table has it"),
+    (range(5420, 5430), "where the tool stands"),
+)
+"""Parameters that nothing in a program determines, and what does."""
+
+
+class UnknownValue(Exception):
+    """An expression reads a value that the program does not determine."""
+
+    def __init__(self, value: Unknown) -> None:
+        super().__init__(str(value))
+        self.value = value
 
 
 class Parameters:
@@ -44,9 +75,9 @@ class Parameters:
     ) -> None:
         self._state = state
         self._fault = fault
-        self._values: dict[int, float] = {}
-        self._globals: dict[str, float] = {}
-        self._scopes: list[tuple[dict[str, float], dict[int, float]]] = [({}, {})]
+        self._values: dict[int, float | Unknown] = {}
+        self._globals: dict[str, float | Unknown] = {}
+        self._scopes: list[tuple[dict[str, float | Unknown], dict[int, float | Unknown]]] = [({}, {})]
         for key, value in (given or {}).items():
             name = str(key).strip().lower().lstrip("#").strip("<>")
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
@@ -65,12 +96,16 @@ class Parameters:
 
     # Scopes ---------------------------------------------------------------------------------------------------------
 
-    def enter(self, arguments: list[float]) -> None:
-        """Open a subroutine's scope: ``#1`` ... ``#30`` are the arguments, 0 where none is given."""
+    def enter(self, arguments: list[float | Unknown | None]) -> None:
+        """Open a subroutine's scope: ``#1`` ... ``#30`` are the arguments; one that is None has no value."""
         selected = {index: self._values[index] for index in range(1, ARGUMENTS + 1) if index in self._values}
         self._scopes.append(({}, selected))
         for index in range(1, ARGUMENTS + 1):
-            self._values[index] = arguments[index - 1] if index <= len(arguments) else 0.0
+            value = arguments[index - 1] if index <= len(arguments) else 0.0
+            if value is None:
+                self._values.pop(index, None)
+            else:
+                self._values[index] = value
 
     def leave(self) -> None:
         """Close it; the caller's ``#1`` ... ``#30`` come back."""
@@ -79,7 +114,7 @@ class Parameters:
             self._values.pop(index, None)
         self._values.update(saved)
 
-    def returned(self, value: float | None) -> None:
+    def returned(self, value: float | Unknown | None) -> None:
         """Store what a subroutine returned in ``#<_value>`` and whether it did in ``#<_value_returned>``."""
         self._globals["_value"] = 0.0 if value is None else value
         self._globals["_value_returned"] = 0.0 if value is None else 1.0
@@ -99,58 +134,87 @@ class Parameters:
 
         Raises:
             ProgramError: No such parameter, or nothing ever gave it a value.
+            UnknownValue: The program does not determine its value.
         """
         number = self._index(index, column)
-        if number in self._values:
-            return self._values[number]
-        value = self._system(number)
+        value = self._values[number] if number in self._values else self._system(number)
+        if isinstance(value, Unknown):
+            raise UnknownValue(value)
         if value is None:
+            for numbers, why in _OF_THE_MACHINE:
+                if number in numbers:
+                    raise UnknownValue(Unknown(f"{why} (#{number})", self.here()))
             raise self.fault(
                 "the parameter has never been given a value", column, f"#{number}",
                 "Set it in the program, or hand it over with the program's parameters",
             )  # fmt: skip
         return value
 
+    def vacant(self, index: float, column: int) -> bool:
+        """Whether ``#index`` has no value; of the parameters that the control keeps that is not known."""
+        number = self._index(index, column)
+        if number not in self._values and number > _LOCAL:
+            raise UnknownValue(Unknown(f"the control keeps it (#{number})", self.here()))
+        return number not in self._values
+
     def stored_position(self, code: int, axis: int) -> float | None:
         """Stored position of G28 or G30 along an axis in mm or degrees; None where nobody gave one."""
-        return self._values.get(HOME_POSITION[code] + axis)
+        value = self._values.get(HOME_POSITION[code] + axis)
+        return None if isinstance(value, Unknown) else value
 
     def store_position(self, code: int, machine: Six) -> None:
-        """Store the machine position for G28 or G30 (G28.1, G30.1)."""
+        """Store the machine position for G28 or G30 (G28.1, G30.1), as far as it is known."""
         for axis in range(6):
-            self._values[HOME_POSITION[code] + axis] = machine[axis] / MM if axis < 3 else machine[axis]
+            number = HOME_POSITION[code] + axis
+            if axis in self._state.unknown:
+                self._values.pop(number, None)
+            else:
+                self._values[number] = machine[axis] / MM if axis < 3 else machine[axis]
+
+    def forget_input(self) -> None:
+        """Make the result of M66 unknown: an input signal decides about it."""
+        self._values[_INPUT] = Unknown("an input signal decides about it (M66)", self.here())
+
+    def here(self) -> str:
+        """Return ``file:line`` of the line being executed."""
+        return str(self._fault("", 0, None, None).where).rpartition(":")[0]
 
     def _system(self, number: int) -> float | None:
         state = self._state
-        if _CURRENT <= number < _CURRENT + 6:
-            return self._shown(minus(state.position, state.origin), number - _CURRENT)
+        axis = number - _CURRENT
+        if 0 <= axis < 6:
+            return None if axis in state.unknown else self._shown(state.to_work(state.position), axis)
         if number == 5400:
             return float(state.tool)
         if _TOOL_LENGTH <= number < _TOOL_LENGTH + 6:
-            return self._shown(state.tool_length, number - _TOOL_LENGTH)
-        if number == 5220:
-            return float(WORK_OFFSETS.index(state.work_offset) + 1)
+            return self._shown(state.tool_length, number - _TOOL_LENGTH) if state.lengths_known else None
+        if number == 5220 and state.work_offset in LINUXCNC_OFFSETS:
+            return float(LINUXCNC_OFFSETS.index(state.work_offset) + 1)
         if _G92 <= number < _G92 + 6:
-            return self._stored(state.g92_saved, number - _G92)
+            return self._stored(state.g92_saved[number - _G92], number - _G92)
         offset, axis = divmod(number - _G54, 20)
         if 0 <= offset < 9 and axis < 6:
-            return self._stored(state.work_offsets[WORK_OFFSETS[offset]], axis)
+            zero = state.work_offsets.in_machine(LINUXCNC_OFFSETS[offset], axis)
+            return None if zero is None else self._stored(zero, axis)
         return None
 
     def _shown(self, point: Six, axis: int) -> float:
         return point[axis] / self._state.unit_m if axis < 3 else point[axis]
 
     @staticmethod
-    def _stored(point: Six, axis: int) -> float:
-        return point[axis] / MM if axis < 3 else point[axis]
+    def _stored(value: float, axis: int) -> float:
+        return value / MM if axis < 3 else value
 
     def named(self, name: str, column: int) -> float:
         """Value of ``#<name>``.
 
         Raises:
             ProgramError: It has none.
+            UnknownValue: The program does not determine it.
         """
         value = self._named(name)
+        if isinstance(value, Unknown):
+            raise UnknownValue(value)
         if value is None:
             raise self.fault("the parameter has never been given a value", column, f"#<{name}>")
         return value
@@ -159,11 +223,14 @@ class Parameters:
         """Whether ``#<name>`` has a value."""
         return self._named(name) is not None
 
-    def _named(self, name: str) -> float | None:
+    def _named(self, name: str) -> float | Unknown | None:
         if not name.startswith("_"):
             return self._scopes[-1][0].get(name)
         if name in self._globals:
             return self._globals[name]
+        axis = AXES.find(name[1:].upper()) if len(name) == 2 else -1
+        if axis in self._state.unknown:
+            return Unknown(f"where the tool stands (#<{name}>)", self.here())
         answer = self._answers().get(name)
         return None if answer is None else float(answer())
 
@@ -174,8 +241,7 @@ class Parameters:
             "_call_level": lambda: len(self._scopes) - 1,
             "_motion_mode": lambda: state.motion,
             "_plane": lambda: state.plane * 10,
-            "_coord_system": lambda: 540 + 10 * min(WORK_OFFSETS.index(state.work_offset), 5)
-            + max(0, WORK_OFFSETS.index(state.work_offset) - 5),
+            "_coord_system": self._coordinate_system,
             "_metric": lambda: state.unit_m == MM,
             "_imperial": lambda: state.unit_m == INCH,
             "_absolute": lambda: state.absolute,
@@ -192,13 +258,20 @@ class Parameters:
         }  # fmt: skip
         for axis, letter in enumerate(AXES):
             answers[f"_{letter.lower()}"] = lambda axis=axis: self._shown(  # type: ignore[misc]
-                minus(state.position, state.origin), axis
+                state.to_work(state.position), axis
             )
         return answers
 
+    def _coordinate_system(self) -> float:
+        name = self._state.work_offset
+        if name not in LINUXCNC_OFFSETS:
+            raise UnknownValue(Unknown(f"LinuxCNC has no number for {name}", self.here()))
+        index = LINUXCNC_OFFSETS.index(name)
+        return 540.0 + 10.0 * min(index, 5) + max(0, index - 5)
+
     # Writing --------------------------------------------------------------------------------------------------------
 
-    def set_numbered(self, index: float, value: float, column: int) -> None:
+    def set_numbered(self, index: float, value: float | Unknown, column: int) -> None:
         """Give ``#index`` a value.
 
         Raises:
@@ -211,7 +284,7 @@ class Parameters:
             )
         self._values[number] = value
 
-    def set_named(self, name: str, value: float, column: int) -> None:
+    def set_named(self, name: str, value: float | Unknown, column: int) -> None:
         """Give ``#<name>`` a value.
 
         Raises:

@@ -7,7 +7,8 @@ in milliseconds, as many controls read it; lines that begin with a slash, which 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -18,12 +19,15 @@ from counterflex.programs.foreign_language import foreign_language
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.flow import Source, line_end, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
+from counterflex.programs.gcode.read.jumps import Include
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.state import State, work_offset_table
+from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.work_offsets import WorkOffsets
 from counterflex.programs.program import Block, Motion, Program
 from counterflex.programs.source_text import read_text
 
 Point = tuple[float, float, float]
+_FURTHER_OFFSET: Final = re.compile(r"\bG(54\.1|154)\s*P|\bG54\s*P", re.IGNORECASE)
 _HERE: Final[Point] = (0.0, 0.0, 0.0)
 COORDINATES_OF_THE_PART: Final = MillingMachine()
 """A machine whose coordinates are those of the part, with nothing else known."""
@@ -35,7 +39,7 @@ def read_gcode(
     name: str = "program",
     machine: MillingMachine = COORDINATES_OF_THE_PART,
     step_limit: int = 2_000_000,
-    includes: Callable[[str], str | None] | None = None,
+    includes: Include | None = None,
     block_delete: bool = False,
     complete: bool = False,
     plain_lines: bool = True,
@@ -50,7 +54,8 @@ def read_gcode(
         name: Its name, for errors.
         machine: What is known of the machine that the program was written for.
         step_limit: Largest number of lines executed.
-        includes: Given the name of a subroutine that the text does not define, returns the text of its file or None.
+        includes: Given the name of a subroutine that the text does not define, returns name and text of its file or
+            None.
         block_delete: Skip lines that begin with a slash, as with the operator's switch on.
         complete: Refuse a text that stops without M2, M30 or a closing ``%``, as LinuxCNC does: it may have been
             cut off.
@@ -79,7 +84,12 @@ def read_gcode(
             where=f"{name}:1:1",
             hint="Give a file with G-code; post it again where the CAM system wrote nothing",
         )
-    state = State(work_offsets=work_offset_table(machine.work_offsets))
+    state = State(
+        work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
+        unknown=set() if machine.known else {0, 1, 2},
+        fanuc_offsets=any(_FURTHER_OFFSET.search(line) for line in lines),
+        lengths_known=machine.known or machine.tool_lengths is not None,
+    )
     if machine.part_at_g54:
         state.position = state.work_offsets["G54"]
     zero = state.position[:3]
@@ -100,6 +110,7 @@ def read_gcode(
         blocks=tuple(_moved_block(block, zero) for block in interpreter.blocks),
         motions=tuple(_moved(motion, zero) for motion in interpreter.motions),
         straight=straight,
+        part_zero=(state.work_offsets.reference, state.work_offsets.line) if state.work_offsets.reference else None,
     )
 
 
@@ -151,6 +162,20 @@ def _moved(motion: Motion, zero: Point) -> Motion:
     return replace(motion, p_start=motion.p_start - zero, p_end=motion.p_end - zero, p_centre=centre)
 
 
+def _has_further(program: Program) -> bool:
+    """Whether a program uses G54.1, so that L20 is that of Fanuc."""
+    return any(_FURTHER_OFFSET.search(line) for line in program.lines)
+
+
+def _file_names(label: str, suffix: str) -> list[str]:
+    """Names of the file of a subroutine: ``drill.ngc``, and of a number ``1001.nc``, ``O1001.nc``, ``O1001``."""
+    stems = [label]
+    if label.isdecimal():
+        stems += [label.zfill(4), *(f"{letter}{number}" for letter in "Oo" for number in (label, label.zfill(4)))]
+    suffixes = dict.fromkeys((suffix, ".ngc", ".nc", ".tap", ".cnc", ".NC", ""))
+    return [stem + ending for stem in dict.fromkeys(stems) for ending in suffixes]
+
+
 def read_gcode_file(
     path: str | os.PathLike[str],
     *,
@@ -159,7 +184,9 @@ def read_gcode_file(
     block_delete: bool = False,
     complete: bool = True,
 ) -> Program:
-    """Read a program from a file; subroutines it does not define are looked for beside it as ``name.ngc``.
+    """Read a program from a file; the subroutines that it does not define are files of its folder.
+
+    They are named by the subroutine: ``drill.ngc``, ``O1001.nc``.
 
     Args:
         path: The file, UTF-8 or Latin-1 (comments only may hold more than ASCII).
@@ -177,9 +204,12 @@ def read_gcode_file(
     file = Path(path)
     folder = file.parent
 
-    def include(label: str) -> str | None:
-        neighbour = folder / f"{label}.ngc"
-        return read_text(neighbour)[0] if neighbour.parent == folder and neighbour.is_file() else None
+    def include(label: str) -> tuple[str, str] | None:
+        for name in _file_names(label, file.suffix):
+            neighbour = folder / name
+            if neighbour.parent == folder and neighbour != file and neighbour.is_file():
+                return name, read_text(neighbour)[0]
+        return None
 
     text, encoding = read_text(file)
     program = read_gcode(
@@ -202,7 +232,31 @@ _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
     long = _long_dwells(program) if program.dialect == "linuxcnc" else []  # elsewhere the unit is beyond doubt
-    return [*long, *_skipped_by_switch(program)]
+    return [*long, *_skipped_by_switch(program), *_part_zero(program), *_zeros_set_here(program)]
+
+
+def _part_zero(program: Program) -> list[str]:
+    """The work offset that was taken as the part frame, where it is another than the first one of a control."""
+    if program.part_zero is None or program.part_zero[0] == "G54":
+        return []
+    name, line = program.part_zero
+    return [
+        f"{name} (line {line}) is taken as the zero of the part; where it lies is not known. To state it: "
+        "part.work_offsets_mm in the cell file, or --parameters"
+    ]
+
+
+def _zeros_set_here(program: Program) -> list[str]:
+    """G10 L20, which LinuxCNC and Fanuc read in different ways."""
+    for block in program.blocks:
+        words = {word.letter: word.value for word in block.words}
+        tens = any(word.letter == "G" and word.value == 10.0 for word in block.words)
+        if tens and words.get("L") == 20.0 and program.dialect == "linuxcnc" and not _has_further(program):
+            return [
+                f"G10 L20 in line {block.line} is read as LinuxCNC does: program zero from where the tool stands; "
+                "Fanuc sets an offset of G54.1 P with it"
+            ]
+    return []
 
 
 def _long_dwells(program: Program) -> list[str]:

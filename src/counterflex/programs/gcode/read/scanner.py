@@ -166,7 +166,7 @@ def scan_line(text: str, name: str, line: int) -> ScannedLine:
             target = cursor.parameter()
             if not cursor.take("="):
                 raise cursor.error("= is expected after a parameter", repr(cursor.peek(8) or "end of line"))
-            assignments.append(Assignment(target, cursor.value(), column))
+            assignments.append(Assignment(target, cursor.assigned(), column))
         elif character == "o":
             if flow is not None or assignments or any(word.letter != "N" for word in words):
                 raise cursor.error("an O word must come first on its line", repr(text.strip()[:30]))

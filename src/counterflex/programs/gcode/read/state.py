@@ -8,19 +8,16 @@ the work offset and G92 put in. Program value, part and machine are related by
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from counterflex.core.errors import InputError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.gcode.read.codes import CYCLES
+from counterflex.programs.gcode.read.frames import Frame
+from counterflex.programs.gcode.read.work_offsets import ZERO, Six, WorkOffsets
 from counterflex.programs.program import Modal
 
-Six = tuple[float, float, float, float, float, float]
 FOOT: Final = 12.0 * INCH
-ZERO: Final[Six] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-WORK_OFFSETS: Final = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
 
 
 def plus(a: Six, b: Six) -> Six:
@@ -33,40 +30,14 @@ def minus(a: Six, b: Six) -> Six:
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5])
 
 
-def six(values: Sequence[float]) -> Six:
-    """Return three or six finite numbers as a six-axis point; missing rotary axes are 0."""
-    numbers = [float(value) for value in values]
-    if len(numbers) == 3:
-        numbers += [0.0, 0.0, 0.0]
-    if len(numbers) != 6 or not all(-1e9 < number < 1e9 for number in numbers):
-        raise InputError("an offset needs three or six finite numbers", value=list(values))
-    return (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
-
-
-def work_offset_table(given: Mapping[str, Sequence[float]] | None) -> dict[str, Six]:
-    """Return all nine work offsets, zero where none is given.
-
-    Args:
-        given: Offsets by name ``G54`` ... ``G59.3``: x, y, z in m and, optionally, a, b, c in degrees.
-
-    Raises:
-        InputError: An unknown name, or numbers that are no offset.
-    """
-    table = dict.fromkeys(WORK_OFFSETS, ZERO)
-    for name, values in (given or {}).items():
-        if name not in table:
-            raise InputError("an unknown work offset", value=name, limit=" ".join(WORK_OFFSETS))
-        table[name] = six(values)
-    return table
-
-
 @dataclass
 class State:
     """Everything that outlives a block.
 
     Attributes:
         position: Tool tip in the part frame, m and degrees.
-        work_offsets: By name.
+        unknown: Axes (0 to 2) along which it is not known where the tool stands.
+        work_offsets: Zeros by name.
         work_offset: Name of the active one.
         g92: Active G92/G52 shift.
         g92_saved: What G92.3 brings back.
@@ -90,9 +61,14 @@ class State:
         cycle: Sticky words of the canned cycle by letter, in program units.
         cycle_initial: Height along the cycle's axis at which the running series of cycles began, m; None outside one.
         cycle_began: The same as the program said it there: plane, and height in program units.
+        frame: Rotation (G68), mirror image (G51.1) and polar coordinates (G16).
+        polar: Radius (m) and angle (deg) in force by axis, under G16.
+        fanuc_offsets: G10 L20 sets the offsets of G54.1, which the program uses; else those of LinuxCNC.
+        lengths_known: Tool lengths are those of the machine's tool table.
     """
 
-    work_offsets: dict[str, Six]
+    work_offsets: WorkOffsets
+    unknown: set[int] = field(default_factory=set)
     position: Six = ZERO
     work_offset: str = "G54"
     g92: Six = ZERO
@@ -117,11 +93,28 @@ class State:
     cycle: dict[str, float] = field(default_factory=dict)
     cycle_initial: float | None = None
     cycle_began: tuple[int, float] = (17, 0.0)
+    frame: Frame = field(default_factory=Frame)
+    polar: dict[int, float] = field(default_factory=dict)
+    fanuc_offsets: bool = False
+    lengths_known: bool = True
 
     @property
     def origin(self) -> Six:
         """Program zero in the part frame."""
         return plus(self.work_offsets[self.work_offset], self.g92)
+
+    @property
+    def plain(self) -> bool:
+        """Whether straight moves need no more than the sum of value and origin."""
+        return self.feed_mode == 94 and not self.unknown and self.work_offsets.fixed and self.frame.plain
+
+    def to_work(self, position: Six) -> Six:
+        """Return a point in the programmed axes, from program zero."""
+        return self.frame.to_work(minus(position, self.origin))
+
+    def to_part(self, work: Six) -> Six:
+        """Return a point that is given in the programmed axes."""
+        return plus(self.origin, self.frame.to_part(work))
 
     @property
     def spindle_rpm(self) -> float:
@@ -143,7 +136,7 @@ class State:
 
     def modal(self, machine: bool = False) -> Modal:
         """Return the state as writers see it; ``machine`` for a block with G53."""
-        origin = minus(ZERO, self.tool_length) if machine else self.origin
+        origin = minus(ZERO, self.tool_length) if machine else plus(self.origin, self.frame.to_part(ZERO))
         whole, tenth = divmod(self.motion, 10)
         return Modal(
             motion=f"G{whole}.{tenth}" if tenth else f"G{whole}",
@@ -156,4 +149,6 @@ class State:
             tool=self.tool,
             spindle_rpm=self.spindle_rpm,
             tool_centre=self.tool_centre,
+            R_part_work=None if machine else self.frame.rows,
+            not_written=self.frame.not_written,
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from typing import Final
 
@@ -25,7 +24,12 @@ _ROLES: Final = {"CR": "R", "TURN": "P", "A3": "I", "B3": "J", "C3": "K", "S1": 
 MIDDLE: Final = ("I1", "J1", "K1")
 """Point on the arc of CIP."""
 _OF_DWELL: Final = {"F": "P", "S": "Q"}
-_TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNH", "CR", "AR", "TURN", "RPL", "S1", *MIDDLE))
+_TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNHP", "CR", "AR", "TURN", "RPL", "S1", *MIDDLE,
+                             "SPOS", "SPOSA",
+        "X1",
+        "Y1",
+        "Z1",
+        "FP"))  # fmt: skip
 
 
 class Block:
@@ -44,7 +48,7 @@ class Block:
         groups: Code of each modal group named.
         m: M codes.
         given: Addresses by name.
-        parameters: R parameters that the block sets.
+        calls: Subprograms that the block calls, as written.
         cycle: Call of a drilling cycle, as written; empty where there is none.
         modal_call: MCALL: the cycle is made behind the blocks that follow, or none is any more.
     """
@@ -54,7 +58,7 @@ class Block:
         self.groups: dict[str, str] = {}
         self.m: list[int] = []
         self.given: dict[str, Address] = {}
-        self.parameters: dict[int, float] = {}
+        self.calls: list[Name] = []
         self.cycle, self.modal_call = "", False
         self._codes: list[Word] = []
         self._columns: dict[str, int] = {}
@@ -76,6 +80,12 @@ class Block:
         if name.name == "MCALL" and self._table.drilling:
             self.modal_call = True
             return
+        if name.name == "FGROUP" and {axis.strip().upper() for axis in name.arguments.split(",")} >= set(AXES):
+            return
+        if name.name == "FGROUP":
+            raise self._fault("the feed belongs to some axes only: FGROUP", name.start, shown, "FGROUP(X,Y,Z)")
+        if name.name == "CYCLE800" and name.called and not name.arguments.strip():
+            return
         if name.name in self._table.refused or name.name.startswith(self._table.cycles or "0"):
             if name.name not in self._table.carried:
                 what, hint = self._table.refused.get(name.name, REFUSED_CYCLE)
@@ -87,6 +97,9 @@ class Block:
             self.m.append(17)
         elif name.name not in self._table.carried:
             close = close_to(name.name, [*self._table.group, *self._table.carried], 1)
+            if self._table.subprograms:
+                self.calls.append(name)
+                return
             if name.called:
                 raise self._fault(REFUSED_CALL[0], name.start, shown, REFUSED_CALL[1])
             what, hint = (
@@ -124,17 +137,22 @@ class Block:
             self.m.append(int(address.value))
             self._codes.append(Word("M", address.value, address.start, address.end))
             return
-        parameter = re.fullmatch(r"R(\d+)", address.name)
-        if parameter is not None and address.value is not None:
-            self.parameters[int(parameter[1])] = address.value
-            return
         if address.name in self._table.refused:
             what, hint = self._table.refused[address.name]
             raise self._fault(what, address.start, shown, hint)
+        if address.name == "L" and self._table.subprograms and address.value is not None:
+            self.calls.append(Name(shown.replace(" ", "").upper(), False, address.start, address.end))
+            return
+        if address.name == "P" and self._table.subprograms and address.name not in self.given:
+            self.given["P"] = address
+            return
         if address.name == "L":
             raise self._fault(REFUSED_CALL[0], address.start, shown, REFUSED_CALL[1])
         if address.name not in _TAKEN and address.name not in self._table.carried_values:
-            raise self._fault(f"an unknown word of the {self._table.dialect} dialect", address.start, shown, None)
+            hint = f"If it is a variable of the program, declare it: DEF REAL {address.name}"
+            named = self._table.subprograms and len(address.name) > 1
+            raise self._fault(f"an unknown word of the {self._table.dialect} dialect", address.start, shown,
+                              hint if named else None)  # fmt: skip
         if address.name in self.given:
             raise self._fault("the word appears twice in one block", address.start, shown, None)
         self.given[address.name] = address
@@ -146,6 +164,20 @@ class Block:
         if value is None and address is not None:
             value = self._shown(address.start, address.end)
         return self._fault(what, column, value, hint)
+
+    def fault_at(self, what: str, column: int, value: object, hint: str) -> ProgramError:
+        """Make an error at a column."""
+        return self._fault(what, column, value, hint)
+
+    def named_fault(self, call: Name, name: str, meant: str) -> ProgramError:
+        """Make the error of a name that is neither a word of the language nor a subprogram."""
+        shown = self._shown(call.start, call.end)
+        if call.called or call.name.endswith("CALL") or (call.name[:1] == "L" and call.name[1:].isdecimal()):
+            what = "a subprogram is called that is neither in the program's file nor in its folder"
+        else:
+            what = f"an unknown word of the {self._table.dialect} dialect"
+        meant = meant or f"If it is a subprogram, put {name}.spf beside the program"
+        return self._fault(what, call.start, shown, meant)
 
     def has(self, *names: str) -> bool:
         """Whether one of the words is there and nothing has used it yet."""

@@ -30,14 +30,16 @@ class MoveMaker:
 
     Args:
         state: Moved along.
+        listed: Motions to and from places that are not known are made, and marked.
 
     Attributes:
         motions: Everything made so far.
         away: Where the tool went to a place that is not known (``SUPA in line 12``); empty while it is known.
     """
 
-    def __init__(self, state: State) -> None:
+    def __init__(self, state: State, listed: bool = False) -> None:
         self._state = state
+        self._listed = listed
         self.motions: list[Motion] = []
         self.away = ""
 
@@ -50,6 +52,7 @@ class MoveMaker:
         feed: tuple[float, float] = (0.0, 0.0),
         duration_s: float = 0.0,
         arc: tuple[Float, Float, float] | None = None,
+        through: bool = False,
     ) -> None:
         state = self._state
         centre, normal, turn = arc if arc is not None else (None, None, 0.0)
@@ -67,8 +70,9 @@ class MoveMaker:
                 abc_end=angles,
                 p_centre=centre,
                 normal=normal,
-                turn_rad=turn,
+                turn_rad=turn * (-1.0 if state.mirrored and not through else 1.0),
                 feed_rad_s=feed[1],
+                unknown="".join(c for axis, c in enumerate(AXES) if axis not in state.named) if self._listed else "",
             )
         )
         state.p_part, state.angles = p_end, angles
@@ -105,6 +109,40 @@ class MoveMaker:
                 "Retract with a plain G0 in the coordinates of the part",
             )  # fmt: skip
 
+    def leave(self, number: int, name: str, axes: list[int]) -> None:
+        """Go to a place of the machine that is not known. Before the first motion no place is known anyway."""
+        self._state.named -= set(axes)
+        if self._listed:
+            self._append(number, "rapid", self._state.p_part, self._state.angles)
+        elif self.motions and not self.away:
+            self.away = f"{name} in line {self._state.line}"
+
+    def _require_axes(self, block: Block, what: str) -> None:
+        """Refuse a motion that needs to know where the tool stands."""
+        lost = [letter for axis, letter in enumerate(AXES) if axis not in self._state.named]
+        if lost and not self._state.start_known:
+            raise block.fault(
+                f"{what} while it is not known where the tool is along {' and '.join(lost)}", "", None,
+                f"Go there with G0 before, in G90: G0 {lost[0]}...",
+            )  # fmt: skip
+
+    def _displaced(self, block: Block, letter: str, axis: int, here: float) -> float:
+        """Where an incremental word counts from, in the programmed axes, m."""
+        state = self._state
+        if axis not in state.named and not state.start_known:
+            raise block.fault(f"a displacement along {letter} from a place that is not known", letter,
+                              hint=f"Name {letter} in G90 before")  # fmt: skip
+        if axis not in state.shifted:
+            return here
+        line, before = state.shifted[axis]
+        if state.shift_travelled is None:
+            raise block.fault(
+                f"a displacement along {letter} after its zero changed in line {line}: setting SD42440 "
+                "(FRAME_OFFSET_INCR_PROG) decides whether the change is travelled too", letter, None,
+                f"Name {letter} in G90 first, or write $SC_FRAME_OFFSET_INCR_PROG=1 (the standard) or 0",
+            )  # fmt: skip
+        return before if state.shift_travelled else here
+
     def target(self, block: Block) -> Float:
         """End point of a block in the part frame, from its axis words; axes that are not named stay bit for bit."""
         state, p_part = self._state, self._state.p_part.copy()
@@ -115,10 +153,13 @@ class MoveMaker:
             if value is None:
                 continue
             absolute = block.absolute(letter, state.absolute)
-            p_work[axis] = value * state.unit_m + (0.0 if absolute else p_work[axis])
+            base = 0.0 if absolute else self._displaced(block, letter, axis, float(p_work[axis]))
+            p_work[axis] = value * state.unit_m + base
             named.append(axis)
             if absolute:
                 state.named.add(axis)
+        for axis in named:
+            state.shifted.pop(axis, None)
         if state.R_part_work is None:
             p_part[named] = state.p_part_origin[named] + p_work[named]
         elif named:
@@ -168,6 +209,8 @@ class MoveMaker:
         if rapid:
             self._append(number, "rapid", p_end, angles)
             return
+        if not self._listed:
+            self._require_axes(block, "a feed motion")
         turned = math.dist(state.angles, angles) / DEG
         self._append(number, "feed", p_end, angles, self._feed(block, math.dist(state.p_part, p_end), turned))
 
@@ -187,11 +230,12 @@ class MoveMaker:
         self.require_place(block)
         state = self._state
         first, second, third = PLANE_AXES[state.plane]
+        self._require_axes(block, "an arc")
         before = state.to_work(state.p_part)
         in_plane = block.has(AXES[first], AXES[second])
         p_part = self.target(block)
         end = state.to_work(p_part)
-        turns = 1 + self._whole(block, "TURN")
+        turns = 1 + self.whole(block, "TURN")
         a, b = (float(before[first]), float(before[second])), (float(end[first]), float(end[second]))
         try:
             arc, b = self._plane_arc(block, a, b, in_plane, clockwise, turns)
@@ -213,6 +257,7 @@ class MoveMaker:
     def through(self, block: Block, number: int) -> None:
         """Execute CIP: the arc through the point I1= J1= K1=, which counts as the end does (G90, G91)."""
         self.require_place(block)
+        self._require_axes(block, "an arc")
         state = self._state
         before = state.to_work(state.p_part)
         middle = before.copy()
@@ -227,7 +272,8 @@ class MoveMaker:
         turn = angle_to(state.p_part, p_end, *parts)
         length = float(np.linalg.norm(state.p_part - parts[0])) * turn
         angles = self._angles(block)
-        self._append(number, "arc", p_end, angles, self._feed(block, length, 0.0), arc=(*parts, turn))
+        self._append(number, "arc", p_end, angles, self._feed(block, length, 0.0), arc=(*parts, turn),
+                     through=True)  # fmt: skip
 
     def drill(self, block: Block, number: int, cycle: Cycle) -> None:
         """Execute a drilling cycle where the tool stands.
@@ -238,6 +284,7 @@ class MoveMaker:
         self.require_place(block)
         state = self._state
         third = PLANE_AXES[state.plane][2]
+        self._require_axes(block, "a drilling cycle")
         if state.traori:
             raise block.fault("a drilling cycle under TRAORI is not read", cycle.name)
         if state.to_work(state.p_part)[third] < cycle.safe_m - 1e-9:
@@ -260,12 +307,13 @@ class MoveMaker:
             kind: MotionKind = "rapid" if move.kind == "rapid" else "feed"
             self._append(number, kind, state.to_part(p_work), state.angles, (feed[0] * move.share, feed[1]))
 
-    def _whole(self, block: Block, name: str) -> int:
+    def whole(self, block: Block, name: str) -> int:
+        """Use a word that must be a whole number; 0 where the block has none."""
         value = block.take(name)
         if value is None:
             return 0
-        if value != int(value) or not 0 <= value < 1000:
-            raise block.fault(f"{name} needs a whole number from 0 to 999", name)
+        if value != int(value) or not 0 <= value < 10_000:
+            raise block.fault(f"{name} needs a whole number from 0 to 9999", name)
         return int(value)
 
     def _plane_arc(
@@ -320,7 +368,7 @@ class MoveMaker:
 
 
 def frame_of(block: Block, name: str, state: State) -> tuple[Float, Float]:
-    """Shift (3,) m and rotation vector (3,) rad of a TRANS, ATRANS, ROT or AROT.
+    """Shift (3,) m and rotation vector (3,) rad of a TRANS, ATRANS, ROT or AROT; MIRROR and AMIRROR have neither.
 
     Raises:
         ProgramError: Words that it does not take, or rotations about several axes: their order is a machine datum.

@@ -1,36 +1,49 @@
-"""Read programs in the Sinumerik dialect: one pass, every line once and in order."""
+"""Read programs in the Sinumerik dialect: executed line by line, with jumps, loops, variables and subprograms."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
+import numpy as np
+
 from counterflex.core.errors import ProgramError
+from counterflex.core.similar import close_to
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
+from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.block import Block
 from counterflex.programs.gcode.sinumerik.cycles import Cycle, cycle_of
+from counterflex.programs.gcode.sinumerik.jumps import MOST_STEPS, Flow
 from counterflex.programs.gcode.sinumerik.moves import MoveMaker, frame_of
-from counterflex.programs.gcode.sinumerik.scanner import Line, scan
+from counterflex.programs.gcode.sinumerik.scanner import Line, Name, scan
+from counterflex.programs.gcode.sinumerik.source import Library, Source, head_of, library_of, no_library, programs_of
 from counterflex.programs.gcode.sinumerik.state import State
 from counterflex.programs.gcode.sinumerik.words import AXES, M_END, ROTARY, SINUMERIK, VECTOR, WordTable
 from counterflex.programs.program import Block as ReadBlock
 from counterflex.programs.program import Modal, Program
 from counterflex.programs.source_text import read_text
+from counterflex.programs.unknown import known
 
 _HEADER: Final = re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE)
 _VECTOR_WORD: Final = re.compile(r"^[^;]*\b[ABC]3\s*=", re.IGNORECASE)
 _MOST: Final = 1e6
+_OWN_DATA: Final = ("$AC_MARKER", "$AC_PARAM", "$A_OUT", "$A_OUTA", "$A_DLB", "$A_DLW", "$A_DLR", "$AC_TIMER")
+"""System variables that a program may set without an effect on its path."""
 _ARC: Final = (*"IJK", "CR", "AR", "TURN")
 
 
 def read_sinumerik(
-    text: str, *, name: str = "program", complete: bool = False, tool_names: Mapping[str, int] | None = None
+    text: str,
+    *,
+    name: str = "program",
+    complete: bool = False,
+    machine: MillingMachine = COORDINATES_OF_THE_PART,
+    folder: Path | None = None,
 ) -> Program:
     """Execute a program's text and return the blocks passed and the motions made.
 
@@ -38,10 +51,12 @@ def read_sinumerik(
     compensated by the control, and the basic system is metric: F is in mm/min under G70 and G71.
 
     Args:
-        text: The program.
+        text: The program, perhaps with its subprograms (``%_N_NAME_SPF``).
         name: Its name, for errors.
         complete: Refuse a text that stops without M2, M17, M30 or RET: it may have been cut off.
-        tool_names: Number of a tool by its name in capitals, for ``T="NAME"``.
+        machine: Tools by name, and settable offsets in the part frame. ``known``: the tool starts at zero; else where
+            it stands is not known before the program names its axes.
+        folder: Where subprograms are files (``NAME.spf``).
 
     Returns:
         The program as executed; A3 B3 C3 appear as the I J K of
@@ -50,86 +65,132 @@ def read_sinumerik(
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, refused or contradictory.
 
-    Source: SINUMERIK 840D sl, Programming Manual Fundamentals, and Job Planning (TRAORI, frames).
+    Source: SINUMERIK 840D sl, Programming Manual Fundamentals, and Job Planning (TRAORI, frames, flexible NC
+    programming).
     """
-    lines = split_lines(text)
-    if not any(line.strip() for line in lines):
+    if not any(line.strip() for line in split_lines(text)):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a file with a Sinumerik program")
-    run = Run(name, lines, tool_names or {})
-    ended = False
-    for index in range(len(lines)):
-        if not ended:
-            ended = run.line(index)
+    programs = programs_of(name, text)
+    run = Run(next(iter(programs.values())), machine, library_of(programs, folder))
+    ended = run.run()
     if complete and not ended:
-        raise error_at(
-            name, len(lines), "the program stops without M2, M17, M30 or RET", 0, None,
+        raise run.flow.fault(
+            "the program stops without M2, M17, M30 or RET", 0, None,
             "The file may be truncated. If it is complete, add --without-end",
         )  # fmt: skip
-    return Program(
-        name=name,
-        dialect="sinumerik",
-        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
-        newline=line_end(text),
-        blocks=tuple(run.blocks),
-        motions=tuple(run.maker.motions),
-        straight=True,
-    )
+    return run.program("sinumerik", text)
 
 
 def read_sinumerik_file(
-    file: str | os.PathLike[str], *, machine: MillingMachine | None = None, complete: bool = True
+    file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True
 ) -> Program:
-    """Read a program from a file.
+    """Read a program from a file; its subprograms are in it or in its folder.
 
     Args:
         file: UTF-8 or Latin-1.
-        machine: A parameter file of LinuxCNC says nothing about this control.
+        machine: See :func:`read_sinumerik`; a parameter file of LinuxCNC says nothing about this control.
         complete: See :func:`read_sinumerik`.
 
     Raises:
         ProgramError: The file cannot be read, or is no program that can be executed exactly.
     """
-    if machine is not None and machine.part_at_g54:
+    if machine.part_at_g54:
         raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for Sinumerik", where=str(file))
-    text, encoding = read_text(Path(file))
-    names = {} if machine is None else machine.tool_names
-    program = read_sinumerik(text, name=Path(file).name, complete=complete, tool_names=names)
+    path = Path(file)
+    text, encoding = read_text(path)
+    program = read_sinumerik(text, name=path.name, complete=complete, machine=machine, folder=path.parent)
     return replace(program, encoding=encoding)
 
 
 class Run:
-    """One pass through a program.
+    """One run of a program.
 
     Args:
-        name: Of the program, for errors.
-        lines: Of it.
-        tool_names: Number of a tool by its name in capitals.
+        source: The main program.
+        machine: What is known of it.
+        library: Finds subprograms.
     """
 
     table: ClassVar[WordTable] = SINUMERIK
 
-    def __init__(self, name: str, lines: tuple[str, ...], tool_names: Mapping[str, int]) -> None:
-        self._name, self._lines, self._tool_names = name, lines, tool_names
-        self._state = State(vectors=any(_VECTOR_WORD.match(line) for line in lines))
-        self._constants: dict[int, float] = {}
+    def __init__(self, source: Source, machine: MillingMachine, library: Library = no_library) -> None:
+        self._main, self._tool_names = source, machine.tool_names
+        self.flow = Flow(source, library)
+        vectors = any(_VECTOR_WORD.match(line) for line in source.lines)
+        self._state = State(
+            vectors=vectors,
+            start_known=machine.known,
+            zeros={offset: np.array(zero[:3]) for offset, zero in machine.part_offsets.items()},
+        )
         self._modals: dict[Modal, Modal] = {}
-        self._modal: Cycle | None = None
-        self.maker = MoveMaker(self._state)
+        self._modal: Cycle | Name | None = None
+        self._modal_depth = 0
+        self._counts: dict[int, int] = {}
+        self.maker = MoveMaker(self._state, machine.listed)
         self.blocks: list[ReadBlock] = []
 
-    def line(self, index: int) -> bool:
-        """Execute a line; True where the program ends with it."""
-        text, number = self._lines[index], index + 1
+    def run(self) -> bool:
+        """Execute to the end; whether a word of the program said that it ends.
+
+        Raises:
+            ProgramError: At the first line that cannot be executed exactly.
+        """
+        steps, flow = 0, self.flow
+        while True:
+            flow.settle()
+            if flow.index >= flow.source.last:
+                if not flow.frames:
+                    flow.index = flow.source.last - 1
+                    return False
+                flow.index = flow.source.last - 1
+                raise flow.fault("a subprogram stops without M17 or RET", 0, None, "The file may be truncated")
+            steps += 1
+            if steps > MOST_STEPS:
+                raise flow.fault("the program does not end within the step limit", 0, f"{MOST_STEPS} lines executed",
+                                 "Look for an endless loop")  # fmt: skip
+            if self._step():
+                return True
+
+    def program(self, dialect: str, text: str) -> Program:
+        """Return what was executed."""
+        lines, state = self._main.lines, self._state
+        for number, block in enumerate(self.blocks):
+            if block.single and self._counts.get(block.line, 0) != 1:
+                self.blocks[number] = replace(block, single=False)
+        return Program(
+            name=self._main.name,
+            dialect=dialect,
+            lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
+            newline=line_end(text),
+            blocks=tuple(self.blocks),
+            motions=tuple(self.maker.motions),
+            straight=all(block.single for block in self.blocks),
+            part_zero=None if state.zeros or not state.work_offset else (state.work_offset, state.offset_line),
+        )
+
+    def _step(self) -> bool:
+        """Execute a line; whether the program ends with it."""
+        flow = self.flow
+        text, number, source = flow.source.lines[flow.index], flow.index + 1, flow.source
+        self._state.line = number
         if _HEADER.match(text):
             self._append(number, text, (), len(self.maker.motions))
+            flow.index += 1
             return False
+        if flow.source.flow:
+            head = head_of(text)
+            if head.keyword:
+                self._append(number, text, (), len(self.maker.motions))
+                flow.control(text, head)
+                return False
+            text = text[: head.label_start].ljust(head.label_end) + text[head.label_end :]
 
         def fault(what: str, column: int, value: object, hint: str | None) -> ProgramError:
-            return error_at(self._name, number, what, column, value, hint)
+            return error_at(source.name, number, what, column, value, hint)
 
-        block = Block(self.scanned(text, number), fault, text, self.table)
+        line = self.scanned(text, number)
+        block = Block(line, fault, text, self.table)
         first = len(self.maker.motions)
-        self._constants |= block.parameters
         self._frame(block)
         dwell = "dwell" in block.groups
         self._modes(block, dwell)
@@ -137,14 +198,74 @@ class Run:
             self.maker.dwell(block, len(self.blocks))
         moves = self._move(block)
         drilled = self._drill(block, moves)
+        call = self._called(block, moves)
         block.finish()
         special = drilled or (moves and self._state.motion == "CIP")
-        self._append(number, text, block.words(dwell, moves), first, cycle=special)
-        return any(code in M_END for code in block.m)
+        self._append(number, source.lines[flow.index], block.words(dwell, moves), first, cycle=special)
+        self._assign(block, line)
+        return self._go_on(block, call)
+
+    def _go_on(self, block: Block, call: tuple[Name, int] | None) -> bool:
+        """Go to the next line, into a subprogram, or back; whether the program ends."""
+        flow = self.flow
+        ends = [code for code in block.m if code in M_END]
+        if ends and not flow.frames:
+            return True
+        if ends and ends != [17]:
+            raise block.fault("a subprogram ends the program", "", f"M{ends[0]}", "End it with M17 or RET")
+        if ends:
+            flow.leave()
+        elif call is not None:
+            self._enter(block, *call)
+        else:
+            flow.index += 1
+        return False
+
+    def _called(self, block: Block, moves: bool) -> tuple[Name, int] | None:
+        """The subprogram that a block calls, and how often; MCALL: after each block that moves."""
+        if len(block.calls) > 1:
+            raise block.fault(
+                "two subprograms are called in one block", "", block.calls[1].name, "Put them on two lines"
+            )
+        repeats = self.maker.whole(block, "P") or 1
+        if block.modal_call:
+            self._modal_depth = len(self.flow.frames)
+            self._modal = block.calls[0] if block.calls else self._modal if block.cycle else None
+            return None
+        if block.calls:
+            return block.calls[0], repeats
+        if isinstance(self._modal, Name) and moves and len(self.flow.frames) == self._modal_depth:
+            return self._modal, 1
+        return None
+
+    def _enter(self, block: Block, call: Name, repeats: int) -> None:
+        """Enter a subprogram.
+
+        Raises:
+            ProgramError: There is none of that name, or it is no word of the language.
+        """
+        name, arguments = call.name, call.arguments
+        if name in ("CALL", "PCALL", "EXTCALL"):
+            name, arguments = call.text.strip('"() '), ""
+        if self.flow.call(name, arguments, repeats):
+            return
+        close = close_to(name, [*self.table.group, *self.table.carried], 1)
+        raise block.named_fault(call, name, f"Did you mean {close[0]}?" if close else "")
+
+    def _assign(self, block: Block, line: Line) -> None:
+        """Let variables have their values; frames, offsets and tools of the control are no variables."""
+        for item in line.assigned:
+            if item.name == "$SC_FRAME_OFFSET_INCR_PROG":
+                self._state.shift_travelled = bool(known(item.value, item.name, self.flow.source.name))
+            elif item.name.startswith("$") and not item.name.startswith(_OWN_DATA):
+                raise block.fault_at("data of the control are set, and what they change is not known", item.start,
+                                     item.name, "Take the line out, or set frames with TRANS and ROT")  # fmt: skip
+            else:
+                self.flow.variables.assign(item.name, item.index, item.value)
 
     def scanned(self, text: str, number: int) -> Line:
         """Words of a line."""
-        return scan(text, self._name, number, self._constants)
+        return scan(text, self.flow.source.name, number, self.flow.variables)
 
     def _drill(self, block: Block, moves: bool) -> bool:
         """Drilling cycles: called alone, or behind each block that moves (MCALL); whether one was made."""
@@ -154,7 +275,8 @@ class Run:
         if block.modal_call:
             self._modal = cycle
             return False
-        cycle = cycle if cycle is not None else self._modal if moves else None
+        if cycle is None and moves and isinstance(self._modal, Cycle):
+            cycle = self._modal
         if cycle is not None:
             self.maker.drill(block, len(self.blocks), cycle)
         return cycle is not None
@@ -163,7 +285,10 @@ class Run:
         modal = self._state.modal()
         modal = self._modals.setdefault(modal, modal)
         count = len(self.maker.motions) - first
-        self.blocks.append(ReadBlock(number, text, words, modal, first, count, cycle=cycle))
+        own = self.flow.source is self._main and not self.flow.frames
+        if own:
+            self._counts[number] = self._counts.get(number, 0) + 1
+        self.blocks.append(ReadBlock(number, text, words, modal, first, count, single=own, cycle=cycle))
 
     def _frame(self, block: Block) -> None:
         """Plane, TRANS, ATRANS, ROT, AROT, and the settable offset."""
@@ -176,18 +301,45 @@ class Run:
                 raise block.fault(f"{name} needs a block of its own", name, name)
             if state.traori and not state.vectors:
                 raise block.fault(f"{name} with rotary words under TRAORI is not read", name, name, "Post A3= B3= C3=")
-            state.set_frame(name, *frame_of(block, name, state))
+            before = state.to_work(state.p_part)
+            if name.endswith("MIRROR"):
+                axes = {axis for axis, letter in enumerate(AXES) if block.take(letter) is not None}
+                if state.traori:
+                    raise block.fault(f"{name} under TRAORI is not read", name, name, "Post A3= B3= C3= without it")
+                state.set_frame(name, np.zeros(3), np.zeros(3))
+                state.mirror(axes)
+            else:
+                state.set_frame(name, *frame_of(block, name, state))
+            state.note_shift(before)
         offset = block.groups.get("work offset")
         if offset == "G500":
             state.machine_axes = True
         elif offset is not None:
             state.machine_axes = False
-            if state.work_offset not in ("", offset):
-                raise block.fault(
-                    "a second settable offset: how far it is from the first is not known here", "G",
-                    f"{offset} after {state.work_offset}", "Post the program with one of them, and TRANS",
-                )  # fmt: skip
-            state.work_offset = offset
+            self._settable(block, offset)
+
+    def _settable(self, block: Block, offset: str) -> None:
+        """Select a settable offset: the first one is that of the part, others as the cell file gives them."""
+        state = self._state
+        zero = state.zeros.get(offset)
+        if not self.maker.motions and not state.zeros:
+            state.work_offset = ""  # nothing has moved: the offset in force at the first motion counts
+        if (zero is None and state.zeros) or (not state.zeros and state.work_offset not in ("", offset)):
+            first = f"{state.work_offset} (line {state.offset_line})" if state.work_offset else "the part"
+            raise block.fault(
+                f"how far {offset} lies from {first} is not known", offset, offset,
+                f"Give the zeros of all offsets in the cell file (--cell): part.work_offsets_mm = {{G54 = [0, 0, 0], "
+                f"{offset if offset != 'G54' else 'G55'} = [...]}}; or post with one of them, and TRANS",
+            )  # fmt: skip
+        if not state.work_offset:
+            state.offset_line = state.line
+        if zero is not None:
+            before = state.to_work(state.p_part)
+            state.p_part_origin = state.p_part_origin + zero - state.zero
+            state.zero = zero
+            if state.work_offset != offset:
+                state.note_shift(before)
+        state.work_offset = offset
 
     def _modes(self, block: Block, dwell: bool) -> None:
         """Modes, speeds and tool."""
@@ -231,6 +383,9 @@ class Run:
             state.prepared = int(tool) if number is None else number
         for name in ("D", "H"):
             block.take(name)
+        for name in ("SPOS", "SPOSA"):
+            if block.take(name) is not None:
+                state.spindle = 0
         for code in block.m:
             if code == 6:
                 if state.prepared is None:
@@ -245,10 +400,12 @@ class Run:
         machine = block.groups.get("machine")
         axes = block.has(*AXES, *ROTARY, *VECTOR)
         if machine is not None or (state.machine_axes and axes):
-            for name in (*AXES, *ROTARY):
-                block.take(name)
-            if axes and maker.motions and not maker.away:
-                maker.away = f"{machine or 'G500'} in line {len(self.blocks) + 1}"
+            away = [axis for axis, name in enumerate((*AXES, *ROTARY)) if block.take(name) is not None]
+            if machine in ("G74", "G75"):
+                away += [axis for axis, name in enumerate(AXES) if block.take(f"{name}1") is not None]
+                block.take("FP")
+            if axes or machine in ("G74", "G75"):
+                maker.leave(len(self.blocks), machine or "G500", [axis for axis in away if axis < 3])
             return False
         arc = state.motion in ("G2", "G3")
         if not axes and not (arc and block.has(*_ARC)):

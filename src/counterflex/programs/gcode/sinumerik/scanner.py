@@ -8,21 +8,22 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.scanner import error_at
+from counterflex.programs.gcode.sinumerik.expressions import Variables
 from counterflex.programs.gcode.sinumerik.words import REFUSED
 from counterflex.programs.limits import SINUMERIK
+from counterflex.programs.robot_text.expression import ExpressionError
+from counterflex.programs.unknown import known
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[+-]?\d+)?"
 _SKIP: Final = re.compile(r"\s*/\d?")
 _WORD: Final = re.compile(rf"([A-Z])\s*({_NUMBER})(?![\d.])(?!\s*=)", re.IGNORECASE)
-_SET: Final = re.compile(r"([A-Z_]\w*)\s*=\s*", re.IGNORECASE)
-_VALUE: Final = re.compile(
-    rf"(?:(?P<mode>AC|IC)\s*\(\s*(?P<inner>{_NUMBER}|[+-]?R\d+)\s*\))|(?P<plain>{_NUMBER}|[+-]?R\d+)(?![\w.(\[])"
-    r'|(?P<string>"[^"]*")',
-    re.IGNORECASE,
-)
+_SET: Final = re.compile(r"([$A-Z_]\w*)\s*(\[[^=]*?\])?\s*=(?!=)\s*", re.IGNORECASE)
+_MODE: Final = re.compile(r"(AC|IC)\s*\(", re.IGNORECASE)
+_PLAIN: Final = re.compile(rf"{_NUMBER}(?=[\s;,)\]]|$|[A-Z])", re.IGNORECASE)
+_OPERATOR: Final = re.compile(r"\s*([-+*/<>=]|DIV\b|MOD\b|AND\b|OR\b|XOR\b|B_\w+\b)", re.IGNORECASE)
+_WITH_NAME: Final = ("CALL", "PCALL", "EXTCALL")
 _NAME: Final = re.compile(r"[A-Z_]\w*", re.IGNORECASE)
 _LARGEST: Final = 1e9
-_CONSTANTS: Final = "R parameters are read as constants only (R1=10.5, then X=R1); post plain numbers"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,27 +57,44 @@ class Name:
     called: bool
     start: int
     end: int
+    text: str = ""
+
+    @property
+    def arguments(self) -> str:
+        """Text between the brackets."""
+        return self.text.strip()[1:-1] if self.called else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Assigned:
+    """A variable, R parameter or system variable that gets a value: ``R1=5``, ``DEPTH[2]=R1*2``."""
+
+    name: str
+    index: tuple[object, ...]
+    value: object
+    start: int
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What a line says: addresses and names in order of appearance."""
+    """What a line says, each in order of appearance."""
 
     addresses: tuple[Address, ...] = ()
     names: tuple[Name, ...] = ()
+    assigned: tuple[Assigned, ...] = ()
 
 
-def scan(text: str, name: str, line: int, constants: dict[int, float]) -> Line:
+def scan(text: str, name: str, line: int, variables: Variables) -> Line:
     """Read a line.
 
     Args:
         text: Without its end.
         name: Name of the program, for errors.
         line: 1-based number, for errors.
-        constants: Values of R parameters so far.
+        variables: Values so far.
 
     Raises:
-        ProgramError: With file, line and column of the first thing that is none of the dialect.
+        ProgramError: With file, line and column of the first thing that is none of the dialect, or is not known.
     """
     if len(text) > SINUMERIK.line_characters:
         raise error_at(
@@ -84,6 +102,8 @@ def scan(text: str, name: str, line: int, constants: dict[int, float]) -> Line:
         )
     addresses: list[Address] = []
     names: list[Name] = []
+    assigned: list[Assigned] = []
+    variables.where = f"{name}:{line}"
     skip = _SKIP.match(text)
     at = skip.end() if skip else 0
     while at < len(text):
@@ -91,19 +111,29 @@ def scan(text: str, name: str, line: int, constants: dict[int, float]) -> Line:
             at += 1
         elif text[at] == ";":
             break
-        elif word := _WORD.match(text, at):
-            value = _number(word[2], word.start(2), name, line)
-            addresses.append(Address(word[1].upper(), value, None, "", word.start(), word.end()))
-            at = word.end()
+        elif plain := _WORD.match(text, at):
+            value = _number(plain[2], plain.start(2), name, line)
+            addresses.append(Address(plain[1].upper(), value, None, "", plain.start(), plain.end()))
+            at = plain.end()
         elif given := _SET.match(text, at):
-            address = _assigned(text, given, name, line, constants)
-            addresses.append(address)
-            at = address.end
+            if _is_variable(given[1], variables):
+                content, at = value_at(text, given.end(), name, line, variables)
+                index = _indices(given, text, name, line, variables)
+                assigned.append(Assigned(given[1].upper(), index, content, given.start()))
+                if not given[1].startswith("$"):
+                    variables.assign(given[1], index, content)  # what follows in the block sees it
+            else:
+                address = _assigned(text, given, name, line, variables)
+                _refuse_set_here(assigned, text[given.end() : address.end], name, line, given.start())
+                addresses.append(address)
+                at = address.end
         elif called := _NAME.match(text, at):
             at = _arguments_end(text, called.end(), name, line)
-            if text[at : at + 1] == ":":
-                raise error_at(name, line, "labels are not read", called.start(), text[called.start() : at + 1])
-            names.append(Name(called[0].upper(), at > called.end(), called.start(), at))
+            bracket = at > called.end()
+            word = called[0].upper()
+            if word in _WITH_NAME and not bracket:
+                at = len(code_part(text, at))
+            names.append(Name(word, bracket, called.start(), at, text[called.end() : at]))
             if names[-1].name in REFUSED:  # what follows is not of this subset either
                 break
         else:
@@ -111,7 +141,47 @@ def scan(text: str, name: str, line: int, constants: dict[int, float]) -> Line:
                 name, line, "a character that the Sinumerik dialect has no use for here", at, repr(text[at]),
                 "Comments begin with ;",
             )  # fmt: skip
-    return Line(tuple(addresses), tuple(names))
+    return Line(tuple(addresses), tuple(names), tuple(assigned))
+
+
+def _refuse_set_here(assigned: list[Assigned], text: str, name: str, line: int, column: int) -> None:
+    """Refuse a word that uses a variable which its own block sets: when that takes effect is not certain."""
+    for item in assigned:
+        if re.search(rf"(?<!\w){re.escape(item.name)}(?!\w)", text, re.IGNORECASE):
+            raise error_at(name, line, f"{item.name} is set and used in one block", column, text.strip()[:30],
+                           "Set it in a block before")  # fmt: skip
+
+
+def _is_variable(name: str, variables: Variables) -> bool:
+    return name.startswith("$") or re.fullmatch(r"R\d*", name.upper()) is not None or variables.defines(name)
+
+
+def _indices(given: re.Match[str], text: str, name: str, line: int, variables: Variables) -> tuple[object, ...]:
+    """Values of the indices in square brackets behind the name of a variable."""
+    if given[2] is None:
+        return ()
+    values, at = [], given.start(2) + 1
+    while at < given.end(2):
+        value, at = value_at(text, at, name, line, variables)
+        values.append(value)
+        while text[at : at + 1] in (" ", ",", "]", "\t") and at < given.end(2):
+            at += 1
+    return tuple(values)
+
+
+def value_at(text: str, at: int, name: str, line: int, variables: Variables) -> tuple[object, int]:
+    """Return the value of the expression at an index, known or not, and the index behind it.
+
+    Raises:
+        ProgramError: There is none.
+    """
+    if (plain := _PLAIN.match(text, at)) is not None and not _OPERATOR.match(text, plain.end()):
+        return _number(plain[0], at, name, line), plain.end()
+    try:
+        return variables.evaluate(text, at)
+    except (ValueError, TypeError, ArithmeticError) as fault:
+        what = str(fault) if isinstance(fault, ExpressionError) else "an operation has no value for its numbers"
+        raise error_at(name, line, what, at, text[at : at + 30].strip(), "Write the value itself") from fault
 
 
 def _number(text: str, column: int, name: str, line: int) -> float:
@@ -121,24 +191,31 @@ def _number(text: str, column: int, name: str, line: int) -> float:
     return value
 
 
-def _assigned(text: str, given: re.Match[str], name: str, line: int, constants: dict[int, float]) -> Address:
+def _assigned(text: str, given: re.Match[str], name: str, line: int, variables: Variables) -> Address:
     """An address with ``=``."""
-    match = _VALUE.match(text, given.end())
-    if match is None:
-        raise error_at(name, line, f"the value of {given[1].upper()} is no plain number", given.start(),
-                       repr(text[given.start() : given.start() + 30]), _CONSTANTS)  # fmt: skip
-    address = given[1].upper()
-    if match["string"] is not None:
-        return Address(address, None, match["string"][1:-1], "", given.start(), match.end())
-    number = match["inner"] or match["plain"]
-    mode = (match["mode"] or "").upper()
-    parameter = re.fullmatch(r"([+-]?)R(\d+)", number, re.IGNORECASE)
-    if parameter is None:
-        return Address(address, _number(number, given.start(), name, line), None, mode, given.start(), match.end())
-    if int(parameter[2]) not in constants:
-        raise error_at(name, line, "the R parameter has no value", match.start(), f"R{parameter[2]}", _CONSTANTS)
-    value = constants[int(parameter[2])] * (-1.0 if parameter[1] == "-" else 1.0)
-    return Address(address, value, None, mode, given.start(), match.end(), literal=False)
+    address, at, mode = given[1].upper(), given.end(), _MODE.match(text, given.end())
+    at = mode.end() if mode is not None else at
+    literal = _PLAIN.match(text, at) is not None or mode is not None
+    value, end = value_at(text, at, name, line, variables)
+    if mode is not None:
+        close = re.compile(r"\s*\)").match(text, end)
+        if close is None:
+            raise _open(text, mode.start(), name, line)
+        literal, end = re.fullmatch(rf"\s*{_NUMBER}\s*", text[at:end], re.IGNORECASE) is not None, close.end()
+    value = known(value, address, f"{name}:{line}:{given.start() + 1}", text=text[given.start() : end])
+    if isinstance(value, str):
+        return Address(address, None, value, "", given.start(), end)
+    if not isinstance(value, int | float):
+        raise error_at(name, line, f"the value of {address} is no number", given.start(), text[given.start() : end])
+    if not abs(value) <= _LARGEST:
+        raise error_at(name, line, "a number is out of range", given.start(), f"{value:g}", f"At most {_LARGEST:g}")
+    return Address(address, float(value), None, mode[1].upper() if mode else "", given.start(), end, literal)
+
+
+def code_part(text: str, at: int) -> str:
+    """Return the text up to the comment that begins behind an index."""
+    end = text.find(";", at)
+    return text if end < 0 else text[:end]
 
 
 def _arguments_end(text: str, at: int, name: str, line: int) -> int:

@@ -12,6 +12,7 @@ from counterflex.core.units import INCH, MM
 from counterflex.geometry import rotation
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Modal
 
+_SAME_M: Final = 1e-12
 _ZERO: Final = (0.0, 0.0, 0.0)
 PLANE_AXES: Final[dict[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 """First and second axis of each plane, and its normal."""
@@ -29,7 +30,15 @@ class State:
         R_part_work: (3, 3) programmed axes in the part; None where parallel.
         work_offset: Settable offset that has been named first; its zero is that of the part.
         machine_axes: G500 is active: the place of the part is not known.
-        named: Axes that have been named absolutely so far.
+        named: Axes along which it is known where the tool stands: they have been named absolutely.
+        start_known: The tool starts at zero; else where it stands is not known along axes that are not ``named``.
+        line: 1-based line that is executed.
+        zeros: Settable offsets in the part frame by name, m, from the cell file.
+        zero: (3,) that of the active one, m.
+        offset_line: Line of the first settable offset.
+        mirrored: The axes are those of a mirror image.
+        shifted: Axes whose zero has changed since they were named: line of the change and coordinate before it, m.
+        shift_travelled: Setting SD42440: an incremental motion travels the change of the zero too; None: not known.
     """
 
     vectors: bool = False
@@ -40,6 +49,14 @@ class State:
     work_offset: str = ""
     machine_axes: bool = False
     named: set[int] = field(default_factory=set)
+    start_known: bool = True
+    line: int = 0
+    zeros: dict[str, Float] = field(default_factory=dict)
+    zero: Float = field(default_factory=lambda: np.zeros(3))
+    offset_line: int = 0
+    mirrored: bool = False
+    shifted: dict[int, tuple[int, float]] = field(default_factory=dict)
+    shift_travelled: bool | None = None
     motion: str = ""
     plane: int = 17
     unit: str = "G71"
@@ -95,14 +112,28 @@ class State:
             shift_m: (3,) in the axes before.
             rotvec_rad: (3,) rotation vector in the axes before.
         """
-        if name in ("TRANS", "ROT"):
-            self.p_part_origin, self.R_part_work = np.zeros(3), None
+        if name in ("TRANS", "ROT", "MIRROR"):
+            self.p_part_origin, self.R_part_work, self.mirrored = self.zero.copy(), None, False
         self.p_part_origin = self.p_part_origin + self.turned(shift_m)
         if np.any(rotvec_rad != 0.0):
             R = rotation.exp(rotvec_rad)
             self.R_part_work = R if self.R_part_work is None else self.R_part_work @ R
         if self.R_part_work is not None and np.allclose(self.R_part_work, np.eye(3), rtol=0.0, atol=1e-14):
             self.R_part_work = None
+
+    def mirror(self, axes: set[int]) -> None:
+        """Turn axes of the frame round (MIRROR, AMIRROR)."""
+        M = np.diag([-1.0 if axis in axes else 1.0 for axis in range(3)])
+        self.R_part_work = M if self.R_part_work is None else self.R_part_work @ M
+        self.mirrored = float(np.linalg.det(self.R_part_work)) < 0.0
+        if np.allclose(self.R_part_work, np.eye(3), rtol=0.0, atol=1e-14):
+            self.R_part_work = None
+
+    def note_shift(self, before: Float) -> None:
+        """Note the axes whose coordinates (3,) m were other ones before the frame changed."""
+        for axis, now in enumerate(self.to_work(self.p_part)):
+            if axis not in self.shifted and abs(now - before[axis]) > _SAME_M:
+                self.shifted[axis] = (self.line, float(before[axis]))
 
     def modal(self) -> Modal:
         """The state as writers see it."""
@@ -121,4 +152,5 @@ class State:
             tool_centre=self.tool_centre,
             feed_unit_m=self.feed_unit_m,
             R_part_work=None if R is None else tuple((float(a), float(b), float(c)) for a, b, c in R),
+            not_written="a mirror image (MIRROR)" if self.mirrored else "",
         )

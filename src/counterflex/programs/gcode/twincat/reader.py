@@ -1,20 +1,21 @@
-"""Read programs for TwinCAT NC I: one pass, every line once and in order."""
+"""Read programs for TwinCAT NC I: every line once and in order."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.gcode.read.flow import line_end, split_lines
+from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
+from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.reader import Run
-from counterflex.programs.gcode.sinumerik.scanner import Line, scan
+from counterflex.programs.gcode.sinumerik.scanner import Line
+from counterflex.programs.gcode.sinumerik.source import programs_of
 from counterflex.programs.gcode.twincat.words import TWINCAT
 from counterflex.programs.program import Program
 from counterflex.programs.source_text import read_text
@@ -62,7 +63,7 @@ class _Run(Run):
 
     def scanned(self, text: str, number: int) -> Line:
         """The line: U is a radius, X of a G4 its time."""
-        line = scan(prepared(text, self._name, number), self._name, number, self._constants)
+        line = super().scanned(prepared(text, self.flow.source.name, number), number)
         dwell = any(address.name == "G" and address.value == 4.0 for address in line.addresses)
         names = {"U": "CR", **({"X": "F"} if dwell else {})}
         return replace(line, addresses=tuple(
@@ -71,7 +72,7 @@ class _Run(Run):
 
 
 def read_twincat(
-    text: str, *, name: str = "program", complete: bool = False, tool_names: Mapping[str, int] | None = None
+    text: str, *, name: str = "program", complete: bool = False, machine: MillingMachine = COORDINATES_OF_THE_PART
 ) -> Program:
     """Execute a program's text and return the blocks passed and the motions made.
 
@@ -81,7 +82,7 @@ def read_twincat(
         text: The program.
         name: Its name, for errors.
         complete: Refuse a text that stops without M2 or M30: it may have been cut off.
-        tool_names: Number of a tool by its name in capitals.
+        machine: See :func:`~counterflex.programs.gcode.sinumerik.reader.read_sinumerik`.
 
     Returns:
         The program as executed; U appears as R.
@@ -89,30 +90,17 @@ def read_twincat(
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, refused or contradictory.
     """
-    lines = split_lines(text)
-    if not any(line.strip() for line in lines):
+    if not any(line.strip() for line in split_lines(text)):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a file with a TwinCAT program")
-    run = _Run(name, lines, tool_names or {})
-    ended = False
-    for index in range(len(lines)):
-        if not ended:
-            ended = run.line(index)
-    if complete and not ended:
-        raise error_at(name, len(lines), "the program stops without M2 or M30", 0, None,
-                       "The file may be truncated. If it is complete, add --without-end")  # fmt: skip
-    return Program(
-        name=name,
-        dialect="twincat",
-        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
-        newline=line_end(text),
-        blocks=tuple(run.blocks),
-        motions=tuple(run.maker.motions),
-        straight=True,
-    )
+    run = _Run(next(iter(programs_of(name, text, flow=False).values())), machine)
+    if not run.run() and complete:
+        raise run.flow.fault("the program stops without M2 or M30", 0, None,
+                             "The file may be truncated. If it is complete, add --without-end")  # fmt: skip
+    return run.program("twincat", text)
 
 
 def read_twincat_file(
-    file: str | os.PathLike[str], *, machine: MillingMachine | None = None, complete: bool = True
+    file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True
 ) -> Program:
     """Read a program from a file.
 
@@ -124,8 +112,7 @@ def read_twincat_file(
     Raises:
         ProgramError: The file cannot be read, or is no program that can be executed exactly.
     """
-    if machine is not None and machine.part_at_g54:
+    if machine.part_at_g54:
         raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for TwinCAT", where=str(file))
     text, encoding = read_text(Path(file))
-    names = {} if machine is None else machine.tool_names
-    return replace(read_twincat(text, name=Path(file).name, complete=complete, tool_names=names), encoding=encoding)
+    return replace(read_twincat(text, name=Path(file).name, complete=complete, machine=machine), encoding=encoding)

@@ -16,7 +16,9 @@ from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, eva
 from counterflex.programs.motion_rows import MotionRows, feed_factor
 from counterflex.programs.program import Block, Modal, Motion, Program
 
-_NO_TARGET: Final = frozenset((4.0, 10.0, 28.0, 30.0, 43.1, 52.0, 53.0, 92.0, 92.1, 92.2, 92.3))
+_NO_TARGET: Final = frozenset(
+    (4.0, 5.1, 10.0, 22.0, 28.0, 30.0, 43.1, 50.1, 51.1, 52.0, 53.0, 65.0, 68.0, 92.0, 92.1, 92.2, 92.3)
+)
 _WRITTEN_OUT: Final = MOTION_CODES | {4.0, 28.0, 30.0}
 _CYCLE_NAMES: Final = frozenset(code_name("G", code) for code in CYCLES)
 _PATH_CONTROL: Final = frozenset((61.0, 61.1, 64.0))

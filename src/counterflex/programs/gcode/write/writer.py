@@ -134,7 +134,7 @@ def write_gcode(
             largest_dwell_error_m=rows.dwell_error_m,
             largest_dropped_rotation_rad=dropped,
         )
-    _refuse_own_cycles(program, rows)
+    _refuse_unsaid(program, rows)
     spelling = SPELLINGS[program.dialect]
     emitter = Emitter(program, rows, tolerance_m, decimals)
     lines = [part for line in emitter.run() for part in _short_enough(line, program)]
@@ -161,21 +161,35 @@ def write_gcode(
     )
 
 
-def _refuse_own_cycles(program: Program, rows: MotionRows) -> None:
-    """Refuse corrected blocks whose moves the writer cannot say: drilling cycles and CIP of Sinumerik.
+def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
+    """Refuse corrections that the writer cannot say.
+
+    Mirror images, polar coordinates; of Sinumerik drilling cycles, CIP, loops and subprograms.
 
     Raises:
         ProgramError: There is one.
     """
+    hint = "Post its moves as G0, G1, G2 and G3, or write another language (--as, convert)"
+    for block in program.blocks:
+        if block.modal.not_written and block.motion_count:
+            raise ProgramError(
+                f"{block.modal.not_written} is not written back with other targets",
+                where=f"{program.name}:{block.line}", value=block.text.strip()[:60], hint=hint,
+            )  # fmt: skip
     if program.dialect == "linuxcnc":
         return
+    if not program.straight:
+        block = next(block for block in program.blocks if not block.single)
+        raise ProgramError(
+            "a program with loops or subprograms is not written back", where=f"{program.name}:{block.line}",
+            value=block.text.strip()[:60], hint=hint,
+        )  # fmt: skip
     for block in program.blocks:
         here = range(block.first_motion, block.first_motion + block.motion_count)
         if block.cycle and any(rows.moved[index] for index in here):
             raise ProgramError(
                 "a drilling cycle or CIP is corrected, and is not written back", where=f"{program.name}:{block.line}",
-                value=block.text.strip()[:60],
-                hint="Post its moves as G0, G1, G2 and G3, or write another language (--as, convert)",
+                value=block.text.strip()[:60], hint=hint,
             )  # fmt: skip
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from counterflex.programs.gcode.read.codes import WORDS_OF_M
+from counterflex.programs.gcode.read.codes import TAKEN_BY_G, WORDS_OF_M
 from counterflex.programs.gcode.write.spelling import SPELLINGS, Spell
 from counterflex.programs.program import Block, Word
 
 AXES = "XYZ"
 _ORDER = "XYZABCIJKRF"
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
-_TAKEN_BY_G = {64.0: "PQ"}
+_TAKEN_BY_G = {code / 10.0: letters for code, letters in TAKEN_BY_G.items()}
 _FLOW_LETTERS = frozenset("ON")
-_CALLS = frozenset((98.0, 99.0))
+_CALLS = {"M": (97.0, 98.0, 99.0), "G": (65.0, 67.0)}
 
 
 def number(value: float, decimals: int) -> str:
@@ -123,7 +123,7 @@ def flatten(block: Block, decimals: int) -> tuple[str, tuple[Word, ...]]:
     Returns:
         The line and its words at their new places. An empty line when only flow or assignments were there.
     """
-    call = any(w.letter == "M" and w.value in _CALLS for w in block.words)
+    call = any(w.value in _CALLS.get(w.letter, ()) for w in block.words)
     flow = any(w.letter == "O" for w in block.words) or call
     parts: list[str] = []
     words: list[Word] = []

@@ -1,0 +1,121 @@
+"""Zeros of the work offsets: which are known, and where they lie in the part.
+
+A program says ``G54`` and not where that is. Three sources tell it: the parameters of the machine, the cell file (zeros
+in the part frame), or the program itself (G10). Without any of them the zero of the first offset in force while
+something moves is the zero of the part; how far any other one is from it is not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from counterflex.core.errors import InputError
+
+Six = tuple[float, float, float, float, float, float]
+ZERO: Final[Six] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+LINUXCNC_OFFSETS: Final = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
+MOST_FURTHER: Final = 300
+"""Largest number of an offset G54.1 P (Fanuc: 48 or 300; Haas, as G154 P: 99)."""
+_LENGTHS: Final = 3
+
+
+def further(number: int) -> str:
+    """Return the name of one of the further offsets that G54.1 P and G154 P select."""
+    return f"G54.1 P{number}"
+
+
+OFFSET_NAMES: Final = frozenset((*LINUXCNC_OFFSETS, *(further(number) for number in range(1, MOST_FURTHER + 1))))
+
+
+def six(values: Sequence[float]) -> Six:
+    """Return three or six finite numbers as a six-axis point; missing rotary axes are 0."""
+    numbers = [float(value) for value in values]
+    if len(numbers) == 3:
+        numbers += [0.0, 0.0, 0.0]
+    if len(numbers) != 6 or not all(-1e9 < number < 1e9 for number in numbers):
+        raise InputError("an offset needs three or six finite numbers", value=list(values))
+    return (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
+
+
+class WorkOffsets:
+    """Zeros of the work offsets, as far as they are known.
+
+    Args:
+        machine: Zeros in machine coordinates by name: x, y, z in m and, optionally, a, b, c in degrees.
+        known: Machine coordinates are those that positions are given in; offsets of LinuxCNC that ``machine`` leaves
+            out are zero.
+        part: Zeros in the part frame by name, those of other languages among them; no other offset is known then.
+
+    Attributes:
+        reference: Offset whose zero was taken as that of the part; empty where none was.
+        line: Line in which it was in force first.
+
+    Raises:
+        InputError: An unknown name, or numbers that are no offset.
+    """
+
+    def __init__(
+        self,
+        machine: Mapping[str, Sequence[float]] | None = None,
+        known: bool = True,
+        part: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        for name in machine or {}:
+            if name not in OFFSET_NAMES:
+                raise InputError(
+                    "an unknown work offset", value=name, limit=" ".join(LINUXCNC_OFFSETS) + " G54.1 P1 ..."
+                )
+        self.reference, self.line = "", 0
+        self.fixed = known or bool(part)
+        self._machine: dict[str, list[float | None]] = {}
+        self._part: dict[str, list[float | None]] = {name: list(six(values)) for name, values in (part or {}).items()}
+        self._part_in_machine: list[float | None] = [0.0 if known else None] * 6
+        given = {name: six(values) for name, values in (machine or {}).items()}
+        for name in LINUXCNC_OFFSETS if known else given:
+            self._machine[name] = list(given.get(name, ZERO))
+        for name, values in given.items():
+            self._machine[name] = list(values)
+
+    def fix(self, name: str, line: int) -> None:
+        """Take the zero of an offset as that of the part: something moves while it is in force."""
+        if not self.fixed:
+            self.fixed, self.reference, self.line = True, name, line
+            self._part_in_machine = list(self._machine.get(name, [None] * 6))
+            self._part[name] = [0.0] * 6
+
+    def _value(self, name: str, axis: int) -> float | None:
+        part = self._part.get(name, [None] * 6)[axis]
+        if part is not None:
+            return part
+        zero, base = self._machine.get(name, [None] * 6)[axis], self._part_in_machine[axis]
+        return None if zero is None or base is None else zero - base
+
+    def unknown_axes(self, name: str) -> str:
+        """Return the letters of the axes along which the zero of an offset is not known; none before :meth:`fix`."""
+        if not self.fixed:
+            return ""
+        return "".join(letter for axis, letter in enumerate("XYZ") if self._value(name, axis) is None)
+
+    def __getitem__(self, name: str) -> Six:
+        """Zero of an offset in the frame of positions, m and degrees; 0 along axes that are not known."""
+        return six([self._value(name, axis) or 0.0 for axis in range(6)])
+
+    def in_machine(self, name: str, axis: int) -> float | None:
+        """Return the machine coordinate of a zero, m or degrees; None where it is not known."""
+        zero = self._machine.get(name, [None] * 6)[axis]
+        if zero is not None:
+            return zero
+        part, base = self._part.get(name, [None] * 6)[axis], self._part_in_machine[axis]
+        return None if part is None or base is None else part + base
+
+    def set_in_machine(self, name: str, axis: int, value: float) -> None:
+        """Set a zero in machine coordinates (G10 L2)."""
+        self._machine.setdefault(name, [None] * 6)[axis] = value
+        if self.fixed and name in self._part:
+            self._part[name][axis] = None
+
+    def set_here(self, name: str, axis: int, value: float) -> None:
+        """Set a zero in the frame of positions (G10 L20 of LinuxCNC)."""
+        self._part.setdefault(name, [None] * 6)[axis] = value
+        self._machine.setdefault(name, [None] * 6)[axis] = None
