@@ -95,7 +95,8 @@ def _show(summary: dict[str, Any]) -> None:
         if text:
             typer.echo(f"{row['verdict']}: {row['check']}: {text}")
     counts = summary["counts"]
-    typer.echo(f"{counts['fail']} fail, {counts['warning']} warnings, {counts['unknown']} unknown, {counts['ok']} ok")
+    passed = f"{counts['not looked at']} not looked at, {counts['ok']} ok"
+    typer.echo(f"{counts['fail']} fail, {counts['warning']} warnings, {passed}")
 
 
 def _number(value: float | None, unit: str) -> str:

@@ -19,7 +19,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.plan.preflight.bodies import Body, joint_offsets, pairs, tool_of
-from counterflex.plan.preflight.row import Row
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 
 FARTHEST_M: Final = 20.0
@@ -299,7 +299,7 @@ def collision_rows(
 def _row(name: str, result: Closest | None, bodies: Sequence[Body], clearance_m: float | None) -> Row:
     """A row; without a clearance that of a tool."""
     if result is None:
-        return Row(name, "unknown", what="nothing to compare", missing="[[cell.body]]")
+        return Row(name, NOT_LOOKED_AT, what="nothing to compare", missing="[[cell.body]]")
     first, second = bodies[result.first], bodies[result.second]
     guessed = [body.name for body in (first, second) if body.assumed]
     row = Row(name, "ok", result.distance_m, clearance_m or 0.0, "m", result.point, f"{first.name} to {second.name}")
