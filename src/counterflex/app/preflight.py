@@ -19,8 +19,8 @@ from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.path.toolpath import FEED
-from counterflex.plan.preflight.cut_rows import AsWritten, Machining
 from counterflex.plan.preflight.preflight import Preflight, preflight
+from counterflex.plan.preflight.process.cut_rows import AsWritten, Machining
 from counterflex.plan.preflight.row import RANK, Row
 from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m

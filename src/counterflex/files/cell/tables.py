@@ -27,7 +27,7 @@ from counterflex.files.cell.robot import AxisSagTable, DriveErrorTable, Mass, Ro
 from counterflex.files.cell.sensing import HolderTable, SensorTable, TrackerTable
 from counterflex.files.cell.timing import TimingTable
 from counterflex.files.schema import ComplianceTable, Length, PoseTable, Table, Versioned
-from counterflex.plan.preflight.tool_bounds import ToolBounds
+from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.programs.limits import RESERVED
 
 Positive = Annotated[float, Field(gt=0.0)]

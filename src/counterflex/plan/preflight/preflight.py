@@ -21,9 +21,18 @@ from counterflex.plan.preflight import joints as joint_checks
 from counterflex.plan.preflight.approximation import approximation_rows, corners_of
 from counterflex.plan.preflight.bodies import Body
 from counterflex.plan.preflight.collision import collision_rows
-from counterflex.plan.preflight.cut_rows import NEEDS_CUT, AsWritten, Machining, MadeCut, cut_rows, demanded, made_cut
 from counterflex.plan.preflight.hazards import complete
 from counterflex.plan.preflight.held_speed import HeldSpeed, held_speed
+from counterflex.plan.preflight.machined_stock import MachinedStock
+from counterflex.plan.preflight.process.cut_rows import (
+    NEEDS_CUT,
+    AsWritten,
+    Machining,
+    MadeCut,
+    cut_rows,
+    demanded,
+    made_cut,
+)
 from counterflex.plan.preflight.rapids import with_points_in_rapids
 from counterflex.plan.preflight.reversals import Event, event_row, reversals, unloadings
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
@@ -131,7 +140,7 @@ def preflight(
         rows += _joint_rows(first, solution, margin, along, bounds, "cutting path" if cuts else "path at feed")
         rows += collision_rows(
             setting.controller_chain, bodies, q, fine.tool[:reached], setting.T_base_part, bounds.clearance_m,
-            parts[COLLISION],
+            parts[COLLISION], None if made.result is None else lambda: MachinedStock(made.turning, stock, setting),
         )  # fmt: skip
         rows += load_rows
     if made.result is None:

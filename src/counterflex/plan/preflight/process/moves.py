@@ -12,8 +12,8 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import ToolPath
+from counterflex.plan.preflight.process.spindle import engaged
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
-from counterflex.plan.preflight.spindle import engaged
 
 FIRST: Final = "first motion"
 CHANGE: Final = "tool change"

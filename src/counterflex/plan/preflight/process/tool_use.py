@@ -12,8 +12,8 @@ from counterflex.core.units import DEG, MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.feed_schedule import LEAST_CHIP_M
+from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
-from counterflex.plan.preflight.tool_bounds import ToolBounds
 
 REMOVED: Final = "removed material"
 FEED_PER_TOOTH: Final = "feed per tooth"
@@ -130,9 +130,9 @@ def speed_row(
         beyond[of] = np.maximum(speed[of] / given[1], given[0] / np.maximum(speed[of], 1e-12))
     row = int(np.argmax(beyond))
     over = beyond[row] > _MADE
-    value, bound = float(speed[row]) * 60.0, float(limit[row]) * 60.0
-    return Row(CUTTING_SPEED, "warning" if over else "ok", value, bound, "m/min",
-               row, f"tool T{int(path.tool[row])}", advice="Change S to the range of the tool" if over else "")  # fmt: skip
+    value, bound, what = float(speed[row]) * 60.0, float(limit[row]) * 60.0, f"tool T{int(path.tool[row])}"
+    advice = "Change S to the range of the tool" if over else ""
+    return Row(CUTTING_SPEED, "warning" if over else "ok", value, bound, "m/min", row, what, advice=advice)
 
 
 def plunge_row(

@@ -10,8 +10,8 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import RPM
 from counterflex.path.toolpath import ToolPath
+from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row, Verdict
-from counterflex.plan.preflight.tool_bounds import ToolBounds
 from counterflex.plan.process_limits import ProcessLimits
 
 IN_CUT: Final = "spindle in the cut"

@@ -17,12 +17,12 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.feed_limits import asked
 from counterflex.plan.inputs import Inputs, Setting
-from counterflex.plan.preflight import demands, moves, spindle, tool_use
-from counterflex.plan.preflight.offsets import length_row, work_row
+from counterflex.plan.preflight.process import demands, moves, spindle, tool_use
+from counterflex.plan.preflight.process.offsets import length_row, work_row
+from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.plan.preflight.rapids import flute_row, rapid_row
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
 from counterflex.plan.preflight.size import ProgramSize
-from counterflex.plan.preflight.tool_bounds import ToolBounds
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.plan.undisturbed_cut import UndisturbedCut
 from counterflex.programs.stated import Stated
@@ -102,6 +102,11 @@ class MadeCut:
         """(n,) removed on the way to each row; 0 where the cut cannot be computed."""
         return np.zeros(len(self.path)) if self.result is None else self.result.volume_m3
 
+    @property
+    def turning(self) -> ToolPath:
+        """The path with the spindle turning everywhere."""
+        return replace(self.path, spindle_rad_s=spindle.turning(self.path, _STANDING_RAD_S))
+
 
 def made_cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progress) -> MadeCut:
     """Cut the stock along a path, also where the spindle stands or turns backwards.
@@ -112,9 +117,9 @@ def made_cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progr
         setting: Cell.
         progress: Progress callback, fraction 0 to 1.
     """
-    turning = replace(path, spindle_rad_s=spindle.turning(path, _STANDING_RAD_S))
     none = np.zeros(len(path), dtype=np.bool_)
     try:
+        turning = replace(path, spindle_rad_s=spindle.turning(path, _STANDING_RAD_S))
         result = cut(turning, path.p_part_tcp, stock.copy(), setting.cutter_of, setting.law, progress=progress)
     except CounterflexError as fault:
         return MadeCut(path, stock, None, fault.what, none, none)
