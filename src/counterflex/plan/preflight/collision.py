@@ -26,6 +26,8 @@ from counterflex.robot.elasticity.chain import ElasticChain, frames
 
 FARTHEST_M: Final = 20.0
 """Distances beyond are not told apart."""
+HOLDER_NEAR_M: Final = 5.0 * MM
+"""Holders that come nearer to the blank's box are compared with what is left of it: farther away it does not matter."""
 NEAR_M: Final = 0.5 * MM
 """Rows are left out only where nothing on them can be closer by that than what was found already."""
 INTO_TABLE_M: Final = 1.0 * MM
@@ -349,7 +351,8 @@ def collision_rows(
         ((ROBOT, blunt, clearance_m), (TOOL, sharp, None), (HOLDER, holders, 0.0), (ARM, inner, clearance_m))
     ):
         part: Progress = lambda fraction, k=k: progress((k + fraction) / 4.0)  # noqa: E731
-        left = LeftOver(machined(), bodies, least) if machined is not None and least is not None else None
+        near = HOLDER_NEAR_M if name == HOLDER else least
+        left = None if machined is None or near is None or not compared else LeftOver(machined(), bodies, near)
         result = closest(chain, bodies, compared, q, tool, T_base_part, part, left)
         if name == HOLDER:
             rows.append(_holder_row(result, bodies, tool, 0.0 if left is None else left.grain_m))
