@@ -76,7 +76,7 @@ def feed_row(
     rows = np.flatnonzero(contact & _level(path) & np.isfinite(feed_per_tooth_m))
     if len(rows) == 0:
         return Row(FEED_PER_TOOTH, "ok", what="nothing is cut sideways")
-    low, high = np.full(len(path), LEAST_CHIP_M), np.zeros(len(path))
+    low, high = np.full(len(path), LEAST_CHIP_M), np.full(len(path), np.inf)
     stated = np.zeros(len(path), dtype=np.bool_)
     for n in np.unique(path.tool[rows]).tolist():
         given, of = tools.get(n, ToolBounds()).feed_per_tooth_m, path.tool == n
