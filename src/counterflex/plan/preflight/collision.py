@@ -268,7 +268,8 @@ def closest(
                 continue
             distance = scene.distance(first, second, here)
             if left_over is not None and distance < min(here, left_over.near_m):
-                distance = max(distance, left_over.distance((first, second), row, placed[row - begin], here))
+                least = np.inf if best is None else best.distance_m
+                distance = max(distance, left_over.distance((first, second), row, placed[row - begin], here, least))
             if distance < here:
                 here = distance
                 if best is None or here < best.distance_m:
@@ -301,22 +302,30 @@ class LeftOver:
         self._stock, self._bodies = stock, bodies
         self._box = next((k for k, body in enumerate(bodies) if body.name == STOCK and body.assumed), -1)
 
-    def distance(self, pair: tuple[int, int], row: int, Ts_base_body: Float, most_m: float) -> float:
+    def distance(self, pair: tuple[int, int], row: int, Ts_base_body: Float, most_m: float, least_m: float) -> float:
         """Signed distance of a pair at a row, m; minus infinity where it is not one with the blank.
+
+        The stock only shrinks: a distance to what was left at an earlier row is no larger than the true one, and is
+        returned where it is no new least distance.
 
         Args:
             pair: Indices of the bodies.
             row: Of the path, rising from call to call.
             Ts_base_body: (k, 4, 4) m, poses of all bodies.
             most_m: Distances from here on need not be told apart.
+            least_m: Least distance of the rows before.
         """
         if self._box not in pair:
             return -np.inf
         other = pair[0] if pair[1] == self._box else pair[1]
         T_frame_box = self._bodies[self._box].T_frame_body
         T_base_stock = Ts_base_body[self._box] @ pose.inverse(T_frame_box)
-        self._stock.cut_to(row)
         T_stock_body = pose.inverse(T_base_stock) @ Ts_base_body[other]
+        most_m = min(most_m, self.near_m)
+        before = self._stock.distance(self._bodies[other], T_stock_body, most_m)
+        if before >= min(least_m, most_m):
+            return before
+        self._stock.cut_to(row)
         return self._stock.distance(self._bodies[other], T_stock_body, most_m)
 
 

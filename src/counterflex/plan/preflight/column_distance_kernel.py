@@ -1,7 +1,8 @@
 """Kernel: signed distance of a convex body to the columns of a height map.
 
-The distance to a convex body is a convex function along a column: golden sections find its least. It changes by no more
-than the way, so blocks and columns whose middle is farther away than their half diagonal allows are left out.
+The distance to a convex body is a convex function along a column: where it falls towards the top its least is there,
+else golden sections find it. It changes by no more than the way: blocks that are farther away than the least distance
+so far and half their diagonal are left out.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ CAPSULE = 1
 CYLINDER = 2
 MESH = 3
 GOLDEN = 0.6180339887498949
+STEP_M = 1e-5
 STEPS = 20
 """Golden sections of a column: its closest height is known to 1e-4 of its length, the distance to the square of it."""
 
@@ -43,11 +45,12 @@ def body_distance(shape: int, size: Float, planes: Float, x: float, y: float, z:
 @kernel("float64(int64, float64[::1], float64[:, ::1], float64[::1], float64[::1], float64, float64)")
 def column_distance(shape: int, size: Float, planes: Float, foot: Float, up: Float, low: float, high: float) -> float:
     """Signed distance of a body to the upright line from ``foot + low up`` to ``foot + high up``, in its frame."""
-    best = math.inf
-    for z in (low, high):
-        best = min(
-            best, body_distance(shape, size, planes, foot[0] + z * up[0], foot[1] + z * up[1], foot[2] + z * up[2])
-        )
+    top = body_distance(shape, size, planes, foot[0] + high * up[0], foot[1] + high * up[1], foot[2] + high * up[2])
+    z = max(low, high - STEP_M)
+    if body_distance(shape, size, planes, foot[0] + z * up[0], foot[1] + z * up[1], foot[2] + z * up[2]) >= top:
+        return top  # convex, and falling towards the top: the body is above the column
+    best = min(top, body_distance(shape, size, planes, foot[0] + low * up[0], foot[1] + low * up[1],
+                                  foot[2] + low * up[2]))  # fmt: skip
     a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_a = body_distance(shape, size, planes, foot[0] + a * up[0], foot[1] + a * up[1], foot[2] + a * up[2])
     at_b = body_distance(shape, size, planes, foot[0] + b * up[0], foot[1] + b * up[1], foot[2] + b * up[2])
@@ -61,6 +64,40 @@ def column_distance(shape: int, size: Float, planes: Float, foot: Float, up: Flo
             b = low + GOLDEN * (high - low)
             at_b = body_distance(shape, size, planes, foot[0] + b * up[0], foot[1] + b * up[1], foot[2] + b * up[2])
     return min(best, min(at_a, at_b))
+
+
+@kernel(
+    "float64(int64, float64[::1], float64[:, ::1], float64[:, ::1], float32[:, ::1], float64[::1], float64[::1], "
+    "int64, int64, float64)"
+)
+def block_distance(
+    shape: int,
+    size: Float,
+    planes: Float,
+    T_stock_body: Float,
+    z: Float32,
+    grid: Float,
+    foot: Float,
+    block_j: int,
+    block_i: int,
+    most: float,
+) -> float:
+    """Signed distance of a body to the columns of one block, m, at most ``most``; see :func:`stock_distance`."""
+    x0, y0, cell, bottom = grid[0], grid[1], grid[2], grid[3]
+    ny, nx = z.shape
+    up = T_stock_body[2, :3].copy()
+    best = most
+    i_low = min(block_i * BLOCK_COLUMNS, nx - BLOCK_COLUMNS)
+    for j in range(block_j * BLOCK_ROWS, min((block_j + 1) * BLOCK_ROWS, ny)):
+        for i in range(i_low, i_low + BLOCK_COLUMNS):
+            high = float(z[j, i])
+            if high <= bottom + 1e-9:
+                continue
+            dx, dy = x0 + i * cell - T_stock_body[0, 3], y0 + j * cell - T_stock_body[1, 3]
+            for k in range(3):
+                foot[k] = T_stock_body[0, k] * dx + T_stock_body[1, k] * dy - T_stock_body[2, k] * T_stock_body[2, 3]
+            best = min(best, column_distance(shape, size, planes, foot, up, bottom, high))
+    return best
 
 
 @kernel(
@@ -92,37 +129,34 @@ def stock_distance(
         most: Distances from here on need not be told apart.
     """
     x0, y0, cell, bottom = grid[0], grid[1], grid[2], grid[3]
-    ny, nx = z.shape
+    nx = z.shape[1]
     up = T_stock_body[2, :3].copy()
-    best = most
-    for block_j in range(tops.shape[0]):
-        j_low = block_j * BLOCK_ROWS
-        j_high = min(j_low + BLOCK_ROWS, ny)
-        for block_i in range(tops.shape[1]):
-            top = float(tops[block_j, block_i])
-            if top <= bottom + 1e-9:
+    radius = math.sqrt(size[0] ** 2 + size[1] ** 2 + size[2] ** 2) + (size[0] if shape == CAPSULE else 0.0)
+    half = 0.5 * cell * math.hypot(float(BLOCK_ROWS), float(BLOCK_COLUMNS))
+    best, first_j, first_i = most, -1, -1
+    least = math.inf
+    for seek in (True, False):  # first the block that seems nearest, so that most others can be left out
+        if not seek and first_j >= 0:
+            best = block_distance(shape, size, planes, T_stock_body, z, grid, foot, first_j, first_i, best)
+        for block_j in range(tops.shape[0]):
+            dy = y0 + (block_j * BLOCK_ROWS + 0.5 * (BLOCK_ROWS - 1)) * cell - T_stock_body[1, 3]
+            if abs(dy) - half - radius >= best:
                 continue
-            i_low = min(block_i * BLOCK_COLUMNS, nx - BLOCK_COLUMNS)
-            dx = x0 + (i_low + 0.5 * (BLOCK_COLUMNS - 1)) * cell - T_stock_body[0, 3]
-            dy = y0 + (0.5 * (j_low + j_high - 1)) * cell - T_stock_body[1, 3]
-            for k in range(3):
-                foot[k] = T_stock_body[0, k] * dx + T_stock_body[1, k] * dy - T_stock_body[2, k] * T_stock_body[2, 3]
-            half = 0.5 * cell * math.hypot(float(BLOCK_ROWS), float(BLOCK_COLUMNS))
-            if column_distance(shape, size, planes, foot, up, bottom, top) - half >= best:
-                continue
-            for j in range(j_low, j_high):
-                for i in range(i_low, i_low + BLOCK_COLUMNS):
-                    high = float(z[j, i])
-                    if high <= bottom + 1e-9:
-                        continue
-                    dx, dy = x0 + i * cell - T_stock_body[0, 3], y0 + j * cell - T_stock_body[1, 3]
-                    for k in range(3):
-                        foot[k] = (
-                            T_stock_body[0, k] * dx + T_stock_body[1, k] * dy - T_stock_body[2, k] * T_stock_body[2, 3]
-                        )
-                    middle = 0.5 * (bottom + high)
-                    px, py, pz = foot[0] + middle * up[0], foot[1] + middle * up[1], foot[2] + middle * up[2]
-                    at = body_distance(shape, size, planes, px, py, pz)
-                    if at - (high - middle) < best:
-                        best = min(best, column_distance(shape, size, planes, foot, up, bottom, high))
+            for block_i in range(tops.shape[1]):
+                i_low = min(block_i * BLOCK_COLUMNS, nx - BLOCK_COLUMNS)
+                dx = x0 + (i_low + 0.5 * (BLOCK_COLUMNS - 1)) * cell - T_stock_body[0, 3]
+                top = float(tops[block_j, block_i])
+                if top <= bottom + 1e-9 or abs(dx) - half - radius >= best:
+                    continue
+                for k in range(3):
+                    foot[k] = (
+                        T_stock_body[0, k] * dx + T_stock_body[1, k] * dy - T_stock_body[2, k] * T_stock_body[2, 3]
+                    )
+                bound = column_distance(shape, size, planes, foot, up, bottom, top) - half
+                if bound >= best:
+                    continue
+                if not seek:
+                    best = block_distance(shape, size, planes, T_stock_body, z, grid, foot, block_j, block_i, best)
+                elif bound < least:
+                    least, first_j, first_i = bound, block_j, block_i
     return best
