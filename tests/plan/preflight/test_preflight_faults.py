@@ -72,7 +72,9 @@ def levels(*heights: float) -> str:
 WARNS, STOPS, NAMED = ("warning",), ("warning", "fail"), ("not looked at",)
 FAULTS = {
     # of the kinds of the list
-    "first motion ends in the blank": Fault("first motion", changed("G0 Z60\nG0 X-12 Y15\nG0 Z42\n", "G0 X20 Y15 Z36\n")),
+    "first motion ends in the blank": Fault(
+        "first motion", changed("G0 Z60\nG0 X-12 Y15\nG0 Z42\n", "G0 X20 Y15 Z36\n")
+    ),
     "first motion beside the blank below its top": Fault(
         "first motion", changed("G0 Z60\nG0 X-12 Y15\n", "G0 X-12 Y15 Z30\n"), WARNS
     ),
@@ -124,7 +126,8 @@ FAULTS = {
         "tool change", changed("G1 X52 F1500\n", "G1 X20 F1500\nM6 T2\nG43 H2\nM3 S13000\nG1 X52 F1200\n")
     ),
     "second tool in the air": Fault(
-        "removed material", changed(END, "G0 Z60\nM6 T2\nG43 H2\nM3 S16000\nG0 X-12\nG1 Z36 F1200\nG1 X52\n" + END), WARNS
+        "removed material",
+        changed(END, "G0 Z60\nM6 T2\nG43 H2\nM3 S16000\nG0 X-12\nG1 Z36 F1200\nG1 X52\n" + END), WARNS,
     ),
     "H of the first tool kept": Fault(
         "tool length offset",
