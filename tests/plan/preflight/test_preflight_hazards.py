@@ -16,7 +16,7 @@ from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.cell.planning import LimitsTable
 from counterflex.files.cell.process import ProcessLimitsTable
 from counterflex.files.cell.tables import CellTables, MaterialTable, ToolTable
-from counterflex.files.schema import parse
+from counterflex.files.schema import Table, parse
 from counterflex.plan.inputs import Limits
 from counterflex.plan.preflight.hazards import HAZARDS, as_table, complete
 from counterflex.plan.preflight.row import Row
@@ -42,7 +42,7 @@ NO_LIMITS = {
     },
 }  # fmt: skip
 """Keys that limit nothing a program does."""
-TABLES = {
+TABLES: dict[str, type[Table]] = {
     "tools": ToolTable, "limits": LimitsTable, "process_limits": ProcessLimitsTable, "material": MaterialTable,
     "controller": ControllerTable,
 }  # fmt: skip
@@ -158,7 +158,7 @@ def test_a_row_for_every_hazard_in_the_order_of_the_table() -> None:
 
 @pytest.mark.parametrize("table", TABLES)
 def test_every_key_that_limits_something_is_read_by_a_row(table: str) -> None:
-    keys = {f"{table}.{name}" for name in getattr(TABLES[table], "model_fields") if name not in NO_LIMITS[table]}
+    keys = {f"{table}.{name}" for name in TABLES[table].model_fields if name not in NO_LIMITS[table]}
     assert keys <= READ
 
 
