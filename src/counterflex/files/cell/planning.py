@@ -131,6 +131,7 @@ class LimitsTable(Table):
     clearance_mm: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
     orientation_speed_deg_s: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
     corner_error_um: Annotated[float, Field(gt=0.0, le=100_000.0)] | None = None
+    reversal_error_um: Annotated[float, Field(gt=0.0, le=100_000.0)] = 50.0
 
     def preflight(self, controller: ControllerTable, robot: Robot) -> Bounds:
         """What a preflight compares with; speeds and accelerations of the catalogue where the file has none.
@@ -157,6 +158,9 @@ class LimitsTable(Table):
             look_ahead=controller.look_ahead_blocks,
             blending_m=controller.blending_m,
             orientation_rad_s=(RobotSettings.orientation_deg_s if turning is None else turning) * DEG,
+            reversal_error_m=self.reversal_error_um * UM,
+            correction_m=self.correction_mm * MM,
+            correction_rad=self.correction_deg * DEG,
             corner_error_m=None if self.corner_error_um is None else self.corner_error_um * UM,
             assumed=frozenset(assumed | ({"limits.orientation_speed_deg_s"} if turning is None else set())),
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.preflight.row import Bounds, Row, worst_of_axes
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row, worst_of_axes
 
 _TURN: Final = "Turn the tool about its axis (counterflex plan posture), or move the part"
 _SMOOTH: Final = 2.0 * math.sin(math.radians(1.5))
@@ -140,7 +140,7 @@ def speed_rows(path: ToolPath, speeds: Float, bounds: Bounds) -> list[Row]:
         value = float(chosen[row, axis])
         rapid = name.endswith("rapids")
         if limits is None:
-            rows.append(Row(name, "unknown", value, None, "rad/s", row, f"axis {axis + 1}", SPEED_KEY))
+            rows.append(Row(name, NOT_LOOKED_AT, value, None, "rad/s", row, f"axis {axis + 1}", SPEED_KEY))
             continue
         over = value > limits[axis]
         advice = (
@@ -172,7 +172,7 @@ def acceleration_row(path: ToolPath, joint_accelerations_rad_s2: Float, bounds: 
     row, axis = worst_of_axes(chosen, limits)
     value, name = float(chosen[row, axis]), "joint acceleration at feed"
     if limits is None:
-        return Row(name, "unknown", value, None, "rad/s2", row, f"axis {axis + 1}", ACCELERATION_KEY)
+        return Row(name, NOT_LOOKED_AT, value, None, "rad/s2", row, f"axis {axis + 1}", ACCELERATION_KEY)
     over = value > limits[axis]
     return Row(
         name,
@@ -202,7 +202,7 @@ def cable_rows(q: Float, cables_rad: dict[int, float]) -> list[Row]:
         rows.append(
             Row(
                 f"cable wind-up, axis {axis + 1}",
-                "unknown" if limit is None else "fail" if over else "ok",
+                NOT_LOOKED_AT if limit is None else "fail" if over else "ok",
                 value,
                 limit,
                 "rad",
