@@ -39,7 +39,7 @@ _NEAR: Final = 4
 """Steps to the point of a column that is nearest to the disc of the corner: the square of the distance has a second
 derivative of at most 2, so they converge."""
 _SEARCH: Final = 14
-"""Shares of a motion at which a bull nose is looked at: two of the bracket, one where the shank touches, the rest of the
+"""Shares of a motion at which a bull nose is looked at: two of the bracket, one where the shank touches, then the
 search. Of 15 100 random columns (R 2 to 15 mm, r 0.03 to 0.9 R, tilt to 69 deg, motions of 0.1 mm to 1 m) four lie more
 than 1 um off the end by 48 halvings, the worst 4.7 um; after 11 shares 14 lie more than 10 um off."""
 _HALVED: Final = (3, 8)
@@ -153,7 +153,7 @@ def _ball(m: Sweep, begins: bool, line: Float32, work: Float32) -> None:
 
 @kernel()
 def _at_bull(m: Sweep, line: Float32, work: Float32) -> None:
-    """Stretches of sixteen columns in a bull nose at their sigma, and the first two derivatives of the lower ends by it.
+    """Stretches of sixteen columns in a bull nose at their sigma, and two derivatives of their lower ends by it.
 
     Where a column misses the tool, the rate has the sign that leads to it: that of the velocity along the normal of the
     tool at the point of the column that is nearest to it.
