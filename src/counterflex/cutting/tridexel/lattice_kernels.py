@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel
-from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, Columns
+from counterflex.cutting.tridexel.column_block_kernels import Columns
 from counterflex.cutting.tridexel.swept_solid import depth_at, distance, stretch
 from counterflex.cutting.tridexel.turning_line_kernels import MISSED, turning_end
 
@@ -138,7 +138,8 @@ def edges_across(columns: Columns, along: Whole, outer: Whole, z0: float, pitch:
         filled: (m,) receives whether the lower node is the one in material.
     """
     ny, nx = columns.held.shape
-    one, two = np.empty((STRETCHES, 2), np.int64), np.empty((STRETCHES, 2), np.int64)
+    layers = columns.low.shape[0]
+    one, two = np.empty((layers, 2), np.int64), np.empty((layers, 2), np.int64)
     right, up = (1, 0) if along == 0 else (0, 1)
     count = 0
     for j in range(-up * outer, ny - up * (1 - outer)):
@@ -173,7 +174,7 @@ def edges_across(columns: Columns, along: Whole, outer: Whole, z0: float, pitch:
 def edges_up(columns: Columns, z0: float, pitch: float, edge: Int, filled: Bool, z: Float) -> int:
     """Edges of the lattice along z, as :func:`edges_across`; z (m,) receives where material ends. Returns how many."""
     ny, nx = columns.held.shape
-    runs = np.empty((STRETCHES, 2), np.int64)
+    runs = np.empty((columns.low.shape[0], 2), np.int64)
     count = 0
     for j in range(ny):
         for i in range(nx):
