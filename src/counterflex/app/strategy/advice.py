@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -24,14 +24,14 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.plan.inputs import Setting, part_compliance
-from counterflex.plan.lowest_mode import mode_of
-from counterflex.plan.relative_motion import tool_carried
-from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
+from counterflex.plan.relative_motion import RelativeMotion, tool_carried
+from counterflex.plan.stability.robot_modes import robot_modes
+from counterflex.plan.strategy.advise import CHATTER, Choices, Demands, Doubt, Place, grid, outcomes
+from counterflex.plan.strategy.chatter import Standing, depth_used
 from counterflex.plan.strategy.resonance import Swing, swing_of
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.strategy.zero import normal_errors, zero_width
 from counterflex.robot.kinematics.inverse import inverse_path
-from counterflex.signals.preview import Mode
 
 Range = tuple[float, float]
 WIDTHS: Final = 40
@@ -141,9 +141,36 @@ def advise(
         allowance = float(before.high_m[0]) if operation.ae_m is None else None
         demands = Demands(slowest, allowance, in_range, before)
     cuts, speeds = grid(_cuts(cutter, law, place, operation, own), _speeds(operation, own))
-    choices = outcomes(cuts, speeds, law, place, limits, doubt, demands)
+    choices = outcomes(cuts, speeds, law, _softest(place, own, law), limits, doubt, demands)
+    choices, best = _steady_along(choices, operation.rows, place, law, before)
     progress(1.0)
-    return Advice(own, before, choices, choices.best(operation.rows), place, law)
+    return Advice(own, before, choices, best, place, law)
+
+
+def _softest(place: Place, own: OwnCut | None, law: ForceLaw) -> Place:
+    """The place with the one posture in which the program's own cut is nearest to chatter."""
+    if own is None or len(place.standings) < 2:
+        return place
+    used = depth_used(own.cuts, law, np.array([own.spindle_rad_s]), place.standings)[0]
+    return replace(place, standings=(place.standings[int(np.argmax(used))],))
+
+
+def _steady_along(
+    choices: Choices, rows: int, place: Place, law: ForceLaw, before: Choices | None
+) -> tuple[Choices, list[int]]:
+    """Hold the best choices against chatter in every posture along the cut, until none of them chatters in one."""
+    own = 1.0 if before is None else max(1.0, float(before.use.get(CHATTER, np.zeros(1))[0]))
+    looked: set[int] = set()
+    while True:
+        best = choices.best(rows)
+        new = [row for row in best if row not in looked]
+        if not new or len(place.standings) < 2:
+            return choices, best
+        looked |= set(new)
+        used = depth_used(choices.cuts.some(new), law, choices.spindle_rad_s[new], place.standings).max(axis=1)
+        use = choices.use[CHATTER].copy()
+        use[new] = np.maximum(use[new], used / own)
+        choices = replace(choices, use=choices.use | {CHATTER: use})
 
 
 def doubt_of(cell: Cell, operation: Operation) -> Doubt:
@@ -196,25 +223,25 @@ def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | Non
     height = operation.height_m
     if height is None:
         height = float(own.cuts.ap_m[0]) if own is not None else max(_required(operation.ap_m, "--ap-mm"))
-    mode = mode_of(setting.chain, q, setting.mode)
-    compliance = part_compliance(setting, tool_carried(setting.T_base_part), q[None])[0]
+    relative = tool_carried(setting.T_base_part)
+    compliance = part_compliance(setting, relative, q[None])[0]
     R_base_part = setting.T_base_part[:3, :3]
-    swings = _swings(setting, operation, own) or (_swing(setting, q, normal, mode, 0 if own is None else own.line),)
-    return Place(setting.chain, q, compliance, R_base_part, normal, height, mode, swings)
+    along = [(q, normal, 0 if own is None else own.line)]
+    if own is not None and operation.at_m is None and operation.normal_rad is None:
+        along = list(zip(own.q_along, own.normals_along, own.lines_along.tolist(), strict=True))
+    swings = tuple(_swing(setting, relative, *there) for there in along)
+    standings = tuple(
+        Standing(robot_modes(setting.chain, q, relative.to_part[0], setting.mode, setting.damping.ratio), normal)
+        for q, normal, _ in along
+    )
+    return Place(setting.chain, q, compliance, R_base_part, normal, height, standings, swings)
 
 
-def _swings(setting: Setting, operation: Operation, own: OwnCut | None) -> tuple[Swing, ...]:
-    """Modes along all of the program's wall; none where the wall is stated."""
-    if own is None or operation.at_m is not None or operation.normal_rad is not None:
-        return ()
-    along = zip(own.q_along, own.normals_along, own.lines_along.tolist(), strict=True)
-    return tuple(_swing(setting, q, normal, mode_of(setting.chain, q, setting.mode), line) for q, normal, line in along)
-
-
-def _swing(setting: Setting, q: Float, normal_part: Float, mode: Mode, line: int) -> Swing:
-    compliance = part_compliance(setting, tool_carried(setting.T_base_part), q[None])[0]
-    R_part_base = setting.T_base_part[:3, :3].T
-    return swing_of(setting.chain, q, R_part_base, compliance, normal_part, mode, setting.mode, line)
+def _swing(setting: Setting, relative: RelativeMotion, q: Float, normal_part: Float, line: int) -> Swing:
+    compliance = part_compliance(setting, relative, q[None])[0]
+    return swing_of(
+        setting.chain, q, relative.to_part[0], compliance, normal_part, setting.damping.ratio, setting.mode, line
+    )
 
 
 def _required(given: Range | None, option: str) -> Range:

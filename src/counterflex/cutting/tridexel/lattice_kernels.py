@@ -77,7 +77,8 @@ def _gap(box: Float, x: float, y: float, z: float) -> float:
 
 
 @kernel()
-def _tile(tiles: Tiles, x: float, y: float) -> int:
+def tile_of(tiles: Tiles, x: float, y: float) -> int:
+    """Number of the tile that holds a point, or of the nearest one."""
     rows = (len(tiles.first) - 1) // tiles.columns
     column = min(max(int((x - tiles.x0) / tiles.side), 0), tiles.columns - 1)
     row = min(max(int((y - tiles.y0) / tiles.side), 0), rows - 1)
@@ -250,7 +251,7 @@ def _end_on_line(
     """End of material on one edge from the lower node (x, y, z), m; beyond 1e30 where nothing was cut."""
     best, half = _FAR if filled else -_FAR, 0.5 * length
     x_mid, y_mid = (x + half, y) if along == 0 else (x, y + half)
-    tile = _tile(tiles, x_mid, y_mid)
+    tile = tile_of(tiles, x_mid, y_mid)
     for place in range(tiles.first[tile], tiles.first[tile + 1]):
         group = tiles.members[place]
         if _group_clear_of(x_mid, y_mid, z, half, tiles, group):
@@ -348,7 +349,7 @@ def distances(tiles: Tiles, points: Float, reach: float, out: Float) -> None:
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         best = _FAR
-        tile = _tile(tiles, x, y)
+        tile = tile_of(tiles, x, y)
         for place in range(tiles.first[tile], tiles.first[tile + 1]):
             group = tiles.members[place]
             if _gap(tiles.groups[group], x, y, z) > min(best, reach):

@@ -1,4 +1,9 @@
-"""What the tool meets along a path, in stretches of a millimetre or a few cells: booked engagement, feed, direction."""
+"""What the tool meets along a path, in stretches of a millimetre or a few cells: arcs of engagement, feed, direction.
+
+In a blank that is a box the arcs are closed forms (:mod:`counterflex.cutting.tridexel.engaged_arcs`), taken in the
+middle of the stretch. In any other blank they are booked on its cells, and jump with the radial width by up to a cell. A tool
+that is tilted or turns is cut out of columns; its feed is the motion square to its axis.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +18,24 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ModelError, ProgramError
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import DEG, MM
+from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.engagement import accumulate
-from counterflex.cutting.removal import Engagement, remove_path
-from counterflex.cutting.stock import HeightMap, require_vertical
+from counterflex.cutting.removal import Engagement, RemovalResult, remove_path
+from counterflex.cutting.stability.process import Process, arcs_of_engagement, process_of_arcs
+from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.tridexel.columns import ColumnStock, remove_turning
+from counterflex.cutting.tridexel.engaged_arcs import BlankBox, EngagedArcs
 from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.plan.turning_cut.cut import reach_of
 
 LENGTH_M: Final = 1.0 * MM
 """Length over which the engagement is averaged at least,"""
 CELLS: Final = 5
 """and in cells of the stock: with fewer, whole rows of cells fall into one stretch or the next."""
-_TURN_RAD: Final = 5.0 * DEG
+_ALIKE: Final = float(np.cos(5.0 * DEG))
+_STILL_M: Final = 1e-12
+_UPRIGHT: Final = 1.0 - 1e-12
 _CONTACT_M3: Final = 1e-12
 
 
@@ -34,22 +46,39 @@ class Stretch:
     Attributes:
         row: Point of the path in its middle.
         tool: Number of the tool.
-        depth_m: (n_levels, 64) engaged axial length, m, mean over the piece.
-        direction_part: (3,) horizontal unit vector of the feed.
-        feed_per_tooth_m: Horizontal, m.
+        arcs: (m, 4) arcs of engagement, see :class:`counterflex.cutting.stability.process.Process`.
+        direction_part: (3,) unit vector of the feed, square to the axis.
+        axis_part: (3,) unit vector from the tip to the spindle.
+        feed_per_tooth_m: Square to the axis, m.
         period_s: Tooth period, s.
     """
 
     row: int
     tool: int
-    depth_m: Float
+    arcs: Float
     direction_part: Float
+    axis_part: Float
     feed_per_tooth_m: float
     period_s: float
 
+    @property
+    def R_part_feed(self) -> Float:
+        """(3, 3) feed frame in part axes: x along the feed, y to its left, z along the axis."""
+        left = np.cross(self.axis_part, self.direction_part)
+        return np.stack([self.direction_part, left, self.axis_part], axis=1)
+
+    def process(self, law: ForceLaw, teeth: int) -> Process:
+        """The process, feed frame."""
+        return process_of_arcs(self.arcs, law, self.feed_per_tooth_m, teeth)
+
 
 def stretches_of(
-    path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter], *, progress: Progress = silent
+    path: ToolPath,
+    stock: HeightMap,
+    cutter_of: Callable[[int], Cutter],
+    blank: BlankBox | None = None,
+    *,
+    progress: Progress = silent,
 ) -> list[Stretch]:
     """Cut the path into the stock and collect what is engaged.
 
@@ -59,33 +88,73 @@ def stretches_of(
         path: As machined.
         stock: The blank; it is cut in place.
         cutter_of: Gives the cutter of a tool number.
+        blank: The blank as a box, for arcs that do not depend on cells; None: it is none.
         progress: Progress callback, fraction 0 to 1.
 
     Raises:
-        ModelError: The tool axis is tilted, or the spindle turns backwards in the cut.
+        ModelError: The spindle turns backwards in the cut, or the stock cannot be cut.
         ProgramError: Material is cut at feed with the spindle stopped.
     """
-    require_vertical(path.axis_part)
+    removed = _Removal(path, stock)
+    runs = _runs(path, stock, cutter_of)
+    exact = None
+    if blank is not None and runs:
+        exact = EngagedArcs.of(path.p_part_tcp, path.axis_part, runs, blank)
     out: list[Stretch] = []
-    changes = [1, *(np.flatnonzero(np.diff(path.tool[1:])) + 2).tolist(), len(path)]
-    for begin, end in itertools.pairwise(changes):
-        number = int(path.tool[begin])
-        above = float(path.p_part_tcp[begin - 1 : end, 2].min()) > float(stock.z.max())
-        if above and not np.any(path.kind[begin:end] == FEED):
-            continue
-        cutter = cutter_of(number)
-        result = remove_path(
-            stock,
-            path.p_part_tcp[begin - 1 : end],
-            path.kind[begin:end],
-            cutter,
-            progress=share_of(progress, begin / len(path), end / len(path)),
-        )
+    for first, last, cutter, top_m in runs:
+        begin, end = first + 1, last + 1
+        result = removed(begin, end, cutter, top_m, share_of(progress, begin / len(path), end / len(path)))
         contact = (path.kind[begin:end] == FEED) & (result.volume_m3 > _CONTACT_M3)
         _check_spindle(path, begin + np.flatnonzero(contact))
         assert result.engagement is not None
-        out += _collected(path, begin, contact, result.length_m, result.engagement, cutter, stock.cell_m)
+        booked = _Booked(result.engagement, result.length_m, stock.cell_m)
+        out += _collected(path, begin, contact, booked, cutter, exact)
     return out
+
+
+def _runs(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter]) -> list[tuple[int, int, Cutter, float]]:
+    """First and last row of each run of one tool that may cut, its cutter, and how high above its tip that cuts."""
+    out = []
+    changes = [1, *(np.flatnonzero(np.diff(path.tool[1:])) + 2).tolist(), len(path)]
+    for begin, end in itertools.pairwise(changes):
+        above = float(path.p_part_tcp[begin - 1 : end, 2].min()) > float(stock.z.max())
+        upright = bool(np.all(path.axis_part[begin - 1 : end, 2] > _UPRIGHT))
+        if above and upright and not np.any(path.kind[begin:end] == FEED):
+            continue
+        cutter = cutter_of(int(path.tool[begin]))
+        out.append((begin - 1, end - 1, cutter, reach_of(cutter, stock)))
+    return out
+
+
+class _Removal:
+    """Cuts runs one after the other: a height map for upright tools, columns where any tool is tilted."""
+
+    def __init__(self, path: ToolPath, stock: HeightMap) -> None:
+        self._path, self._stock = path, stock
+        self._columns = None if np.all(path.axis_part[:, 2] > _UPRIGHT) else ColumnStock.of(stock)
+
+    def __call__(self, begin: int, end: int, cutter: Cutter, top_m: float, progress: Progress) -> RemovalResult:
+        points, kind = self._path.p_part_tcp[begin - 1 : end], self._path.kind[begin:end]
+        if self._columns is None:
+            return remove_path(self._stock, points, kind, cutter, progress=progress)
+        axes = self._path.axis_part[begin - 1 : end]
+        done = remove_turning(self._columns, points, axes, kind, cutter, top_m=top_m)
+        progress(1.0)
+        return done
+
+
+@dataclass(frozen=True, eq=False)
+class _Booked:
+    """Engagement of a run as it was booked on cells."""
+
+    engagement: Engagement
+    length_m: Float
+    cell_m: float
+
+    def arcs(self, first: int, last: int, cutter: Cutter) -> Float:
+        """Arcs of segments [first, last), the mean over them."""
+        depth = smoothed(accumulate(self.engagement, self.length_m, first, last), self.cell_m / cutter.radius_m)
+        return arcs_of_engagement(depth, cutter)
 
 
 def _check_spindle(path: ToolPath, rows: Int) -> None:
@@ -106,18 +175,27 @@ def _check_spindle(path: ToolPath, rows: Int) -> None:
 
 
 def _collected(
-    path: ToolPath, begin: int, contact: Bool, length: Float, engagement: Engagement, cutter: Cutter, cell_m: float
+    path: ToolPath, begin: int, contact: Bool, booked: _Booked, cutter: Cutter, exact: EngagedArcs | None
 ) -> Iterator[Stretch]:
-    for first, last in _pieces(path, begin, contact, length, max(LENGTH_M, CELLS * cell_m)):
-        depth = smoothed(accumulate(engagement, length, first, last), cell_m / cutter.radius_m)
+    length = booked.length_m
+    for first, last in _pieces(path, begin, contact, length, max(LENGTH_M, CELLS * booked.cell_m)):
         step = path.p_part_tcp[begin + last - 1] - path.p_part_tcp[begin + first - 1]
-        level = float(np.hypot(step[0], step[1]))
         row = begin + (first + last) // 2
+        axis = path.axis_part[row]
+        aside = step - float(step @ axis) * axis
+        size = float(np.linalg.norm(aside))
+        if size <= _STILL_M:
+            continue
+        direction = aside / size
+        arcs = (
+            booked.arcs(first, last, cutter)
+            if exact is None
+            else exact.at(row, path.p_part_tcp[row], axis, direction, cutter)
+        )
         period = 2.0 * np.pi / (cutter.flutes * float(path.spindle_rad_s[row]))
-        share = level / float(np.linalg.norm(step)) if level > 0.0 else 0.0
-        feed = float(path.feed_m_s[row]) * share * period
-        if depth.sum() > 0.0 and level > 0.0 and feed > 0.0:
-            yield Stretch(row, int(path.tool[row]), depth, np.array([step[0], step[1], 0.0]) / level, feed, period)
+        feed = float(path.feed_m_s[row]) * size / float(np.linalg.norm(step)) * period
+        if len(arcs) and feed > 0.0:
+            yield Stretch(row, int(path.tool[row]), arcs, direction, axis, feed, period)
 
 
 def _pieces(path: ToolPath, begin: int, contact: Bool, length: Float, enough_m: float) -> list[tuple[int, int]]:
@@ -126,12 +204,14 @@ def _pieces(path: ToolPath, begin: int, contact: Bool, length: Float, enough_m: 
     A rest shorter than half the length is added to the piece before.
     """
     step = np.diff(path.p_part_tcp[begin - 1 : begin + len(length)], axis=0)
-    heading = np.arctan2(step[:, 1], step[:, 0])
+    axis = path.axis_part[begin : begin + len(length)]
+    step -= np.sum(step * axis, axis=1)[:, None] * axis
+    heading = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), _STILL_M)
     feed, speed = path.feed_m_s[begin : begin + len(length)], path.spindle_rad_s[begin : begin + len(length)]
 
     def alike(i: int, j: int) -> bool:
-        turned = abs((heading[i] - heading[j] + np.pi) % (2.0 * np.pi) - np.pi)
-        return bool(turned <= _TURN_RAD and feed[i] == feed[j] and speed[i] == speed[j])
+        turned = min(float(heading[i] @ heading[j]), float(axis[i] @ axis[j])) < _ALIKE
+        return bool(not turned and feed[i] == feed[j] and speed[i] == speed[j])
 
     out: list[tuple[int, int]] = []
     at = 0

@@ -9,7 +9,7 @@ entry, exit, own weight and lost motion of the drives come on top.
 
 Tooth passing and runout (frequencies N n / 60 and n / 60) are kept off the modes of every posture along the cut: the
 magnification of a harmonic force (:mod:`counterflex.plan.strategy.resonance`) stays below :data:`MAGNIFIED`. Chatter of
-the robot's own modes: :mod:`counterflex.plan.strategy.chatter`.
+the robot's own modes: :mod:`counterflex.plan.strategy.chatter`, by the constants and the damping as they are stated.
 """
 
 from __future__ import annotations
@@ -25,11 +25,10 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.plan.process_limits import ProcessLimits, axis_torques
-from counterflex.plan.strategy.chatter import depth_used
+from counterflex.plan.strategy.chatter import Standing, depth_used
 from counterflex.plan.strategy.resonance import Swing, worst
 from counterflex.plan.strategy.side_cut import SideCuts, in_part, peak_side_force, wrenches
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.signals.preview import Mode
 
 MAGNIFIED: Final = 1.5
 _DRAWS: Final = 500
@@ -76,7 +75,7 @@ class Place:
         R_base_part: (3, 3).
         normal_part: (3,) unit normal of the wall, horizontal, out of the material.
         height_m: Of the wall, cut in levels of a_p.
-        mode: The lowest there, against chatter; None is not looked at.
+        standings: The robot in postures along the cut, against chatter; none: nobody looks.
         swings: Modes of the postures along the cut, that spindle and teeth are kept off.
     """
 
@@ -86,7 +85,7 @@ class Place:
     R_base_part: Float
     normal_part: Float
     height_m: float
-    mode: Mode | None = None
+    standings: tuple[Standing, ...] = ()
     swings: tuple[Swing, ...] = ()
 
 
@@ -262,11 +261,8 @@ def outcomes(
     if limits.axis_torque_nm is not None:
         for axis in range(axes.shape[1]):
             use[f"torque of axis {axis + 1}"] = axes[back, axis] / limits.axis_torque_nm[axis]
-    if place.mode is not None:
-        period = 2.0 * math.pi / (cuts.cutter.flutes * spindle_rad_s)
-        parts = depth_used(cuts, law, period, place.compliance_part, place.normal_part, place.mode)
-        largest = np.max(np.einsum("rc,nkc->rnk", doubt.factors()[:, :2], parts), axis=2)
-        use[CHATTER] = np.maximum(np.quantile(largest, _HIGH, axis=0), 0.0)
+    if place.standings:
+        use[CHATTER] = depth_used(cuts, law, spindle_rad_s, place.standings).max(axis=1)
     use |= _mode_use(cuts.cutter.flutes, spindle_rad_s, place.swings)
     for name in _SOFT if demands.present is not None else ():
         if demands.present is not None and name in use:

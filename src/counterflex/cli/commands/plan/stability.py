@@ -56,7 +56,7 @@ def stability(
         typer.Option(
             "--damping",
             help="Damping ratio of the robot's modes, 0.001 to 0.7. Default: that of the tap test in the cell file, "
-            "otherwise 0.03 is assumed.",
+            "otherwise 0.1 is assumed, which stands for 0.02 to 0.3.",
             metavar="RATIO",
             callback=arguments.between(0.001, 0.7),
         ),
@@ -72,8 +72,8 @@ def stability(
     posture and come from the masses and compliances of the cell file; spindle and tool come from a measured response
     or from modal parameters. Without either they are taken as rigid.
 
-    Verdicts: stable; chatter (exit status 1); open (depends on a damping ratio that was not measured: the least one
-    needed is printed).
+    Verdicts: stable; chatter (exit status 1). Where the damping ratio was not measured, the least one needed is
+    printed, and the verdict is marked as open if it changes within the interval of the assumed ratio.
 
     Example: `counterflex plan stability part.ngc --cell cell.toml --out stability`
     """
@@ -126,15 +126,24 @@ def _show(summary: dict[str, Any]) -> None:
         rows,
     )
     worst = summary["worst"]
+    assumed = summary["robot_damping_from"] == "assumed"
+    at = f" at the assumed damping ratio {summary['robot_damping_ratio']:g}" if assumed else ""
     typer.echo(
-        f"{summary['verdict']}: least margin {worst['margin']:.3g} at line {worst['line']} ({worst['method']}); "
+        f"{summary['verdict']}{at}: least margin {worst['margin']:.3g} at line {worst['line']} ({worst['method']}); "
         f"{summary['below_1']} of {summary['stretches']} stretches below 1"
     )
     needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])
-    typer.echo(
-        f"robot: damping ratio {summary['robot_damping_ratio']:g} ({summary['robot_damping_from']}); "
-        f"stable from {needed:.3g} upwards"
-    )
+    low, high = summary["robot_damping_between"]
+    if assumed and summary["verdict_over_interval"] == "open":
+        typer.echo(
+            f"open: the damping ratio was not measured and may be {low:g} to {high:g}; below {needed:.3g} the program "
+            "chatters. Give --damping, or measure it: counterflex identify servo"
+        )
+    else:
+        typer.echo(
+            f"robot: damping ratio {summary['robot_damping_ratio']:g} ({summary['robot_damping_from']}); "
+            f"stable from {needed:.3g} upwards"
+        )
     typer.echo(f"spindle and tool: {summary['tool_tip']['from']}")
 
 
