@@ -51,7 +51,7 @@ def stability_page(data: StabilityData) -> str:
     if summary["verdict_over_interval"] == "open":
         low, high = summary["robot_damping_between"]
         verdict += (
-            f" Open: the damping ratio of the robot was not measured and may be {low:g} to {high:g}; below {needed:.3g} "
+            f" Open: the damping ratio was not measured and may be {low:g} to {high:g}; below {needed:.3g} "
             "the program chatters."
         )
     return render(

@@ -1,8 +1,8 @@
 """Margin against chatter of every stretch of a path.
 
 Robot: :mod:`counterflex.plan.stability.criterion` with the modes of the posture. Spindle and tool: the zeroth-order
-solution with their response at the spindle speed. The margin is the factor by which the cut could be deeper; below 1 the
-cut chatters. At the worst stretch of a tool, semi-discretisation with all modes together confirms it
+solution with their response at the spindle speed. The margin is the factor by which the cut could be deeper; below 1
+the cut chatters. At the worst stretch of a tool, semi-discretisation with all modes together confirms it
 (:func:`confirmed`).
 """
 

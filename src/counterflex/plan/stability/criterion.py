@@ -1,10 +1,10 @@
 """The criterion of chatter that strategy, stability, placement and trial share.
 
 Modes of the robot in the posture, directional matrix A of the engagement, tooth period T. The limit is the factor on
-the depth at which the modes together swing for ever: by the low-frequency criterion where it holds (every mode turns by at
-most 0.3 rad within a tooth period and regeneration takes little of the modal mass), otherwise by the zeroth-order
-solution. A cut chatters where its factor is below 1, which is where :func:`least_damping` at its depth is below 0. The
-damping of the modes is that of :mod:`counterflex.plan.damping`.
+the depth at which the modes together swing for ever: by the low-frequency criterion where it holds (every mode turns
+by at most 0.3 rad within a tooth period and regeneration takes little of the modal mass), otherwise by the
+zeroth-order solution. A cut chatters where its factor is below 1, which is where :func:`least_damping` at its depth
+is below 0. The damping of the modes is that of :mod:`counterflex.plan.damping`.
 """
 
 from __future__ import annotations

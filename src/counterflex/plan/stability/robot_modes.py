@@ -1,9 +1,9 @@
 """Modes of the robot as the tool tip sees them, in a posture.
 
 Those of :func:`counterflex.plan.modes.modes`, drives held, with the shapes x at the tip and for a modal mass of 1 kg:
-``u = omega X J x`` where ``x' K x = 1`` and X is the motion of the tool relative to the part by that of the hand. A chain
-without masses of its own gets assumed ones (:func:`counterflex.plan.lowest_mode.assumed_masses`), all times the factor
-that puts the lowest frequency where a tap test measured it.
+``u = omega X J x`` where ``x' K x = 1`` and X is the motion of the tool relative to the part by that of the hand. A
+chain without masses of its own gets assumed ones (:func:`counterflex.plan.lowest_mode.assumed_masses`), all times the
+factor that puts the lowest frequency where a tap test measured it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What the tool meets along a path, in stretches of a millimetre or a few cells: arcs of engagement, feed, direction.
 
 In a blank that is a box the arcs are closed forms (:mod:`counterflex.cutting.tridexel.engaged_arcs`), taken in the
-middle of the stretch. In any other blank they are booked on its cells, and jump with the radial width by up to a cell. A tool
-that is tilted or turns is cut out of columns; its feed is the motion square to its axis.
+middle of the stretch. In any other blank they are booked on its cells, and jump with the radial width by up to a
+cell. A tool that is tilted or turns is cut out of columns; its feed is the motion square to its axis.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.engagement import accumulate
-from counterflex.cutting.removal import Engagement, RemovalResult, remove_path
+from counterflex.cutting.removal import RemovalResult, remove_path
 from counterflex.cutting.stability.process import Process, arcs_of_engagement, process_of_arcs
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.columns import ColumnStock, remove_turning
@@ -35,6 +35,8 @@ CELLS: Final = 5
 """and in cells of the stock: with fewer, whole rows of cells fall into one stretch or the next."""
 _ALIKE: Final = float(np.cos(5.0 * DEG))
 _STILL_M: Final = 1e-12
+_PLUNGE: Final = 1e-3
+"""Share of the way square to the axis up to which a motion is a plunge."""
 _UPRIGHT: Final = 1.0 - 1e-12
 _CONTACT_M3: Final = 1e-12
 
@@ -95,20 +97,21 @@ def stretches_of(
         ModelError: The spindle turns backwards in the cut, or the stock cannot be cut.
         ProgramError: Material is cut at feed with the spindle stopped.
     """
-    removed = _Removal(path, stock)
     runs = _runs(path, stock, cutter_of)
-    exact = None
-    if blank is not None and runs:
-        exact = EngagedArcs.of(path.p_part_tcp, path.axis_part, runs, blank)
     out: list[Stretch] = []
+    engaged: _Exact | _Booked
+    if blank is not None and runs:
+        engaged = _Exact(path, EngagedArcs.of(path.p_part_tcp, path.axis_part, runs, blank))
+    else:
+        engaged = _Booked(path, stock)
     for first, last, cutter, top_m in runs:
         begin, end = first + 1, last + 1
-        result = removed(begin, end, cutter, top_m, share_of(progress, begin / len(path), end / len(path)))
-        contact = (path.kind[begin:end] == FEED) & (result.volume_m3 > _CONTACT_M3)
-        _check_spindle(path, begin + np.flatnonzero(contact))
-        assert result.engagement is not None
-        booked = _Booked(result.engagement, result.length_m, stock.cell_m)
-        out += _collected(path, begin, contact, booked, cutter, exact)
+        part = share_of(progress, begin / len(path), end / len(path))
+        contact = engaged.contact(begin, end, cutter, top_m, part)
+        found = list(_collected(path, begin, contact, engaged, cutter, max(LENGTH_M, CELLS * stock.cell_m)))
+        _check_spindle(path, np.array([piece.row for piece in found], dtype=np.int64))
+        out += [piece for piece in found if piece.feed_per_tooth_m > 0.0]
+        part(1.0)
     return out
 
 
@@ -126,35 +129,59 @@ def _runs(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter]) 
     return out
 
 
-class _Removal:
-    """Cuts runs one after the other: a height map for upright tools, columns where any tool is tilted."""
+def _aside(path: ToolPath, begin: int, end: int) -> Float:
+    """(n, 3) m, segments of rows [begin, end) square to the tool axis."""
+    step = np.diff(path.p_part_tcp[begin - 1 : end], axis=0)
+    axis = path.axis_part[begin:end]
+    out: Float = step - np.sum(step * axis, axis=1)[:, None] * axis
+    return out
+
+
+class _Exact:
+    """Engagement in closed form: every segment that feeds aside may be in contact, its arcs tell."""
+
+    def __init__(self, path: ToolPath, arcs: EngagedArcs) -> None:
+        self._path, self._arcs = path, arcs
+
+    def contact(self, begin: int, end: int, cutter: Cutter, top_m: float, progress: Progress) -> Bool:
+        """(n,) segments of rows [begin, end) that may cut."""
+        del cutter, top_m, progress
+        length = np.linalg.norm(_aside(self._path, begin, end), axis=1)
+        out: Bool = (self._path.kind[begin:end] == FEED) & (length > _STILL_M)
+        return out
+
+    def arcs(self, first: int, last: int, row: int, direction: Float, cutter: Cutter) -> Float:
+        """Arcs of segments [first, last) of the run, in the middle of them."""
+        del first, last
+        return self._arcs.at(row, self._path.p_part_tcp[row], self._path.axis_part[row], direction, cutter)
+
+
+class _Booked:
+    """Engagement booked on cells: a height map for upright tools, columns where any tool is tilted."""
 
     def __init__(self, path: ToolPath, stock: HeightMap) -> None:
         self._path, self._stock = path, stock
         self._columns = None if np.all(path.axis_part[:, 2] > _UPRIGHT) else ColumnStock.of(stock)
+        self._result: RemovalResult | None = None
 
-    def __call__(self, begin: int, end: int, cutter: Cutter, top_m: float, progress: Progress) -> RemovalResult:
+    def contact(self, begin: int, end: int, cutter: Cutter, top_m: float, progress: Progress) -> Bool:
+        """(n,) segments of rows [begin, end) that cut, once they have been cut."""
         points, kind = self._path.p_part_tcp[begin - 1 : end], self._path.kind[begin:end]
         if self._columns is None:
-            return remove_path(self._stock, points, kind, cutter, progress=progress)
-        axes = self._path.axis_part[begin - 1 : end]
-        done = remove_turning(self._columns, points, axes, kind, cutter, top_m=top_m)
-        progress(1.0)
-        return done
+            self._result = remove_path(self._stock, points, kind, cutter, progress=progress)
+        else:
+            axes = self._path.axis_part[begin - 1 : end]
+            self._result = remove_turning(self._columns, points, axes, kind, cutter, top_m=top_m)
+        out: Bool = (kind == FEED) & (self._result.volume_m3 > _CONTACT_M3)
+        return out
 
-
-@dataclass(frozen=True, eq=False)
-class _Booked:
-    """Engagement of a run as it was booked on cells."""
-
-    engagement: Engagement
-    length_m: Float
-    cell_m: float
-
-    def arcs(self, first: int, last: int, cutter: Cutter) -> Float:
-        """Arcs of segments [first, last), the mean over them."""
-        depth = smoothed(accumulate(self.engagement, self.length_m, first, last), self.cell_m / cutter.radius_m)
-        return arcs_of_engagement(depth, cutter)
+    def arcs(self, first: int, last: int, row: int, direction: Float, cutter: Cutter) -> Float:
+        """Arcs of segments [first, last) of the run, the mean over them."""
+        del row, direction
+        assert self._result is not None
+        assert self._result.engagement is not None
+        depth = accumulate(self._result.engagement, self._result.length_m, first, last)
+        return arcs_of_engagement(smoothed(depth, self._stock.cell_m / cutter.radius_m), cutter)
 
 
 def _check_spindle(path: ToolPath, rows: Int) -> None:
@@ -175,38 +202,33 @@ def _check_spindle(path: ToolPath, rows: Int) -> None:
 
 
 def _collected(
-    path: ToolPath, begin: int, contact: Bool, booked: _Booked, cutter: Cutter, exact: EngagedArcs | None
+    path: ToolPath, begin: int, contact: Bool, engaged: _Exact | _Booked, cutter: Cutter, enough_m: float
 ) -> Iterator[Stretch]:
-    length = booked.length_m
-    for first, last in _pieces(path, begin, contact, length, max(LENGTH_M, CELLS * booked.cell_m)):
+    aside = _aside(path, begin, begin + len(contact))
+    for first, last in _pieces(path, begin, contact, aside, enough_m):
         step = path.p_part_tcp[begin + last - 1] - path.p_part_tcp[begin + first - 1]
         row = begin + (first + last) // 2
         axis = path.axis_part[row]
-        aside = step - float(step @ axis) * axis
-        size = float(np.linalg.norm(aside))
-        if size <= _STILL_M:
+        level = step - float(step @ axis) * axis
+        size, way = float(np.linalg.norm(level)), float(np.linalg.norm(step))
+        if size <= _PLUNGE * way:
             continue
-        direction = aside / size
-        arcs = (
-            booked.arcs(first, last, cutter)
-            if exact is None
-            else exact.at(row, path.p_part_tcp[row], axis, direction, cutter)
-        )
-        period = 2.0 * np.pi / (cutter.flutes * float(path.spindle_rad_s[row]))
-        feed = float(path.feed_m_s[row]) * size / float(np.linalg.norm(step)) * period
-        if len(arcs) and feed > 0.0:
-            yield Stretch(row, int(path.tool[row]), arcs, direction, axis, feed, period)
+        arcs = engaged.arcs(first, last, row, level / size, cutter)
+        if len(arcs):
+            turns = abs(float(path.spindle_rad_s[row]))
+            period = 2.0 * np.pi / (cutter.flutes * turns) if turns > 0.0 else np.inf
+            feed = float(path.feed_m_s[row]) * size / way * period
+            yield Stretch(row, int(path.tool[row]), arcs, level / size, axis, feed, period)
 
 
-def _pieces(path: ToolPath, begin: int, contact: Bool, length: Float, enough_m: float) -> list[tuple[int, int]]:
+def _pieces(path: ToolPath, begin: int, contact: Bool, aside: Float, enough_m: float) -> list[tuple[int, int]]:
     """Segments [first, last) in contact, up to a length, not around a corner nor over a change of feed or speed.
 
     A rest shorter than half the length is added to the piece before.
     """
-    step = np.diff(path.p_part_tcp[begin - 1 : begin + len(length)], axis=0)
+    length = np.linalg.norm(aside, axis=1)
+    heading = aside / np.maximum(length, _STILL_M)[:, None]
     axis = path.axis_part[begin : begin + len(length)]
-    step -= np.sum(step * axis, axis=1)[:, None] * axis
-    heading = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), _STILL_M)
     feed, speed = path.feed_m_s[begin : begin + len(length)], path.spindle_rad_s[begin : begin + len(length)]
 
     def alike(i: int, j: int) -> bool:
