@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from counterflex import __version__
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
@@ -99,6 +99,7 @@ def judge(
     """
     begin = time.perf_counter()
     parts = in_parts(progress, {READING: 1.0, MARGINS: 5.0, DIAGRAMS: 4.0})
+    cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
     parts[READING](1.0)
     with faults_in(job):
@@ -132,6 +133,7 @@ def judge(
         "robot_damping_ratio": structure.damping.ratio,
         "robot_damping_between": [structure.damping.low, structure.damping.high],
         "robot_damping_from": structure.damping.origin,
+        "cell_mm": round(cell.stock().cell_m / MM, 6),
         "engagement": "closed form" if cell.blank_box() is not None else "booked on cells of the stock",
         "robot_mode_measured": structure.measured is not None,
         "tool_tip": _tip(structure),

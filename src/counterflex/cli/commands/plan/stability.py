@@ -126,24 +126,24 @@ def _show(summary: dict[str, Any]) -> None:
         rows,
     )
     worst = summary["worst"]
-    assumed = summary["robot_damping_from"] == "assumed"
-    at = f" at the assumed damping ratio {summary['robot_damping_ratio']:g}" if assumed else ""
     typer.echo(
-        f"{summary['verdict']}{at}: least margin {worst['margin']:.3g} at line {worst['line']} ({worst['method']}); "
+        f"{summary['verdict']}: least margin {worst['margin']:.3g} at line {worst['line']} ({worst['method']}); "
         f"{summary['below_1']} of {summary['stretches']} stretches below 1"
     )
     needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])
     low, high = summary["robot_damping_between"]
-    if assumed and summary["verdict_over_interval"] == "open":
+    between = "" if low == high else f", {low:g} to {high:g}"
+    typer.echo(
+        f"robot: damping ratio {summary['robot_damping_ratio']:g} ({summary['robot_damping_from']}{between}); "
+        f"stable from {needed:.3g} upwards"
+    )
+    if summary["verdict_over_interval"] == "open":
         typer.echo(
-            f"open: the damping ratio was not measured and may be {low:g} to {high:g}; below {needed:.3g} the program "
-            "chatters. Give --damping, or measure it: counterflex identify servo"
+            f"open: the damping ratio was not measured; below {needed:.3g} the program chatters. Give --damping, or "
+            "measure it: counterflex identify servo"
         )
-    else:
-        typer.echo(
-            f"robot: damping ratio {summary['robot_damping_ratio']:g} ({summary['robot_damping_from']}); "
-            f"stable from {needed:.3g} upwards"
-        )
+    if summary["engagement"] != "closed form":
+        typer.echo(f"engagement: {summary['engagement']} ({summary['cell_mm']:g} mm): the blank is no box")
     typer.echo(f"spindle and tool: {summary['tool_tip']['from']}")
 
 
