@@ -45,7 +45,7 @@ def place(cell_of: Callable[..., Cell]) -> Place:
     C = part_compliance(setting, relative, Q[None])[0]
     normal = np.array([0.0, 1.0, 0.0])
     standing = Standing(robot_modes(setting.chain, Q, relative.to_part[0], None, setting.damping.ratio), normal)
-    return Place(setting.chain, Q, C, setting.T_base_part[:3, :3], normal, 6 * MM, (standing,), (single(MODE),))
+    return Place(setting.chain, Q, C, relative.to_part[0], normal, 6 * MM, (standing,), (single(MODE),))
 
 
 def cuts(ups: tuple[bool, ...], ae_mm: Float, ap_mm: tuple[float, ...] = (6.0,), fz_mm: float = 0.05) -> SideCuts:
@@ -150,7 +150,7 @@ def test_a_mode_magnifies_as_an_oscillator() -> None:
 
 def test_modes_together_move_the_tip_as_the_elastic_equations_do(place: Place, cell_of: Callable[..., Cell]) -> None:
     """Off resonance, hardly damped: ``n' J (K - w^2 M)^-1 J' n`` of the chain over ``n' C n``, all modes taken."""
-    chain, R = place.chain, place.R_base_part
+    chain, R = place.chain, place.to_part[:3, :3].T
     to_part = np.kron(np.eye(2), R.T)
     swing = swing_of(chain, Q, to_part, place.compliance_part, place.normal_part, 1e-6, None)
     M, stiffness, J, _ = matrices(chain, Q)

@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.inputs import AS_IT_IS, Reading, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Reading, in_working_plane, read_job, setting_of
 from counterflex.app.lowest_mode import STATED
-from counterflex.app.strategy.own_cut import OwnCut, own_cut
+from counterflex.app.strategy.own_cut import Along, OwnCut, own_cut
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -21,16 +21,19 @@ from counterflex.core.units import MM
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.tilted_stock import working_plane
 from counterflex.files.cell.cell import Cell
-from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.plan.inputs import Setting, part_compliance
-from counterflex.plan.relative_motion import RelativeMotion, tool_carried
+from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
+from counterflex.plan.inputs import Setting
+from counterflex.plan.relative_motion import hand_poses, part_carried, tool_carried
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.strategy.advise import CHATTER, Choices, Demands, Doubt, Place, grid, outcomes
 from counterflex.plan.strategy.chatter import Standing, depth_used
 from counterflex.plan.strategy.resonance import Swing, swing_of
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.strategy.zero import normal_errors, zero_width
+from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_path
 
 Range = tuple[float, float]
@@ -124,8 +127,9 @@ def advise(
     cell.require_milling()
     own = None
     if program is not None:
+        cell = in_working_plane(program, cell, reading)
         own = own_cut(read_job(program, cell, reading=reading), cell, operation.tool, progress)
-    law, setting = _law(cell, operation), setting_of(cell)
+    law, setting = _law(cell, operation), setting_of(cell, part_may_be_held=True)
     cutter, tool = _cutter(cell, operation, own)
     place = _place(cell, setting, operation, own)
     limits = cell.process_limits(tool)
@@ -204,43 +208,73 @@ def _cutter(cell: Cell, operation: Operation, own: OwnCut | None) -> tuple[Cutte
 
 
 def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | None) -> Place:
-    point = None if operation.at_m is None else np.array(operation.at_m)
-    if own is not None and point is None:
-        q = own.q
-    else:
-        if point is None:
-            stock = cell.stock()
-            point = np.array([stock.x_m().mean(), stock.y_m().mean(), float(stock.z.max())])
-        turned = tool_orientation(np.array([[0.0, 0.0, 1.0]]), setting.rotation_about_tool_rad)
-        poses = tool_poses(setting.T_base_part, point[None], turned)
-        q = inverse_path(setting.controller_chain, poses, setting.branch).q[0]
-    if operation.normal_rad is not None:
-        normal = np.array([math.cos(operation.normal_rad), math.sin(operation.normal_rad), 0.0])
-    elif own is not None:
-        normal = own.normal_part
-    else:
-        normal = np.array([0.0, 1.0, 0.0])
+    here = _there(cell, setting, operation, own)
     height = operation.height_m
     if height is None:
         height = float(own.cuts.ap_m[0]) if own is not None else max(_required(operation.ap_m, "--ap-mm"))
-    relative = tool_carried(setting.T_base_part)
-    compliance = part_compliance(setting, relative, q[None])[0]
-    R_base_part = setting.T_base_part[:3, :3]
-    along = [(q, normal, 0 if own is None else own.line)]
+    along: tuple[Along, ...] = (here,)
     if own is not None and operation.at_m is None and operation.normal_rad is None:
-        along = list(zip(own.q_along, own.normals_along, own.lines_along.tolist(), strict=True))
-    swings = tuple(_swing(setting, relative, *there) for there in along)
-    standings = tuple(
-        Standing(robot_modes(setting.chain, q, relative.to_part[0], setting.mode, setting.damping.ratio), normal)
-        for q, normal, _ in along
+        along = own.along
+    turned, normal = _upright(here)
+    return Place(
+        setting.chain,
+        here.q,
+        _compliance(setting, here.q, turned),
+        turned,
+        normal,
+        height,
+        tuple(_standing(setting, there) for there in along),
+        tuple(_swing(setting, there) for there in along),
     )
-    return Place(setting.chain, q, compliance, R_base_part, normal, height, standings, swings)
 
 
-def _swing(setting: Setting, relative: RelativeMotion, q: Float, normal_part: Float, line: int) -> Swing:
-    compliance = part_compliance(setting, relative, q[None])[0]
+def _there(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | None) -> Along:
+    """Posture, wall and tool axis where the operation is: of the program, or of a stated point."""
+    axis = np.array([0.0, 0.0, 1.0]) if own is None else own.axis_part
+    if own is not None and operation.at_m is None:
+        q, to_part = own.q, own.to_part
+    else:
+        point = operation.at_m
+        if point is None:
+            stock = cell.stock()
+            point = (float(stock.x_m().mean()), float(stock.y_m().mean()), float(stock.z.max()))
+        T = pose.make(tool_orientation(axis[None], setting.rotation_about_tool_rad), np.array([point]))
+        poses = hand_poses(setting.T_base_part, setting.T_base_tcp, T)
+        q = inverse_path(setting.controller_chain, poses, setting.branch).q[0]
+        relative = (
+            tool_carried(setting.T_base_part) if setting.T_base_tcp is None else part_carried(setting.T_base_tcp, T)
+        )
+        to_part = relative.to_part[0]
+    normal = np.array([0.0, 1.0, 0.0]) if own is None else own.normal_part
+    if operation.normal_rad is not None:
+        normal = np.array([math.cos(operation.normal_rad), math.sin(operation.normal_rad), 0.0])
+        normal -= float(normal @ axis) * axis
+        normal /= np.linalg.norm(normal)
+    return Along(q, normal, axis, to_part, 0 if own is None else own.line)
+
+
+def _upright(there: Along) -> tuple[Float, Float]:
+    """Motion (6, 6) and normal (3,) in axes whose z is the tool axis."""
+    R = working_plane(there.axis_part).T
+    turn = np.kron(np.eye(2), R)
+    return turn @ there.to_part, R @ there.normal_part
+
+
+def _compliance(setting: Setting, q: Float, to_part: Float) -> Float:
+    out: Float = to_part @ cartesian_compliance(setting.chain, q) @ to_part.T
+    return out
+
+
+def _standing(setting: Setting, there: Along) -> Standing:
+    to_part, normal = _upright(there)
+    return Standing(robot_modes(setting.chain, there.q, to_part, setting.mode, setting.damping.ratio), normal)
+
+
+def _swing(setting: Setting, there: Along) -> Swing:
+    to_part, normal = _upright(there)
+    compliance = _compliance(setting, there.q, to_part)
     return swing_of(
-        setting.chain, q, relative.to_part[0], compliance, normal_part, setting.damping.ratio, setting.mode, line
+        setting.chain, there.q, to_part, compliance, normal, setting.damping.ratio, setting.mode, there.line
     )
 
 

@@ -66,13 +66,13 @@ class Doubt:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where and against what the cut is made.
+    """Where and against what the cut is made. Part axes are those whose z is the tool axis in the place.
 
     Attributes:
         chain: The robot.
         q: (6,) rad.
         compliance_part: (6, 6) at the tool tip, part axes.
-        R_base_part: (3, 3).
+        to_part: (6, 6) motion of the tool relative to the part, part axes, from that of the hand, base axes.
         normal_part: (3,) unit normal of the wall, horizontal, out of the material.
         height_m: Of the wall, cut in levels of a_p.
         standings: The robot in postures along the cut, against chatter; none: nobody looks.
@@ -82,7 +82,7 @@ class Place:
     chain: ElasticChain
     q: Float
     compliance_part: Float
-    R_base_part: Float
+    to_part: Float
     normal_part: Float
     height_m: float
     standings: tuple[Standing, ...] = ()
@@ -234,8 +234,7 @@ def outcomes(
     w = by_constant.sum(axis=1)
     force, torque = np.linalg.norm(w[:, :3], axis=1), np.abs(w[:, 5])
     peak = peak_side_force(alike, law)
-    w_base = np.concatenate([w[:, :3] @ place.R_base_part.T, w[:, 3:] @ place.R_base_part.T], axis=1)
-    axes = np.abs(axis_torques(place.chain, np.broadcast_to(place.q, (len(alike), 6)), w_base))
+    axes = np.abs(axis_torques(place.chain, np.broadcast_to(place.q, (len(alike), 6)), w @ place.to_part))
     power = torque[back] * spindle_rad_s
     speed = cuts.fz_m * cuts.cutter.flutes * spindle_rad_s / (2.0 * math.pi)
     time = np.ceil(place.height_m / cuts.ap_m - 1e-9) / speed
