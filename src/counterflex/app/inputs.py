@@ -359,4 +359,5 @@ def setting_of(
         orientation=orientation,
         allow_extrapolation=cell.material.allow_extrapolation,
         drive_errors=cell.drive_errors,
+        damping=tables.dynamics.damping,
     )

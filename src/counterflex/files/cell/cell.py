@@ -17,6 +17,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tilted_stock import box_along_tool
+from counterflex.cutting.tridexel.engaged_arcs import BlankBox
 from counterflex.files.cell.class_stiffness import ClassStiffness, prior_of, unknown_axes, with_class_stiffness
 from counterflex.files.cell.external_axes import moved
 from counterflex.files.cell.located import located
@@ -305,6 +306,14 @@ class Cell:
         else:
             data = {tool.number: tool.tooldata for tool in self.tables.tools if tool.tooldata is not None}
         return self.tables.controller.spindle.functions(language, data, str(self.path))
+
+    def blank_box(self) -> BlankBox | None:
+        """The blank as a box in the frame of the path; None where it is a mesh or an earlier result."""
+        stock = None if self.tables.part is None else self.tables.part.stock
+        if stock is None or stock.box_min_mm is None or stock.box_max_mm is None:
+            return None
+        turn = np.eye(3) if self.R_part_plane is None else self.R_part_plane
+        return BlankBox(np.array(stock.box_min_mm) * MM, np.array(stock.box_max_mm) * MM, turn)
 
     def stock(self) -> HeightMap:
         """A fresh blank in the part frame.

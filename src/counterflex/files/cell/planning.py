@@ -17,9 +17,9 @@ from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
 from counterflex.path.tool_rotation import ToolRotation
+from counterflex.plan.damping import ASSUMED_DAMPING, Damping
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
-from counterflex.plan.lowest_mode import ASSUMED_DAMPING
 from counterflex.plan.preflight.row import Bounds
 from counterflex.programs.robot_writer.writer import RobotSettings
 from counterflex.robot.model.description import Robot
@@ -110,6 +110,11 @@ class DynamicsTable(Table):
         if self.mode_hz is None:
             return None
         return Mode(2.0 * math.pi * self.mode_hz, self.damping_ratio or ASSUMED_DAMPING)
+
+    @property
+    def damping(self) -> Damping:
+        """Damping of the robot's modes: of the tap test (an overdamped mode as 0.95), otherwise assumed."""
+        return Damping.of(None if self.damping_ratio is None else min(self.damping_ratio, 0.95))
 
     @property
     def shaping(self) -> Shaping:
