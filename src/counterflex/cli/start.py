@@ -11,6 +11,7 @@ from counterflex.cli import interrupt
 from counterflex.cli.commands.operate import requests
 from counterflex.cli.interrupt import end, interruptible
 from counterflex.core.errors import CounterflexError, Interrupted
+from counterflex.core.system_fault import system_fault
 
 _INTERRUPTED: Final = 130
 """Status that the command parser gives an interrupted command."""
@@ -43,10 +44,13 @@ def run() -> None:
         except BrokenPipeError:
             sys.stderr.close()
             sys.exit(0)
-        except OSError as fault:  # of a disk, a device, a socket: of the computer, not of the program
-            if not fault.strerror:
+        except BaseException as fault:
+            if isinstance(fault, (SystemExit, GeneratorExit)):
                 raise
-            end(f"{fault.filename or 'counterflex'}: {fault.strerror}")
+            known = system_fault(fault)  # of a disk, a device, a socket: of the computer, not of the program
+            if known is None:
+                raise
+            end(f"{known.filename or 'counterflex'}: {known.strerror}")
         signal_status = interrupt.status()  # 128 and the number of the signal, whatever the command made of it
     if status == _INTERRUPTED:
         end(f"interrupted; {interrupt.result_text()}", signal_status or _INTERRUPTED)

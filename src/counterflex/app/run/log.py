@@ -341,7 +341,7 @@ def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> 
             table = table.with_columns(polars.col(whole).cast(polars.Int64))
             table = table.with_columns(polars.lit(None).cast(table.schema[name]).alias(name) for name in segment.absent)
             table = table.select(polars.lit(segment.run, dtype=polars.Int64).alias("run"), polars.all())
-            table.write_csv(stream, include_header=k == 0)
+            stream.write(table.write_csv(include_header=k == 0).encode())
             count += len(segment.rows)
     return count, missing.end(folder)
 
