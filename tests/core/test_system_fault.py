@@ -79,7 +79,7 @@ def test_what_was_handled_before_counts_only_where_it_lasts() -> None:
             try:
                 raise inner
             except OSError:
-                {}["missing"]
+                dict[str, int]()["missing"]
         except KeyError as fault:
             return fault
         raise AssertionError

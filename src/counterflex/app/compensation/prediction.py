@@ -12,6 +12,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
+from counterflex.app.compensation.chip_remark import extrapolation, extrapolation_text
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
@@ -85,9 +86,9 @@ def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
         return []
     return [
         "the plan has not converged in the cells of the stock: they shake the tool of the model by "
-        f"{grain_m / UM:.1f} um (at most {GRAIN_M / UM:g} um) in cells of {used.cell_m / MM:.3g} mm, the smallest that "
-        f"planning makes of this stock. Its grain adds to the predicted errors. A smaller blank ([part.stock]) or an "
-        f"operation planned by itself can have [part.stock] cell_mm = {used.cell_m * GRAIN_M / grain_m / MM:.2g} or less"
+        f"{grain_m / UM:.1f} um (at most {GRAIN_M / UM:g} um) in cells of {used.cell_m / MM:.3g} mm, the "
+        "smallest that planning makes of this stock, which adds to the predicted errors. A smaller blank can have "
+        f"[part.stock] cell_mm = {used.cell_m * GRAIN_M / grain_m / MM:.2g} or less"
     ]
 
 
@@ -201,11 +202,8 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
     notes += [f"{text[0].upper()}{text[1:]}." for text in stiffness_remarks(plan, cell)]
     slowed = calm_feed_text(summary["calm_feed"])
     notes += [f"{slowed[0].upper()}{slowed[1:]}."] if slowed else []
-    if predicted["extrapolated_force_share"] > 0.0:
-        notes.append(
-            f"{100 * predicted['extrapolated_force_share']:.2g} % of the force comes from chips outside the range "
-            "of the cutting constants."
-        )
+    chips = extrapolation_text(predicted["extrapolation"])
+    notes += [f"{chips.partition(': ')[2]}."] if chips else []
     swinging = [*chatter_warnings(predicted["chatter"]), *swing_warnings(predicted["lasting_swings"])]
     notes += [f"{text[0].upper()}{text[1:]}." for text in swinging]
     notes += [
@@ -287,6 +285,7 @@ def summary_of(
         tolerance_m: Largest distance between the written path and the planned one.
     """
     predicted = with_intervals(figures(plan), plan, cell)
+    predicted["extrapolation"] = extrapolation(plan, cell.force_law)
     remarks = (
         *stiffness_remarks(plan, cell),
         *doubtful_readings(job.program),
