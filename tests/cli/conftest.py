@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from command_parser import command_of, commands_in, faults, options_of
 from counterflex.app import examples
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import make_truth
@@ -80,9 +82,24 @@ def counterflex(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[s
             start.run()
         said = capsys.readouterr()
         assert isinstance(ended.value.code, int)
+        if "--help" not in arguments:
+            _check_suggestions(list(arguments), said.out + said.err)
         return Ended(ended.value.code, said.out, said.err)
 
     return call
+
+
+def _check_suggestions(arguments: list[str], printed: str) -> None:
+    """What a command prints can be typed: commands as they stand, options are those of the command that names them."""
+    wrong = [fault for line in commands_in(printed) if len(line.split()) > 3 for fault in faults(line)]
+    command, _ = command_of(arguments)
+    if command is not None and printed.startswith("error: "):
+        hint = printed
+        for line in commands_in(printed):
+            hint = hint.replace(line, "")
+        named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", hint)) - set(arguments)
+        wrong += [f"{option} is no option of {command.name}" for option in sorted(named - options_of(command))]
+    assert not wrong, "\n".join([*wrong, printed])
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:

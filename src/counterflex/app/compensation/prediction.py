@@ -173,7 +173,13 @@ def _peak(values: Float, plan: Plan, unit: float, digits: int) -> dict[str, Any]
     }
 
 
-def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: LimitedFeed | None = None) -> PredictionData:
+def prediction(
+    plan: Plan,
+    cell: Cell,
+    summary: dict[str, Any],
+    limited: LimitedFeed | None = None,
+    program: str | Path | None = None,
+) -> PredictionData:
     """The page of a plan.
 
     Args:
@@ -181,6 +187,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
         cell: Its cell.
         summary: Of the job.
         limited: What limits made of the feed.
+        program: The program as it was given, for commands; None is its name alone.
     """
     predicted = summary["prediction"]
     worst = predicted["peak_deflection_um"]
@@ -229,7 +236,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
         drawing=drawing(plan, cell),
         feed=None if limited is None else _feed(limited),
         load=to_load(summary, cell, np.unique(plan.path.tool[plan.cutting]).tolist()),
-        next_steps=after_compensation(summary, cell),
+        next_steps=after_compensation(summary, cell, summary["program"] if program is None else program),
     )
 
 
