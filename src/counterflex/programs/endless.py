@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import is_dataclass
 from typing import Any, Final
 
-MOST_REPEATED: Final = 300_000
+MOST_REPEATED: Final = 200_000
 """Lines executed again. A surface milled by two nested loops takes 100 000; this many are read in some seconds."""
 MOST_WITHOUT_MOTION: Final = 100_000
 """Lines executed again with no motion in between. Loops that only compute (a search, a table) take some thousand."""
