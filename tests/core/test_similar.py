@@ -32,7 +32,7 @@ def test_a_misspelt_material_leads_to_the_one_that_was_meant(wrong: str, meant: 
 
 @pytest.mark.parametrize(
     ("wrong", "meant"),
-    [("kr300 r2500", "kuka_kr300_r2500_ultra"), ("abb_irb6700", "abb_irb6700_235_265"), ("fanuc_m99", "fanuc_")],
+    [("kr300 r2500", "kuka_kr300_r2500_ultra"), ("abb_irb6700", "abb_irb6700_235_265"), ("staubli_m99", "staubli_")],
 )
 def test_a_misspelt_robot_too(wrong: str, meant: str) -> None:
     with pytest.raises(InputError) as caught:

@@ -15,7 +15,7 @@ def close_to(name: str, among: Iterable[str], count: int = 3) -> list[str]:
     """Names most like ``name``, best first; case, blanks and punctuation do not count. Empty when none is near.
 
     Names that contain it (``7075``) come first, then those that it resembles as a whole (``en-aw-7057-vdi22``), then
-    those of which it resembles a word (``stainles``, ``fanuc_m20``).
+    those of which it resembles a word (``stainles``, ``staubli_m20``).
     """
     import difflib  # only where a name is wrong: commands that start quickly need it seldom
 

@@ -229,7 +229,7 @@ def replay(
         InputError: The cell's settings need a plan and there is none, or the log holds another loop's state.
     """
     planned = None if plan is None else read_plan(Path(plan))
-    model = cell_of_run(cell, planned)
+    model = cell_of_run(cell, planned, plan)
     loaded = None if planned is None else loop_plan(planned[0], model, compensated=compensated)
     loop = online_loop(model, loaded, compensated=compensated and loaded is not None)
     files = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
