@@ -145,7 +145,7 @@ def _unknowns(cell: Cell, program: str | Path | None) -> dict[str, Any] | None:
     from counterflex.app.unknowns import shown, unknowns
 
     points = corner_points(cell) if program is None else points_of_program(read_job(program, cell), cell)
-    return None if points is None else shown(unknowns(cell, points), points, cell.path.name)
+    return None if points is None else shown(unknowns(cell, points), points, str(cell.path))
 
 
 def _assumptions(cell: Cell) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
@@ -124,6 +125,11 @@ def why_no_prior(cell: Cell) -> str:
     return ""
 
 
+def measure_stiffness(cell: Cell) -> str:
+    """Return the command that proposes pulls for the stiffness of a cell."""
+    return next_command("identify stiffness", propose=30, cell=cell.path, out="pulls")
+
+
 def refusal(cell: Cell, cost: Expected | None) -> InputError:
     """The error of a job that would take axes of unknown stiffness as rigid.
 
@@ -132,7 +138,7 @@ def refusal(cell: Cell, cost: Expected | None) -> InputError:
         cost: What they yield, if it can be said.
     """
     axes, why = axis_names(cell.unknown_axes), why_no_prior(cell)
-    measure = f"Measure it: counterflex identify stiffness --propose 30 --cell {cell.path.name} --out pulls"
+    measure = f"Measure it: {measure_stiffness(cell)}"
     stated = "or state it in [[robot.elastic]] (0 urad/kNm: rigid)"
     if why:
         estimate, hint = f"What that costs cannot be said: {why}", f"{measure}, {stated}"
@@ -173,7 +179,7 @@ def unknown_stiffness(cell: Cell, worse: float = 0.0) -> list[str]:
         return [
             f"the stiffness of {given.named} of {cell.chain.name} is assumed from its class, not measured: nine of ten "
             f"robots lie within a factor of {low} to {high} of it{harm}. Measure it: "
-            "counterflex identify stiffness"
+            f"{measure_stiffness(cell)}"
         ]
     if not cell.unknown_axes:
         return []
@@ -183,5 +189,5 @@ def unknown_stiffness(cell: Cell, worse: float = 0.0) -> list[str]:
         missing += f": {cost.shown} {cost.of}"
     return [
         f"no stiffness is known of {axis_names(cell.unknown_axes)} of {cell.chain.name}: taken as rigid, {missing}. "
-        "Measure it: counterflex identify stiffness"
+        f"Measure it: {measure_stiffness(cell)}"
     ]

@@ -25,6 +25,7 @@ from counterflex.app.lowest_mode import STATED, estimate, identified_sigma
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, drawn_deflections, expected, why_no_prior
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM, MRAD
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import axis_names, prior_of
@@ -52,6 +53,8 @@ _WEAR_SEED: Final = 1003
 """Of the random numbers; elements have that of their number."""
 _PULLS: Final = "stiffness --propose 30"
 _PLAY: Final = "play --propose 24"
+_COUNT: Final = 20
+"""Measurements that are proposed where a recipe asks for no number of its own."""
 
 
 @dataclass(frozen=True)
@@ -169,11 +172,17 @@ def shown(ranked: list[Unknown], points: CutPoints, cell_file: str) -> dict[str,
         "measure_first": None
         if first is None
         else {
-            "command": f"counterflex identify {first[0]} --cell {cell_file} --out proposal",
+            "command": _proposing(first[0], cell_file),
             "removes_mm": round(first[1].median_m / MM, 3),
             "up_to_mm": round(first[1].high_m / MM, 3),
         },
     }
+
+
+def _proposing(recipe: str, cell_file: str) -> str:
+    """Return the command that proposes the measurements of a recipe, ``name`` or ``name --propose N``."""
+    name, _, count = recipe.partition(" --propose ")
+    return next_command(f"identify {name}", propose=count or _COUNT, cell=cell_file, out="proposal")
 
 
 def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Source]:

@@ -123,6 +123,7 @@ def plan(
         deviation_compensated_part=prediction.deviation_compensated_part,
         w_nominal_part=prediction.w_nominal_part,
         extrapolated=undisturbed.extrapolated.astype(np.int64),
+        chip_m=cut.chip_m,
     )
 
 

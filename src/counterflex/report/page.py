@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from counterflex.core.atomic import write_text
 from counterflex.core.errors import InputError
+from counterflex.core.printable import printable
 from counterflex.core.units import MM
 from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
 from counterflex.report.cell_figure import cell_figure
@@ -181,6 +182,7 @@ def _environment() -> jinja2.Environment:
     return jinja2.Environment(
         loader=jinja2.PackageLoader("counterflex.report"),
         autoescape=True,
+        finalize=lambda value: printable(value) if type(value) is str else value,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -176,8 +176,7 @@ def run(
         if report:
             from counterflex.report.page import prediction_page, write_page
 
-            write_page(
-                prediction_page(prediction(result.plan, cell, result.summary, result.limited)), staging / "report.html"
-            )
+            page = prediction_page(prediction(result.plan, cell, result.summary, result.limited, program))
+            write_page(page, staging / "report.html")
         parts[PAGE](1.0)
     return result.summary

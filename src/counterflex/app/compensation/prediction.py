@@ -12,6 +12,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
+from counterflex.app.compensation.chip_remark import extrapolation, extrapolation_text
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
@@ -85,13 +86,15 @@ def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
     setting, size = setting_of(cell, part_may_be_held=True), np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     omega = mode_of(setting.chain, plan.q[int(np.argmax(size))], setting.mode).omega_rad_s
     per_cell = grain_per_cell(job.path, plan.deflection_part, plan.cutting, setting.cutter_of, omega)
-    grain_m = per_cell * fine_enough(cell.stock(), per_cell).cell_m
+    used = fine_enough(cell.stock(), per_cell)
+    grain_m = per_cell * used.cell_m
     if grain_m <= GRAIN_M:
         return []
     return [
         "the plan has not converged in the cells of the stock: they shake the tool of the model by "
-        f"{grain_m / UM:.0f} um (at most {GRAIN_M / UM:g} um), though planning divides them. "
-        f"[part.stock] cell_mm = {cell.stock().cell_m * GRAIN_M / grain_m / MM:.2g} or less"
+        f"{grain_m / UM:.1f} um (at most {GRAIN_M / UM:g} um) in cells of {used.cell_m / MM:.3g} mm, the "
+        "smallest that planning makes of this stock, which adds to the predicted errors. A smaller blank can have "
+        f"[part.stock] cell_mm = {used.cell_m * GRAIN_M / grain_m / MM:.2g} or less"
     ]
 
 
@@ -176,7 +179,13 @@ def _peak(values: Float, plan: Plan, axes: ControllerAxes, unit: float, digits: 
     }
 
 
-def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: LimitedFeed | None = None) -> PredictionData:
+def prediction(
+    plan: Plan,
+    cell: Cell,
+    summary: dict[str, Any],
+    limited: LimitedFeed | None = None,
+    program: str | Path | None = None,
+) -> PredictionData:
     """The page of a plan.
 
     Args:
@@ -184,6 +193,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
         cell: Its cell.
         summary: Of the job.
         limited: What limits made of the feed.
+        program: The program as it was given, for commands; None is its name alone.
     """
     predicted = summary["prediction"]
     worst = predicted["peak_deflection_um"]
@@ -205,11 +215,8 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
     notes += [f"{text[0].upper()}{text[1:]}." for text in stiffness_remarks(plan, cell)]
     slowed = calm_feed_text(summary["calm_feed"])
     notes += [f"{slowed[0].upper()}{slowed[1:]}."] if slowed else []
-    if predicted["extrapolated_force_share"] > 0.0:
-        notes.append(
-            f"{100 * predicted['extrapolated_force_share']:.2g} % of the force comes from chips outside the range "
-            "of the cutting constants."
-        )
+    chips = extrapolation_text(predicted["extrapolation"])
+    notes += [f"{chips.partition(': ')[2]}."] if chips else []
     swinging = [*chatter_warnings(predicted["chatter"]), *swing_warnings(predicted["lasting_swings"])]
     notes += [f"{text[0].upper()}{text[1:]}." for text in swinging]
     notes += [
@@ -235,7 +242,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
         drawing=drawing(plan, cell),
         feed=None if limited is None else _feed(limited),
         load=to_load(summary, cell, np.unique(plan.path.tool[plan.cutting]).tolist()),
-        next_steps=after_compensation(summary, cell),
+        next_steps=after_compensation(summary, cell, summary["program"] if program is None else program),
     )
 
 
@@ -291,6 +298,7 @@ def summary_of(
         tolerance_m: Largest distance between the written path and the planned one.
     """
     predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell)
+    predicted["extrapolation"] = extrapolation(plan, cell.force_law)
     remarks = (
         *stiffness_remarks(plan, cell),
         *doubtful_readings(job.program),

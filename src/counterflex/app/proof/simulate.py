@@ -17,6 +17,7 @@ from counterflex.app.robot_programs import companions
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.cutting.removal import remove_tool_path
@@ -261,7 +262,7 @@ def check_same_cell(cell: Cell, truth: Truth, where: str) -> None:
         FileFormatError: It is another cell's.
     """
     nominal = truth_of(cell, None)
-    hint = "Make one from this cell: counterflex truth CELL --out FILE"
+    hint = f"Make one from this cell: {next_command('truth', 'CELL', out='FILE')}"
     names, expected = [body.name for body in truth.bodies], [body.name for body in nominal.bodies]
     if names != expected:
         raise FileFormatError(

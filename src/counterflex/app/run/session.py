@@ -134,7 +134,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         OutputError: A port or the sensor cannot be reached.
     """
     read = None if settings.plan is None else read_plan(settings.plan)
-    cell = cell_of_run(settings.cell, read)
+    cell = cell_of_run(settings.cell, read, settings.plan)
     require_plausible(cell)
     if read is not None:
         _require_upright(read[1], settings.plan)

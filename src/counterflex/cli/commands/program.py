@@ -263,6 +263,7 @@ def _written_rows(written: dict[str, Any]) -> list[list[str]]:
 
 
 def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
+    from counterflex.app.compensation.chip_remark import extrapolation_text
     from counterflex.app.compensation.prediction import calm_feed_text
     from counterflex.app.prediction_interval import interval_text
 
@@ -285,9 +286,8 @@ def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
     print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
     if slowed := calm_feed_text(summary["calm_feed"]):
         typer.echo(slowed)
-    if prediction["extrapolated_force_share"] > 0.0:
-        share = 100 * prediction["extrapolated_force_share"]
-        typer.echo(f"note: {share:.2g} % of the force comes from chips outside the range of the cutting constants")
+    if chips := extrapolation_text(prediction["extrapolation"]):
+        typer.echo(chips)
     for collision in prediction["collisions"]:
         typer.echo(f"warning: rapid in line {collision['line']} cuts {collision['volume_mm3']:.1f} mm3 of material")
     for warning in summary["written"].get("warnings", []):

@@ -12,6 +12,7 @@ from counterflex.cli.arguments import numbers
 from counterflex.cli.commands.cell_import import cell_import
 from counterflex.cli.output import print_json, print_table
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 Target = Annotated[
@@ -318,7 +319,7 @@ def cell_check(
                 [entry["recipe"], entry["date"], ", ".join(entry["data"]), entry["holdout"], *_seen(entry["values"])]
                 for entry in answer["identified"]
             ],
-            note="Values with their standard deviations: counterflex cell check CELL --json.",
+            note=f"Values with their standard deviations: {next_command('cell check', 'CELL', json=True)}",
         )
     if answer["unknowns"] is not None:
         _show_unknowns(answer["unknowns"])
@@ -384,6 +385,8 @@ def cell_example(
         typer.echo(f"wrote {path}")
     if robot not in (None, examples.ROBOT):
         typer.echo(
-            "the part stands where it suits the KR 300; choose its place: counterflex plan placement groove.ngc "
-            f"--cell {out.stem}-small{out.suffix} --out placed"
+            "the part stands where it suits the KR 300; choose its place: "
+            + next_command(
+                "plan placement", out.with_name("groove.ngc"), cell=out.with_stem(f"{out.stem}-small"), out="placed"
+            )
         )

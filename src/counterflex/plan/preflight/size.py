@@ -76,7 +76,7 @@ def _points_row(size: ProgramSize) -> Row:
             "",
             None,
             f"motions in {size.language}, in one file" + (f"; {size.source}" if over else ""),
-            advice="Divide the program, or write it anew with counterflex convert --points-per-file" if over else "",
+            advice="Divide the program, or write it anew in parts with counterflex convert" if over else "",
         )
     files = f"{main} calls {len(parts)} files, {parts[0]} to {parts[-1]}" if parts else f"one file, {main}"
     text = f"motions in {size.language} without corrections: {files}"

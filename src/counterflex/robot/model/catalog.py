@@ -7,7 +7,6 @@ is rigid, or massless.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import tomllib
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from counterflex.core.arrays import Float, frozen
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.registry import Registry
+from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, MM, URAD_PER_KNM
 from counterflex.geometry import pose
 from counterflex.robot.model.controller_axes import (
@@ -194,11 +194,6 @@ class EndEffectorElement:
     frame: Provenance
 
 
-def _letters(name: str) -> str:
-    """Letters and digits of a name, lower case: what is left when spelling habits are taken away."""
-    return "".join(letter for letter in name.lower() if letter.isalnum())
-
-
 def names() -> list[str]:
     """Names of all robots in the catalogue and of other packages (``counterflex.robots``), sorted."""
     return sorted({*_own_names(), *OTHER_ROBOTS})
@@ -234,9 +229,7 @@ def entry(name: str) -> CatalogEntry:
         FileFormatError: The file breaks the format.
     """
     if name not in names():
-        plain = _letters(name)
-        near = [known for known in names() if plain and plain in _letters(known)][:5]
-        near = near or difflib.get_close_matches(name.lower(), names(), n=3, cutoff=0.4)
+        near = close_to(name, names(), 5)
         raise InputError(
             f"no robot {name!r} in the catalogue",
             limit="one of " + ", ".join(near) if near else None,
