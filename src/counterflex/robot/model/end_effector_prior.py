@@ -17,7 +17,7 @@ _HAEHN_NM_PER_RAD: Final = (1.9e5, 6.7e4, 9.1e4)
 _DENKENA_M_PER_N: Final = (0.125e-6, 0.137e-6)
 """Across the tool, at its tip: Denkena2015 table 1, without strain gauges."""
 _DENKENA_LEVER_M: Final = 0.25
-"""From the flange to the tip: not published; the length of such a spindle. 30 % more or less is as much of the median."""
+"""From the flange to the tip: not published; as such spindles are. A third more or less is 30 % of the median."""
 _FACTOR_90: Final = 6.0
 """Nine of ten lie between median / 6 and median * 6: a judgement, the two published ones lie a factor of 4.4 apart."""
 _INSIDE_SIGMA: Final = 1.645
