@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,7 +17,6 @@ from counterflex.files.cell.robot import PlayTable, ServoTable
 from counterflex.geometry import pose
 from counterflex.path.toolpath import FEED
 from counterflex.plan.plan import Plan
-from counterflex.programs.program import Program
 from counterflex.report.data import CellDrawing, Fact
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
 from counterflex.robot.model import catalog
@@ -34,15 +31,6 @@ def robot_name(cell: Cell) -> str:
         return cell.chain.name
     entry = catalog.entry(cell.tables.robot.catalog)
     return f"{entry.manufacturer} {entry.model}"
-
-
-def title_of(program: Program) -> str:
-    """The first comment of a program that says something, otherwise its file name."""
-    for line in program.lines[:20]:
-        comment = re.fullmatch(r"\s*\(([^()]*[A-Za-z]{3}[^()]*)\)\s*", line)
-        if comment:
-            return comment.group(1).strip()
-    return Path(program.name).name
 
 
 def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
