@@ -166,12 +166,26 @@ def require_stiffness(cell: Cell) -> None:
 
 
 def unknown_stiffness(cell: Cell, worse: float = 0.0) -> list[str]:
-    """Warning where axes of the robot have no stiffness or that of the robot's class; none where every axis has one.
+    """Warnings where axes or bodies of the end effector have no stiffness, or that of the robot's class.
 
     Args:
         cell: The cell.
         worse: Share of the robots of the class of which a plan on its median leaves more than there was.
     """
+    return [*_unknown_axes(cell, worse), *_unknown_end_effector(cell)]
+
+
+def _unknown_end_effector(cell: Cell) -> list[str]:
+    bodies = cell.bodies_of_unknown_stiffness
+    if not bodies:
+        return []
+    return [
+        f"no stiffness is known of {', '.join(bodies)}: taken as rigid, though an end effector can yield as much as "
+        "the arm. State it in [[end_effector]] (0 urad/kNm: rigid), or measure it: counterflex identify stiffness"
+    ]
+
+
+def _unknown_axes(cell: Cell, worse: float) -> list[str]:
     given = cell.class_stiffness
     if given is not None:
         low, high = (f"{factor:.1f}" for factor in (given.prior.factor.min(), given.prior.factor.max()))

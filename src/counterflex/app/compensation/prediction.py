@@ -17,7 +17,7 @@ from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
 from counterflex.app.inputs import Job, setting_of
-from counterflex.app.prediction_interval import interval_text, with_intervals
+from counterflex.app.prediction_interval import headline_text, with_intervals, worse_text
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
@@ -30,7 +30,7 @@ from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
 from counterflex.programs.gcode.read.reader import doubtful_readings
-from counterflex.report.data import Fact, FeedData, PredictionData
+from counterflex.report.data import Fact, FeedData, Headline, PredictionData
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions
 
@@ -38,6 +38,8 @@ _OVERSHOOT: Final = 2.0
 _FREE_PLAY_M: Final = 20.0 * UM
 """Beside the overshoot: what play and friction leave open."""
 _LISTED: Final = 6
+_WORSE_M: Final = 1.0 * UM
+"""A line counts as worse from here on: programs are written to a micrometre."""
 
 
 def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
@@ -74,9 +76,38 @@ def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
             continue
         size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[cutting]
         out[f"predicted_{name}"] = path_error(size, _weights(plan)[cutting])
+    out["worse_lines"] = worse_lines(plan)
     out["chatter"] = chatter(plan)
     out["lasting_swings"] = lasting(plan)
     return out
+
+
+def worse_lines(plan: Plan) -> list[dict[str, Any]]:
+    """Lines whose largest predicted path error is larger with compensation than without, the worst first."""
+    if np.any(np.isnan(plan.deviation_compensated_part)):
+        return []
+    before, after = (
+        np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
+        for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
+    )
+    rows = []
+    for line in np.unique(plan.line[plan.cutting]).tolist():
+        at = plan.cutting & (plan.line == line)
+        most, left = float(before[at].max()), float(after[at].max())
+        if left > most + _WORSE_M:
+            rows.append({"line": line, "before_mm": round(most / MM, 4), "after_mm": round(left / MM, 4)})
+    return sorted(rows, key=lambda row: float(row["before_mm"]) - float(row["after_mm"]))
+
+
+def worse_warnings(rows: list[dict[str, Any]]) -> list[str]:
+    """The same in words; empty where no line gets worse."""
+    if not rows:
+        return []
+    worst = rows[0]
+    return [
+        f"compensation makes the predicted error larger in line {_lines(rows)}: most in line {worst['line']}, from "
+        f"{worst['before_mm']:.3f} to {worst['after_mm']:.3f} mm"
+    ]
 
 
 def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
@@ -206,11 +237,7 @@ def prediction(
         Fact("Material removed", f"{predicted['removed_mm3'] / 1000:.1f} cm³"),
         Fact("Programmed time", f"{predicted['duration_s']:.0f} s"),
     ]
-    for name, what in (("nominal", "before"), ("compensated", "after")):
-        if f"predicted_{name}" in predicted:
-            error = predicted[f"predicted_{name}"]
-            note = "; ".join(["99.7 % of the path length in the cut", *filter(None, [interval_text(error)])])
-            facts.append(Fact(f"Predicted path error {what}", f"{error['p997_mm']:.3f} mm", note))
+    facts += [Fact(*row) for row in error_rows(predicted)]
     notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
     notes += [f"{text[0].upper()}{text[1:]}." for text in stiffness_remarks(plan, cell)]
     slowed = calm_feed_text(summary["calm_feed"])
@@ -219,6 +246,7 @@ def prediction(
     notes += [f"{chips.partition(': ')[2]}."] if chips else []
     swinging = [*chatter_warnings(predicted["chatter"]), *swing_warnings(predicted["lasting_swings"])]
     notes += [f"{text[0].upper()}{text[1:]}." for text in swinging]
+    notes += [f"{text[0].upper()}{text[1:]}." for text in worse_warnings(predicted["worse_lines"])]
     notes += [
         f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in predicted["collisions"]
     ]
@@ -246,6 +274,26 @@ def prediction(
     )
 
 
+def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Name, value, remark of the predicted path errors, the figures to plan with first; none without a prediction."""
+    if "predicted_compensated" not in predicted:
+        return []
+    rows: list[tuple[str, str, str]] = []
+    headline, share = predicted.get("headline"), "99.7 % of the path in the cut"
+    if headline is not None:
+        rows = [
+            (f"Expected path error {what}", headline_text(headline[f"{what}_mm"]), share)
+            for what in ("before", "after")
+        ]
+        worse = worse_text(headline["probability_of_worse"])
+        rows.append(("Probability that compensation makes it worse", worse, "by all that is not known of the cell"))
+    for name, what in (("nominal", "before"), ("compensated", "after")):
+        error = predicted[f"predicted_{name}"]
+        text = f"{error['p997_mm']:.3f} mm, largest {error['max_mm']:.3f} mm"
+        rows.append((f"Model without its unknowns, {what}", text, share))
+    return rows
+
+
 def _feed(limited: LimitedFeed) -> FeedData:
     path = limited.path
     way = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1))
@@ -260,9 +308,18 @@ def _errors(plan: Plan, prediction: dict[str, Any]) -> dict[str, Any]:
         np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
         for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
     )
+    return {"error_before_m": before, "error_after_m": after, "headline": _headline(prediction)}
+
+
+def _headline(prediction: Mapping[str, Any]) -> Headline:
+    """The figures to plan with; those of the model alone where the unknowns were not counted."""
     first, last = prediction["predicted_nominal"], prediction["predicted_compensated"]
-    headline = (first["p997_mm"], last["p997_mm"], first["max_mm"], last["max_mm"])
-    return {"error_before_m": before, "error_after_m": after, "headline_mm": headline}
+    model = (first["p997_mm"], last["p997_mm"])
+    found = prediction.get("headline")
+    if found is None:
+        return Headline(model)
+    worse = worse_text(found["probability_of_worse"])
+    return Headline(model, tuple(found["before_mm"]), tuple(found["after_mm"]), worse)
 
 
 def beyond_measured(cell: Cell, plan: Plan) -> list[str]:
@@ -305,6 +362,7 @@ def summary_of(
         *beyond_measured(cell, plan),
         *chatter_warnings(predicted["chatter"]),
         *swing_warnings(predicted["lasting_swings"]),
+        *worse_warnings(predicted["worse_lines"]),
         *grain_warnings(job, plan, cell),
     )
     written = written | {

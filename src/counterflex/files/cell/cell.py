@@ -182,6 +182,16 @@ class Cell:
         return unknown_axes(self.nominal_robot, self.tables.robot)
 
     @cached_property
+    def bodies_of_unknown_stiffness(self) -> tuple[str, ...]:
+        """Names of the bodies beyond the flange that state no compliance (0 states a rigid one): taken as rigid.
+
+        Empty where the end effector is no spindle: a cell without tools, or a robot that holds the part.
+        """
+        if not self.tables.tools or self.holds_part:
+            return ()
+        return tuple(body.name for body in self.tables.end_effector if not body.states_compliance)
+
+    @cached_property
     def controller_chain(self) -> ElasticChain:
         """The chain as the robot controller has it, without calibrations; ``chain`` itself where there are none."""
         if not self.tables.robot.calibration:
