@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.programs.test_krl_in_place import corrected, read_back
 
 from counterflex.geometry import pose
 from counterflex.programs.krl.in_place import write_krl_in_place
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.reader import job_files, read_krl_file
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-from tests.programs.test_krl_in_place import corrected, read_back
 
 FOLDER = Path(__file__).parent / "krl_forms"
 CELL = KrlCell(

@@ -6,6 +6,7 @@ import re
 from typing import Final, NamedTuple
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import ExpressionError, Value
 from counterflex.programs.fanuc.read.listing import Statement
 from counterflex.programs.fanuc.read.motion_form import MOTION
 from counterflex.programs.fanuc.read.motions import MotionExecution
@@ -13,7 +14,6 @@ from counterflex.programs.fanuc.read.routine import Folder, Routine, fault
 from counterflex.programs.fanuc.read.table import row_of
 from counterflex.programs.fanuc.read.values import plain_code
 from counterflex.programs.program import Block
-from counterflex.programs.robot_text.expression import ExpressionError, Value
 from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known

@@ -6,13 +6,13 @@ import re
 from abc import abstractmethod
 from typing import Final, cast
 
+from counterflex.programs.expression import is_number
 from counterflex.programs.fanuc.read.branches import Branches, Step, divided
 from counterflex.programs.fanuc.read.listing import Statement
 from counterflex.programs.fanuc.read.motion_form import MOTION
 from counterflex.programs.fanuc.read.routine import Routine, fault
 from counterflex.programs.fanuc.read.table import row_of
 from counterflex.programs.fanuc.read.values import plain_code
-from counterflex.programs.robot_text.expression import is_number
 from counterflex.programs.unknown import Unknown, known
 
 _I: Final = re.IGNORECASE

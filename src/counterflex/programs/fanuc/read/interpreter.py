@@ -10,6 +10,7 @@ from typing import Final, cast
 import numpy as np
 
 from counterflex.core.units import MM_PER_S
+from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.fanuc.program import FanucMotion
 from counterflex.programs.fanuc.read.branches import ASSIGNED, Step, divided
 from counterflex.programs.fanuc.read.flow import JUMP, Flow
@@ -19,7 +20,6 @@ from counterflex.programs.fanuc.read.motion_form import MOTION
 from counterflex.programs.fanuc.read.routine import Folder, Routine, fault
 from counterflex.programs.fanuc.read.table import ACTING, row_of
 from counterflex.programs.program import Word
-from counterflex.programs.robot_text.expression import ExpressionError, Value, is_number
 from counterflex.programs.robot_text.process_words import NUMBER, ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known

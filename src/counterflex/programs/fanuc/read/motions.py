@@ -12,6 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
+from counterflex.programs.expression import Value
 from counterflex.programs.fanuc.program import FanucMotion
 from counterflex.programs.fanuc.read.arcs import arcs_of
 from counterflex.programs.fanuc.read.frames import FanucCell, Frames, position_of
@@ -22,7 +23,6 @@ from counterflex.programs.fanuc.read.targets import Target, Targets
 from counterflex.programs.fanuc.read.values import CONFIG, Values
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.execution import Execution
-from counterflex.programs.robot_text.expression import Value
 from counterflex.programs.unknown import Unknown, known
 
 _PLACE: Final = "such places before the first target and behind the last one"

@@ -12,6 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
+from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.fanuc.program import LETTERS, FanucPosition, frame_of
 from counterflex.programs.fanuc.read.frames import FanucCell, Frames, matrix_of, position_of
 from counterflex.programs.fanuc.read.listing import Statement
@@ -19,7 +20,6 @@ from counterflex.programs.fanuc.read.motion_form import UNITS, MotionForm, Targe
 from counterflex.programs.fanuc.read.routine import Routine, fault
 from counterflex.programs.fanuc.read.values import CONFIG, Values, plain_code
 from counterflex.programs.robot_text.cell import ExternalAxes
-from counterflex.programs.robot_text.expression import ExpressionError, Value, is_number
 from counterflex.programs.unknown import Unknown, first_unknown, known
 
 _LARGEST_M_S: Final = 20.0

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, cast
 
+from counterflex.programs.expression import ExpressionError, Grammar, Node, Value, evaluate, is_number, parse
 from counterflex.programs.fanuc.program import LETTERS, FanucPosition
-from counterflex.programs.robot_text.expression import ExpressionError, Grammar, Node, Value, evaluate, is_number, parse
 from counterflex.programs.unknown import Unknown
 
 CONFIG: Final = "CONFIG"

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import Call, ExpressionError, Literal, Name, Node, parse
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.blocks import Block, Blocks, blocks_of
 from counterflex.programs.krl.read.frames import KrlCell
@@ -21,7 +22,6 @@ from counterflex.programs.krl.read.table import WORDS
 from counterflex.programs.krl.read.values import GRAMMAR, Value, tree
 from counterflex.programs.program import Block as Executed
 from counterflex.programs.robot_text.execution import Execution
-from counterflex.programs.robot_text.expression import Call, ExpressionError, Literal, Name, Node, parse
 from counterflex.programs.unknown import Unknown, known
 
 _MOST_STATEMENTS: Final = 5_000_000

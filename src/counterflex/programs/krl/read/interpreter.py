@@ -13,6 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, RPM
 from counterflex.geometry import pose
+from counterflex.programs.expression import is_number
 from counterflex.programs.krl.program import KrlMotion
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.frames import KrlCell
@@ -24,7 +25,6 @@ from counterflex.programs.krl.read.targets import Place, Targets
 from counterflex.programs.krl.read.values import AXES, Value, record_of
 from counterflex.programs.krl.with_clause import WithClause, WithFault, with_clause
 from counterflex.programs.program import Motion, Word
-from counterflex.programs.robot_text.expression import is_number
 from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known

@@ -9,6 +9,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
+from counterflex.programs.expression import ExpressionError, Node, evaluate
 from counterflex.programs.krl.program import LETTERS
 from counterflex.programs.krl.read.data_list import DataList, Named
 from counterflex.programs.krl.read.frames import KrlCell
@@ -24,7 +25,6 @@ from counterflex.programs.krl.read.values import (
     matrix_of,
     tree,
 )  # fmt: skip
-from counterflex.programs.robot_text.expression import ExpressionError, Node, evaluate
 from counterflex.programs.unknown import Unknown, first_unknown
 
 Path = Sequence[object]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from counterflex.programs.expression import Call, ExpressionError, Name, Node, is_number, parse
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.data_list import DECLARED, IMPORT, SIGNAL, key_of
 from counterflex.programs.krl.read.flow import Flow
@@ -11,7 +12,6 @@ from counterflex.programs.krl.read.frames import Frames, KrlCell
 from counterflex.programs.krl.read.job import Job
 from counterflex.programs.krl.read.table import TABLE
 from counterflex.programs.krl.read.values import GRAMMAR, StoredFrame, Value, is_frame, matrix_of
-from counterflex.programs.robot_text.expression import Call, ExpressionError, Name, Node, is_number, parse
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, first_unknown, known
 

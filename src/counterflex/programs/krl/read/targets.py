@@ -16,6 +16,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.circle import turned
+from counterflex.programs.expression import ExpressionError, Name, Node, parse
 from counterflex.programs.krl.program import LETTERS, Component, KrlMotion, Target
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.data_list import Named
@@ -28,7 +29,6 @@ from counterflex.programs.krl.with_clause import WithClause, WithFault, with_cla
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.cell import ExternalAxes
 from counterflex.programs.robot_text.execution import arc_through
-from counterflex.programs.robot_text.expression import ExpressionError, Name, Node, parse
 from counterflex.programs.unknown import Unknown, known
 
 _MENTION: Final = re.compile(r"([A-Za-z$]\w*)(\s*\[[^\]]*\])?")

@@ -20,9 +20,9 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
+from counterflex.programs.expression import ExpressionError, Grammar, Node, is_number, parse_whole
+from counterflex.programs.expression import Value as Value
 from counterflex.programs.krl.program import LETTERS
-from counterflex.programs.robot_text.expression import ExpressionError, Grammar, Node, is_number, parse_whole
-from counterflex.programs.robot_text.expression import Value as Value
 from counterflex.programs.unknown import Unknown
 
 _LONGEST_INTEGER: Final = 15

@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import rotation
-from counterflex.programs.robot_text.expression import ExpressionError, Grammar, is_number
+from counterflex.programs.expression import ExpressionError, Grammar, is_number
 from counterflex.programs.unknown import Unknown
 
 Options = Mapping[str, object]

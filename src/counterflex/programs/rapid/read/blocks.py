@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import ExpressionError, Node, parse, parse_whole
 from counterflex.programs.rapid.read.arithmetic import GRAMMAR
 from counterflex.programs.rapid.read.scanner import Source, Statement
-from counterflex.programs.robot_text.expression import ExpressionError, Node, parse, parse_whole
 
 _OPENS: Final = {"IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "TEST": "ENDTEST"}
 _HANDLERS: Final = frozenset(("ERROR", "UNDO", "BACKWARD"))

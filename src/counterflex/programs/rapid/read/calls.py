@@ -10,6 +10,7 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import Call, ExpressionError, Name, Node, evaluate
 from counterflex.programs.rapid.read.arithmetic import FUNCTIONS, GRAMMAR, WITH_OPTIONS, pose_product
 from counterflex.programs.rapid.read.literals import arguments
 from counterflex.programs.rapid.read.memory import Memory, Reference, Variable
@@ -17,7 +18,6 @@ from counterflex.programs.rapid.read.routines import Modules, Parameter, Routine
 from counterflex.programs.rapid.read.scanner import Source, Statement
 from counterflex.programs.rapid.read.types import copy_of
 from counterflex.programs.rapid.table import FUNCTION_OUTPUTS, TABLE
-from counterflex.programs.robot_text.expression import Call, ExpressionError, Name, Node, evaluate
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, first_unknown
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from counterflex.programs.expression import Aggregate, Call, Name, Node, Operator
 from counterflex.programs.rapid.read.blocks import Choice, Label, Loop, Simple, Tree
 from counterflex.programs.rapid.read.literals import arguments
 from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Statement
 from counterflex.programs.rapid.table import OUTPUTS, SETS_MOTION, TABLE
-from counterflex.programs.robot_text.expression import Aggregate, Call, Name, Node, Operator
 from counterflex.programs.statement_table import Treatment
 
 _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*)\s*(?:\{[^}]*\}|\.\s*\w+)*\s*:=", re.IGNORECASE)

@@ -8,13 +8,13 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import Node, is_number
 from counterflex.programs.rapid.read.blocks import Choice, Label, Loop, Simple, Tree
 from counterflex.programs.rapid.read.effects import Effects, EffectsOf
 from counterflex.programs.rapid.read.memory import Memory, Reference, Variable
 from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Source, Statement
 from counterflex.programs.rapid.table import FORMS
-from counterflex.programs.robot_text.expression import Node, is_number
 from counterflex.programs.unknown import Unknown
 
 _NEAR: Final = 1e-5

@@ -13,10 +13,10 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
+from counterflex.programs.expression import is_number
 from counterflex.programs.rapid.read.arithmetic import matrix
 from counterflex.programs.rapid.read.memory import Memory
 from counterflex.programs.robot_text.cell import RobotTextCell
-from counterflex.programs.robot_text.expression import is_number
 from counterflex.programs.unknown import known
 
 _UNIT: Final = 1e-3

@@ -13,6 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
+from counterflex.programs.expression import is_number
 from counterflex.programs.rapid.program import RapidMotion
 from counterflex.programs.rapid.read.arithmetic import matrix, pose_inverse, pose_product
 from counterflex.programs.rapid.read.effects import EffectsOf
@@ -21,7 +22,6 @@ from counterflex.programs.rapid.read.memory import Memory, Reference
 from counterflex.programs.rapid.read.motions import Motions
 from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Statement
-from counterflex.programs.robot_text.expression import is_number
 from counterflex.programs.unknown import Unknown, known
 
 _CONNECT: Final = re.compile(r"CONNECT\s+(\w+)\s+WITH\s+(\w+)\s*", re.IGNORECASE)

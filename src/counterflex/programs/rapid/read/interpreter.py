@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import is_number
 from counterflex.programs.program import Block, Word
 from counterflex.programs.rapid.program import RoutineCall
 from counterflex.programs.rapid.read.blocks import Simple
@@ -23,7 +24,6 @@ from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Source, Statement, statements_of
 from counterflex.programs.rapid.read.targets import Targets
 from counterflex.programs.rapid.table import ACTS, FORMS, TABLE
-from counterflex.programs.robot_text.expression import is_number
 from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known

@@ -9,12 +9,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.rapid.read.arithmetic import GRAMMAR
-from counterflex.programs.rapid.read.literals import robtarget_literal
-from counterflex.programs.rapid.read.routines import Declared, Module, Modules, Routine
-from counterflex.programs.rapid.read.scanner import Source
-from counterflex.programs.rapid.read.types import PREDEFINED, Types, copy_of
-from counterflex.programs.robot_text.expression import (
+from counterflex.programs.expression import (
     ExpressionError,
     Name,
     Node,
@@ -23,6 +18,11 @@ from counterflex.programs.robot_text.expression import (
     is_number,
     parse_whole,
 )
+from counterflex.programs.rapid.read.arithmetic import GRAMMAR
+from counterflex.programs.rapid.read.literals import robtarget_literal
+from counterflex.programs.rapid.read.routines import Declared, Module, Modules, Routine
+from counterflex.programs.rapid.read.scanner import Source
+from counterflex.programs.rapid.read.types import PREDEFINED, Types, copy_of
 from counterflex.programs.unknown import Unknown
 
 _PENDING: Final = object()

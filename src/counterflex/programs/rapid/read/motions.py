@@ -15,6 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
+from counterflex.programs.expression import is_number
 from counterflex.programs.program import Modal, Word
 from counterflex.programs.rapid.program import RapidMotion, RapidTarget, RoutineCall
 from counterflex.programs.rapid.read.arithmetic import matrix
@@ -27,7 +28,6 @@ from counterflex.programs.rapid.read.scanner import Source, Statement
 from counterflex.programs.rapid.read.targets import Speed, Targets
 from counterflex.programs.rapid.table import FORMS, Form
 from counterflex.programs.robot_text.execution import Execution
-from counterflex.programs.robot_text.expression import is_number
 from counterflex.programs.robot_text.process_words import NUMBER
 from counterflex.programs.unknown import first_unknown, known
 

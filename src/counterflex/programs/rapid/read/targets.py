@@ -11,6 +11,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, MM_PER_S
+from counterflex.programs.expression import Name, is_number
 from counterflex.programs.rapid.program import RapidTarget
 from counterflex.programs.rapid.read.literals import (
     Aggregate,
@@ -23,7 +24,6 @@ from counterflex.programs.rapid.read.literals import (
 )
 from counterflex.programs.rapid.read.memory import Memory, Reference
 from counterflex.programs.robot_text.cell import ExternalAxes, RobotTextCell
-from counterflex.programs.robot_text.expression import Name, is_number
 from counterflex.programs.robot_text.process_words import NUMBER
 from counterflex.programs.unknown import Unknown, first_unknown, known
 

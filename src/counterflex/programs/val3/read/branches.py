@@ -6,8 +6,8 @@ import re
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import ExpressionError, Value
 from counterflex.programs.program import Block
-from counterflex.programs.robot_text.expression import ExpressionError, Value
 from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.statement_table import Statement, Treatment
 from counterflex.programs.unknown import Unknown, known

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import cast
 
-from counterflex.programs.robot_text.expression import Value, is_number
+from counterflex.programs.expression import Value, is_number
 from counterflex.programs.unknown import Unknown
 from counterflex.programs.val3.read.branches import FOR, Branches
 from counterflex.programs.val3.read.program_file import Routine, arguments

@@ -11,8 +11,8 @@ from typing import Final, cast
 import numpy as np
 
 from counterflex.geometry import pose
+from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.program import Word
-from counterflex.programs.robot_text.expression import ExpressionError, Value, is_number
 from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, first_unknown, known

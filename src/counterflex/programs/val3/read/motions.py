@@ -14,11 +14,11 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
+from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Word
 from counterflex.programs.robot_text.cell import RobotTextCell
 from counterflex.programs.robot_text.execution import Execution
-from counterflex.programs.robot_text.expression import ExpressionError, Value, is_number
 from counterflex.programs.unknown import Unknown, first_unknown, known
 from counterflex.programs.val3.program import Key, Val3Motion
 from counterflex.programs.val3.read.program_file import Routine, arguments

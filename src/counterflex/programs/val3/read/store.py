@@ -10,7 +10,7 @@ from typing import Final, cast
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.programs.robot_text.expression import (
+from counterflex.programs.expression import (
     ExpressionError,
     Name,
     Node,

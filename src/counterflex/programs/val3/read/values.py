@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
-from counterflex.programs.robot_text.expression import ExpressionError, Grammar, Value, is_number
+from counterflex.programs.expression import ExpressionError, Grammar, Value, is_number
 from counterflex.programs.unknown import Unknown, first_unknown
 from counterflex.programs.val3.program import LETTERS, Key, Val3Value, frame_of, rotations_of
 from counterflex.programs.val3.read.data_file import DataFile
