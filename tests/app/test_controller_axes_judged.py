@@ -15,8 +15,10 @@ from scipy.spatial.transform import Rotation
 import controller_arms as judge
 from controller_arms import Arm, Matrix
 from counterflex.app.compensation.compensate import compensate
+from counterflex.app.robot_axes import tcp_of_axes
 from counterflex.app.robot_programs import robot_cell
 from counterflex.core.errors import ProgramError, ReachError
+from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
 from counterflex.programs.reading import read_program_file
 from counterflex.robot.model import catalog
@@ -124,6 +126,9 @@ def check(folder: Path, robot: str, arm: Arm, maker: str, draw: np.random.Genera
     off = float(np.linalg.norm(reached[:3, 3] - commanded[:3, 3]))
     assert off < TIP_MM, f"{maker}: the tip is {off:.6f} mm from the commanded start"
     np.testing.assert_allclose(reached[:3, :3], commanded[:3, :3], atol=2e-6)
+    read_back = tcp_of_axes(cell, language, start.axes * DEG)  # what a reader makes of the axes
+    np.testing.assert_allclose(read_back[:3, 3] * 1e3, reached[:3, 3], atol=1e-6)
+    np.testing.assert_allclose(read_back[:3, :3], reached[:3, :3], atol=1e-9)
     if start.points is not None:
         assert np.all(np.sum(start.points[1:] * start.points[:-1], axis=1) > 0.0)
     return True
@@ -361,7 +366,8 @@ def test_j3_of_a_fanuc_counts_from_the_horizontal(tmp_path: Path) -> None:
     text += "[controller.spindle.fanuc]\nclockwise = []\noff = []\ntool_change = []\n"
     (tmp_path / "cell.toml").write_text(text, encoding="utf-8")
     (tmp_path / "groove.ngc").write_text(
-        "G17 G54 G40 G49 G80 G90\nG21\nM6 T1\nG43 H1\nM3 S13000\nG0 Z60\nG0 X-12 Y15\nG0 Z42\nG1 Z41 F3000\nG0 Z60\nM5\nM30\n",
+        "G17 G54 G40 G49 G80 G90\nG21\nM6 T1\nG43 H1\nM3 S13000\nG0 Z60\nG0 X-12 Y15\nG0 Z42\n"
+        "G1 Z41 F3000\nG0 Z60\nM5\nM30\n",
         encoding="ascii",
     )
     cell = read_cell(tmp_path / "cell.toml")
