@@ -119,8 +119,8 @@ def check(folder: Path, robot: str, arm: Arm, maker: str, draw: np.random.Genera
         np.testing.assert_allclose(start.T_flange_tool, T_flange_tcp, atol=6e-4)
     if start.T_world_part is not None:
         high = world == "axis 2" and MAKERS[of or maker][1] == "axis 2"
-        T_plate_frames = judge.shift(z=arm.base if high else 0.0)
-        np.testing.assert_allclose(T_plate_frames @ start.T_world_part, T_plate_part, atol=6e-4)
+        lift = judge.shift(z=arm.base if high else 0.0)
+        np.testing.assert_allclose(lift @ start.T_world_part, T_plate_part, atol=6e-4)
     reached = T_plate_world @ forward(arm, start.axes) @ T_flange_tcp
     commanded = T_plate_part @ start.T_part_tcp
     off = float(np.linalg.norm(reached[:3, 3] - commanded[:3, 3]))
