@@ -154,6 +154,7 @@ def preflight(
         turns, load_rows = _loads(result, contact, fine, q, setting)
         along = _along(first, q, setting, bounds, written, turns, cutting[:reached])
         rows += _joint_rows(first, solution, margin, along, bounds)
+        rows += joint_checks.coupled_rows(setting.controller_chain.axes)
         rows += collision_rows(
             setting.controller_chain, bodies, q, fine.tool[:reached], setting.T_base_part, bounds.clearance_m,
             parts[COLLISION],
