@@ -50,6 +50,8 @@ HAZARDS: Final = (
            "0; scaled smallest singular value 0.005", ("robot", "part"), "fail"),
     Hazard("joint limits", "smallest distance of an axis to its limit", "`limits.joint_margin_deg`",
            ("limits.joint_margin_deg",), "fail"),
+    Hazard("axis 3 against the upper arm", 
+           "angle between the arms, where the controller counts axis 3 from the horizontal", "the key; one of the joint limits", ("robot.controller_axes.axis_3_to_upper_arm_deg!",), "fail"),
     Hazard("wrist singularity", "smallest angle between axes 4 and 6", "`limits.wrist_singularity_deg`",
            ("limits.wrist_singularity_deg",), "fail"),
     Hazard("joint speed at feed", "axis nearest to its limit", "the key, or the catalogue", (_RATES[0],), "fail"),
