@@ -465,7 +465,10 @@ def test_refused_statements_are_refused_with_their_remedy(row: object) -> None:
     ("body", "subs", "says"),
     [
         # an interrupt may set it again at any time
-        ("INTERRUPT DECL 5 WHEN $IN[1] DO SLOW( )\n$VEL.CP=0.02", "DEF SLOW()\n$VEL.CP=0.001\nEND\n", "an interrupt does it"),
+        (
+            "INTERRUPT DECL 5 WHEN $IN[1] DO SLOW( )\n$VEL.CP=0.02", "DEF SLOW()\n$VEL.CP=0.001\nEND\n",
+            "an interrupt does it",
+        ),
         # without :IN or :OUT it is not known whether the caller's variable changes
         ("V=0.02\nTWICE(V)\n$VEL.CP=V", "DEF TWICE(X)\nREAL X\nX=2*X\nEND\n", "whether X is IN or OUT"),
         ("$VEL.CP=CHIPS", "", "CHIPS is an input or output"),

@@ -119,7 +119,7 @@ def job_files(path: Path) -> tuple[Path, ...]:
     try:
         text, encoding = _decoded(path)
         folder = Folder(path, encoding)
-        found: dict[str, None] = {}
+        taken: dict[str, None] = {}
         texts = [(path.stem, text)]
         while texts:
             stem, text = texts.pop()
@@ -127,12 +127,12 @@ def job_files(path: Path) -> tuple[Path, ...]:
             for name in folder:
                 own, suffix = PurePath(name).stem.upper(), PurePath(name).suffix.lower()
                 data = suffix == ".dat" and (own == stem.upper() or own in words)
-                if name not in found and (data or (suffix == ".src" and own in words) or _shares(folder[name], words)):
-                    found[name] = None
+                if name not in taken and (data or (suffix == ".src" and own in words) or _shares(folder[name], words)):
+                    taken[name] = None
                     texts.append((PurePath(name).stem, folder[name]))
     except (OSError, ProgramError):
         return ()
-    return tuple(path.parent / name for name in found)
+    return tuple(path.parent / name for name in taken)
 
 
 def _shares(text: str, words: set[str]) -> bool:
