@@ -180,11 +180,12 @@ def test_loops(body: str, wanted: list[float]) -> None:
         "N=1\nLOOP\nN=N+1\nIF N<0 THEN\nEXIT\nENDIF\nENDLOOP",
         "N=1\nWHILE N<>0\nN=N+1\nENDWHILE",
         "MYSELF()",
+        f"FOR I=1 TO 2000000000\n{FIRST}ENDFOR",
     ],
 )
 def test_a_program_without_end_ends_in_one_line(body: str) -> None:
     message = refusal(body, subs="DEF MYSELF()\nMYSELF()\nEND\n")
-    assert "never end" in message or "calls itself" in message
+    assert any(says in message for says in ("never end", "calls itself", "more passes than any part"))
 
 
 # ---- speeds and modes ------------------------------------------------------------------------------------------

@@ -19,14 +19,10 @@ from counterflex.programs.krl.read.variables import Activation
 from counterflex.programs.robot_text.expression import ExpressionError, parse
 from counterflex.programs.unknown import Unknown, known
 
-_MOST_STATEMENTS: Final = 5_000_000
-"""A program of 200 000 points executes 0.4 million statements."""
-_MOST_PASSES: Final = 100_000
-"""Passes of WHILE, LOOP, REPEAT and backward GOTO: 300 levels of 300 rows; a loop without end stops within seconds."""
-_LARGEST: Final = 2.0**31
-"""Limit of an INT."""
-_DEEPEST: Final = 100
-"""Calls within each other; KUKA's own limit of nested calls is lower (NEST_MAX of the interpreter)."""
+_MOST_PASSES: Final = 20_000
+"""Passes of WHILE, LOOP, REPEAT and backward GOTO: 100 levels of 200 rows; a loop without end stops within seconds."""
+_MOST_COUNTED: Final = 1_000_000
+"""Passes of one FOR loop: more points than any part has."""
 
 
 class Flow(Routines):
@@ -99,6 +95,11 @@ class Flow(Routines):
         first, last, step = (self._number(value, code, "a limit of the loop") for value in values)
         if step == 0:
             raise self._fault("a loop with steps of 0 never ends", code)
+        if (last - first) / step > _MOST_COUNTED:
+            raise self._fault(
+                "a loop makes more passes than any part has points", code, limit=f"{_MOST_COUNTED}",
+                hint="Post one pass of the path",
+            )  # fmt: skip
         self.memory.assign(match[1], (), round(first))
         self.memory.here.counters[block.start] = last, step
         if (first > last) if step > 0 else (first < last):

@@ -20,10 +20,8 @@ from counterflex.programs.robot_text.execution import Execution
 from counterflex.programs.robot_text.expression import Call, ExpressionError, Literal, Name, Node
 from counterflex.programs.unknown import Unknown
 
-_MOST_STATEMENTS: Final = 5_000_000
+_MOST_STATEMENTS: Final = 2_000_000
 """A program of 200 000 points executes 0.4 million statements."""
-_MOST_PASSES: Final = 100_000
-"""Passes of WHILE, LOOP, REPEAT and backward GOTO: 300 levels of 300 rows; a loop without end stops within seconds."""
 _LARGEST: Final = 2.0**31
 """Limit of an INT."""
 _DEEPEST: Final = 100

@@ -324,12 +324,12 @@ class Targets:
         if holds and held is not None:
             angles = held
         self._angles = angles
-        R_part_tool: Float = rotation.from_zyx(np.array(angles) * DEG)
+        R_base_tool: Float = rotation.from_zyx(np.array(angles) * DEG)
+        R_part_tool = R_base_tool
         if T_part_base is not None:
-            p = T_part_base[:3, :3] @ p + T_part_base[:3, 3]
-            R_part_tool = T_part_base[:3, :3] @ R_part_tool
-            if auxiliary is not None:
-                auxiliary = T_part_base[:3, :3] @ auxiliary + T_part_base[:3, 3]
+            R_part_base, p_part_base = T_part_base[:3, :3], T_part_base[:3, 3]
+            p, R_part_tool = R_part_base @ p + p_part_base, R_part_base @ R_base_tool
+            auxiliary = None if auxiliary is None else R_part_base @ auxiliary + p_part_base
         self._R_part_tool = R_part_tool
         literal = not target.in_data and not target.computed
         words = tuple(
