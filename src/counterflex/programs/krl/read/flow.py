@@ -213,8 +213,8 @@ class Flow(Routines):
     # ---- doubt -----------------------------------------------------------------------------------------------
 
     def _branch_in_doubt(self, blocks: Blocks, block: Block, cause: Unknown, routine: Routine) -> None:
-        self.acting.append(self._main_line)
         left = self._sweep(blocks, block.start + 1, block.end, self._doubt(cause, block), routine)
+        self.acting += [self._main_line] if left else []
         self._next = block.end + 1
         self._left(blocks, left, block.end, self._doubt(cause, block), routine)
 
