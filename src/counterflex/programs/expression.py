@@ -2,8 +2,8 @@ r"""Expressions of program languages: parsed by a grammar of operators, evaluate
 
 KRL, RAPID, VAL3 and Sinumerik differ in the spelling of operators, of aggregates (``{X 1, Y 2}``, ``[1, [2, 3]]``) and
 of options (``\Tool:=t``), not in structure. :func:`parse` makes a tree by precedence climbing; :func:`evaluate`
-computes it with the names and functions of a reader. A value is a number, truth value, string, mapping (record), list (array or
-aggregate) or :class:`~counterflex.programs.unknown.Unknown`.
+computes it with the names and functions of a reader. A value is a number, truth value, string, mapping (record), list
+(array or aggregate) or :class:`~counterflex.programs.unknown.Unknown`.
 """
 
 from __future__ import annotations
