@@ -62,7 +62,7 @@ class Interpreter(Flow, Instructions, Calls):
         self.effects = EffectsOf(modules, self._begins_function)
         self._running: list[Routine] = []
         self._most = _MOST + sum(len(r.statements) for module in modules.modules for r in module.routines.values())
-        self._count, self.main_line = 0, 1
+        self._count, self._still, self._made, self.main_line = 0, 0, 0, 1
         self._seen: dict[int, int] = {}
 
     def run(self) -> None:
