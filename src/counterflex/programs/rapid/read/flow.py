@@ -282,7 +282,8 @@ class Flow(ABC):
         self._still += 1
         if self._count > self._most or self._still > _STILL:
             raise self.fault(
-                "the program is too long, or does not end", statement, limit=f"{self._most} statements, {_STILL} without a motion",
+                "the program is too long, or does not end", statement,
+                limit=f"{self._most} statements, {_STILL} without a motion",
                 hint="Post the path without this loop",
             )  # fmt: skip
 
