@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, Protocol
 
 from counterflex.programs.unknown import first_unknown
@@ -59,6 +60,12 @@ class Grammar:
     labelled: bool = False
     enumeration: str | None = None
     numeral: Callable[[str], Value] | None = None
+
+    @cached_property
+    def operator(self) -> re.Pattern[str]:
+        """Pattern of an operator, the longer ones first."""
+        words = sorted({*self.binary, *self.unary}, key=len, reverse=True)
+        return re.compile("|".join(re.escape(w) + (r"\b" if w[-1].isalnum() else "") for w in words), re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,10 +226,7 @@ class _Parser:
 
     def __init__(self, text: str, grammar: Grammar, start: int) -> None:
         self.text, self.grammar, self.end = text, grammar, start
-        words = sorted({*grammar.binary, *grammar.unary}, key=len, reverse=True)
-        self._operator = re.compile(
-            "|".join(re.escape(w) + (r"\b" if w[-1].isalnum() else "") for w in words), re.IGNORECASE
-        )
+        self._operator = grammar.operator
         self._name, self._number = re.compile(grammar.name), re.compile(grammar.number)
         self._enumeration = None if grammar.enumeration is None else re.compile(grammar.enumeration)
 
