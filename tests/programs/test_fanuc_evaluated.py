@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from counterflex.app import conversion
-from counterflex.core.errors import ProgramError
+from counterflex.app.robot_programs import companions
+from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose
 from counterflex.programs.fanuc.in_place import write_fanuc_in_place
@@ -310,6 +311,7 @@ def test_what_is_converted_in_parts_reads_back_and_is_corrected_in_its_files(tmp
     main = out / "long.ls"
     program = read_fanuc_file(main)
     assert len(program.listings) == 4
+    assert [file.name for file in companions(main)] == [name for name in program.listings if name != "long.ls"]
     whole = np.array([(n, n % 3, 34.0) for n in range(1, 31)])
     np.testing.assert_allclose(np.array([m.p_end for m in program.motions])[-31:-1] / MM, whole, atol=1e-3)
     compensated = corrected(program, 200.0 * UM, 9.0)
@@ -322,6 +324,19 @@ def test_what_is_converted_in_parts_reads_back_and_is_corrected_in_its_files(tmp
     reached = np.array([motion.p_end for motion in back.motions])
     fed = np.array([motion.kind == "feed" for motion in program.motions])[compensated.path.motion]
     assert gap_to_polyline(compensated.p_part_command[fed], reached) < 5.1 * UM
+
+
+def test_a_loop_is_written_out_in_its_own_language(tmp_path: Path) -> None:
+    """The remedy that is printed for instructions that run more than once."""
+    shop = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
+    lines = ("!change to tool T1", "PAUSE", *HEAD, "FOR R[1]=2 TO 4", "L P[R[1]] 20mm/sec FINE", "ENDFOR")
+    main = job(tmp_path, turns=listing(*lines, entries=POINTS))
+    conversion.run(main, shop, tmp_path / "flat", "fanuc")
+    flat = read_fanuc_file(tmp_path / "flat" / "turns.ls")
+    assert flat.straight
+    assert ends(flat)[-3:] == [(10, 0, 0, 20), (20, 0, 0, 20), (30, 10, 0, 20)]
+    with pytest.raises(InputError, match="in that language already"):
+        conversion.run(tmp_path / "flat" / "turns.ls", shop, tmp_path / "again", "fanuc")
 
 
 def test_a_computed_target_is_written_out_without_its_offset() -> None:
