@@ -156,6 +156,8 @@ PASSED = {
     "wait in a loop": (("LBL[5]", "DO[1]=ON", "IF DI[1]=OFF,JMP LBL[5]", "L P[2] 9mm/sec FINE"), [(10, 0, 0, 9)]),
     "timeout": (("WAIT DI[1]=ON TIMEOUT,LBL[9]", "L P[2] 9mm/sec FINE", "END", "LBL[9]", "UALM[1]", "ABORT"),
                 [(10, 0, 0, 9)]),
+    "waiting again": (("LBL[1]", "WAIT (DI[1]) TIMEOUT,LBL[5]", "L P[2] 9mm/sec FINE", "END", "LBL[5]", "R[9]=R[9]+1",
+                       "JMP LBL[1]"), [(10, 0, 0, 9)]),
     "outputs": (("IF (DI[1]) THEN", "DO[1]=ON", "R[9]=3", "ELSE", "MESSAGE[x]", "ENDIF", "L P[2] 9mm/sec FINE"),
                 [(10, 0, 0, 9)]),
     "home of the controller": (("L P[2] 9mm/sec FINE", "J PR[1:HOME] 20% FINE"), [(10, 0, 0, 9)]),
@@ -281,6 +283,23 @@ def test_programs_of_the_folder_are_called_with_arguments(tmp_path: Path) -> Non
     assert ends(program) == [(7, 7, 7, 20), (7, 7, 7, 30), (8, 8, 8, 8)]
     assert {block.file for block in program.blocks} == {"", "CUT.ls"}
     assert list(program.listings) == ["main.ls", "CUT.ls"]
+
+
+def test_the_form_of_a_plug_in_is_read(tmp_path: Path) -> None:
+    """Lines without numbers, a main program without /POS that calls parts, axes first, CNT with decimals."""
+    main = '/PROG job\n/ATTR\nCOMMENT = "Fanuc LS code" ;\n/MN\n: UTOOL_NUM=1 ;\n! Tool 1 ;\n: UFRAME_NUM=1 ;\n'
+    main += ": CALL job_000 ;\n: CALL job_001 ;\n/END\n"
+    axes = ", ".join(f"J{n}  =  {n}.000 deg" for n in range(1, 7))
+    first = "/PROG job_000\n/ATTR\n/MN\n:J P[9] 10% FINE ;\n:J P[1] 10% CNT0.5 ;\n:L P[2] 50mm/sec CNT0.5  ;\n/POS\n"
+    first += f"P[9]{{\n   GP1:\n    UF : 1, UT : 1,\n   {axes}\n}};\n{POINTS}/END\n"
+    second = f"/PROG job_001\n/ATTR\n/MN\n:DO[1]=ON ;\n:L P[3] 50mm/sec FINE  ;\n/POS\n{POINTS}/END\n"
+    path = job(tmp_path, job=main, job_000=first, job_001=second)
+    program = read_fanuc_file(path)
+    assert ends(program) == [(10, 0, 0, 50), (20, 0, 0, 50)]
+    text = write_fanuc_in_place(program, corrected(program, 200.0 * UM, 3.0), tolerance_m=5.0 * UM, cycle_s=1e-4)
+    for name, content in text.files.items():
+        (tmp_path / name).write_text(content)
+    assert len(read_fanuc_file(path).motions) == len(program.motions) + text.vertices_added
 
 
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:

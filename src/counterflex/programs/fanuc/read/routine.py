@@ -75,7 +75,7 @@ class Routine:
             for match in POSITION.finditer(statement.code):
                 mentions[int(match[1])] = mentions.get(int(match[1]), 0) + 1
         listing = self.listing
-        return FanucListing(listing.text, self.positions, mentions, listing.main, listing.behind)
+        return FanucListing(listing.text, self.positions, mentions, listing.main, listing.behind, listing.has_positions)
 
     def _match_blocks(self) -> None:
         open_blocks: list[tuple[str, int]] = []
