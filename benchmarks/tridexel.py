@@ -4,7 +4,8 @@ Paths of three axes are cut on the height map, which is what lines along z are; 
 once, at the end. So the cost of a part in three directions is that of the map and of the surface. The second table cuts
 the same tips in columns, with an upright, a tilted and a swaying tool, and an impeller: channels between twisted
 blades, five axes moving at once. Beside it is the map's cost along the same tips with an upright tool, and as the bound
-the columns looked at at the rate at which this machine takes minima in its cache.
+the columns looked at at the rate at which this machine takes minima in its cache. The last figure is a roughing of
+10 000 moves: channels in ten levels with a ball of 6 mm tilted by 20 degrees, which leaves ridges one over the other.
 
 Run ``python benchmarks/tridexel.py``; ``--quick`` is a smoke run, ``--json FILE`` writes the figures.
 """
@@ -35,6 +36,7 @@ from removal import Case, cases, minimum_rate
 
 GOAL_TIMES_MAP = 6.0
 TOP_M = 0.06
+TILT_RAD = np.radians(20.0)
 
 
 def impeller(blades: int, passes: int, points: int) -> tuple[Float, Float]:
@@ -61,6 +63,40 @@ def impeller(blades: int, passes: int, points: int) -> tuple[Float, Float]:
             tips.append(np.concatenate([tip[:1] + over, tip, tip[-1:] + over]))
             axes.append(np.concatenate([axis[:1], axis, axis[-1:]]))
     return np.concatenate(tips), np.concatenate(axes)
+
+
+def roughing(moves: int, levels: int = 10, blades: int = 7) -> tuple[Float, Float]:
+    """Channels of a hub in levels with a tool tilted outwards by 20 degrees: tips (n, 3) m and tool axes (n, 3)."""
+    tips, axes = [], []
+    points = max(2, round(moves / (levels * blades)) - 1)
+    share = np.linspace(0.0, 1.0, points)
+    for blade in range(blades):
+        around = 2.0 * np.pi * blade / blades + 0.9 * share
+        outward = np.stack([np.cos(around), np.sin(around), np.zeros(points)], axis=1)
+        axis = np.array([0.0, 0.0, np.cos(TILT_RAD)]) + np.sin(TILT_RAD) * outward
+        for level in range(levels):
+            height = -0.002 * (level + 1) - 0.022 * share**1.5 * (level + 1) / levels
+            tip = (0.018 + 0.042 * share)[:, None] * outward + height[:, None] * [0.0, 0.0, 1.0]
+            over = np.array([0.0, 0.0, 0.05])
+            tips.append(np.concatenate([tip[:1] + over, tip, tip[-1:] + over]))
+            axes.append(np.concatenate([axis[:1], axis, axis[-1:]]))
+    return np.concatenate(tips), np.concatenate(axes)
+
+
+def many_moves(moves: int, cell: float) -> dict[str, Any]:
+    """CPU time of a roughing, memory of its columns at the end, and the most stretches that one of them holds."""
+    tips, axes = roughing(moves)
+    stock = ColumnStock.of(HeightMap.from_box((-0.07, -0.07, -0.06), (0.07, 0.07, 0.0), cell))
+    before = stock.low.nbytes + stock.high.nbytes + stock.count.nbytes
+    start = time.process_time()
+    removed = remove_turning(
+        stock, tips, axes, np.full(len(tips) - 1, FEED, dtype=np.int64), Cutter(0.006, 0.003), top_m=TOP_M
+    )
+    seconds = time.process_time() - start
+    after = stock.low.nbytes + stock.high.nbytes + stock.count.nbytes
+    return {"moves": len(tips) - 1, "cell_mm": cell * 1e3, "seconds": seconds, "stretches": int(stock.count.max()),
+            "memory_mb": [before / 1e6, after / 1e6], "columns": stock.count.size,
+            "volume_cm3": float(removed.volume_m3.sum()) * 1e6}  # fmt: skip
 
 
 def sampled(tips: Float, axes: Float, turn_rad: float = 0.02) -> tuple[Float, Float]:
@@ -163,10 +199,14 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="smoke run: few segments, coarse cells")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--columns", action="store_true", help="only the second table and the impeller")
+    parser.add_argument("--roughing", action="store_true", help="only the roughing of 10 000 moves")
     parser.add_argument("--mesh", type=Path, help="write the impeller to this .stl or .ply file")
     options = parser.parse_args()
     n, cell, points = (1000, 4e-4, 8) if options.quick else (100_000, 1e-4, 120)
     few = 200 if options.quick else 1000
+    if options.roughing:
+        _print_roughing(options.quick)
+        return 0
     if not options.columns:
         for case in cases(200, None):  # compile
             three_axis(case, 2e-3)
@@ -207,12 +247,25 @@ def main() -> int:
           f"column at most; surface of {five['points']} points, {five['triangles']} triangles: "
           f"{five['surface_s']:.1f} s, closed: {five['closed']}, oriented: {five['oriented']}, "
           f"{five['mesh_cm3']:.2f} cm^3 (columns {five['stock_cm3']:.2f}).")  # fmt: skip
+    rough = _print_roughing(options.quick)
     if options.mesh:
         five["surface"].save(options.mesh)
     if options.json:
         del five["surface"], five["log"]
-        write_text(options.json, json.dumps({"version": 2, "rows": rows, "columns": turned, "impeller": five}) + "\n")
+        write_text(options.json, json.dumps({"version": 3, "rows": rows, "columns": turned, "impeller": five,
+                                             "roughing": rough}) + "\n")  # fmt: skip
     return 0
+
+
+def _print_roughing(quick: bool) -> dict[str, Any]:
+    moves, cell = (300, 1e-3) if quick else (10_000, 2e-4)
+    many_moves(100, 1e-3)  # compile
+    found = many_moves(moves, cell)
+    before, after = found["memory_mb"]
+    print(f"\nRoughing in ten levels, ball D6 tilted by 20 deg: {found['moves']} moves in {found['seconds']:.1f} s on "
+          f"{found['columns']} columns of {found['cell_mm']:g} mm, {found['stretches']} stretches in a column at most; "
+          f"columns of {before:.0f} MB grew to {after:.0f} MB; {found['volume_cm3']:.1f} cm^3.")  # fmt: skip
+    return found
 
 
 def _print_upright(rows: list[dict[str, Any]], cell: float) -> None:

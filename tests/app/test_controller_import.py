@@ -199,3 +199,67 @@ def test_tables_without_their_columns_are_refused(text: str, match: str, tmp_pat
     files = write(tmp_path, config=config(), poses=text)
     with pytest.raises(FileFormatError, match=match):
         job.run([files["config"]], tmp_path / "cell.toml", ROBOT, tool="1", poses=files["poses"])
+
+
+MACHINE = (
+    "&ACCESS RVO\nDEFDAT  $MACHINE PUBLIC\nCHAR $TRAFONAME[32]\n"
+    '$TRAFONAME[]="#KR300R2500 ULTRA C4 FLR"\nINT $NUM_AX=6\n$SOFTN_END[1]=-120.0\n$SOFTP_END[1]=120.0\n'
+    "$SOFTN_END[2]=-140.0\n$SOFTP_END[2]=-5.0\n$LENGTH_A=350.0\n$ABS_ACCUR=#ACTIVE\n"
+    "DECL FRAME $ROBROOT={X 100.0,Y -200.0,Z 300.0,A 30.0,B 0.0,C 0.0}\nENDDAT\n"
+)
+
+
+def test_machine_data_place_the_robot_in_its_world(tmp_path: Path) -> None:
+    (tmp_path / "config.dat").write_text(config(), encoding="ascii")
+    (tmp_path / "machine.dat").write_text(MACHINE, encoding="ascii")
+    answer = job.run(
+        [tmp_path / "config.dat", tmp_path / "machine.dat"], tmp_path / "cell.toml", ROBOT, tool="1", base="7"
+    )
+    cell = read_cell(tmp_path / "cell.toml")
+    T_world_base = of((100.0, -200.0, 300.0, 30.0, 0.0, 0.0))
+    np.testing.assert_allclose(T_world_base @ cell.T_base_part, of(BASE), atol=1e-8)
+    stands = cell.tables.controller.robot_in_world
+    assert stands is not None
+    np.testing.assert_allclose(stands.matrix(), T_world_base, atol=1e-9)
+    notes = " ".join(answer["notes"])
+    assert "software limits of axis 1 are -120 to 120 deg, the catalogue has -185 to 185" in notes
+    assert "software limits of axis 2" not in notes
+    assert "$ABS_ACCUR is set" in notes
+    assert "$NUM_AX" not in notes.split("other machine data")[0]
+    assert "taken to stand at the origin" not in notes
+
+
+def test_a_world_that_no_file_gives_is_named(tmp_path: Path) -> None:
+    (tmp_path / "config.dat").write_text(config(), encoding="ascii")
+    answer = job.run([tmp_path / "config.dat"], tmp_path / "cell.toml", ROBOT, tool="1", base="7")
+    assert any("$ROBROOT is in $machine.dat" in note for note in answer["notes"])
+
+
+def test_two_roots_of_one_controller_are_refused(tmp_path: Path) -> None:
+    for name, text in (("a.dat", MACHINE), ("b.dat", MACHINE.replace("X 100.0", "X 101.0")), ("c.dat", config())):
+        (tmp_path / name).write_text(text, encoding="ascii")
+    with pytest.raises(InputError, match="say differently where the robot stands"):
+        job.run([tmp_path / f"{name}.dat" for name in "cab"], tmp_path / "cell.toml", ROBOT, tool="1", base="7")
+
+
+def test_bounds_and_calibration_of_an_abb_are_read_or_named(tmp_path: Path) -> None:
+    moc = (
+        'MOC:CFG_1.0::\n\nROBOT:\n\n      -name "ROB_1" -base_frame_pos_z 0.5\n\n#\nARM:\n\n'
+        '      -name "rob1_1" -use_arm_type "ARM1_6700" -upper_joint_bound 1.5 \\\n      -lower_joint_bound -1.5\n\n'
+        '      -name "rob1_2" -upper_joint_bound 1.483529864 -lower_joint_bound -1.134464014\n\n#\nARM_CALIB:\n\n'
+        '      -name "rob1_1" -rot_x_error_ 0.001\n\n#\nMOTOR_CALIB:\n\n      -name "rob1_1" -com_offset 1.5\n'
+    )
+    (tmp_path / "MOC.cfg").write_text(moc, encoding="ascii")
+    (tmp_path / "user.sys").write_text(
+        "MODULE user\n"
+        f"  PERS tooldata tMill:=[TRUE,{rapid(TOOL)},[10,[0,0,100],[1,0,0,0],0,0,0]];\n"
+        f'  PERS wobjdata wPart:=[FALSE,TRUE,"",{rapid(BASE)},[[0,0,0],[1,0,0,0]]];\nENDMODULE\n',
+        encoding="ascii",
+    )
+    answer = job.run([tmp_path / "user.sys", tmp_path / "MOC.cfg"], tmp_path / "cell.toml", ABB)
+    notes = " ".join(answer["notes"])
+    assert "software limits of axis 1 are -85.9437 to 85.9437 deg" in notes
+    assert "software limits of axis 2" not in notes
+    assert "arm_calib" in notes
+    assert "MOTOR_CALIB" in notes
+    np.testing.assert_allclose(read_cell(tmp_path / "cell.toml").T_base_part[2, 3], BASE[2] * MM - 0.5, atol=1e-6)

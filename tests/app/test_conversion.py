@@ -312,3 +312,19 @@ def test_words_that_are_not_told_apart_are_not_written(shop: Path, tmp_path: Pat
     with pytest.raises(OutputError, match=r"process word is not read back.*S9000"):
         conversion.run(shop / "part.ngc", tmp_path / "cell.toml", tmp_path / "out", "rapid")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_program_with_loops_is_written_out_in_its_own_language(shop: Path, tmp_path: Path) -> None:
+    """Each motion of a loop once, so that each can have a correction of its own."""
+    source = main_file(shop / "in-rapid").read_text()
+    motion = next(line for line in source.splitlines() if line.strip().startswith("MoveL"))
+    looped = source.replace(motion, f"FOR i FROM 1 TO 3 DO\n{motion}\nENDFOR", 1)
+    file = tmp_path / "looped.mod"
+    file.write_text(looped)
+    about = conversion.run(file, shop / "cell.toml", tmp_path / "out", "rapid")
+    assert about["read_back_um"] < 1.0
+    cell = read_cell(shop / "cell.toml")
+    made, wanted = read(main_file(tmp_path / "out"), cell), read(file, cell)
+    assert made.straight
+    assert not wanted.straight
+    np.testing.assert_allclose([m.p_end for m in made.motions], [m.p_end for m in wanted.motions], atol=1e-7)

@@ -18,6 +18,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import truth_of
+from counterflex.app.robot_axes import axes_in
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM, UM
@@ -117,7 +118,7 @@ def test_the_rapid_module_closes_the_chain_from_flange_to_tool(program: Path) ->
     text = "".join(compensate(program, cell, predict=False, language="rapid").files.values())
     assert ":=[FALSE,[[1500" in text
     assert ":=[TRUE,TRUE," in text
-    q = np.array(_numbers(text, r"MoveAbsJ \[\[([^]]*)\]")) * DEG
+    q = axes_in(cell, "rapid")[0].model(np.array(_numbers(text, r"MoveAbsJ \[\[([^]]*)\]")) * DEG)
     first = _numbers(text, r"MoveL \[\[([^]]*)\]")
     part = _numbers(text, r'wobjdata w_part:=\[TRUE,TRUE,"",\[\[([^]]*)\]')
     tool = _numbers(text, r"tooldata t_part:=\[FALSE,\[\[([^]]*)\]")

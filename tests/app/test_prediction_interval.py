@@ -10,9 +10,11 @@ import pytest
 
 from counterflex.app import prediction_interval, unknowns
 from counterflex.app.compensation.compensate import compensate
+from counterflex.app.compensation.prediction import worse_lines, worse_warnings
 from counterflex.app.inputs import read_job, setting_of
-from counterflex.app.prediction_interval import intervals
+from counterflex.app.prediction_interval import Foreseen, foreseen, worse_text
 from counterflex.app.unknown_stiffness import Expected
+from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.plan.compensate import plan as make_plan
@@ -44,6 +46,19 @@ def identified(cell: Cell, share: float) -> Cell:
         for recipe, values in (("stiffness", rows), ("cutting", ()))
     )
     return replace(cell, tables=cell.tables.model_copy(update={"identified": entries}))
+
+
+def found(plan: Plan, cell: Cell) -> Foreseen:
+    """Of a plan that has one."""
+    result = foreseen(plan, cell)
+    assert result is not None
+    return result
+
+
+def intervals(plan: Plan, cell: Cell) -> dict[str, Expected]:
+    """Both errors by name."""
+    result = found(plan, cell)
+    return {"nominal": result.nominal, "compensated": result.compensated}
 
 
 def width(one: Expected) -> float:
@@ -105,9 +120,34 @@ def test_a_plan_of_a_stiffer_cell_is_judged_as_the_linear_sum_says(cell: Cell, p
 
 
 def test_the_summary_holds_both_ends(cell: Cell) -> None:
-    found = compensate(PROGRAM, cell).summary["prediction"]
+    prediction = compensate(PROGRAM, cell).summary["prediction"]
     for name in ("nominal", "compensated"):
-        low, high = found[f"predicted_{name}"]["p997_90_mm"]
+        low, high = prediction[f"predicted_{name}"]["p997_90_mm"]
         assert 0.0 < low < high
     bare = compensate(PROGRAM, cell, predict=False).summary["prediction"]
     assert "predicted_nominal" not in bare
+
+
+def test_compensation_by_too_much_is_probably_worse_and_by_nothing_never(cell: Cell, plan: Plan) -> None:
+    """Three times the correction leaves twice the deflection on the other side; none leaves what there was."""
+    assert found(plan, cell).worse_share < 0.1
+    none = replace(plan, deviation_compensated_part=plan.deviation_nominal_part)
+    assert found(none, cell).worse_share == 0.0
+    thrice = replace(plan, deviation_compensated_part=-2.0 * plan.deviation_nominal_part)
+    assert found(thrice, cell).worse_share > 0.5
+    sure = found(thrice, identified(cell, 0.02)).worse_share
+    assert sure > found(thrice, cell).worse_share
+    assert [worse_text(share) for share in (0.0, 0.017, 0.5, 1.0)] == ["below 0.1 %", "1.7 %", "50 %", "above 99.9 %"]
+
+
+def test_lines_that_get_worse_are_named_with_both_errors(plan: Plan) -> None:
+    size = np.linalg.norm(across(plan.deviation_nominal_part, plan.path.p_part_tcp), axis=1)
+    row = int(np.argmax(np.where(plan.cutting, size, 0.0)))
+    line = int(plan.line[row])
+    worse = np.where((plan.line == line)[:, None], 2.0, 0.5) * plan.deviation_nominal_part
+    named = worse_lines(replace(plan, deviation_compensated_part=worse))
+    assert [one["line"] for one in named] == [line]
+    assert named[0]["before_mm"] == pytest.approx(size[row] / MM, abs=1e-4)
+    assert named[0]["after_mm"] == pytest.approx(2.0 * size[row] / MM, abs=1e-4)
+    assert f"line {line}" in worse_warnings(named)[0]
+    assert worse_lines(replace(plan, deviation_compensated_part=0.5 * plan.deviation_nominal_part)) == []

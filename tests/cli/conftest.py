@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from command_parser import COMMANDS, command_of, commands_in, faults, options_of
 from counterflex.app import examples
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import make_truth
@@ -80,9 +82,27 @@ def counterflex(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[s
             start.run()
         said = capsys.readouterr()
         assert isinstance(ended.value.code, int)
+        if "--help" not in arguments:
+            _check_suggestions(list(arguments), said.out + said.err)
         return Ended(ended.value.code, said.out, said.err)
 
     return call
+
+
+def _check_suggestions(arguments: list[str], printed: str) -> None:
+    """What a command prints can be typed: commands as they stand, options are those of the command that names them."""
+    lines = [line for line in commands_in(printed) if len(line.split()) > 3 and "--help" not in line]
+    wrong = [fault for line in lines for fault in faults(line)]
+    command, _ = command_of(arguments)
+    if command is not None and printed.startswith("error: "):
+        hint = re.sub(r"`[^`]*`|as --[a-z]+ reads it", "", printed)
+        for line in commands_in(printed):
+            hint = hint.replace(line, "")
+        others = [one for name, one in COMMANDS.commands.items() if re.search(rf"\b{name}\b", hint.lower())]
+        known = options_of(command).union({"--version"}, *map(options_of, others))  # of a command that is named
+        named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", hint)) - set(arguments)
+        wrong += [f"{option} is no option of {command.name}" for option in sorted(named - known)]
+    assert not wrong, "\n".join([*wrong, printed])
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:

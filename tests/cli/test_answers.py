@@ -31,7 +31,36 @@ def test_robots(counterflex: Any) -> None:
         assert set(row["status"]) == set(row["source"])
         assert set(row["status"].values()) <= {"VERIFIED", "SECONDARY", "UNVERIFIED", "not known"}
     one = _json(counterflex("robots", ROBOT, "--json"))
+    sheet = one[0].pop("data_sheet")
     assert one == [row for row in rows if row["name"] == ROBOT]
+    assert sheet["controller"] == "KUKA"
+    assert sheet["world"] == "on the base plate, on axis 1"
+    assert sheet["lengths_mm"]["axis 2 to axis 3 (upper arm)"] == 1150.0
+    assert sheet["axes"][1] == {"axis": "A2", "low_deg": -140.0, "high_deg": -5.0, "speed_deg_s": 101.0}
+    assert sheet["at_zero"] == {"X mm": 2740.0, "Y mm": 0.0, "Z mm": 634.0, "A deg": 0.0, "B deg": 90.0, "C deg": 0.0}
+
+
+def test_robots_shows_an_own_robot_as_its_data_sheet_does(counterflex: Any) -> None:
+    sheet = _json(counterflex("robots", "examples/cells/fanuc_r2000ic.toml", "--json"))[0]["data_sheet"]
+    assert (sheet["controller"], sheet["coupled"], sheet["axis_3"]) == (
+        "FANUC",
+        True,
+        "from the horizontal, whatever axis 2 does",
+    )
+    assert sheet["world"] == "on axis 1, 670 mm above the base plate (height of axis 2)"
+    assert sheet["axis_3_against_upper_arm_deg"] is None
+    assert sheet["at_zero"]["Z mm"] == 1300.0
+    assert [sheet["at_zero"][key] for key in ("W deg", "P deg", "R deg")] == [-180.0, -90.0, 0.0]
+
+
+def test_the_pose_of_a_fanuc_takes_and_gives_its_own_axes(counterflex: Any) -> None:
+    cell = "examples/cells/fanuc_r2000ic.toml"
+    there = _json(counterflex("pose", cell, "--joints-deg", "10,-20,-36,5,-50,7", "--json"))["tcp_in_base"]
+    xyz = ",".join(str(there[f"{axis}_mm"]) for axis in "xyz")
+    abc = ",".join(str(there[f"{axis}_deg"]) for axis in "abc")
+    back = _json(counterflex("pose", cell, "--xyz-mm", xyz, f"--abc-deg={abc}", "--json"))["solutions"]
+    apart = [max(abs(a - b) for a, b in zip(one["joints_deg"], [10, -20, -36, 5, -50, 7], strict=True)) for one in back]
+    assert min(apart) < 1e-4
 
 
 def _reachable_checks() -> list[tuple[str, dict[str, Any]]]:

@@ -21,7 +21,7 @@ END
 def test_table_and_page(folder: Path, counterflex: Any) -> None:
     ended = counterflex("preflight", "part.ngc", "--cell", "cell.toml", "--out", "out")
     assert ended.status == 0, ended.err
-    for word in ("joint limits", "line", "unknown: look-ahead: give controller.look_ahead_blocks", "0 fail"):
+    for word in ("joint limits", "line", "  look-ahead: controller.look_ahead_blocks", "0 fail"):
         assert word in ended.out
     summary = json.loads((folder / "out" / "summary.json").read_text())
     assert (summary["format"], summary["failed"]) == ("counterflex-summary", False)

@@ -25,6 +25,8 @@ WRITES = {
     "copyfile",
     "copytree",
 }
+BY_LIBRARY = {"write_csv", "write_parquet", "write_ipc", "write_json", "write_html", "export"}
+"""Writers of libraries that do not raise OSError where the disk is full: they write into memory (atomic.write_made)."""
 FILES = {
     "core/atomic.py": "the mechanism",
     "core/output_place.py": "the mechanism",
@@ -39,8 +41,6 @@ FILES = {
     "validation/soak/soak.py": "in a staging folder",
     "app/correction/history.py": "in a staging folder",
     "app/identification/history.py": "in a staging folder",
-    "app/robot_tests/iso230.py": "in a staging folder",
-    "app/robot_tests/iso9283.py": "in a staging folder",
     "files/cell/update.py": "a trial in a staging folder",
 }
 
@@ -76,6 +76,14 @@ def _temporary(tree: ast.AST) -> set[str]:
     return names
 
 
+def _in_memory(tree: ast.AST) -> set[int]:
+    """Calls that are handed to :func:`counterflex.core.atomic.write_made`."""
+    made = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "atomic.write_made"
+    ]
+    return {id(part) for node in made for part in ast.walk(node)}
+
+
 def test_nothing_is_written_beside_the_mechanism() -> None:
     found = []
     for file in sorted(ROOT.rglob("*.py")):
@@ -83,12 +91,14 @@ def test_nothing_is_written_beside_the_mechanism() -> None:
         if name in FILES:
             continue
         tree = ast.parse(file.read_text(encoding="utf-8"))
-        temporary = _temporary(tree)
+        temporary, in_memory = _temporary(tree), _in_memory(tree)
         for node in ast.walk(tree):
-            if not isinstance(node, ast.Call) or not (what := _writes(node)):
+            if not isinstance(node, ast.Call) or not (what := _writes(node)) or id(node) in in_memory:
                 continue
             said = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
-            if not said & temporary:
+            if what in BY_LIBRARY:
+                found.append(f"{name}:{node.lineno}: {what}: the library's own fault at a full disk names no disk")
+            elif not said & temporary:
                 found.append(f"{name}:{node.lineno}: {what}")
     assert found == []
 

@@ -12,8 +12,9 @@ import scipy.linalg
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
+from counterflex.plan.damping import ASSUMED_DAMPING
 from counterflex.plan.elastic_motion import DENSITY_KG_M3, coordinates, matrices
-from counterflex.plan.lowest_mode import ASSUMED_DAMPING, RIGID_HZ, assumed_masses, can_move, mode_of
+from counterflex.plan.lowest_mode import RIGID_HZ, assumed_masses, can_move, mode_of
 from counterflex.plan.modes import Spread, drawn_frequencies, frequency_response, kinetic_shares, lowest_mode, modes
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import cartesian_compliance

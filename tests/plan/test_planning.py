@@ -234,7 +234,7 @@ def test_a_part_out_of_reach_names_the_line(cell_of: CellOf, groove: ToolPath) -
 
 
 def test_chips_outside_the_range_of_the_constants_are_refused(cell: Cell, path_of: PathOf, setting: Setting) -> None:
-    slow = path_of("G0 Z60\nG0 X-12 Y15\nG0 Z39\nG1 X0 F10\nG0 Z60", step_mm=1.0)
+    slow = path_of("G0 Z60\nG0 X-12 Y15\nG0 Z39\nG1 X0 F1\nG0 Z60", step_mm=1.0)
     with pytest.raises(ModelError, match="allow_extrapolation"):
         planned(slow, cell, setting)
     found = planned(slow, cell, replace(setting, allow_extrapolation=True))

@@ -14,8 +14,10 @@ from counterflex.cutting.stability.modes import Modes, modes_along
 from counterflex.cutting.stability.response import Response
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
+from counterflex.plan.damping import Damping
 from counterflex.plan.inputs import solve_joints
-from counterflex.plan.stability.along import LARGEST, Margin, Structure, confirmed, margins, robot_limit
+from counterflex.plan.stability.along import Margin, Structure, confirmed, margins
+from counterflex.plan.stability.criterion import LARGEST, robot_limit
 from counterflex.plan.stability.diagram import diagram, needed_damping
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.stability.stretches import smoothed, stretches_of
@@ -26,6 +28,7 @@ TWO_CUTS = "G0 Z60\nG0 X-12 Y15\nG0 Z38\nG1 X30 F1500\nG0 Z60\nG0 X-12 Y38\nG0 Z
 """Slots of 2 and 4 mm."""
 TOOL = modes_along(np.array([900.0, 1100.0]), np.full(2, 0.03), np.array([2e7, 2e7]), np.eye(3)[:2])
 TAPPED = Mode(2.0 * np.pi * 8.5, 0.1)
+DAMPING = Damping.of(None, 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +45,7 @@ def path(path_of: Callable[..., ToolPath]) -> ToolPath:
 
 @pytest.fixture(scope="module")
 def judged(path: ToolPath, cell: Cell) -> list[Margin]:
-    return margins(path, cell.stock(), setting_of(cell), Structure(0.1, TAPPED, TOOL))
+    return margins(path, cell.stock(), setting_of(cell), Structure(DAMPING, TAPPED, TOOL), cell.blank_box())
 
 
 def _whole(judged: list[Margin], path: ToolPath, depth_mm: int) -> list[Margin]:
@@ -74,24 +77,26 @@ def test_stretches_cover_the_cut_and_a_slot_is_a_slot(judged: list[Margin], path
 
 def test_semi_discretisation_confirms_the_worst(judged: list[Margin]) -> None:
     worst = min(judged, key=lambda m: m.margin)
-    assert confirmed(worst, Structure(0.1, TAPPED, TOOL)) == pytest.approx(worst.margin, rel=0.15)
+    assert confirmed(worst, Structure(DAMPING, TAPPED, TOOL)) == pytest.approx(worst.margin, rel=0.15)
 
 
 def test_measured_response_gives_what_its_modes_give(judged: list[Margin], path: ToolPath, cell: Cell) -> None:
     """A response that begins at 200 Hz leaves the robot below it to the model."""
     omega = 2.0 * np.pi * np.arange(200.0, 4000.0, 2.0)
-    structure = Structure(0.1, TAPPED, Response(omega, TOOL.response(omega)))
-    other = margins(path, cell.stock(), setting_of(cell), structure)
+    structure = Structure(DAMPING, TAPPED, Response(omega, TOOL.response(omega)))
+    other = margins(path, cell.stock(), setting_of(cell), structure, cell.blank_box())
     for a, b in zip(judged[::5], other[::5], strict=True):
         assert b.tool_margin == pytest.approx(a.tool_margin, rel=0.02)
         assert b.robot_margin == pytest.approx(a.robot_margin, rel=1e-9)
-    from_50 = Structure(0.1, TAPPED, Response(omega - omega[0] + 2.0 * np.pi * 5.0, TOOL.response(omega)))
-    assert min(m.robot_margin for m in margins(path, cell.stock(), setting_of(cell), from_50)) == LARGEST
+    from_50 = Structure(DAMPING, TAPPED, Response(omega - omega[0] + 2.0 * np.pi * 5.0, TOOL.response(omega)))
+    assert (
+        min(m.robot_margin for m in margins(path, cell.stock(), setting_of(cell), from_50, cell.blank_box())) == LARGEST
+    )
 
 
 def test_diagram_passes_through_the_margin(judged: list[Margin]) -> None:
     worst = min(judged, key=lambda m: m.margin)
-    structure = Structure(0.1, TAPPED, TOOL)
+    structure = Structure(DAMPING, TAPPED, TOOL)
     lobes = diagram(worst, structure)
     speed = 2.0 * np.pi / (3.0 * worst.stretch.period_s)
     assert np.interp(speed, lobes.spindle_rad_s, lobes.zeroth) == pytest.approx(worst.margin, rel=0.1)
@@ -103,7 +108,7 @@ def test_diagram_passes_through_the_margin(judged: list[Margin]) -> None:
 def test_needed_damping_is_where_the_margin_is_one(path: ToolPath, cell: Cell) -> None:
     """The mode of the whole robot with one soft direction: half immersion feeds it."""
     robot = modes_along(np.array([12.0]), np.array([0.03]), np.array([3e5]), np.array([[0.0, 1.0, 0.0]]))
-    worst = margins(path, cell.stock(), setting_of(cell), Structure(0.1, TAPPED))[20]
+    worst = margins(path, cell.stock(), setting_of(cell), Structure(DAMPING, TAPPED))[20]
     half = replace(worst.process, arcs=worst.process.arcs[worst.process.arcs[:, 1] < 1.6])
     at = replace(worst, process=half, robot=robot, R_part_feed=np.eye(3))
     needed = needed_damping(at)
@@ -114,7 +119,7 @@ def test_needed_damping_is_where_the_margin_is_one(path: ToolPath, cell: Cell) -
 def test_modes_hold_the_compliance_of_the_chain(path: ToolPath, cell: Cell) -> None:
     """Statically, all modes together yield as the chain does."""
     q = solve_joints(path, path.motion + 1, setting_of(cell)).q[0]
-    static = robot_modes(cell.chain, q, np.eye(3), None, 0.05).response(np.array([0.0]))[0].real
+    static = robot_modes(cell.chain, q, np.eye(6), None, 0.05).response(np.array([0.0]))[0].real
     expected = cartesian_compliance(cell.chain, q)[:3, :3]
     np.testing.assert_allclose(static, expected, atol=0.05 * np.abs(expected).max())
 
@@ -122,7 +127,7 @@ def test_modes_hold_the_compliance_of_the_chain(path: ToolPath, cell: Cell) -> N
 def test_a_tap_test_places_the_modes_of_a_robot_without_masses(path: ToolPath, cell: Cell) -> None:
     q = solve_joints(path, path.motion + 1, setting_of(cell)).q[0]
     light = replace(cell.chain, mass=0.0 * cell.chain.mass)
-    modes = robot_modes(light, q, np.eye(3), TAPPED, 0.05)
+    modes = robot_modes(light, q, np.eye(6), TAPPED, 0.05)
     assert modes.omega_rad_s[0] == pytest.approx(TAPPED.omega_rad_s)
     left_out = cartesian_compliance(cell.chain, q)[:3, :3] - modes.response(np.array([0.0]))[0].real
     assert np.linalg.eigvalsh(left_out).min() > -1e-9
@@ -131,7 +136,7 @@ def test_a_tap_test_places_the_modes_of_a_robot_without_masses(path: ToolPath, c
 def test_nothing_that_yields_has_no_modes(path: ToolPath, cell: Cell) -> None:
     rigid = replace(cell.chain, compliance=0.0 * cell.chain.compliance, regions=())
     with pytest.raises(ModelError, match="nothing of the robot yields"):
-        robot_modes(rigid, np.zeros(6), np.eye(3), None, 0.05)
+        robot_modes(rigid, np.zeros(6), np.eye(6), None, 0.05)
 
 
 def test_even_engagement_keeps_the_volume() -> None:

@@ -1,4 +1,4 @@
-"""Expressions of robot languages against Python's own arithmetic."""
+"""Expressions of program languages against Python's own arithmetic."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.robot_text.expression import ExpressionError, Grammar, evaluate, parse, parse_whole
+from counterflex.programs.expression import ExpressionError, Grammar, evaluate, parse, parse_whole
 from counterflex.programs.unknown import Unknown, known
 
 GRAMMAR = Grammar(

@@ -15,45 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM, RPM, UM
-from counterflex.geometry import pose, rotation
+from counterflex.geometry import rotation
 from counterflex.programs.fanuc.in_place import write_fanuc_in_place
 from counterflex.programs.fanuc.program import FanucProgram, frame_of, wpr_of
-from counterflex.programs.fanuc.read.interpreter import FanucCell
 from counterflex.programs.fanuc.read.reader import read_fanuc, read_fanuc_file
-from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+from fanuc_listings import DOWN, cell, entry, listing
 from robot_corrections import corrected, gap_to_polyline
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "programs" / "groove.ls"
-DOWN = (180.0, 0.0, 180.0)
 _TOLERANCE_M = 5.0 * UM
-
-
-def entry(number: int, x: float, y: float, z: float, wpr: tuple[float, float, float] = DOWN, more: str = "") -> str:
-    """An entry of /POS."""
-    w, p, r = wpr
-    return (
-        f"P[{number}]{{\n   GP1:\n\tUF : 1, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0',\n"
-        f"\tX = {x:9.3f}  mm,\tY = {y:9.3f}  mm,\tZ = {z:9.3f}  mm,\n"
-        f"\tW = {w:9.3f} deg,\tP = {p:9.3f} deg,\tR = {r:9.3f} deg{more}\n}};\n"
-    )
-
-
-def listing(*statements: str, entries: str = "") -> str:
-    """A listing with numbered lines."""
-    lines = "".join(f"{n:4d}:{statement} ;\n" for n, statement in enumerate(statements, start=1))
-    return f"/PROG  PART\n/ATTR\nOWNER\t= MNEDITOR;\n/MN\n{lines}/POS\n{entries}/END\n"
-
-
-def cell(**changes: object) -> FanucCell:
-    """A cell with one tool and statements for the spindle."""
-    table = MachineFunctions("fanuc", {
-        3: ["GO[1]={s}", "DO[1:spindle]=ON"], 5: ["DO[1:spindle]=OFF"], 6: ["CALL TOOLCHG({t})"],
-    })  # fmt: skip
-    about: dict[str, object] = {
-        "where": "cell.toml", "tools": [4], "T_flange_tcp": pose.make(np.eye(3), np.array([0.0, 0.0, 0.1])),
-        "T_base_part": np.eye(4), "functions": table, "tool_number": 1, "base_number": 1, "tool_of_data": {},
-    }  # fmt: skip
-    return FanucCell(**(about | changes))  # type: ignore[arg-type]
 
 
 def points_of(text: str) -> list[tuple[str, list[list[float]], float, np.ndarray]]:
@@ -208,14 +178,14 @@ def test_process_words_frames_and_tools_by_the_cell() -> None:
 
 P12 = entry(1, 0, 0, 50) + entry(2, 1, 0, 50)
 BAD = {
-    "PR[1] in the controller": (listing("L PR[1] 20mm/sec FINE"), r"part.ls:5:6.*no position of this program"),
-    "a register as speed": (listing("L P[1] R[1]mm/sec FINE", entries=P12), r"speed of a motion is not understood"),
-    "no way by time": (listing("L P[1] 2sec FINE", entries=P12), r"no speed along the path"),
-    "an offset": (listing("L P[1] 20mm/sec FINE Offset,PR[1]", entries=P12), r"option of a motion"),
-    "a jump": (listing("JMP LBL[1]", entries=P12), r"jumps and calls"),
+    "PR[1] in the controller": (listing("L PR[1] 20mm/sec FINE"), r"part.ls:5:6.*where a motion goes is not known"),
+    "a register as speed": (listing("L P[1] R[1]mm/sec FINE", entries=P12), r"speed of a motion is not known"),
+    "turn by time": (listing("L P[1] 2deg/sec FINE", entries=P12), r"no speed along the path"),
+    "an offset": (listing("L P[1] 20mm/sec FINE Offset,PR[1]", entries=P12), r"Offset is not known: PR\[1\]"),
+    "a jump": (listing("JMP LBL[1]", entries=P12), r"no LBL\[1\]"),
     "a call": (listing("CALL OTHER", entries=P12), r"another program is called"),
-    "a motion in IF": (listing("IF (R[1]=1) THEN", "L P[1] 20mm/sec FINE", entries=P12), r"inside IF \(line 5\)"),
-    "override": (listing("OVERRIDE=50%", entries=P12), r"OVERRIDE"),
+    "a motion in IF": (listing("IF (R[1]=1) THEN", "L P[1] 20mm/sec FINE", "ENDIF", entries=P12), r"inside IF .line 5"),
+    "override": (listing("OVERRIDE=R[3]%", "L P[1] 9mm/sec FINE", entries=P12), r"override is not known: R\[3\]"),
     "not taught": (listing(entries=P12.replace("X =     1.000", "X = ********")), r"never taught"),
     "missing position": (listing("L P[9] 20mm/sec FINE", entries=P12), r"where P\[9\] is, is not known"),
     "twice": (listing(entries=P12 + P12), r"P\[1\] is there twice"),
@@ -224,8 +194,10 @@ BAD = {
     "spline": (listing("S P[1] 20mm/sec FINE", entries=P12), r"spline"),
     "unknown": (listing("FOLD P[1]", entries=P12), r"unknown statement"),
     "another frame": (listing("UFRAME_NUM=2", "L P[1] 20mm/sec FINE", entries=P12), r"another frame"),
-    "two groups": (listing("L P[1] 20mm/sec FINE", entries=P12.replace("\n};\nP[2]", "\n   GP2:\n\tUF : 1, UT : 1,\n"
-                   "\tJ1= 0.0 deg\n};\nP[2]")), r"more than one group"),
+    "two groups": (listing("L P[1] 20mm/sec FINE", "L P[2] 20mm/sec FINE", entries=P12.replace(
+        "\n};", "\n   GP2:\n\tUF : 1, UT : 1,\n\tJ1= 0.0 deg\n};", 1).replace(
+        "deg\n};\n", "deg\n   GP2:\n\tUF : 1, UT : 1,\n\tJ1= 5.0 deg\n};\n").replace(
+        "J1= 0.0 deg\n   GP2:\n\tUF : 1, UT : 1,\n\tJ1= 5.0 deg", "J1= 0.0 deg")), r"more than one group"),
     "bent chain": (listing("A P[1] 9mm/sec FINE", "A P[2] 9mm/sec FINE", entries=P12), r"shorter than three"),
     "empty": ("\n\n", r"empty"),
     "g-code": ("G1 X1\n", r"does not begin with /PROG"),

@@ -39,7 +39,8 @@ def corrected(program: KrlProgram, size_m: float, waves: float, turn_rad: float 
 
 def read_back(text: InPlaceText, program: KrlProgram) -> KrlProgram:
     """The written files, read again."""
-    return read_krl(text.files[program.name], name=program.name, data=text.files.get(program.data_name))
+    folder = {name: other for name, other in text.files.items() if name != program.name}
+    return read_krl(text.files[program.name], name=program.name, folder=folder)
 
 
 def skeletons(text: str) -> list[str]:
@@ -241,7 +242,7 @@ def test_pieces_of_a_motion_with_its_own_variables_have_them_too() -> None:
     """Tool and base that hold for one motion alone are there for every piece of it; approximation behind them."""
     clause = "WITH $VEL = SVEL_CP( 0.02, , L), $TOOL = STOOL2( F), $BASE = SBASE( F.BASE_NO)"
     source = (
-        "DEF part( )\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n$VEL.CP=0.02\n"
+        "DEF part( )\n$BASE=BASE_DATA[1]\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n$VEL.CP=0.02\n"
         f"SLIN {{X 40.0}} {clause} C_SPL ; cut\nEND\n"
     )
     program = read_krl(source, name="part.src", data="DEFDAT part\nDECL FDAT F={TOOL_NO 1,BASE_NO 1}\nENDDAT\n")
@@ -271,5 +272,61 @@ def test_a_subprogram_is_corrected_where_it_stands() -> None:
     back = read_back(made, program)
     np.testing.assert_allclose(back.motions[-1].p_end, corrected(program, 3e-4, 5.0).p_part_command[-1], atol=1e-7)
     twice = read_krl(text.replace("LIN {X 0.0}\n", "CUT( )\n"), name="part.src")
-    with pytest.raises(ProgramError, match="called several times"):
+    with pytest.raises(ProgramError, match="executed several times"):
         write_krl_in_place(twice, corrected(twice, 3e-4, 5.0), cycle_s=1e-4)
+
+
+ELSEWHERE = {
+    "a shifted base": "$BASE=BASE_DATA[1]:{X 3,Y -2,Z 5,A 30,B 0,C 0}\nLIN {X 20.0}\nLIN {X 40.0,Y 1.0}\n"
+    "$BASE=BASE_DATA[1]\nLIN {X 60.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}",
+    "computed targets": "P={X 20,Y 0,Z 5,A 0,B 0,C 180}\nLIN P ; first\nP.X=P.X+20\nLIN P C_DIS\nLIN P:{X 20}",
+    "relative motions": "LIN {X 20.0}\nLIN_REL {X 20.0} C_DIS ; on\nLIN_REL {X 10.0} #BASE\nP=$POS_ACT\n"
+    "P.X=P.X+5\nLIN P",
+    "an override": "$OV_PRO=40\nLIN {X 20.0}\nLIN {X 40.0}\n$OV_PRO=100\nLIN {X 60.0}",
+    "an unrolled loop": "FOR I=1 TO 1\nLIN {X 20.0*I}\nENDFOR\nLIN {X 60.0}",
+    "an element used twice": "I=2\nLIN P[I]\nLIN {X 30.0}\nLIN P[2]\nLIN {X 60.0}",
+    "an array": "I=2\nLIN P[I]\nLIN {X 60.0}",
+    "a part": "PART( )\nLIN {X 60.0}",
+}
+PARTS = {
+    "p.dat": "DEFDAT p\nDECL E6POS P[2]\nP[2]={X 20.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0,S 2}\nENDDAT\n",
+    "PART.src": "DEF PART( )\r\nLIN {X 20.0}\r\nLIN XP1 C_DIS ; end\r\nEND\r\n",
+    "part.dat": "DEFDAT part\nDECL E6POS XP1={X 40.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\nENDDAT\n",
+    "other.src": "DEF other( )\nEND\n",
+}
+
+
+@pytest.mark.parametrize("what", ELSEWHERE)
+def test_targets_that_are_no_literals_of_the_motion(what: str) -> None:
+    """The written job leads along the commanded path, with the commanded speeds; without corrections it is the same."""
+    start = "DEF p( )\n$BASE=BASE_DATA[1]\n$VEL.CP=0.02\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n"
+    program = read_krl(f"{start}{ELSEWHERE[what]}\nEND\n", name="p.src", folder=PARTS)
+    same = write_krl_in_place(program, corrected(program, 0.0, 0.0)).files
+    assert same == {name: file.text for name, file in program.files.items()}
+    assert "other.src" not in same
+    compensated = corrected(program, 3e-4, 8.0, 0.001)
+    text = write_krl_in_place(program, compensated, tolerance_m=_TOLERANCE_M, cycle_s=1e-4)
+    back = read_back(text, program)
+    assert text.largest_written_error_m <= _TOLERANCE_M + _ROUNDING_M
+    line = np.array([back.motions[0].p_start, *(motion.p_end for motion in back.motions)])
+    assert gap_to_polyline(compensated.p_part_command, line) < _TOLERANCE_M + _ROUNDING_M
+    assert back.Rs_part_tcp is not None
+    assert program.Rs_part_tcp is not None
+    wanted = rotation.exp(compensated.rotvec_part_command[-1]) @ program.Rs_part_tcp[-1]
+    assert float(np.linalg.norm(rotation.log(wanted.T @ back.Rs_part_tcp[-1]))) < 3e-7
+    for motion in back.motions[1:]:
+        share = min(abs(motion.feed_m_s / other.feed_m_s - 1.0) for other in program.motions[1:])
+        assert share < 0.1
+    for name, file in program.files.items():
+        assert text.files[name].count("\r\n") >= file.text.count("\r\n")
+
+
+def test_a_line_of_a_loop_is_not_corrected_for_all_its_passes() -> None:
+    start = "DEF p( )\n$VEL.CP=0.02\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n"
+    program = read_krl(f"{start}FOR I=1 TO 2\nLIN {{X 20.0*I}}\nENDFOR\nEND\n", name="p.src")
+    with pytest.raises(ProgramError, match=r"executed several times .*convert the program"):
+        write_krl_in_place(program, corrected(program, 3e-4, 8.0))
+    constant = read_krl(f"{start}$ORI_TYPE=#CONSTANT\nLIN {{X 20.0}}\nEND\n", name="p.src")
+    write_krl_in_place(constant, corrected(constant, 3e-4, 8.0))
+    with pytest.raises(ProgramError, match=r"#CONSTANT disregards"):
+        write_krl_in_place(constant, corrected(constant, 3e-4, 8.0, 0.001))

@@ -14,57 +14,15 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM, RPM, UM
-from counterflex.geometry import pose, rotation
-from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+from counterflex.geometry import rotation
 from counterflex.programs.val3.in_place import write_val3_in_place
 from counterflex.programs.val3.program import LETTERS, frame_of, rotations_of
-from counterflex.programs.val3.read.interpreter import Val3Cell
 from counterflex.programs.val3.read.reader import read_val3, read_val3_file
 from robot_corrections import corrected, gap_to_polyline
+from val3_files import DOWN, at, cell, data, program
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "programs" / "groove.pgx"
 _TOLERANCE_M = 5.0 * UM
-DOWN = 'ry="180" fatherId="fPart[0]"'
-SPEEDS = ('tmax="50" blend="off"', 'tmax="25.5" blend="cartesian" leave="1" reach="1"', 'blend="off"')
-
-
-def program(*lines: str) -> str:
-    """A program file."""
-    code = "".join(f"  {line}\n" for line in lines)
-    head = '<Programs>\n  <Program name="part">\n<Code><![CDATA[\nbegin\n'
-    return f"{head}{code}end\n]]></Code>\n  </Program>\n</Programs>\n"
-
-
-def data(points: list[str], speeds: tuple[str, ...] = SPEEDS) -> str:
-    """A data file with a frame, a tool, speeds and points."""
-    out = "<Database>\n  <Datas>\n"
-    for name, kind, values in (
-        ("fPart", "frame", ['x="100" rz="90" fatherId="world[0]"']),
-        ("tMill", "tool", ['z="100" fatherId="flange[0]"']),
-        ("mRun", "mdesc", list(speeds)), ("jRest", "jointRx", ['j1="5"']), ("p", "pointRx", points),
-    ):  # fmt: skip
-        rows = "".join(f'      <Value key="{key}" {value} />\n' for key, value in enumerate(values))
-        out += f'    <Data name="{name}" access="private" xsi:type="array" type="{kind}" size="{len(values)}">\n{rows}'
-        out += "    </Data>\n"
-    return out + "  </Datas>\n</Database>\n"
-
-
-def at(x: float, y: float, z: float, more: str = DOWN) -> str:
-    """Attributes of a point."""
-    return f'x="{x}" y="{y}" z="{z}" {more}'
-
-
-def cell(**changes: object) -> Val3Cell:
-    """A cell with one tool and statements for the spindle."""
-    table = MachineFunctions("val3", {
-        3: ["aioSpeed={s}", "dioSpindle=true"], 5: ["dioSpindle=false"], 6: ["call change({t})"],
-    })  # fmt: skip
-    about: dict[str, object] = {
-        "where": "cell.toml", "tools": [4], "T_flange_tcp": pose.make(np.eye(3), np.array([0.0, 0.0, 0.1])),
-        "T_base_part": pose.make(rotation.about_z(0.5 * np.pi), np.array([0.1, 0.0, 0.0])), "functions": table,
-        "tool_of_data": {},
-    }  # fmt: skip
-    return Val3Cell(**(about | changes))  # type: ignore[arg-type]
 
 
 def points_of(text: str, file: str) -> list[tuple[str, list[float], float, np.ndarray]]:
@@ -185,13 +143,13 @@ def test_circles_waits_and_process_words() -> None:
 
 TWO = [at(0, 0, 50), at(1, 0, 50)]
 BAD = {
-    "computed": (program("movel(appro(p[0],tA),tMill[0],mRun[0])"), data(TWO), r"computed targets"),
-    "a variable index": (program("movel(p[i],tMill[0],mRun[0])"), data(TWO), r"computed targets"),
-    "assigned": (program("p[0].trsf.x=5", "movel(p[0],tMill[0],mRun[0])"), data(TWO), r"p is computed"),
-    "no such point": (program("movel(p[7],tMill[0],mRun[0])"), data(TWO), r"part.pgx:5:3.*where p\[7\] is"),
+    "computed": (program("movel(appro(p[0],tA),tMill[0],mRun[0])"), data(TWO), r"tA is in no data file"),
+    "a variable index": (program("movel(p[i],tMill[0],mRun[0])"), data(TWO), r"place of p\[i\].*i is in no data file"),
+    "assigned": (program("p[0].trsf.x=nX", "movel(p[0],tMill[0],mRun[0])"), data(TWO), r"nX is in no data file"),
+    "no such point": (program("movel(p[7],tMill[0],mRun[0])"), data(TWO), r"part.pgx:5:3.*place of p\[7\]"),
     "no data": (program("movel(p[0],tMill[0],mRun[0])"), "", r"not known"),
     "axes": (program("movel(jRest[0],tMill[0],mRun[0])"), data(TWO), r"axis angles"),
-    "loop": (program("while true", "movel(p[0],tMill[0],mRun[0])", "endWhile"), data(TWO), r"inside while \(line 5\)"),
+    "loop": (program("while true", "movel(p[0],tMill[0],mRun[0])", "endWhile"), data(TWO), r"repeats from line 5 on"),
     "call": (program("call other()"), data(TWO), r"subprogram"),
     "arguments": (program("movel(p[0],tMill[0])"), data(TWO), r"has 3 arguments"),
     "other frame": (program("movel(p[0],tMill[0],mRun[0])"), data(TWO).replace('rz="90"', 'rz="80"'), r"part frame"),

@@ -83,6 +83,7 @@ def krl_points(text: str) -> tuple[Float, list[bool]]:
 def rapid_points(text: str) -> tuple[Float, list[str]]:
     """Poses of all MoveL of a module and their zones."""
     poses, zones = [], []
+    before = np.zeros(4)
     n = NUMBER
     form = rf"    MoveL \[\[({n}),({n}),({n})\],\[({n}),({n}),({n}),({n})\],\[-?\d,-?\d,-?\d,\d\],"
     form += r"\[9E9,9E9,9E9,9E9,9E9,9E9\]\],(\w+),(\w+),(\w+)\\WObj:=(\w+);"
@@ -91,7 +92,8 @@ def rapid_points(text: str) -> tuple[Float, list[str]]:
             match = re.fullmatch(form, line)
             assert match is not None, line
             values = [float(v) for v in match.groups()[:7]]
-            assert values[3] >= 0.0
+            assert before @ values[3:7] >= 0.0, "the sign of the quaternion flips"
+            before = np.array(values[3:7])
             T = np.eye(4)
             T[:3, 3] = np.array(values[:3]) * 1e-3
             T[:3, :3] = Rotation.from_quat([*values[4:7], values[3]]).as_matrix()

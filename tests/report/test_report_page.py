@@ -36,7 +36,7 @@ from counterflex.report import (
     report_page,
     write_page,
 )
-from counterflex.report.data import CellDrawing
+from counterflex.report.data import CellDrawing, Headline
 from counterflex.report.distribution_figure import area_shares
 from counterflex.report.figure_data import edges_mm, scale_limit_mm
 
@@ -366,14 +366,26 @@ def test_headline_curve_and_drawing_say_what_the_data_say() -> None:
         prediction(),
         error_before_m=before,
         error_after_m=0.1 * before,
-        headline_mm=(0.8, 0.08, 0.81, 0.2),
+        headline=Headline((0.8, 0.08), (0.9, 0.5, 1.4), (0.225, 0.11, 0.6), "4 %"),
         drawing=drawing(),
         load=(Fact("Copy", "part.src, part.dat"),),
         next_steps=("Try it first", "Then mill"),
     )
     page = prediction_page(data)
     text = " ".join(outline(page).text)
-    for word in ("0.800", "0.080", "−90 %", "−75 %", "part.src, part.dat", "Try it first", "Then mill"):
+    for word in (
+        "0.800",
+        "0.080",
+        "−90 %",
+        "0.90",
+        "0.23",
+        "−75 %",
+        "0.11 to 0.60 mm",
+        "gets worse: 4 %",
+        "part.src, part.dat",
+        "Try it first",
+        "Then mill",
+    ):
         assert word in text
     figures = json.loads(re.findall(r'id="figures">(.*?)</script>', page, re.DOTALL)[0])
     length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(data.p_part_tcp, axis=0), axis=1))]
@@ -397,9 +409,10 @@ def test_headline_curve_and_drawing_say_what_the_data_say() -> None:
 
 def test_a_result_that_is_worse_is_shown_as_worse() -> None:
     size = np.full(400, 1e-4)
-    data = replace(prediction(), error_before_m=size, error_after_m=2 * size, headline_mm=(0.1, 0.2, 0.1, 0.2))
+    data = replace(prediction(), error_before_m=size, error_after_m=2 * size, headline=Headline((0.1, 0.2)))
     page = prediction_page(data)
-    assert page.count('class="change worse">+100 %') == 2
+    assert page.count('class="change worse">+100 %') == 1
+    assert "Not looked at: what is not known of the cell" in page
 
 
 def test_features_out_of_tolerance_stand_on_top(job: tuple[ReportData, dict[str, Any]]) -> None:

@@ -12,6 +12,7 @@ SHARED = (
     "counterflex.core",
     "counterflex.geometry",
     "counterflex.path",
+    "counterflex.robot.model.controller_axes",
     "counterflex.robot.model.description",
     "counterflex.robot.model.opw",
     "counterflex.robot.model.opw_chain",
@@ -28,7 +29,8 @@ SHARED = (
     "counterflex.protocols.wrench.telegram",
     "counterflex.twin",
 )
-"""All of the package that the twin may see: foundations, data, closed-form geometry, shape of tool and stock, bytes."""
+"""All of the package that the twin may see: foundations, data, closed-form geometry, how makers count axes (judged by
+models of its own in tests/references), shape of tool and stock, bytes."""
 
 
 def imported(source: Path) -> set[str]:

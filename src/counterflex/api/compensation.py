@@ -55,7 +55,7 @@ class Compensation:
     @property
     def table(self) -> pl.DataFrame:
         """One row per path point, as in ``plan.parquet`` (docs/plan-file.md): mm, um, deg, N."""
-        return plan_table(self.plan)
+        return plan_table(self.plan, self.cell.chain.axes)
 
     def plot(self, kind: str = "time") -> go.Figure:
         """A picture of the plan.

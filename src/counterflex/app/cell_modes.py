@@ -94,7 +94,7 @@ def modes_in(cell: Cell, q: Float | None = None, *, count: int = COUNT) -> Postu
     summary = {
         "cell": cell.label,
         "robot": cell.robot.name,
-        "joints_deg": np.round(angles / DEG, 4).tolist(),
+        "joints_deg": np.round(chain.axes.shown(angles) / DEG, 4).tolist(),
         "modes": rows,
         "with_drives": [
             {"hz": round(mode.hz, 3), "damping_ratio": round(mode.damping_ratio, 4)} for mode in driven[:count]

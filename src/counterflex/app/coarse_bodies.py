@@ -15,6 +15,7 @@ from counterflex.plan.preflight.bodies import (
     Body,
     carried,
     held_part,
+    holder,
     links,
     part_bodies,
     standing,
@@ -41,16 +42,17 @@ def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     used = [number for number in np.unique(job.machined.tool).tolist() if number in known]
     overhang = {n: length for n in used if (length := known[n].overhang_m) is not None}
     chain = cell.controller_chain
-    given, removed = cell.tables.cell.bodies()
+    given, removed = cell.tables.cell.bodies(cell.path.parent)
     given = [_on_floor(body, cell.T_base_floor) for body in given]
     cutters = {n: cell.cutter(n) for n in used}
+    holders = [body for n in used for body in holder(n, known[n].bounds.holder_m)]
     if cell.T_base_tcp is not None:
         T_base_tcp = cell.T_base_tcp
-        given = [turned_round(body, T_base_tcp) for body in given]
+        given = [turned_round(body, T_base_tcp) for body in (*given, *holders)]
         assumed = [*links(chain), *held_part(chain, stock), *standing(chain, cutters, overhang, T_base_tcp)]
         return with_given(assumed, given, removed)
     assumed = [*links(chain), *carried(chain, cutters, overhang), *part_bodies(stock)]
-    bodies = with_given(assumed, given, removed)
+    bodies = with_given(assumed, [*given, *holders], removed)
     if R_part_plane is None:
         return bodies
     T_plane_part = pose.make(R_part_plane.T)

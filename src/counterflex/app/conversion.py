@@ -19,6 +19,7 @@ from counterflex.app.compensation.robot_program import (
     tool_data,
 )
 from counterflex.app.inputs import AS_IT_IS, Reading, machine_of
+from counterflex.app.robot_axes import fanuc_configuration, in_world, part_in_world, val3_configuration
 from counterflex.app.robot_programs import refuse_held_part, robot_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -79,13 +80,14 @@ def run(
 
     Raises:
         ProgramError: The program cannot be read exactly, or the language cannot say a part of it; names line and word.
-        InputError: It is in that language already.
+        InputError: It is in that language already, and no motion of it is made several times.
         OutputError: What was written is not read back as the same program.
     """
     cell = read_cell(cell_file)
     program = reading.program(program_file, cell)
     dialect = LANGUAGE_NAMES[language]
-    if dialect == program.dialect:
+    loops = isinstance(program, RobotProgram) and not program.straight
+    if dialect == program.dialect and not loops:  # one with loops and routines is written out, each motion once
         raise InputError(
             "the program is in that language already", where=Path(program.name).name, value=language,
             hint="Copy it, or name another language with --to",
@@ -172,14 +174,16 @@ def _emitter(program: Program, cell: Cell, language: str, tolerance_m: float, po
         refuse_held_part(cell, "FANUC")
         data = tool_data(program, cell, "fanuc")
         fanuc = FanucSettings(
-            **common, tool=controller.tool_number, base=controller.base_number,
+            **common, configuration=fanuc_configuration(cell.tables.posture.branch),
+            tool=controller.tool_number, base=controller.base_number,
             tool_data={tool: int(value) for tool, value in data.items()},
         )  # fmt: skip
         return FanucEmitter(program, fanuc, cell.machine_functions("fanuc"), tolerance_m)
     if language == "val3":
         refuse_held_part(cell, "VAL3")
         val3 = Val3Settings(
-            **common, T_flange_tcp=cell.controller_chain.T_flange_tcp, T_base_part=cell.T_base_part,
+            **common, configuration=val3_configuration(cell.tables.posture.branch),
+            T_flange_tcp=cell.controller_chain.T_flange_tcp, T_world_part=part_in_world(cell, "val3"),
             blend_m=controller.blending_m, tool_data=tool_data(program, cell, "val3"),
         )  # fmt: skip
         val3.check()
@@ -187,10 +191,12 @@ def _emitter(program: Program, cell: Cell, language: str, tolerance_m: float, po
     mass, com = payload(cell)
     rapid = RapidSettings(
         **common, T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_base_part=np.eye(4) if cell.holds_part else cell.T_base_part, T_base_tcp=cell.T_base_tcp, tool_mass_kg=mass,
+        T_base_part=part_in_world(cell, "rapid"),
+        T_base_tcp=None if cell.T_base_tcp is None else in_world(cell, "rapid", cell.T_base_tcp), tool_mass_kg=mass,
         p_flange_cog=com, tool_data=tool_data(program, cell, "rapid"),
+        work_object=controller.work_object or "",
     )  # fmt: skip
-    return RapidEmitter(program, rapid, cell.machine_functions("rapid"), tolerance_m, controller.work_object or "")
+    return RapidEmitter(program, rapid, cell.machine_functions("rapid"), tolerance_m)
 
 
 def _free_rotation(program: Program, language: str) -> list[str]:

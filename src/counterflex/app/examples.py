@@ -72,8 +72,8 @@ def write_all(cell: Path, robot: str = ROBOT) -> list[Path]:
     """Write what the first steps need: a cell that also corrects online, its part, an RSI configuration, a small job.
 
     Args:
-        cell: Of the cell file, ``NAME.toml``. Beside it: ``part.ngc``, ``rsi.xml``, and ``NAME-small.toml`` with
-            ``groove.ngc``, which take seconds where the others take minutes.
+        cell: Of the cell file, ``NAME.toml``. Beside it: ``part.ngc``, for a KUKA ``rsi.xml``, and ``NAME-small.toml``
+            with ``groove.ngc``, which take seconds where the others take minutes.
         robot: Of the catalogue, in place of that of the demonstration.
 
     Raises:
@@ -87,7 +87,7 @@ def write_all(cell: Path, robot: str = ROBOT) -> list[Path]:
         {
             cell: large + _ONLINE,
             folder / "part.ngc": text("part.ngc"),
-            folder / "rsi.xml": text("rsi.xml"),
+            **({folder / "rsi.xml": text("rsi.xml")} if catalog.load(robot).axes.maker == "kuka" else {}),
             folder / f"{cell.stem}-small{cell.suffix}": little + _ONLINE,
             folder / "groove.ngc": text("groove.ngc"),
         }

@@ -14,6 +14,7 @@ from counterflex.app.robot_programs import held_as_programmed, robot_cell, with_
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, ProgramError
+from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.tilted_stock import may_touch, working_plane
@@ -146,8 +147,8 @@ def _check_tool_rotation(job: Job, cell: Cell) -> None:
             value=f"{Path(job.program.name).name} is {apart_m / MM:.0f} mm away from where it was expected after "
             f"{place_m / MM:.0f} mm",
             limit=f"{APART_M / MM:g} mm",
-            hint="Take turning_mm_deg and turning_at_mm out and choose a posture for this program: counterflex plan "
-            "posture ... --turning",
+            hint="Take turning_mm_deg and turning_at_mm out and choose a posture for this program: "
+            + next_command("plan posture", job.program.name, cell=cell.path, turning=30, out="DIR"),
         )
 
 
@@ -359,4 +360,5 @@ def setting_of(
         orientation=orientation,
         allow_extrapolation=cell.material.allow_extrapolation,
         drive_errors=cell.drive_errors,
+        damping=tables.dynamics.damping,
     )

@@ -33,7 +33,7 @@ def run(
     Args:
         cell_file: Cell file.
         out: Folder, made when missing; None writes nothing.
-        joints_deg: Six angles, deg; None is at the blank.
+        joints_deg: Six axes as the controller shows them, deg; None is at the blank.
         assume_class: Take the median of the robot's class for axes of unknown stiffness.
         count: Modes that are listed.
         tap_test: File of a tap test in this posture, or None.
@@ -47,7 +47,7 @@ def run(
         CounterflexError: The cell cannot be read, has no stiffness, or its blank is out of reach.
     """
     cell = read_cell(cell_file, assume_class=assume_class)
-    q = None if joints_deg is None else np.array(joints_deg) * DEG
+    q = None if joints_deg is None else cell.chain.axes.model(np.array(joints_deg) * DEG)
     done = modes_in(cell, q, count=count)
     if tap_test is not None:
         progress(0.2)

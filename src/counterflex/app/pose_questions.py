@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics import inverse
 from counterflex.robot.model import catalog
+from counterflex.robot.model.controller_axes import room, shown_limits
+
+_ROUNDING_RAD: Final = 1e-9
 
 
 def chain_of(robot_or_cell: str) -> ElasticChain:
@@ -47,7 +50,7 @@ def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float
         "solutions": [
             {
                 "branch": str(solution.branch),
-                "joints_deg": rounded(solution.q / DEG, 6),
+                "joints_deg": rounded(chain.axes.shown(solution.q) / DEG, 6),
                 "margins": joint_margins(chain, solution.q),
                 "wrist_deg": round(float(np.arcsin(min(1.0, solution.wrist)) / DEG), 3),
             }
@@ -57,28 +60,39 @@ def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float
 
 
 def checked_joints(chain: ElasticChain, joints_deg: list[float]) -> Float:
-    """Joint angles, rad.
+    """Angles of the model, rad, for axes as the controller shows them.
 
     Raises:
         InputError: One is outside its limits.
     """
-    q: Float = as_float("--joints-deg", joints_deg, (6,)) * DEG
-    outside = (q < chain.joint_limits_rad[:, 0]) | (q > chain.joint_limits_rad[:, 1])
+    shown: Float = as_float("--joints-deg", joints_deg, (6,)) * DEG
+    low, high = shown_limits(chain.axes, chain.joint_limits_rad).T
+    outside = (shown < low) | (shown > high)
     if np.any(outside):
         axis = int(np.argmax(outside))
-        low, high = chain.joint_limits_rad[axis] / DEG
         raise InputError(
             f"axis {axis + 1} of {chain.name} is outside its joint limits",
             where="--joints-deg",
             value=f"{joints_deg[axis]:g} deg",
-            limit=f"{low:g} to {high:g} deg",
+            limit=f"{low[axis] / DEG:g} to {high[axis] / DEG:g} deg",
+        )
+    q = chain.axes.model(shown)
+    beyond = (q < chain.joint_limits_rad[:, 0] - _ROUNDING_RAD) | (q > chain.joint_limits_rad[:, 1] + _ROUNDING_RAD)
+    if np.any(beyond):
+        axis = int(np.argmax(beyond))
+        least, most = chain.joint_limits_rad[axis] / DEG
+        raise InputError(
+            f"axis {axis + 1} of {chain.name} is outside its limits against the upper arm",
+            where="--joints-deg",
+            value=f"{q[axis] / DEG:g} deg",
+            limit=f"{least:g} to {most:g} deg",
         )
     return q
 
 
 def joint_margins(chain: ElasticChain, q: Float) -> dict[str, float]:
     """Distance of every joint from its nearer limit, deg, by axis."""
-    margin = np.minimum(q - chain.joint_limits_rad[:, 0], chain.joint_limits_rad[:, 1] - q) / DEG
+    margin = room(chain.axes, chain.joint_limits_rad, q) / DEG
     return {f"axis{i + 1}": round(float(value), 3) for i, value in enumerate(margin)}
 
 

@@ -32,6 +32,7 @@ from counterflex.plan.posture.cut_path import CutPath, Surface, cut_path
 from counterflex.plan.posture.held import Held, Task
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.plan.undisturbed_cut import undisturbed_cut
+from counterflex.robot.model.controller_axes import ControllerAxes
 from counterflex.robot.model.opw import BRANCHES
 
 READING, CUTTING, CHOOSING = "reading the program", "cutting", "choosing the posture"
@@ -198,7 +199,7 @@ def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surfac
         "cell": cell.label,
         "robot": cell.robot.name,
         "surface": surface,
-        **{name: None if held is None else held_row(held, job) for name, held in shown.items()},
+        **{name: None if held is None else held_row(held, job, cell.chain.axes) for name, held in shown.items()},
         "reduction_percent": None
         if chosen.present is None or chosen.present.share_m == 0.0
         else round(100.0 * (1.0 - chosen.best.share_m / chosen.present.share_m), 1),
@@ -209,7 +210,7 @@ def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surfac
     }
 
 
-def held_row(held: Held, job: Job) -> dict[str, Any]:
+def held_row(held: Held, job: Job, axes: ControllerAxes) -> dict[str, Any]:
     """What a posture is worth, as summaries have it: um, deg."""
     row = int(np.argmax(held.deflection_m))
     return {
@@ -225,7 +226,7 @@ def held_row(held: Held, job: Job) -> dict[str, Any]:
         "unloadings": held.unloadings,
         "limit_margin_deg": round(held.limit_margin_rad / DEG, 2),
         "wrist_deg": round(held.wrist_rad / DEG, 2),
-        "start_axes_deg": np.round(held.q[0] / DEG, 3).tolist(),
+        "start_axes_deg": np.round(axes.shown(held.q[0]) / DEG, 3).tolist(),
     }
 
 

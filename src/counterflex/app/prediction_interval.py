@@ -14,6 +14,8 @@ interval is of a plan's own figures, so it holds no error of the program, of the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -39,36 +41,48 @@ _CHANGED: Final = 0.3
 _SEED: Final = 10
 
 
-def intervals(plan: Plan, cell: Cell) -> dict[str, Expected]:
-    """Predicted path errors with what is not known.
+@dataclass(frozen=True)
+class Foreseen:
+    """Path error of a plan over cells that differ by all that is not known of this one.
+
+    Attributes:
+        nominal: 99.7 % of the path error across the feed, of the program as it is.
+        compensated: The same of the compensated program.
+        worse_share: Share of the cells, 0 to 1, in which the compensated program leaves more than the program as it is.
+    """
+
+    nominal: Expected
+    compensated: Expected
+    worse_share: float
+
+
+def foreseen(plan: Plan, cell: Cell) -> Foreseen | None:
+    """Return the predicted path errors with what is not known.
 
     Args:
         plan: The plan, with its predictions.
         cell: The cell it was made for.
 
     Returns:
-        By name, ``nominal`` and ``compensated``: 99.7 % of the path error across the feed, m; empty where nothing is
-        cut, nothing was predicted, or the robot holds the part (which this does not count).
+        The figures; None where nothing is cut, nothing was predicted, or the robot holds the part (which this does not
+        count).
     """
     if cell.holds_part:
-        return {}
+        return None
     points = points_of_plan(plan, cell, "the program")
     if points is None or np.all(np.isnan(plan.deviation_compensated_part)):
-        return {}
-    off = _unknown_displacement(plan, cell, points)
-    R_base_part = cell.T_base_part[:3, :3]
-    out = {}
-    for name, deviation in (
-        ("nominal", plan.deviation_nominal_part),
-        ("compensated", plan.deviation_compensated_part),
-    ):
-        predicted = deviation[points.row] @ R_base_part.T
-        out[name] = expected(points.sizes(predicted + off), points.of)
-    return out
+        return None
+    off, R_base_part = _unknown_displacement(plan, cell, points), cell.T_base_part[:3, :3]
+    nominal, compensated = (
+        points.sizes(deviation[points.row] @ R_base_part.T + off)
+        for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
+    )
+    worse = float(np.mean(compensated > nominal))
+    return Foreseen(expected(nominal, points.of), expected(compensated, points.of), worse)
 
 
 def with_intervals(figures: dict[str, Any], plan: Plan, cell: Cell) -> dict[str, Any]:
-    """Figures of a plan with the interval of each predicted error beside it.
+    """Return the figures of a plan with what is not known: the figures to plan with come first.
 
     Args:
         figures: With ``predicted_nominal`` and ``predicted_compensated`` where they were predicted; left as it is.
@@ -76,21 +90,35 @@ def with_intervals(figures: dict[str, Any], plan: Plan, cell: Cell) -> dict[str,
         cell: The cell.
 
     Returns:
-        The same with ``p997_90_mm``, the two ends, in each of the two, and with the lowest mode that was taken.
+        The same with ``headline`` in front (``before_mm`` and ``after_mm``: median, lower and upper end of the 90 %
+        interval; ``probability_of_worse``), the interval ``p997_90_mm`` and the median ``p997_median_mm`` in each
+        predicted error, and the lowest mode that was taken.
     """
     out = dict(figures) | {"lowest_mode": at_largest_force(cell, plan).shown}
-    for name, one in intervals(plan, cell).items():
-        ends = [round(one.low_m / MM, 4), round(one.high_m / MM, 4)]
-        out[f"predicted_{name}"] = {**figures[f"predicted_{name}"], "p997_90_mm": ends}
-    return out
+    found = foreseen(plan, cell)
+    if found is None:
+        return out
+    headline: dict[str, Any] = {}
+    for name, key, one in (("nominal", "before_mm", found.nominal), ("compensated", "after_mm", found.compensated)):
+        median, low, high = (round(value / MM, 4) for value in (one.median_m, one.low_m, one.high_m))
+        headline[key] = [median, low, high]
+        error = {"p997_median_mm": median, "p997_90_mm": [low, high]}
+        out[f"predicted_{name}"] = figures[f"predicted_{name}"] | error
+    return {"headline": headline | {"probability_of_worse": round(found.worse_share, 4)}, **out}
 
 
-def interval_text(error: dict[str, Any]) -> str:
-    """``0.05 to 0.31 mm in nine of ten such cells``; empty where there is none."""
-    if "p997_90_mm" not in error:
-        return ""
-    low, high = error["p997_90_mm"]
-    return f"{low:.2f} to {high:.2f} mm in nine of ten such cells"
+def headline_text(ends_mm: Sequence[float]) -> str:
+    """``0.45 mm (0.26 to 1.52 mm in nine of ten such cells)`` of a median and the ends of its interval."""
+    median, low, high = ends_mm
+    return f"{median:.2f} mm ({low:.2f} to {high:.2f} mm in nine of ten such cells)"
+
+
+def worse_text(share: float) -> str:
+    """``17 %`` of a probability; one that no draw or every draw shows is said as a bound."""
+    least = 1.0 / ROBOTS
+    if share < least:
+        return f"below {100.0 * least:g} %"
+    return f"above {100.0 * (1.0 - least):g} %" if share > 1.0 - least else f"{100.0 * share:.2g} %"
 
 
 def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints) -> Float:

@@ -19,10 +19,12 @@ from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.path.toolpath import FEED
-from counterflex.plan.preflight.preflight import AsWritten, Preflight, preflight
+from counterflex.plan.preflight.preflight import Preflight, preflight
+from counterflex.plan.preflight.process.cut_rows import AsWritten, Machining
 from counterflex.plan.preflight.row import RANK, Row
 from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m
+from counterflex.programs.stated import stated
 
 SHOP: Final[dict[str, tuple[str, float]]] = {
     "rad": ("deg", DEG),
@@ -85,8 +87,9 @@ def check(
         stock,
         setting_of(cell, chain=cell.chain, part_may_be_held=True),
         tables.limits.preflight(tables.controller, cell.robot),
+        machining_of(cell),
         coarse_bodies(job, cell, stock),
-        AsWritten(approximation_m(job.program), program_size(job, cell, language)),
+        as_written(job, cell, language, known_offsets=reading.parameters is not None),
         parts[CHECKING],
     )
     rows = [shown(row, result, job, cell) for row in result.rows]
@@ -108,6 +111,32 @@ def check(
         "counterflex": __version__,
     }
     return Checked(job, result, summary)
+
+
+def machining_of(cell: Cell) -> Machining:
+    """What a cell says of tools, spindle and stiffness."""
+    unknown = cell.unknown_axes
+    rigid = f"axes {', '.join(str(axis + 1) for axis in unknown)}" if unknown else ""
+    return Machining(cell.process_limits, {tool.number: tool.bounds for tool in cell.tables.tools}, rigid)
+
+
+def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: bool) -> AsWritten:
+    """What a program says of its run on the controller.
+
+    Args:
+        job: The program.
+        cell: Its cell.
+        language: See :func:`check`.
+        known_offsets: A parameter file gives the work offsets.
+    """
+    said, program = stated(job.program, known_offsets), job.program
+    silent_spindle = said.robot and not any(motion.spindle_rad_s for motion in program.motions)
+    wired = said.robot and bool(getattr(cell.tables.controller.spindle, program.dialect).clockwise)
+    end = int(np.flatnonzero(job.path.motion == job.path.motion[0])[-1])
+    known = bool(np.all(job.path.p_part_tcp[end, 2] == job.sampled.p_part_tcp[end, 2]))
+    return AsWritten(
+        approximation_m(program), program_size(job, cell, language), said, known, silent_spindle and not wired
+    )
 
 
 def _path_speed(result: Preflight) -> dict[str, Any]:

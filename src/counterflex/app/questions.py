@@ -145,7 +145,7 @@ def _unknowns(cell: Cell, program: str | Path | None) -> dict[str, Any] | None:
     from counterflex.app.unknowns import shown, unknowns
 
     points = corner_points(cell) if program is None else points_of_program(read_job(program, cell), cell)
-    return None if points is None else shown(unknowns(cell, points), points, cell.path.name)
+    return None if points is None else shown(unknowns(cell, points), points, str(cell.path))
 
 
 def _assumptions(cell: Cell) -> list[str]:
@@ -220,7 +220,7 @@ def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
             "low": rounded(np.array([x[0], y[0], stock.bottom_m]) / MM, 3),
             "high": rounded(np.array([x[-1], y[-1], top]) / MM, 3),
         },
-        "at_corner": {"xyz_mm": rounded(corners[0] / MM, 3), "joints_deg": rounded(centre / DEG, 3)},
+        "at_corner": {"xyz_mm": rounded(corners[0] / MM, 3), "joints_deg": rounded(chain.axes.shown(centre) / DEG, 3)},
         "softness": worst,
         "sag_at_corners_um": [rounded(row / UM, 1) for row in sag],
         "sag_variation_um": round(float(np.max(np.linalg.norm(spread, axis=1)) / UM), 1),

@@ -2,38 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.robot_axes import in_world, part_in_world
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM, RPM
 from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
-from counterflex.programs.fanuc.read.interpreter import FanucCell
-from counterflex.programs.krl.read.data_list import data_file_of
+from counterflex.programs.fanuc.read.frames import FanucCell
+from counterflex.programs.fanuc.read.routine import job_files as fanuc_job_files
 from counterflex.programs.krl.read.frames import KrlCell
+from counterflex.programs.krl.read.reader import job_files as krl_job_files
+from counterflex.programs.limits import ENDINGS
 from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, VAL3_DIALECT, Program
 from counterflex.programs.rapid.read.frames import RapidCell
+from counterflex.programs.rapid.read.job_files import companion_modules
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
-from counterflex.programs.val3.read.data_file import data_file_of as val3_data_file_of
-from counterflex.programs.val3.read.interpreter import Val3Cell
+from counterflex.programs.val3.read.application import job_files as val3_job_files
+from counterflex.programs.val3.read.motions import Val3Cell
+from counterflex.robot.elasticity.chain import forward
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6
 
 
 def companions(file: Path) -> tuple[Path, ...]:
-    """Files that belong to a program and are read with it: the ``.dat`` of a ``.src``, the ``.dtx`` of a ``.pgx``."""
-    reads = {".src": data_file_of, ".pgx": val3_data_file_of}.get(file.suffix.lower())
-    data = None if reads is None else reads(file)
-    return () if data is None else (data,)
+    """Return the files that are read with a program: those of its job."""
+    jobs: dict[str, Callable[[Path], tuple[Path, ...]]] = {
+        KRL_DIALECT: krl_job_files, RAPID_DIALECT: companion_modules, FANUC_DIALECT: fanuc_job_files,
+        VAL3_DIALECT: val3_job_files,
+    }  # fmt: skip
+    return next((files(file) for name, files in jobs.items() if file.suffix.lower() in ENDINGS[name]), ())
 
 
 def with_spindle(program: RobotProgram, cell: Cell) -> RobotProgram:
@@ -74,7 +82,7 @@ def rapid_cell(cell: Cell) -> RapidCell:
         **_shared(cell, "rapid"),
         tool_of_data={tool.tooldata.upper(): tool.number for tool in tools if tool.tooldata is not None},
         work_object=cell.tables.controller.work_object or "",
-        T_base_tcp=cell.T_base_tcp if cell.holds_part else None,
+        T_base_tcp=None if cell.T_base_tcp is None else in_world(cell, "rapid", cell.T_base_tcp),
     )
 
 
@@ -143,10 +151,18 @@ def _shared(cell: Cell, language: Dialect) -> dict[str, Any]:
         "where": str(cell.path),
         "tools": [tool.number for tool in cell.tables.tools],
         "T_flange_tcp": cell.controller_chain.T_flange_tcp,
-        "T_base_part": np.eye(4) if cell.holds_part else replace(cell, R_part_plane=None).T_base_part,
+        "T_base_part": part_in_world(replace(cell, R_part_plane=None), language),
         "functions": cell.machine_functions(language),
         "external_axes": {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
+        "tip_of_axes": None if cell.holds_part else lambda axes_deg: _tip_of_axes(cell, axes_deg),
     }
+
+
+def _tip_of_axes(cell: Cell, axes_deg: Sequence[float]) -> Float:
+    """Return (4, 4) m, the TCP frame in the part frame where the controller shows these axes."""
+    T_base_tcp = forward(cell.controller_chain, np.asarray(axes_deg, dtype=np.float64) * DEG)
+    out: Float = pose.inverse(replace(cell, R_part_plane=None).T_base_part) @ T_base_tcp
+    return out
 
 
 _CELLS: Final[dict[str, Callable[[Cell], RobotCell]]] = {
@@ -198,7 +214,7 @@ def _turning(program: RobotProgram, cell: Cell, angle_deg: Float) -> dict[str, o
         motion = program.motions[int(jumps[0]) + 1]
         raise ProgramError(
             "the tool turns about its own axis in one place, which is not planned",
-            where=f"{program.name}:{program.blocks[motion.block].line}",
+            where=program.blocks[motion.block].where(program.name),
             value=f"{np.diff(angle_deg)[jumps[0]]:.3g} deg",
             hint="Turn it along a motion, or hold it as it is",
         )

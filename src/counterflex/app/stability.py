@@ -12,24 +12,24 @@ import numpy as np
 import polars as pl
 
 from counterflex import __version__
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
 from counterflex.core import atomic
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM, RPM, UM
 from counterflex.cutting.cutter import Cutter
-from counterflex.cutting.stability.process import mean_chip
+from counterflex.cutting.stability.process import mean_chip_of_arcs
 from counterflex.cutting.stability.response import Response
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.files.tool_tip import read_modal, read_response
-from counterflex.plan.stability.along import LARGEST, Margin, Structure, confirmed, margins
+from counterflex.plan.damping import ASSUMED, Damping
+from counterflex.plan.stability.along import Margin, Structure, confirmed, margins
+from counterflex.plan.stability.criterion import LARGEST
 from counterflex.plan.stability.diagram import Diagram, diagram, needed_damping
-from counterflex.plan.stability.robot_modes import CAUTIOUS_DAMPING
 
 READING, MARGINS, DIAGRAMS = "reading the program", "margin along the path", "lobes"
-PLAUSIBLE_DAMPING: Final = (0.02, 0.1)
-"""Ratios that modal tests on milling robots find below 30 Hz, from drives locked to drives on."""
 _ENGAGED: Final = 0.05
 _LINES: Final = 8
 """Lines at which the damping that is needed is computed."""
@@ -56,12 +56,12 @@ class Judged:
 
 def structure_of(
     cell: Cell, damping_ratio: float | None, response: str | Path | None, modal: str | Path | None
-) -> tuple[Structure, str]:
-    """What swings, and where the damping of the robot comes from.
+) -> Structure:
+    """What swings.
 
     Args:
         cell: The cell.
-        damping_ratio: Of the robot's modes; None takes the tap test's, or assumes :data:`CAUTIOUS_DAMPING`.
+        damping_ratio: Of the robot's modes; None: of the cell's tap test, or assumed.
         response: CSV of a measured response of the tool tip, or None.
         modal: CSV of modal parameters of spindle and tool, or None.
 
@@ -72,20 +72,15 @@ def structure_of(
     if response is not None and modal is not None:
         raise InputError("the tool tip is given twice", where="--response and --modal", hint="Give one of them")
     dynamics = cell.tables.dynamics
-    measured = dynamics.mode
     tip = read_response(response) if response is not None else None if modal is None else read_modal(modal)
-    if damping_ratio is not None:
-        return Structure(damping_ratio, measured, tip), "given"
-    if measured is not None and dynamics.damping_ratio is not None:
-        return Structure(measured.damping_ratio, measured, tip), "tap test"
-    return Structure(CAUTIOUS_DAMPING, measured, tip), "assumed"
+    damping = dynamics.damping if damping_ratio is None else Damping.of(None, damping_ratio)
+    return Structure(damping, dynamics.mode, tip)
 
 
 def judge(
     program: str | Path,
     cell: Cell,
     structure: Structure,
-    damping_from: str = "given",
     *,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
@@ -96,7 +91,6 @@ def judge(
         program: G-code file.
         cell: The cell.
         structure: What swings.
-        damping_from: Where the damping of the robot comes from: given, tap test or assumed.
         reading: How the program is read.
         progress: Progress callback, fraction 0 to 1.
 
@@ -105,10 +99,12 @@ def judge(
     """
     begin = time.perf_counter()
     parts = in_parts(progress, {READING: 1.0, MARGINS: 5.0, DIAGRAMS: 4.0})
+    cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
     parts[READING](1.0)
     with faults_in(job):
-        values = margins(job.machined, cell.stock(), setting_of(cell), structure, progress=parts[MARGINS])
+        setting = setting_of(cell, part_may_be_held=True)
+        values = margins(job.machined, cell.stock(), setting, structure, cell.blank_box(), progress=parts[MARGINS])
     if not values:
         raise ProgramError("the program cuts nothing sideways", where=str(program), hint="Does it reach the blank?")
     rows = [_shown(margin, job, cell.cutter(margin.stretch.tool)) for margin in values]
@@ -127,14 +123,18 @@ def judge(
         "program": job.program.name,
         "cell": cell.label,
         "robot": cell.robot.name,
-        "verdict": _verdict(values[at], tools, needed, damping_from),
+        "verdict": "stable" if values[at].margin >= 1.0 else "chatter",
+        "verdict_over_interval": _over_interval(values[at], tools, needed, structure.damping),
         "worst": rows[at],
         "stretches": len(rows),
         "below_1": int(sum(margin.margin < 1.0 for margin in values)),
         "tools": tools,
         "robot_modes_hz": [round(float(w) / (2.0 * math.pi), 2) for w in values[at].robot.omega_rad_s],
-        "robot_damping_ratio": structure.damping_ratio,
-        "robot_damping_from": damping_from,
+        "robot_damping_ratio": structure.damping.ratio,
+        "robot_damping_between": [structure.damping.low, structure.damping.high],
+        "robot_damping_from": structure.damping.origin,
+        "cell_mm": round(cell.stock().cell_m / MM, 6),
+        "engagement": "closed form" if cell.blank_box() is not None else "booked on cells of the stock",
         "robot_mode_measured": structure.measured is not None,
         "tool_tip": _tip(structure),
         "seconds": round(time.perf_counter() - begin, 3),
@@ -143,15 +143,13 @@ def judge(
     return Judged(job, values, diagrams, summary, pl.DataFrame(rows))
 
 
-def _verdict(worst: Margin, tools: list[dict[str, Any]], needed: float, damping_from: str) -> str:
-    """``stable``, ``chatter``, or ``open`` where it depends on a damping ratio that nobody measured."""
-    tool_margin = min(tool["worst"]["tool_margin"] or LARGEST for tool in tools)
-    if tool_margin < 1.0:
+def _over_interval(worst: Margin, tools: list[dict[str, Any]], needed: float, damping: Damping) -> str:
+    """``stable`` or ``chatter`` for every ratio that the damping may have, ``open`` where it depends on the ratio."""
+    if min(tool["worst"]["tool_margin"] or LARGEST for tool in tools) < 1.0:
         return "chatter"
-    if damping_from != "assumed":
+    if damping.origin != ASSUMED:
         return "stable" if worst.margin >= 1.0 else "chatter"
-    low, high = PLAUSIBLE_DAMPING
-    return "stable" if needed <= low else "chatter" if needed > high else "open"
+    return "stable" if needed <= damping.low else "chatter" if needed > damping.high else "open"
 
 
 def _softest(own: list[int], values: list[Margin], rows: list[dict[str, Any]]) -> list[int]:
@@ -181,7 +179,7 @@ def _of_tool(worst: Margin, row: dict[str, Any], structure: Structure, lobes: Di
 def _shown(margin: Margin, job: Job, cutter: Cutter) -> dict[str, Any]:
     """A stretch in shop units."""
     piece, path = margin.stretch, job.machined
-    depth, entry, leave, width = _engagement(piece.depth_m, cutter)
+    depth, entry, leave, width = _engagement(piece.arcs, cutter)
     return {
         "line": int(job.line_of_motion[path.motion[piece.row]]),
         **dict(zip(("x_mm", "y_mm", "z_mm"), np.round(path.p_part_tcp[piece.row] / MM, 3).tolist(), strict=True)),
@@ -193,7 +191,7 @@ def _shown(margin: Margin, job: Job, cutter: Cutter) -> dict[str, Any]:
         "entry_deg": round(entry / DEG, 1),
         "exit_deg": round(leave / DEG, 1),
         "feed_per_tooth_mm": round(piece.feed_per_tooth_m / MM, 5),
-        "mean_chip_um": round(mean_chip(piece.depth_m, cutter, piece.feed_per_tooth_m) / UM, 3),
+        "mean_chip_um": round(mean_chip_of_arcs(piece.arcs, piece.feed_per_tooth_m) / UM, 3),
         "low_frequency_margin": _finite(margin.low_frequency, 4),
         "robot_margin": _limited(margin.robot_margin),
         "tool_margin": _limited(margin.tool_margin),
@@ -203,14 +201,15 @@ def _shown(margin: Margin, job: Job, cutter: Cutter) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _engagement(depth: Any, cutter: Cutter) -> tuple[float, float, float, float]:
-    """Axial depth, entry and exit angle, radial width: the mean over the engaged bins, by chip width."""
-    edges = np.linspace(0.0, np.pi, depth.shape[1] + 1)
-    column, share = depth.sum(axis=0), -np.diff(np.cos(edges))
+def _engagement(arcs: Float, cutter: Cutter) -> tuple[float, float, float, float]:
+    """Axial depth, entry and exit angle, radial width: the mean over the engaged angles, by chip width."""
+    marks = np.unique(arcs[:, :2])
+    middle, share = 0.5 * (marks[1:] + marks[:-1]), -np.diff(np.cos(marks))
+    column = ((middle[:, None] > arcs[:, 0]) & (middle[:, None] < arcs[:, 1])) @ arcs[:, 2]
     engaged = np.flatnonzero(column > _ENGAGED * column.max())
     width = float(share[engaged].sum())
     axial = float(column @ share) / width
-    return axial, float(edges[engaged[0]]), float(edges[engaged[-1] + 1]), width * cutter.radius_m
+    return axial, float(marks[engaged[0]]), float(marks[engaged[-1] + 1]), width * cutter.radius_m
 
 
 def _tip(structure: Structure) -> dict[str, Any]:
@@ -271,11 +270,11 @@ def run(
         CounterflexError: As :func:`structure_of` and :func:`judge`.
     """
     cell = read_cell(cell_file)
-    structure, damping_from = structure_of(cell, damping_ratio, response, modal)
+    structure = structure_of(cell, damping_ratio, response, modal)
     if out is None:
-        return judge(program, cell, structure, damping_from, reading=reading, progress=progress).summary
+        return judge(program, cell, structure, reading=reading, progress=progress).summary
     with atomic.atomic_folder(out) as staging:
-        done = judge(program, cell, structure, damping_from, reading=reading, progress=progress)
+        done = judge(program, cell, structure, reading=reading, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         atomic.write_text(staging / "stability.csv", done.table.write_csv())
         atomic.write_text(staging / "lobes.csv", lobes_table(done).write_csv())

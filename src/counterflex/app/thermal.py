@@ -139,7 +139,7 @@ def _read(path: Path | None, per_kelvin_m: float | None) -> GrowthModel:
     except (OSError, UnicodeDecodeError, ValueError) as fault:
         raise FileFormatError("the model cannot be read", where=where, value=str(fault)[:80]) from fault
     if not isinstance(content, dict) or content.get("format") != KIND:
-        raise FileFormatError("not a model of thermal growth", where=where, hint="counterflex thermal --out writes one")
+        raise FileFormatError("not a model of thermal growth", where=where, hint="counterflex thermal writes one")
     if content.get("version") != VERSION or set(content) != {"format", "version", *_KEYS}:
         raise FileFormatError("a model of another version", where=where, value=content.get("version"), limit=VERSION)
     try:

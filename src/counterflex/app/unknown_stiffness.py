@@ -13,6 +13,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
@@ -124,6 +125,11 @@ def why_no_prior(cell: Cell) -> str:
     return ""
 
 
+def measure_stiffness(cell: Cell) -> str:
+    """Return the command that proposes pulls for the stiffness of a cell."""
+    return next_command("identify stiffness", propose=30, cell=cell.path, out="pulls")
+
+
 def refusal(cell: Cell, cost: Expected | None) -> InputError:
     """The error of a job that would take axes of unknown stiffness as rigid.
 
@@ -132,7 +138,7 @@ def refusal(cell: Cell, cost: Expected | None) -> InputError:
         cost: What they yield, if it can be said.
     """
     axes, why = axis_names(cell.unknown_axes), why_no_prior(cell)
-    measure = f"Measure it: counterflex identify stiffness --propose 30 --cell {cell.path.name} --out pulls"
+    measure = f"Measure it: {measure_stiffness(cell)}"
     stated = "or state it in [[robot.elastic]] (0 urad/kNm: rigid)"
     if why:
         estimate, hint = f"What that costs cannot be said: {why}", f"{measure}, {stated}"
@@ -160,12 +166,26 @@ def require_stiffness(cell: Cell) -> None:
 
 
 def unknown_stiffness(cell: Cell, worse: float = 0.0) -> list[str]:
-    """Warning where axes of the robot have no stiffness or that of the robot's class; none where every axis has one.
+    """Warnings where axes or bodies of the end effector have no stiffness, or that of the robot's class.
 
     Args:
         cell: The cell.
         worse: Share of the robots of the class of which a plan on its median leaves more than there was.
     """
+    return [*_unknown_axes(cell, worse), *_unknown_end_effector(cell)]
+
+
+def _unknown_end_effector(cell: Cell) -> list[str]:
+    bodies = cell.bodies_of_unknown_stiffness
+    if not bodies:
+        return []
+    return [
+        f"no stiffness is known of {', '.join(bodies)}: taken as rigid, though an end effector can yield as much as "
+        "the arm. State it in [[end_effector]] (0 urad/kNm: rigid), or measure it: counterflex identify stiffness"
+    ]
+
+
+def _unknown_axes(cell: Cell, worse: float) -> list[str]:
     given = cell.class_stiffness
     if given is not None:
         low, high = (f"{factor:.1f}" for factor in (given.prior.factor.min(), given.prior.factor.max()))
@@ -173,7 +193,7 @@ def unknown_stiffness(cell: Cell, worse: float = 0.0) -> list[str]:
         return [
             f"the stiffness of {given.named} of {cell.chain.name} is assumed from its class, not measured: nine of ten "
             f"robots lie within a factor of {low} to {high} of it{harm}. Measure it: "
-            "counterflex identify stiffness"
+            f"{measure_stiffness(cell)}"
         ]
     if not cell.unknown_axes:
         return []
@@ -183,5 +203,5 @@ def unknown_stiffness(cell: Cell, worse: float = 0.0) -> list[str]:
         missing += f": {cost.shown} {cost.of}"
     return [
         f"no stiffness is known of {axis_names(cell.unknown_axes)} of {cell.chain.name}: taken as rigid, {missing}. "
-        "Measure it: counterflex identify stiffness"
+        f"Measure it: {measure_stiffness(cell)}"
     ]

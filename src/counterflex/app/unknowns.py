@@ -6,6 +6,8 @@ them. At rest and linear: what it is in motion, a plan says.
 - Stiffness: of an axis without any, the whole deflection by the class of the robot; where the class is assumed, what is
   beyond its median; of an element of the file, ``STATED`` of its deflection, or its standard deviation once
   identified.
+- Stiffness of a spindle, bracket or holder that states no compliance: the whole deflection by published ones
+  (:mod:`counterflex.robot.model.end_effector_prior`). It is planned as rigid.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
 - Play and friction: of an axis without ``[[robot.play]]``, half of a lost motion of up to :data:`LOST_MOTION_RAD`, and
@@ -25,12 +27,14 @@ from counterflex.app.lowest_mode import STATED, estimate, identified_sigma
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, drawn_deflections, expected, why_no_prior
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM, MRAD
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import axis_names, prior_of
 from counterflex.robot.elasticity.axis_springs import axis_deflections
-from counterflex.robot.elasticity.chain import jacobian
+from counterflex.robot.elasticity.chain import frames, jacobian
 from counterflex.robot.elasticity.compliance import shares
+from counterflex.robot.model import end_effector_prior
 from counterflex.robot.model.class_prior import arm_over_axis
 
 HANDBOOK: Final = 0.3
@@ -49,9 +53,12 @@ _DRAWS: Final = ROBOTS
 _FORCE_SEED: Final = 1001
 _PLAY_SEED: Final = 1002
 _WEAR_SEED: Final = 1003
+_END_EFFECTOR_SEED: Final = 1004
 """Of the random numbers; elements have that of their number."""
 _PULLS: Final = "stiffness --propose 30"
 _PLAY: Final = "play --propose 24"
+_COUNT: Final = 20
+"""Measurements that are proposed where a recipe asks for no number of its own."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +121,8 @@ def sources(cell: Cell, points: CutPoints) -> list[Source]:
         cell: The cell.
         points: Where it is judged.
     """
-    listed = [*_axes_of_the_class(cell, points), *_stated(cell, points), _force(cell, points)]
+    listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]
+    listed.append(_force(cell, points))
     listed += [*_play(cell, points), *_identified_play(cell, points)]
     if cell.chain.servo is None:
         listed.append(Source("loop gains of the drives", "nothing; shown by what moves", None, "servo"))
@@ -169,11 +177,17 @@ def shown(ranked: list[Unknown], points: CutPoints, cell_file: str) -> dict[str,
         "measure_first": None
         if first is None
         else {
-            "command": f"counterflex identify {first[0]} --cell {cell_file} --out proposal",
+            "command": _proposing(first[0], cell_file),
             "removes_mm": round(first[1].median_m / MM, 3),
             "up_to_mm": round(first[1].high_m / MM, 3),
         },
     }
+
+
+def _proposing(recipe: str, cell_file: str) -> str:
+    """Return the command that proposes the measurements of a recipe, ``name`` or ``name --propose N``."""
+    name, _, count = recipe.partition(" --propose ")
+    return next_command(f"identify {name}", propose=count or _COUNT, cell=cell_file, out="proposal")
 
 
 def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Source]:
@@ -194,6 +208,22 @@ def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Source]:
         return [Source(name, "nothing, and no class", None, _PULLS)]
     d = drawn_deflections(prior, per_stiffness, axes)
     return [Source(name, "nothing; by the class prior", d, _PULLS)]
+
+
+def _unknown_end_effector(cell: Cell, points: CutPoints) -> list[Source]:
+    """Bodies beyond the flange that state no compliance: one spring at the first of them."""
+    bodies = cell.bodies_of_unknown_stiffness
+    if not bodies:
+        return []
+    chain = cell.chain
+    Ts = frames(chain, points.q)
+    p_tip = (Ts[:, -1] @ chain.T_last_tcp)[:, :3, 3]
+    p_spring = Ts[:, chain.names.index(bodies[0]), :3, 3]
+    arm = p_tip - p_spring
+    moment = points.w_tcp_base[:, 3:] + np.cross(arm, points.w_tcp_base[:, :3])
+    d = np.cross(moment, arm)[None] / end_effector_prior.drawn(_DRAWS, _END_EFFECTOR_SEED)[:, None, None]
+    name = f"stiffness of the end effector ({', '.join(bodies)})"
+    return [Source(name, "nothing; by two published ones", d, _PULLS)]
 
 
 def _stated(cell: Cell, points: CutPoints) -> list[Source]:

@@ -11,9 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from counterflex.cli.printed import below, everything_is_text
 from counterflex.core.errors import InputError, Interrupted
 from counterflex.core.meter import Meter, duration
 from counterflex.core.output_place import is_printed
+from counterflex.core.printable import printable
 from counterflex.core.progress import Progress
 
 
@@ -72,18 +74,22 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     """Print a table; numbers (columns whose header ends in a unit or a figure) are right-aligned."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
+
+    def text(words: str, style: str = "") -> Text:  # no markup, no :emoji:
+        return Text(printable(words), style=style)
 
     width = None if sys.stdout.isatty() else 160
-    console = Console(width=width, highlight=False)
-    table = Table(title=title, title_justify="left", show_edge=False, pad_edge=False)
+    console = Console(file=below(sys.stdout), width=width, highlight=False)
+    table = Table(title=text(title, "table.title"), title_justify="left", show_edge=False, pad_edge=False)
     for i, column in enumerate(columns):
         numeric = bool(rows) and all(_is_number(row[i]) for row in rows if row[i])
-        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+        table.add_column(text(column), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(text, row))
     console.print(table)
     if note:
-        console.print(note, markup=False)
+        console.print(text(note))
 
 
 def print_made_again(summary: Mapping[str, Any]) -> None:
@@ -186,8 +192,13 @@ def _bar(meter: Meter) -> Iterator[Progress]:
                 f"{duration(meter.elapsed_s())}" if remaining_s is None else f"about {duration(remaining_s)} left"
             )
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"), Left())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(meter.what, total=1.0)
-        meter.on_change = lambda: bar.update(task, completed=meter.fraction, description=meter.what)
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f}%"),
+        Left(),
+    )
+    with Bar(*columns, console=Console(file=below(sys.stderr)), transient=True) as bar, everything_is_text():
+        task = bar.add_task(printable(meter.what), total=1.0)
+        meter.on_change = lambda: bar.update(task, completed=meter.fraction, description=printable(meter.what))
         yield meter

@@ -10,7 +10,9 @@ from typing import Final
 from counterflex.cli import interrupt
 from counterflex.cli.commands.operate import requests
 from counterflex.cli.interrupt import end, interruptible
+from counterflex.cli.printed import everything_is_text
 from counterflex.core.errors import CounterflexError, Interrupted
+from counterflex.core.system_fault import system_fault
 
 _INTERRUPTED: Final = 130
 """Status that the command parser gives an interrupted command."""
@@ -26,7 +28,7 @@ def run() -> None:
     # Matrices are small here: on a busy machine the threads of BLAS wait for one another, fifty times longer than they
     # compute. Must be said before NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with interruptible():
+    with interruptible(), everything_is_text():
         try:
             status: object = _version(sys.argv[1:])
             if status is None:
@@ -43,10 +45,13 @@ def run() -> None:
         except BrokenPipeError:
             sys.stderr.close()
             sys.exit(0)
-        except OSError as fault:  # of a disk, a device, a socket: of the computer, not of the program
-            if not fault.strerror:
+        except BaseException as fault:
+            if isinstance(fault, (SystemExit, GeneratorExit)):
                 raise
-            end(f"{fault.filename or 'counterflex'}: {fault.strerror}")
+            known = system_fault(fault)  # of a disk, a device, a socket: of the computer, not of the program
+            if known is None:
+                raise
+            end(f"{known.filename or 'counterflex'}: {known.strerror}")
         signal_status = interrupt.status()  # 128 and the number of the signal, whatever the command made of it
     if status == _INTERRUPTED:
         end(f"interrupted; {interrupt.result_text()}", signal_status or _INTERRUPTED)

@@ -4,28 +4,40 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO, TextIO
 
-from counterflex.core.errors import OutputError
+from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.output_place import SUFFIX, Place, clear_leftovers, part_prefix, place_of
+from counterflex.core.system_fault import FULL, system_fault
 
 _OTHER = "Choose another place"
-_FULL = (
-    {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE} if hasattr(errno, "EDQUOT") else {errno.ENOSPC}
-)
-"""What a disk or a pipe says that takes no more."""
 
 
-def _refuse(path: Path, fault: OSError) -> OutputError:
+@contextlib.contextmanager
+def _refused_in_one_line(path: Path) -> Iterator[None]:
+    """Raise what the system or a library says of a target that takes no data as one :class:`OutputError`."""
+    try:
+        yield
+    except (CounterflexError, KeyboardInterrupt, SystemExit, GeneratorExit):
+        raise
+    except BaseException as fault:  # a panic in Rust is no Exception
+        known = system_fault(fault)
+        if known is None and not isinstance(fault, OSError):
+            raise
+        raise _refusal(path, known or OSError(0, str(fault))) from fault
+
+
+def _refusal(path: Path, fault: OSError) -> OutputError:
     return OutputError(
-        f"cannot write: {fault.strerror or fault}",
+        f"cannot write: {fault.strerror}",
         where=str(path),
-        hint=f"Make room there, or {_OTHER[0].lower()}{_OTHER[1:]}" if fault.errno in _FULL else _OTHER,
+        hint=f"Make room there, or {_OTHER[0].lower()}{_OTHER[1:]}" if fault.errno in FULL else _OTHER,
     )
 
 
@@ -61,7 +73,7 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(target)
     if path.is_dir():
         raise OutputError("cannot write: a folder has this name", where=str(path), hint="Choose another file name")
-    try:
+    with _refused_in_one_line(path):
         place = place_of(path)
         if place.through:
             with tempfile.TemporaryDirectory() as folder:
@@ -78,10 +90,6 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
                 part.replace(place.path)
             finally:
                 part.unlink(missing_ok=True)
-    except OutputError:
-        raise
-    except OSError as fault:
-        raise _refuse(path, fault) from fault
 
 
 def _part_of(place: Place) -> Path:
@@ -104,6 +112,22 @@ def write_bytes(target: str | os.PathLike[str], data: bytes) -> None:
         part.write_bytes(data)
 
 
+def write_made(target: str | os.PathLike[str], make: Callable[[BinaryIO], object]) -> None:
+    """Write what a library makes, whole or not at all.
+
+    The library writes into memory: what it raises at a full disk names neither the disk nor the file (polars: "Invalid
+    thrift: transport error").
+
+    Args:
+        target: File.
+        make: Writes the content into the stream that it is given.
+    """
+    stream = io.BytesIO()
+    make(stream)
+    with atomic_path(target) as part, part.open("wb") as file:
+        file.write(stream.getbuffer())
+
+
 @contextlib.contextmanager
 def open_record(target: str | os.PathLike[str], *, encoding: str = "utf-8") -> Iterator[TextIO]:
     """Open a record that grows while a job runs and is kept however the job ends, line ends as written.
@@ -114,17 +138,16 @@ def open_record(target: str | os.PathLike[str], *, encoding: str = "utf-8") -> I
         OutputError: It cannot be made, or does not take what is written.
     """
     path = Path(target)
-    try:
+    with _refused_in_one_line(path):
         stream = place_of(path).opened(encoding)
-    except OSError as fault:
-        raise _refuse(path, fault) from fault
     try:
         with stream:
             yield stream
     except OSError as fault:
-        if isinstance(fault, OutputError) or fault.errno not in _FULL:  # another's: of a socket, say
+        known = system_fault(fault)
+        if isinstance(fault, OutputError) or known is None or known.errno not in FULL:  # another's: of a socket, say
             raise
-        raise _refuse(path, fault) from fault
+        raise _refusal(path, known) from fault
 
 
 @contextlib.contextmanager
@@ -144,25 +167,33 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
         raise OutputError("cannot write: a file has the name of the folder", where=str(path), hint=_OTHER)
     if path.is_symlink():
         path = Path(os.path.realpath(path))
-    try:
-        with _parents_of(path):
-            inside = path if path.exists() else path.parent
-            for folder in {inside, path.parent}:
-                clear_leftovers(folder, path.name)
-            staging = Path(tempfile.mkdtemp(prefix=part_prefix(path.name), suffix=SUFFIX, dir=inside))
-            try:
+    with _refused_in_one_line(path), _parents_of(path):
+        inside = path if path.exists() else path.parent
+        for folder in {inside, path.parent}:
+            clear_leftovers(folder, path.name)
+        staging = Path(tempfile.mkdtemp(prefix=part_prefix(path.name), suffix=SUFFIX, dir=inside))
+        try:
+            with _named_as_asked(staging, path):
                 yield staging
-                if path.exists():
-                    _move_into(path, staging)
-                else:
-                    Place(path).keep_rights(staging, 0o777)
-                    staging.replace(path)
-            finally:
-                shutil.rmtree(staging, ignore_errors=True)
-    except OutputError:
-        raise
-    except OSError as fault:
-        raise _refuse(path, fault) from fault
+            if path.exists():
+                _move_into(path, staging)
+            else:
+                Place(path).keep_rights(staging, 0o777)
+                staging.replace(path)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _named_as_asked(staging: Path, path: Path) -> Iterator[None]:
+    """Name a file of a staging folder in messages by the place that was asked for."""
+    try:
+        yield
+    except OutputError as fault:
+        if fault.where is None or not fault.where.startswith(f"{staging}{os.sep}"):
+            raise
+        place = f"{path}{fault.where[len(str(staging)) :]}"
+        raise OutputError(fault.what, where=place, value=fault.value, limit=fault.limit, hint=fault.hint) from fault
 
 
 def _second_name(file: Path, link: Path) -> None:

@@ -6,7 +6,11 @@ broke which limit, where (file, line, key, path point), and what to do about it,
 
 from __future__ import annotations
 
-from typing import Any
+import re
+from typing import Any, Final
+
+_NO_SUCH: Final = re.compile(r"\b(unknown|no such|is none of)\b|\bno (robot|material|row|recipe|tool|body)\b")
+"""What an error says of a name that there is not; ``limit`` then lists the names."""
 
 
 class CounterflexError(Exception):
@@ -35,7 +39,7 @@ class CounterflexError(Exception):
         self.where = where
         self.value = value
         self.limit = limit
-        self.hint = hint
+        self.hint = hint or _nearest(what, value, limit)
         self.data = data
         super().__init__(self._line())
 
@@ -49,6 +53,17 @@ class CounterflexError(Exception):
         if self.hint:
             line += f". {self.hint}"
         return " ".join(line.split())
+
+
+def _nearest(what: str, value: object, limit: object) -> str | None:
+    """Return a hint to the nearest of the names that are listed, for a name that is none of them."""
+    if not (isinstance(value, str) and isinstance(limit, str) and _NO_SUCH.search(what)):
+        return None
+    from counterflex.core.similar import did_you_mean  # only where a name is wrong
+
+    listed = limit.removeprefix("one of ")
+    parts = re.split(r",\s*|\s+or\s+", listed) if "," in listed or " or " in listed else listed.split()
+    return did_you_mean(value.strip("'"), [part.strip("'") for part in parts if part])
 
 
 class InputError(CounterflexError, ValueError):

@@ -2,18 +2,49 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Final
+
+_LEAST_LETTERS: Final = 3
+"""A shorter text is part of too many names."""
 
 
 def close_to(name: str, among: Iterable[str], count: int = 3) -> list[str]:
-    """Names most like ``name``, best first; upper and lower case count as the same. Empty when none is near."""
+    """Names most like ``name``, best first; case, blanks and punctuation do not count. Empty when none is near.
+
+    Names that contain it (``7075``) come first, then those that it resembles as a whole (``en-aw-7057-vdi22``), then
+    those of which it resembles a word (``stainles``, ``staubli_m20``).
+    """
     import difflib  # only where a name is wrong: commands that start quickly need it seldom
 
-    by_folded: dict[str, str] = {}
+    by_letters: dict[str, str] = {}
+    words: dict[str, list[str]] = {}
     for item in among:
-        by_folded.setdefault(item.casefold(), item)
-    return [by_folded[key] for key in difflib.get_close_matches(name.casefold(), list(by_folded), n=count)]
+        by_letters.setdefault(_letters(item), item)
+        for word in re.split(r"[^a-z0-9]+", item.casefold()):
+            words.setdefault(word, []).append(item)
+    plain = _letters(name)
+    found = []
+    if len(plain) >= _LEAST_LETTERS:
+        found += sorted((letters for letters in by_letters if plain in letters), key=len)
+    found += difflib.get_close_matches(plain, list(by_letters), n=count)
+    names = [by_letters[letters] for letters in found]
+    for word in [] if names else [plain, *re.split(r"[^a-z0-9]+", name.casefold())]:
+        near = difflib.get_close_matches(word, list(words), n=1, cutoff=0.75) if len(word) >= _LEAST_LETTERS else []
+        names += [item for other in near for item in words[other]]
+    return list(dict.fromkeys(names))[:count]
+
+
+def did_you_mean(name: str, among: Iterable[str], count: int = 1) -> str | None:
+    """Return the question for an error's hint, or None where no name is near."""
+    close = close_to(name, among, count)
+    return f"Did you mean {' or '.join(map(repr, close))}?" if close else None
+
+
+def _letters(name: str) -> str:
+    return "".join(re.findall(r"[^\W_]", name.casefold()))
 
 
 def missing_file(path: Path) -> str:

@@ -10,7 +10,6 @@ law and are left out: hardened X37CrMoV5-1 (no exponent known) and CFRP (the for
 from __future__ import annotations
 
 import csv
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from typing import Final
 from counterflex.core.arrays import as_positive
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.registry import Registry
+from counterflex.core.similar import did_you_mean
 from counterflex.core.units import DEG, MM, N_PER_MM, N_PER_MM2
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 
@@ -242,11 +242,10 @@ def load(name: str) -> Material:
     """
     result = _own().get(name) or _others().get(name)
     if result is None:
-        near = difflib.get_close_matches(name, names(), n=3)
         raise InputError(
             "there is no such material",
             value=name,
-            hint=f"Did you mean {', '.join(near)}?" if near else f"There are: {', '.join(names())}",
+            hint=did_you_mean(name, names(), 3) or f"There are: {', '.join(names())}",
         )
     return result
 

@@ -6,7 +6,6 @@ path further ``speed_mm_s``, the same in every line. Lines that begin with ``#``
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import Final
@@ -15,8 +14,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.core.units import DEG, MM, MM_PER_S
+from counterflex.files.small_table import read_rows
 from counterflex.geometry import pose
 
 POSITION: Final = ("x_mm", "y_mm", "z_mm")
@@ -34,13 +33,7 @@ def read_commanded(path: str | Path) -> tuple[Float, bool, float | None]:
         FileFormatError: Missing, not text, other columns, not a number, a speed that is not above 0 or changes.
     """
     file = Path(path)
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except (OSError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
-    table = [(n, row) for n, row in enumerate(csv.reader(lines), start=1) if row and not row[0].startswith("#")]
+    table = read_rows(file)
     if len(table) < 2:
         raise FileFormatError("the file has no rows", where=str(file))
     names = [name.strip() for name in table[0][1]]

@@ -56,8 +56,7 @@ def write(path: Path, kind: str, version: int, layout: tuple[Column, ...], data:
     """
     frame = table(layout, data)
     meta = json.dumps({"format": kind, "version": version, **about}, allow_nan=False)
-    with atomic.atomic_path(path) as part:
-        frame.write_parquet(part, compression="zstd", metadata={_KEY: meta})
+    atomic.write_made(path, lambda stream: frame.write_parquet(stream, compression="zstd", metadata={_KEY: meta}))
 
 
 def table(layout: tuple[Column, ...], data: Any) -> pl.DataFrame:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
 from counterflex.files.parquet_table import Column, columns, read, table, write
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.plan import Plan, job_hash
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 
 KIND = "counterflex-plan"
 VERSION = 2
@@ -19,6 +22,8 @@ CLASS_ASSUMED = "stiffness_assumed_from_class"
 """Key of the metadata: the plan stands on the median of the robot's class, and so must what runs it."""
 WORKING_PLANE = "working_plane"
 """Key of the metadata: axes of the frame that a plan for a tilted tool is given in, as columns in part axes."""
+AXES = "controller_axes"
+"""Key of the metadata: how the axes of the file follow from the angles of the model, where they are not the same."""
 TOOL_TURNS = "tool_turns"
 """Key of the metadata: the tool cuts in several directions, or turns while it cuts; the plan is in part axes."""
 
@@ -64,16 +69,27 @@ MEASURED = columns("measured_x_um measured_y_um measured_z_um", "measured_part",
 """Columns of version 2: plans that measured parts have corrected; all others are written as version 1."""
 
 
-def plan_table(plan: Plan) -> pl.DataFrame:
-    """A plan as the table that its file holds: one row per path point, shop units."""
-    return table(LAYOUT + MEASURED if plan.measured_part is not None else LAYOUT, plan)
+def plan_table(plan: Plan, axes: ControllerAxes = AS_MODEL) -> pl.DataFrame:
+    """A plan as the table that its file holds: one row per path point, shop units, axes of the controller."""
+    shown = replace(plan, q=axes.shown(plan.q))
+    return table(LAYOUT + MEASURED if plan.measured_part is not None else LAYOUT, shown)
 
 
-def write_plan(path: Path, plan: Plan, about: Mapping[str, Any]) -> None:
-    """Write a plan; ``about`` says which program, cell and version made it, ``job_hash`` is added to it."""
+def write_plan(path: Path, plan: Plan, about: Mapping[str, Any], axes: ControllerAxes = AS_MODEL) -> None:
+    """Write a plan.
+
+    Args:
+        path: The file.
+        plan: The plan.
+        about: Which program, cell and version made it; ``job_hash`` is added to it, and how the controller counts axes
+            that are not the angles of the model.
+        axes: Of the robot.
+    """
     measured = plan.measured_part is not None
     layout, version = (LAYOUT + MEASURED, VERSION) if measured else (LAYOUT, VERSION - 1)
-    write(path, KIND, version, layout, plan, {**about, "job_hash": job_hash(plan)})
+    counted = {} if axes.matrix is None else {AXES: {"matrix": axes.matrix.tolist(), "zero_rad": axes.zero.tolist()}}
+    shown = plan if axes.matrix is None else replace(plan, q=axes.shown(plan.q))
+    write(path, KIND, version, layout, shown, {**about, **counted, "job_hash": job_hash(plan)})
 
 
 def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
@@ -85,6 +101,10 @@ def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
     layout = LAYOUT + MEASURED if is_corrected(path) else LAYOUT
     data, about = read(path, KIND, VERSION, layout)
     tool_path = ToolPath(**{name.removeprefix("path."): data.pop(name) for name in list(data) if "." in name})
+    counted = about.get(AXES)
+    if counted is not None:
+        axes = ControllerAxes(matrix=np.array(counted["matrix"]), zero_rad=np.array(counted["zero_rad"]))
+        data["q"] = axes.model(data["q"])
     return Plan(path=tool_path, **data), about
 
 

@@ -94,6 +94,11 @@ class ComplianceTable(Table):
                 )
         return self
 
+    @property
+    def states_compliance(self) -> bool:
+        """True where a key of the table gives a compliance, 0 (rigid) included."""
+        return bool(self._components())
+
     def _components(self) -> list[tuple[str, float]]:
         keys = [f"t{a}_um_per_kn" for a in "xyz"] + [f"r{a}_urad_per_knm" for a in "xyz"]
         return [(key, value) for key in keys if (value := getattr(self, key)) is not None]

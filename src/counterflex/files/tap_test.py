@@ -8,7 +8,6 @@ Columns ``frequency_hz,force,motion`` and either ``real_um_n,imag_um_n`` (recept
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import Final
@@ -17,8 +16,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.core.units import UM
+from counterflex.files.small_table import read_rows
 from counterflex.plan.tap_fit import Tap
 
 _WHERE: Final = ("frequency_hz", "force", "motion")
@@ -38,13 +37,7 @@ def read_tap_test(path: str | Path) -> Tap:
         FileFormatError: Missing, not text, other columns, not a number, a frequency not above 0, an unknown direction.
     """
     file = Path(path)
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except (OSError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
-    table = [(n, row) for n, row in enumerate(csv.reader(lines), start=1) if row and not row[0].startswith("#")]
+    table = read_rows(file)
     if len(table) < 2:
         raise FileFormatError("the file has no rows", where=str(file))
     names = [name.strip() for name in table[0][1]]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.core.units import MM
+from counterflex.files.small_table import read_rows
 
 COLUMNS: Final = ("feature", "quantity", "tolerance_mm")
 LARGEST_MM: Final = 100.0
@@ -25,14 +24,7 @@ def read_tolerances(path: str | Path) -> dict[tuple[str, str], float]:
         FileFormatError: Missing, not text, other columns, a row twice, or a tolerance that is no size.
     """
     file = Path(path)
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except (OSError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
-    rows = [(n, [field.strip() for field in row]) for n, row in enumerate(csv.reader(lines), start=1) if row]
-    rows = [(n, row) for n, row in rows if not row[0].startswith("#")]
+    rows = read_rows(file)
     if not rows or tuple(rows[0][1]) != COLUMNS:
         raise FileFormatError(
             "other columns than those of tolerances",

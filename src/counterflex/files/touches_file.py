@@ -6,7 +6,6 @@ Columns ``time_s,x_mm,y_mm,z_mm`` in part axes and, where known, ``spindle_rpm``
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import Final
@@ -15,9 +14,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.core.units import MM, RPM, UM
 from counterflex.evaluate.thermal.growth import Touches
+from counterflex.files.small_table import read_rows
 
 NEEDED: Final = ("time_s", "x_mm", "y_mm", "z_mm")
 KNOWN: Final = (*NEEDED, "spindle_rpm", "sigma_um", "temperature_c")
@@ -49,13 +48,7 @@ def read_touches(path: str | Path) -> Touches:
 
 
 def _table(file: Path) -> tuple[list[str], list[list[float]]]:
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except (OSError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
-    table = [(n, row) for n, row in enumerate(csv.reader(lines), start=1) if row and not row[0].startswith("#")]
+    table = read_rows(file)
     names = [name.strip() for name in table[0][1]] if table else []
     if not set(NEEDED) <= set(names) or not set(names) <= set(KNOWN) or len(set(names)) != len(names):
         raise FileFormatError(

@@ -43,10 +43,9 @@ from counterflex.plan.static_correction import (
 )
 from counterflex.plan.stock_grain import fine_enough, grain_per_cell
 from counterflex.plan.tool_deviation import lost_motion, run
+from counterflex.plan.trial_chatter import chattering
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
-_BELIEVED = 0.3
-"""Share of the deflection that the trial may leave: if it leaves more, the model chatters and teaches nothing."""
 _SHARE = 0.7
 """Of what is left: friction and cutting answer otherwise than the one mode that inverts the command."""
 _MENDS = 3
@@ -124,6 +123,7 @@ def plan(
         deviation_compensated_part=prediction.deviation_compensated_part,
         w_nominal_part=prediction.w_nominal_part,
         extrapolated=undisturbed.extrapolated.astype(np.int64),
+        chip_m=cut.chip_m,
     )
 
 
@@ -164,7 +164,8 @@ def dynamic_trial(
 ) -> tuple[Command, Float]:
     """Try a command, take back a share of what lasts of its deviation, and keep the better of the two commands.
 
-    Cut by cut, the same again where much is left, up to :data:`_MENDS` times.
+    Repeat for each cut whose deviation is still large, at most :data:`_MENDS` times. Cuts that chatter are left as they
+    are (:mod:`counterflex.plan.trial_chatter`).
 
     Args:
         loaded: The robot under load.
@@ -181,9 +182,12 @@ def dynamic_trial(
     if not mends and UNCOMPENSATED not in parts:
         return command, np.zeros_like(displacement)
     remaining = _tried(loaded, command, parts[TRIAL])
-    if not mends or _size(loaded, remaining) >= _BELIEVED * _size(loaded, loaded.deflection_part):
+    if not mends:
         return command, remaining
-    unfinished = np.ones(len(remaining), dtype=bool)
+    steady = ~chattering(loaded, remaining, _cuts(loaded))
+    if not np.any(steady):
+        return command, remaining
+    unfinished = steady
     for done in range(_MENDS):
         change = _SHARE * _correctable(loaded, np.where(unfinished[:, None], remaining, 0.0))
         reported = share_of(parts[MENDED], 0.0 if done == 0 else 1.0, 1.0)  # the further ones are seldom
@@ -191,7 +195,7 @@ def dynamic_trial(
         better = _less_left(loaded, remaining_of_next, remaining)[:, None]
         displacement = displacement + np.where(better, change, 0.0)
         remaining = np.where(better, remaining_of_next, remaining)
-        unfinished = _leaves_much(loaded, remaining) & better[:, 0]
+        unfinished = _leaves_much(loaded, remaining) & better[:, 0] & steady
         if not np.any(unfinished):
             break
     return command_against(loaded, displacement), remaining
@@ -226,12 +230,6 @@ def _less_left(loaded: LoadedRobot, one: Float, other: Float) -> Bool:
 
 def _tried(loaded: LoadedRobot, command: Command, progress: Progress) -> Float:
     return run(loaded.robot, loaded.inputs.stock, command.q, command.correction_part, progress)[1]
-
-
-def _size(loaded: LoadedRobot, deviation: Float) -> float:
-    """Root mean square of a deviation across the path, in contact; m."""
-    square = np.sum(across(deviation[:, :3], loaded.inputs.path.p_part_tcp)[loaded.cut.contact] ** 2, axis=1)
-    return float(np.sqrt(np.mean(square)))
 
 
 def _correctable(loaded: LoadedRobot, deviation: Float) -> Float:

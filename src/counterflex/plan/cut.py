@@ -95,7 +95,7 @@ def cut(
 
     Raises:
         ProgramError: Material is cut in feed motion with the spindle stopped.
-        ModelError: The spindle turns backwards (M4), or a column of the stock would need more than eight stretches.
+        ModelError: The spindle turns backwards (M4), or a column of the stock holds too many stretches.
         InputError: Shapes differ, or compliance without mode.
     """
     n = len(path)

@@ -81,7 +81,57 @@ def known(limits: ProcessLimits) -> bool:
     """Whether any limit is known that a feed can keep."""
     some = (limits.power_w, limits.torque_nm, limits.force_n, limits.deflection_m, limits.acceleration_m_s2)
     bends = limits.bending_m is not None and limits.overhang_m is not None
-    return bends or limits.axis_torque_nm is not None or any(limit is not None for limit in some)
+    return (
+        bends
+        or bool(limits.torque_curve)
+        or limits.axis_torque_nm is not None
+        or any(limit is not None for limit in some)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What a cut asks of spindle, tool and robot, row by row; 0 where nothing is cut.
+
+    Attributes:
+        values: (n,) by name of the limit that it is held against, SI.
+        displacement_part: (n, 6) m, rad, elastic displacement of the tool in the part.
+    """
+
+    values: dict[str, Float]
+    displacement_part: Float
+
+
+def asked(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> Asked:
+    """Return what a cut asks for at every row: forces, torques, power, bending, deflection, acceleration.
+
+    Args:
+        inputs: Path and setting.
+        cut: The undisturbed cut along it.
+        limits_of: Gives overhang and modulus for a tool number.
+    """
+    path, setting, w, axis = inputs.path, inputs.setting, cut.w_tcp_part, inputs.path.axis_part
+    along = np.sum(w[:, :3] * axis, axis=1)[:, None] * axis
+    side, moment = np.linalg.norm(w[:, :3] - along, axis=1), np.abs(np.sum(w[:, 3:] * axis, axis=1))
+    values = {
+        "force": np.linalg.norm(w[:, :3], axis=1),
+        "spindle torque": moment,
+        "spindle power": moment * np.abs(path.spindle_rad_s),
+    }
+    bending = np.zeros(len(path))
+    for number in np.unique(path.tool[cut.contact]).tolist():
+        rows = path.tool == number
+        bending[rows] = limits_of(number).bending(setting.cutter_of(number).diameter_m, side[rows])
+    values["tool bending"] = bending
+    relative = setting.relative_motion(path)
+    load = relative.load(w)
+    torques = np.abs(axis_torques(setting.chain, inputs.q, load))
+    values |= {f"torque of axis {k + 1}": torques[:, k] for k in range(torques.shape[1])}
+    bent = relative.displacement(compliance.deflection(setting.chain, inputs.q, load))
+    values["deflection"] = np.linalg.norm(across(bent[:, :3], path.p_part_tcp), axis=1)
+    values = {name: np.where(cut.contact, value, 0.0) for name, value in values.items()}
+    values[ACCELERATION] = path.feed_m_s**2 * curvature(path)
+    return Asked(values, np.where(cut.contact[:, None], bent, 0.0))
 
 
 def uses(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> dict[str, Float]:
@@ -95,34 +145,31 @@ def uses(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], Process
     Returns:
         By name, (n,); 0 where nothing is cut (but for the acceleration).
     """
-    path, setting, w = inputs.path, inputs.setting, cut.w_tcp_part
-    side, moment = np.linalg.norm(w[:, :2], axis=1), np.abs(w[:, 5])
-    limits = limits_of(int(path.tool[-1]))
-    out: dict[str, Float] = {}
+    values, path = asked(inputs, cut, limits_of).values, inputs.path
+    known_limits = limits_by_name(limits_of(int(path.tool[-1])), path.spindle_rad_s)
+    if not values["tool bending"].any():
+        known_limits.pop("tool bending", None)
+    return {name: values[name] / limit for name, limit in known_limits.items()}
 
-    def add(name: str, value: Float, limit: float | None) -> None:
-        if limit is not None:
-            out[name] = np.where(cut.contact, value, 0.0) / limit
 
-    add("force", np.linalg.norm(w[:, :3], axis=1), limits.force_n)
-    add("spindle torque", moment, limits.torque_nm)
-    add("spindle power", moment * np.abs(path.spindle_rad_s), limits.power_w)
-    bending = np.zeros(len(path))
-    for number in np.unique(path.tool[cut.contact]).tolist():
-        rows = path.tool == number
-        bending[rows] = limits_of(number).bending(setting.cutter_of(number).diameter_m, side[rows])
-    add("tool bending", bending, limits.bending_m if bending.any() else None)
-    relative = setting.relative_motion(path)
-    if limits.axis_torque_nm is not None:
-        torques = np.abs(axis_torques(setting.chain, inputs.q, relative.load(w)))
-        for axis, limit in enumerate(limits.axis_torque_nm.tolist()):
-            add(f"torque of axis {axis + 1}", torques[:, axis], limit)
-    if limits.deflection_m is not None:
-        bent = relative.displacement(compliance.deflection(setting.chain, inputs.q, relative.load(w)))
-        add("deflection", np.linalg.norm(across(bent[:, :3], path.p_part_tcp), axis=1), limits.deflection_m)
-    if limits.acceleration_m_s2 is not None:
-        out[ACCELERATION] = path.feed_m_s**2 * curvature(path) / limits.acceleration_m_s2
-    return out
+def limits_by_name(limits: ProcessLimits, spindle_rad_s: Float) -> dict[str, Float | float]:
+    """Limits that are known, by the names of :func:`asked`.
+
+    Args:
+        limits: Of spindle, tool and robot.
+        spindle_rad_s: (n,) speed of the spindle.
+    """
+    axes = limits.axis_torque_nm
+    given: dict[str, Float | float | None] = {
+        "force": limits.force_n,
+        "spindle torque": limits.torque_at(spindle_rad_s),
+        "spindle power": limits.power_w,
+        "tool bending": limits.bending_m,
+        **({} if axes is None else {f"torque of axis {k + 1}": axes[k] for k in range(len(axes))}),
+        "deflection": limits.deflection_m,
+        ACCELERATION: limits.acceleration_m_s2,
+    }
+    return {name: limit for name, limit in given.items() if limit is not None}
 
 
 def curvature(path: ToolPath) -> Float:

@@ -18,6 +18,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import FEED, RAPID, ToolPath, tool_orientation
+from counterflex.plan.damping import Damping
 from counterflex.plan.relative_motion import RelativeMotion, hand_poses, part_carried, tool_carried
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -25,7 +26,7 @@ from counterflex.robot.elasticity.drive_error import DriveErrors
 from counterflex.robot.kinematics.inverse import PathSolution, inverse_path
 from counterflex.signals.preview import Mode, Shaping
 
-_NO_ERRORS = DriveErrors()
+_NO_ERRORS, _ASSUMED = DriveErrors(), Damping.of(None)
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ class Setting:
         T_base_tcp: (4, 4) tool frame of a spindle that stands, against which the robot holds the part; the last frame
             of both chains is the part frame then, and ``T_base_part`` says nothing. None: the robot holds the tool.
         turning: How the free rotation changes along the program; ``rotation_about_tool_rad`` is that of its beginning.
+        damping: Damping ratio of the robot's modes, against chatter.
         drive_errors: Periodic errors and sag of the drives: what the links of ``chain`` truly do at commanded angles.
     """
 
@@ -92,6 +94,7 @@ class Setting:
     orientation: bool = False
     allow_extrapolation: bool = False
     drive_errors: DriveErrors = _NO_ERRORS
+    damping: Damping = _ASSUMED
     turning: ToolRotation | None = None
     T_base_tcp: Float | None = None
 

@@ -7,8 +7,7 @@ Shaping of corrections, the feed schedule and the answer of drives need a freque
 2. Otherwise a tap test says it.
 3. Otherwise masses are assumed (:func:`assumed_masses`).
 
-Source of the assumed damping: modal tests on milling robots find ratios from 0.02 (drives locked) to 0.1 for the modes
-below 30 Hz; friction and drives damp small and slow swings more than that. It is a judgement, not a measurement.
+The assumed damping is that of :mod:`counterflex.plan.damping`.
 """
 
 from __future__ import annotations
@@ -21,14 +20,13 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.plan.damping import ASSUMED_DAMPING
 from counterflex.plan.elastic_motion import DAMPING_S, matrices
 from counterflex.plan.elastic_motion_kernel import AXES
 from counterflex.plan.modes import lowest_mode, modes
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 from counterflex.signals.preview import Mode
 
-ASSUMED_DAMPING: Final = 0.1
-"""Damping ratio of the lowest mode where neither a tap test nor loop gains are known."""
 LINK_SHARES: Final = (0.39, 0.244, 0.232, 0.073, 0.044, 0.017)
 """Mass behind each drive and before the next, of all that moves: KR 300 R2500 ultra, github
 JonasWeigand/Robot_Identification (catalogue file of that robot)."""

@@ -36,6 +36,7 @@ class Plan:
         w_nominal_part: (n, 6) predicted wrench of the uncompensated program.
         extrapolated: (n,) 1 where material is cut with a mean chip outside the range of the cutting constants, else 0.
         measured_part: (n, 3) m, part of ``correction_part`` that takes back what was measured on parts, or None.
+        chip_m: (n,) mean chip thickness, 0 out of the cut; None for a plan read from a file, which does not hold it.
     """
 
     path: ToolPath
@@ -57,6 +58,7 @@ class Plan:
     w_nominal_part: Float
     extrapolated: Int
     measured_part: Float | None = None
+    chip_m: Float | None = None
 
     @property
     def cutting(self) -> Bool:

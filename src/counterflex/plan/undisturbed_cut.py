@@ -16,9 +16,9 @@ from counterflex.core.progress import Progress
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.plan import chip_range
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.inputs import Inputs, place
-from counterflex.plan.plan import impulse_share
 
 WINDOW_M = 2.0 * MM
 """Stretch of path over which the removed volume is added up; it smooths over the grid of the stock."""
@@ -96,8 +96,6 @@ def check_flutes(
         )
 
 
-EXTRAPOLATED_SHARE = 0.02
-"""Share of the force impulse that may come from chips outside the law's range before planning refuses."""
 _CONTACT_M3 = 1e-12
 
 
@@ -126,7 +124,8 @@ def undisturbed_cut(inputs: Inputs, progress: Progress) -> UndisturbedCut:
         progress: Progress callback, fraction 0 to 1.
 
     Raises:
-        ModelError: Force comes from chips outside the law's range, or a cut is deeper than the flutes are long.
+        ModelError: The force is uncertain because its chips are outside the law's range, or a cut is deeper than the
+            flutes are long.
         ProgramError: Material is cut with the spindle stopped.
     """
     path, setting = inputs.path, inputs.setting
@@ -138,19 +137,10 @@ def undisturbed_cut(inputs: Inputs, progress: Progress) -> UndisturbedCut:
 
 
 def _check_chips(result: Cut, contact: Bool, inputs: Inputs) -> Bool:
-    """Rows cut with a mean chip outside the law's range; refused where too much of the force comes from them."""
-    path, line, setting = inputs.path, inputs.line, inputs.setting
-    law = setting.law
-    outside = contact & ((result.chip_m < law.h_min_m) | (result.chip_m > law.h_max_m))
-    share = impulse_share(np.where(contact[:, None], result.w_tcp_part, 0.0), path.time_s, outside)
-    if share > EXTRAPOLATED_SHARE and not setting.allow_extrapolation:
-        row = int(np.argmax(np.where(outside, np.linalg.norm(result.w_tcp_part[:, :3], axis=1), -1.0)))
-        raise ModelError(
-            "force would come from chips outside the range of the cutting constants",
-            where=place(path, line, row),
-            value=f"mean chip {result.chip_m[row] / MM:.3g} mm, {100 * share:.0f} % of the force",
-            limit=f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm, at most {100 * EXTRAPOLATED_SHARE:g} %",
-            hint="Use constants measured at this feed, or set material.allow_extrapolation = true",
-            share=share,
-        )
-    return outside
+    """Rows cut with a mean chip outside the law's range; refused where the force is uncertain as a whole."""
+    path, law = inputs.path, inputs.setting.law
+    found = chip_range.outside(law, result.chip_m, contact, result.w_tcp_part, path.time_s)
+    if not inputs.setting.allow_extrapolation:
+        worst = int(np.argmax(found.uncertainty * np.linalg.norm(result.w_tcp_part[:, :3], axis=1)))
+        chip_range.check(found, law, result.chip_m, worst, place(path, inputs.line, worst))
+    return found.rows

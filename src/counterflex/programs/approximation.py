@@ -9,7 +9,7 @@ Staubli VAL3 reference (``leave`` and ``reach`` of an mdesc in mm).
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,11 +23,7 @@ from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.val3.program import Val3Program
 
 _NUMBER: Final = r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
-_CDIS: Final = re.compile(rf"^\s*\$APO(?:\.CDIS\s*=\s*|\s*=\s*\{{[^}}]*?\bCDIS\s+){_NUMBER}", re.IGNORECASE)
-_ZONE: Final = re.compile(r"z([0-9]+)", re.IGNORECASE)
-_ZONE_DATA: Final = re.compile(rf"\[\s*FALSE\s*,\s*{_NUMBER}\s*,", re.IGNORECASE)
 _DISTANCE: Final = re.compile(rf"C[DR]\s*{_NUMBER}", re.IGNORECASE)
-_Z0_MM: Final = 0.3
 _EXACT_MODES: Final = frozenset((60.0, 61.0, 61.1))
 _CONTINUOUS_MODES: Final = frozenset((64.0, 641.0, 642.0, 643.0, 644.0, 645.0))
 _EXACT_ONCE: Final = 9.0
@@ -45,11 +41,11 @@ def approximation_m(program: Program) -> Float:
     if isinstance(program, KrlProgram):
         values = _krl(program)
     elif isinstance(program, RapidProgram):
-        values = [0.0 if move.exact else _zone(program, program.text[slice(*move.zone)]) for move in program.moves]
+        values = [0.0 if move.exact else move.rounding_m for move in program.moves]
     elif isinstance(program, FanucProgram):
         values = [0.0 if move.exact else _millimetres(_DISTANCE.search(move.termination)) for move in program.moves]
     elif isinstance(program, Val3Program):
-        values = [0.0 if move.exact else _mdesc(program, move.speed) for move in program.moves]
+        values = [0.0 if move.exact else _mdesc(move.speed) for move in program.moves]
     else:
         values = _machine(program)
     return np.array(values, dtype=np.float64)
@@ -60,40 +56,20 @@ def _millimetres(match: re.Match[str] | None) -> float:
 
 
 def _krl(program: KrlProgram) -> list[float]:
-    """``C_DIS`` with the $APO.CDIS that stands above it in the file; a spline goes through its points."""
-    distance, by_line = float("nan"), []
-    for text in program.lines:
-        distance = distance if (match := _CDIS.match(text)) is None else _millimetres(match)
-        by_line.append(distance)
+    """``C_DIS`` with the $APO.CDIS that is active; a spline goes through its points."""
     out = []
     for move in program.moves:
         words = move.approximation.upper()
         if not words and not move.in_spline:
             out.append(0.0)
         else:
-            out.append(by_line[move.line - 1] if "C_DIS" in words else float("nan"))
+            out.append(move.distance_m if "C_DIS" in words else float("nan"))
     return out
 
 
-def _zone(program: RapidProgram, text: str) -> float:
-    """A predefined zone, or one that is declared in the module."""
-    text = text.strip()
-    declared = re.search(rf"\bzonedata\s+{re.escape(text)}\s*:=\s*(\[[^\]]*\])", program.text, re.IGNORECASE)
-    if declared is not None or text.startswith("["):
-        return _millimetres(_ZONE_DATA.match(text if declared is None else declared[1]))
-    match = _ZONE.fullmatch(text)
-    if match is None:
-        return float("nan")
-    return (float(match[1]) or _Z0_MM) * MM
-
-
-def _mdesc(program: Val3Program, key: tuple[str, int]) -> float:
+def _mdesc(attributes: Mapping[str, str]) -> float:
     """The shorter one of ``leave`` and ``reach``."""
-    variable = program.variables.get(key[0])
-    value = None if variable is None else variable.values.get(key[1])
-    if value is None:
-        return float("nan")
-    numbers = [re.fullmatch(_NUMBER, value.attributes.get(name, "").strip()) for name in ("leave", "reach")]
+    numbers = [re.fullmatch(_NUMBER, attributes.get(name, "").strip()) for name in ("leave", "reach")]
     return min((_millimetres(match) for match in numbers), key=lambda one: np.inf if np.isnan(one) else one)
 
 

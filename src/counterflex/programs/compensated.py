@@ -43,7 +43,7 @@ def motion_table(program: Program) -> MotionTable:
             turned = [round(angle / DEG, 6) for angle in motion.abc_end]
             raise ProgramError(
                 "the program moves a rotary axis, whose meaning for a robot is not defined",
-                where=f"{program.name}:{block.line}:1",
+                where=f"{block.where(program.name)}:1",
                 value=f"A B C = {turned} deg",
                 limit="A B C = 0",
                 hint="Describe the machine in [machine] of the cell file, or post the program as three-axis milling",

@@ -47,7 +47,7 @@ ENDINGS: Final[dict[str, tuple[str, ...]]] = {
     "sinumerik": (".mpf", ".spf"),
     "apt": (".apt", ".aptsource", ".cls", ".cl", ".ncl"),
     "krl": (".src",),
-    "rapid": (".mod", ".modx", ".prg"),
+    "rapid": (".mod", ".modx", ".prg", ".sys", ".sysx", ".pgf"),
     "fanuc": (".ls",),
     "val3": (".pgx",),
 }

@@ -107,6 +107,7 @@ class Block:
         motion_count: Number of motions it makes (a canned cycle makes several, a comment none).
         single: True when the block is executed exactly once, in file order, so that it can be edited in place.
         cycle: True for canned cycles and other blocks whose motions are not simply their own target.
+        file: Name of the file that the line is in, where that is another than the main one.
     """
 
     line: int
@@ -117,6 +118,11 @@ class Block:
     motion_count: int
     single: bool = True
     cycle: bool = False
+    file: str = ""
+
+    def where(self, name: str) -> str:
+        """File and line; ``name`` is that of the main file."""
+        return f"{self.file or name}:{self.line}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,10 @@ _ROBOT_READERS: Final[dict[str, str]] = {
 }
 """The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
 _STATEMENT_TABLES: Final[dict[str, str]] = {
+    "krl": "counterflex.programs.krl.read.table:TABLE",
+    "rapid": "counterflex.programs.rapid.table:TABLE",
+    "fanuc": "counterflex.programs.fanuc.read.table:TABLE",
+    "val3": "counterflex.programs.val3.read.table:TABLE",
     LINUXCNC: "counterflex.programs.gcode.read.code_table:TABLE",
     "sinumerik": "counterflex.programs.gcode.sinumerik.word_table:TABLE",
     "twincat": "counterflex.programs.gcode.twincat.word_table:TABLE",

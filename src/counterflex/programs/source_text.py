@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -38,3 +39,19 @@ def read_text(file: Path) -> tuple[str, str]:
         return data.decode(encoding), encoding
     except UnicodeDecodeError:
         return data.decode("latin-1"), "latin-1"
+
+
+def common_encoding(texts: Mapping[str, tuple[str, str]]) -> str:
+    """Return the encoding of all files of a job, which are written back in one.
+
+    Args:
+        texts: Text and encoding by name.
+
+    Raises:
+        ProgramError: They differ in it.
+    """
+    own = {encoding for text, encoding in texts.values() if not text.isascii() or encoding == "utf-8-sig"}
+    if len(own) > 1:
+        raise ProgramError("the files of the job are in different encodings", where=" ".join(texts),
+                           value=" ".join(sorted(own)), hint="Save all of them in one encoding")  # fmt: skip
+    return own.pop() if own else "utf-8"

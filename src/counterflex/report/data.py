@@ -164,6 +164,23 @@ class FeedData:
 
 
 @dataclass(frozen=True)
+class Headline:
+    """99.7 % of the predicted path error, as in ``summary.json``.
+
+    Attributes:
+        model_mm: Before and after by the model without its unknowns.
+        before_mm: Median and ends of the 90 % interval over all that is not known; None where that was not counted.
+        after_mm: The same with compensation.
+        worse: Probability that compensation makes it worse, as printed.
+    """
+
+    model_mm: tuple[float, float]
+    before_mm: tuple[float, ...] | None = None
+    after_mm: tuple[float, ...] | None = None
+    worse: str = ""
+
+
+@dataclass(frozen=True)
 class PredictionData:
     """The page of a planned program: what is predicted and corrected, with no machining simulated.
 
@@ -181,8 +198,7 @@ class PredictionData:
         error_before_m: (n,) m, predicted distance of the tool from the programmed path across the feed, without
             compensation; None where it was not predicted.
         error_after_m: (n,) m, the same with compensation, or None.
-        headline_mm: 99.7 % of the path error before and after, then the largest before and after, mm, as in
-            ``summary.json``; None where it was not predicted.
+        headline: Figures that the page begins with; None where the error was not predicted.
         drawing: Robot in the posture of the largest deflection, reach and blank, or None.
         feed: What limits made of the feed, or None.
         load: What to load on the controller, and what must be set there.
@@ -206,7 +222,7 @@ class PredictionData:
     line: Int
     error_before_m: Float | None = None
     error_after_m: Float | None = None
-    headline_mm: tuple[float, float, float, float] | None = None
+    headline: Headline | None = None
     drawing: CellDrawing | None = None
     feed: FeedData | None = None
     load: tuple[Fact, ...] = ()

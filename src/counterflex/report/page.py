@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from counterflex.core.atomic import write_text
 from counterflex.core.errors import InputError
+from counterflex.core.printable import printable
 from counterflex.core.units import MM
 from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
 from counterflex.report.cell_figure import cell_figure
@@ -181,6 +182,7 @@ def _environment() -> jinja2.Environment:
     return jinja2.Environment(
         loader=jinja2.PackageLoader("counterflex.report"),
         autoescape=True,
+        finalize=lambda value: printable(value) if type(value) is str else value,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -219,22 +221,28 @@ def _verdict(summary: Mapping[str, Any]) -> str:
 
 
 def _headline(data: PredictionData) -> list[dict[str, str]]:
-    """Cards of the predicted path error, before and after; none where it was not predicted."""
-    if data.headline_mm is None:
+    """Cards of the predicted path error, the figures to plan with first; none where it was not predicted."""
+    found = data.headline
+    if found is None:
         return []
-    p997, p997_after, largest, largest_after = data.headline_mm
-    return [
-        _card("Predicted path error, 99.7 %", p997, p997_after),
-        _card("Predicted path error, largest", largest, largest_after),
-    ]
+    share = "99.7 % of the path in the cut"
+    model = _card("Model without its unknowns", *found.model_mm) | {"note": share}
+    if found.before_mm is None or found.after_mm is None:
+        return [model | {"note": f"{share}. Not looked at: what is not known of the cell"}]
+    before, after = found.before_mm, found.after_mm
+    note = (
+        f"Range in nine of ten such cells: before {before[1]:.2f} to {before[2]:.2f} mm, after {after[1]:.2f} to "
+        f"{after[2]:.2f} mm. Probability that it gets worse: {found.worse}"
+    )
+    return [_card("Expected path error, median", before[0], after[0], 2) | {"note": note}, model]
 
 
-def _card(name: str, before: float, after: float) -> dict[str, str]:
+def _card(name: str, before: float, after: float, digits: int = 3) -> dict[str, str]:
     change = "" if before == 0.0 else f"{100.0 * (after / before - 1.0):+.0f} %".replace("-", "−")
     return {
         "name": name,
-        "before": f"{before:.3f}",
-        "after": f"{after:.3f}",
+        "before": f"{before:.{digits}f}",
+        "after": f"{after:.{digits}f}",
         "change": change,
         "worse": "worse" if after > before else "",
         "bar": "0" if before == 0.0 else f"{min(100.0 * after / before, 100.0):.1f}",

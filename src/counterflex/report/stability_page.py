@@ -17,7 +17,6 @@ _SHOWN: Final = 20.0
 _TEXTS: Final = {
     "stable": "Stable along the whole path.",
     "chatter": "The program chatters: do not run it as it is.",
-    "open": "Depends on the damping of the robot, which nobody measured.",
 }
 
 
@@ -49,6 +48,12 @@ def stability_page(data: StabilityData) -> str:
         f"{_TEXTS[summary['verdict']]} Least margin {worst['margin']:.3g} at line {worst['line']} ({worst['method']})."
     )
     needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])
+    if summary["verdict_over_interval"] == "open":
+        low, high = summary["robot_damping_between"]
+        verdict += (
+            f" Open: the damping ratio was not measured and may be {low:g} to {high:g}; below {needed:.3g} "
+            "the program chatters."
+        )
     return render(
         "stability.html.j2",
         figures,

@@ -5,12 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.cutting.coefficients import LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.mean_force import mean_force_weights, mean_wrenches
-from counterflex.cutting.stability.process import mean_chip, process_of_arc, process_of_engagement, slopes_of
+from counterflex.cutting.stability.process import (
+    Process,
+    arcs_of_engagement,
+    mean_chip_of_arcs,
+    process_of_arc,
+    process_of_arcs,
+    slopes_of,
+)
 
 LAW = LinearEdgeLaw(
     ktc_pa=8e8, krc_pa=3e8, kac_pa=2e8, kte_n_m=2e4, kre_n_m=2e4, kae_n_m=1e3, h_min_m=0.0, h_max_m=1e-3, source="test",
@@ -18,6 +26,10 @@ LAW = LinearEdgeLaw(
 )  # fmt: skip
 FLAT = Cutter(0.016, flutes=3, flute_length_m=0.03)
 BALL = Cutter(0.016, corner_radius_m=0.008, flutes=2, flute_length_m=0.03)
+
+
+def _booked(depth: Float, cutter: Cutter, feed_m: float) -> Process:
+    return process_of_arcs(arcs_of_engagement(depth, cutter), LAW, feed_m, cutter.flutes)
 
 
 def test_matrix_of_a_slot() -> None:
@@ -34,7 +46,7 @@ def test_first_column_is_the_slope_of_the_mean_force_over_the_feed(cutter: Cutte
     """A tool that leads the surface by delta along the feed cuts as with delta more feed per tooth."""
     depth = engagement_of_arc(cutter, 0.003, *arc)
     feed, delta = 5e-5, 1e-6
-    A = process_of_engagement(depth, cutter, LAW, feed).mean
+    A = _booked(depth, cutter, feed).mean
     weights = mean_force_weights(cutter, LAW)
     more, less = (mean_wrenches(weights, depth, feed + sign * delta)[:3] for sign in (1.0, -1.0))
     size = np.abs(A[:, 0]).max()
@@ -42,7 +54,7 @@ def test_first_column_is_the_slope_of_the_mean_force_over_the_feed(cutter: Cutte
 
 
 def test_teeth_average_to_the_mean() -> None:
-    process = process_of_engagement(engagement_of_arc(BALL, 0.003, 0.2, 2.0), BALL, LAW, 5e-5)
+    process = _booked(engagement_of_arc(BALL, 0.003, 0.2, 2.0), BALL, 5e-5)
     np.testing.assert_allclose(
         process.means(np.linspace(0.0, 2.0 * np.pi / process.teeth, 38)).mean(axis=0),
         process.mean,
@@ -66,8 +78,8 @@ def test_slopes_of_laws() -> None:
 
 def test_mean_chip_of_a_slot() -> None:
     depth = engagement_of_arc(FLAT, 0.002, 0.0, np.pi)
-    assert mean_chip(depth, FLAT, 1e-4) == pytest.approx(1e-4 * 2.0 / np.pi, rel=1e-9)
-    assert mean_chip(0.0 * depth, FLAT, 1e-4) == 0.0
+    assert mean_chip_of_arcs(arcs_of_engagement(depth, FLAT), 1e-4) == pytest.approx(1e-4 * 2.0 / np.pi, rel=1e-9)
+    assert mean_chip_of_arcs(arcs_of_engagement(0.0 * depth, FLAT), 1e-4) == 0.0
 
 
 @pytest.mark.parametrize("arc", [(1.0, 0.5), (-0.1, 1.0), (0.5, 3.3)])

@@ -15,7 +15,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_path, unit_widths
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tilted_stock import box_along_tool, working_plane
-from counterflex.cutting.tridexel.column_kernels import STRETCHES
+from counterflex.cutting.tridexel.column_block_kernels import MOST_STRETCHES, STRETCHES
 from counterflex.cutting.tridexel.columns import ColumnStock, motions_of, remove_turning
 from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.path import FEED, RAPID
@@ -145,16 +145,46 @@ def test_a_hole_from_the_side_leaves_material_above_and_below() -> None:
     np.testing.assert_allclose(columns.low[1, j, i], -0.007, atol=1e-5)
 
 
-def test_columns_full_of_stretches_are_refused() -> None:
-    stock = HeightMap.from_box((-0.01, -0.01, -0.1), (0.01, 0.01, 0.0), 1e-3)
+def _bores(count: int) -> tuple[Float, Float]:
+    """Tips and axes of bores of 4 mm from the side, 10 mm one below the other, each bored and left."""
     rows = []
-    for k in range(STRETCHES + 1):
-        rows += [[-0.02, 0.0, -0.005 - 0.01 * k], [0.02, 0.0, -0.005 - 0.01 * k], [-0.02, 0.0, -0.005 - 0.01 * k]]
-    path = np.array(rows)
-    axis = np.tile([-1.0, 0.0, 0.0], (len(path), 1))
-    with pytest.raises(ModelError, match="too many stretches") as told:
-        remove_turning(ColumnStock.of(stock), path, axis, _feeds(path), Cutter(0.004), top_m=0.1)
-    assert "segment" in str(told.value)
+    for k in range(count):
+        z = -0.005 - 0.01 * k
+        rows += [[-0.02, 0.0, z], [0.02, 0.0, z], [-0.02, 0.0, z]]
+    return np.array(rows), np.tile([-1.0, 0.0, 0.0], (len(rows), 1))
+
+
+@pytest.mark.parametrize("count", [STRETCHES - 1, STRETCHES, 5 * STRETCHES])
+def test_columns_grow_with_the_stretches_that_they_hold(count: int) -> None:
+    tips, axes = _bores(count)
+    columns = ColumnStock.of(HeightMap.from_box((-0.01, -0.01, -0.01 * count - 0.005), (0.01, 0.01, 0.0), 1e-3))
+    before = columns.volume_m3
+    removed = remove_turning(columns, tips, axes, _feeds(tips), Cutter(0.004), top_m=0.1).volume_m3
+    assert columns.count.max() == count + 1
+    each = removed.reshape(-1)[0::3]
+    np.testing.assert_allclose(each, each[0], rtol=1e-4)  # the last bore takes what the first takes
+    assert before - columns.volume_m3 == pytest.approx(removed.sum(), rel=1e-5)
+
+
+def test_more_stretches_than_the_kernels_can_work_on_are_refused() -> None:
+    tips, axes = _bores(MOST_STRETCHES)
+    stock = HeightMap.from_box((-0.01, -0.01, -0.01 * MOST_STRETCHES), (0.01, 0.01, 0.0), 1e-3)
+    with pytest.raises(ModelError, match=r"segment \d+: a column of the stock holds too many stretches") as told:
+        remove_turning(ColumnStock.of(stock), tips, axes, _feeds(tips), Cutter(0.004), top_m=0.1)
+    assert told.value.hint
+
+
+def test_ridges_thinner_than_the_sweep_is_exact_fall_before_columns_grow() -> None:
+    count = 3 * STRETCHES
+    rows = []
+    for k in range(count):  # a mill lying along y: of 1 mm, so that 0.5 um of material stay between two slots
+        z = -0.001 - 0.0010005 * k
+        rows += [[0.0, -0.02, z], [0.0, 0.02, z], [0.0, -0.02, z]]
+    tips, axes = np.array(rows), np.tile([0.0, -1.0, 0.0], (len(rows), 1))
+    columns = ColumnStock.of(HeightMap.from_box((-0.0105, -0.01, -0.1), (0.0105, 0.01, 0.0), 1e-3))
+    remove_turning(columns, tips, axes, _feeds(tips), Cutter(0.001), top_m=0.1)
+    assert len(columns.low) == STRETCHES
+    assert columns.count.max() < STRETCHES
 
 
 def test_a_rapid_into_material_is_named() -> None:

@@ -19,6 +19,7 @@ from counterflex.plan.posture.deflection_kernel import deflection_sizes
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey import base_points
 from counterflex.plan.posture.survey_kernel import OUT_OF_REACH, POWER
+from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.stability.stretches import stretches_of
 from counterflex.robot.model.description import Play
 
@@ -139,12 +140,12 @@ def test_where_the_cut_feeds_a_swing_is_refused_as_the_best_places_allow() -> No
 def test_more_of_the_same_cut_takes_damping_from_the_modes(site: Site) -> None:
     """A cut that feeds a swing feeds it more when it is deeper: the damping left is monotonous in the depth."""
     q = judge(site, site.robot.T_base_part).q
-    feeding, R = site.feeding, site.robot.T_base_part[:3, :3].T
+    feeding, X = site.feeding, tool_carried(site.robot.T_base_part).to_part
     assert q is not None
     assert feeding is not None
     turned = replace(feeding, A_part=-np.abs(feeding.A_part).max() * np.eye(3)[None])
     values = [
-        replace(turned, A_part=f * turned.A_part).least_damping(site.robot.chain, q, R) for f in (0.0, 0.1, 0.2, 0.4)
+        replace(turned, A_part=f * turned.A_part).least_damping(site.robot.chain, q, X) for f in (0.0, 0.1, 0.2, 0.4)
     ]
-    assert values[0] == pytest.approx(feeding.damping_ratio)
+    assert values[0] == pytest.approx(feeding.damping.ratio)
     assert np.all(np.diff(values) < 0.0)

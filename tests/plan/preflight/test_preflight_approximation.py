@@ -74,7 +74,7 @@ def test_limit_is_twice_the_distance(path_of: PathOf, factor: float, verdict: st
     assert rows(path_of(f"G1 X0 Y0 F3000\nX20\nY{4.0 * factor:.6f}"))[0].verdict == verdict
 
 
-@pytest.mark.parametrize(("um", "verdict", "missing"), [(None, "unknown", "limits.corner_error_um"),
+@pytest.mark.parametrize(("um", "verdict", "missing"), [(None, "not looked at", "limits.corner_error_um"),
                                                         (700.0, "warning", ""), (710.0, "ok", "")])  # fmt: skip
 def test_corner_error_against_its_tolerance(path_of: PathOf, um: float | None, verdict: str, missing: str) -> None:
     """2 mm before a right angle: 1 mm sin 45 deg = 707 um."""

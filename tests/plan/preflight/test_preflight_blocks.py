@@ -75,7 +75,7 @@ def test_look_ahead_limits_to_what_can_be_braked(path_of: PathOf) -> None:
 
 def test_what_the_controller_does_not_say_is_unknown(path_of: PathOf) -> None:
     _, ahead = rows_of(path_of(dense(20, 0.1)))
-    assert (ahead.verdict, ahead.missing) == ("unknown", "controller.look_ahead_blocks")
+    assert (ahead.verdict, ahead.missing) == ("not looked at", "controller.look_ahead_blocks")
 
 
 def test_a_stop_that_it_sees_is_no_fault_of_its_look_ahead(path_of: PathOf) -> None:

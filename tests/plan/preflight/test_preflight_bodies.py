@@ -201,11 +201,18 @@ def test_stock_and_table_lie_on_each_other() -> None:
 def test_what_is_compared() -> None:
     names = {"foot": "base", "column": "joint1", "link arm": "joint2", "forearm": "joint4", "hand": "joint6"}
     made = [along(name, frame, np.zeros(3), Z, 0.1) for name, frame in names.items()]
-    made += [along("spindle", "tcp", np.zeros(3), Z, 0.1), along("tool T1", "tcp", np.zeros(3), Z, 0.01, tool=1)]
+    made += [
+        along("spindle", "tcp", np.zeros(3), Z, 0.1),
+        replace(along("tool T1", "tcp", np.zeros(3), Z, 0.01, tool=1), cuts=True),
+    ]
     made += [box("stock", "part", -X - Y - Z, X + Y + Z), box("table", "part", -X - Y - Z, X + Y + Z)]
     outer, inner = coarse.pairs(made)
     named = {(made[a].name, made[b].name) for a, b in outer}
     moving = {"column", "link arm", "forearm", "hand", "spindle"}
+    made_holder = [along("holder of T1", "tcp", np.zeros(3), Z, 0.02, tool=1), *made]
+    assert ("holder of T1", "stock") in {
+        (made_holder[a].name, made_holder[b].name) for a, b in coarse.pairs(made_holder)[0]
+    }
     expected = {(a, b) for a in moving for b in ("stock", "table")} | {("tool T1", "table")}
     assert named == expected  # the tool cuts the stock, the foot stands still
     assert {(made[a].name, made[b].name) for a, b in inner} == {
@@ -268,14 +275,17 @@ def test_no_body_moves_farther_than_its_bound(chain: ElasticChain) -> None:
 
 def test_a_tool_counts_only_while_it_is_in_the_spindle(chain: ElasticChain) -> None:
     """Tool 2 is long enough to reach the post; it is looked at in the rows in which it is there."""
-    long = along("tool T2", "tcp", 0 * Z, Z, 0.01, "cylinder", tool=2)
+    long = replace(along("tool T2", "tcp", 0 * Z, Z, 0.01, "cylinder", tool=2), cuts=True)
     T = forward(chain, HOME)
     post = box("post", "base", T[:3, 3] + 0.5 * T[:3, 2] - 0.05, T[:3, 3] + 0.5 * T[:3, 2] + 0.05)
     q = np.tile(HOME, (5, 1))
     rows = collision_rows(chain, [long, post], q, np.array([1, 1, 2, 2, 1]), np.eye(4), 0.02)
     assert (rows[1].verdict, rows[1].point) == ("fail", 2)
     assert "size assumed" in rows[1].advice
-    assert collision_rows(chain, [long, post], q, np.ones(5, dtype=np.int64), np.eye(4), 0.02)[1].verdict == "unknown"
+    assert (
+        collision_rows(chain, [long, post], q, np.ones(5, dtype=np.int64), np.eye(4), 0.02)[1].verdict
+        == "not looked at"
+    )
 
 
 @pytest.mark.parametrize(("gap_m", "verdict"), [(0.03, "ok"), (0.01, "warning"), (-0.001, "fail")])

@@ -13,6 +13,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.preflight import joints
 from counterflex.plan.preflight.row import Bounds
+from counterflex.robot.model.controller_axes import AS_MODEL, room
 
 SPEED = 0.05
 """m/s."""
@@ -63,11 +64,11 @@ def line(*corners_mm: tuple[float, float], step_mm: float = 0.25) -> Float:
 def test_margin_is_to_the_nearer_limit() -> None:
     limits = np.tile([-1.0, 2.0], (6, 1))
     q = np.array([[0.0, -0.9, 1.8, -1.5, 2.5, 0.5]])
-    assert joints.margins(q, limits)[0] == pytest.approx([1.0, 0.1, 0.2, -0.5, -0.5, 1.5])
-    row = joints.limit_row(joints.margins(q, limits), 2.0 * DEG)
+    assert room(AS_MODEL, limits, q)[0] == pytest.approx([1.0, 0.1, 0.2, -0.5, -0.5, 1.5])
+    row = joints.limit_row(room(AS_MODEL, limits, q), 2.0 * DEG)
     assert (row.verdict, row.what) == ("fail", "axis 4 is out of its range")
     assert row.value == pytest.approx(-0.5)
-    inside = joints.limit_row(joints.margins(q[:, [0, 1, 2, 0, 0, 0]], limits), 2.0 * DEG)
+    inside = joints.limit_row(room(AS_MODEL, limits, q[:, [0, 1, 2, 0, 0, 0]]), 2.0 * DEG)
     assert (inside.verdict, inside.what) == ("ok", "axis 2")
 
 
@@ -146,7 +147,7 @@ def test_a_slow_corner_is_no_softer_than_a_fast_one() -> None:
     assert np.max(np.abs(at[1:-1, 4])) == pytest.approx(3.0, rel=1e-6)
 
 
-@pytest.mark.parametrize(("limit", "verdict"), [(None, "unknown"), (0.16, "ok"), (0.14, "fail")])
+@pytest.mark.parametrize(("limit", "verdict"), [(None, "not looked at"), (0.16, "ok"), (0.14, "fail")])
 def test_speed_at_feed_against_its_limit(limit: float | None, verdict: str) -> None:
     path = path_through(line((0, 0), (0, 40)))
     bounds = Bounds(0.0, 0.0, 1.0, 0.01, 0.0, joint_speeds_rad_s=None if limit is None else np.full(6, limit))
@@ -173,7 +174,7 @@ def test_the_worst_axis_is_the_one_nearest_to_its_own_limit() -> None:
     assert row.what == "axis 1, 100.0 %"  # axis 2 is twice as fast, at 10 % of its limit
 
 
-@pytest.mark.parametrize(("limit", "verdict"), [(None, "unknown"), (2.9, "warning"), (3.1, "ok")])
+@pytest.mark.parametrize(("limit", "verdict"), [(None, "not looked at"), (2.9, "warning"), (3.1, "ok")])
 def test_acceleration_against_its_limit(limit: float | None, verdict: str) -> None:
     path = path_through(line((0, 0), (0, 40)))
     bounds = Bounds(0.0, 0.0, 1.0, 0.01, 0.0, joint_accelerations_rad_s2=None if limit is None else np.full(6, limit))
@@ -188,7 +189,7 @@ def test_cables_count_full_turns() -> None:
     q[:, 3] = [0.0, 2.0, 4.0]
     q[:, 5] = [-3.0, -7.0, -5.0]
     four, six = joints.cable_rows(q, {5: 6.5})
-    assert (four.verdict, four.value, four.missing) == ("unknown", 4.0, "limits.cable_axis4_deg")
+    assert (four.verdict, four.value, four.missing) == ("not looked at", 4.0, "limits.cable_axis4_deg")
     assert (six.verdict, six.value, six.point) == ("fail", 7.0, 1)
     assert joints.cable_rows(q, {3: 4.5, 5: 7.5})[1].verdict == "ok"
 

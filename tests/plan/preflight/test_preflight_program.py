@@ -15,9 +15,11 @@ from counterflex.app.compensation import program_size
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.controller import SpindleTable
+from counterflex.files.cell.tables import ToolTable
 from counterflex.geometry import pose
 from counterflex.path.path_speed import build_track, timed
 from counterflex.path.toolpath import FEED, RAPID, tool_orientation, tool_poses
+from counterflex.plan.preflight.hazards import HAZARDS
 from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
 from counterflex.plan.preflight.rapids import STEP_M, with_points_in_rapids
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
@@ -25,19 +27,34 @@ from counterflex.programs.limits import KRL
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.kinematics.inverse import inverse_path
 
-HEAD = "G21 G17 G90 G94\nT1 M6\nM3 S13000\n"
+HEAD = "G21 G17 G90 G94 G43\nT1 M6\nM3 S13000\n"
 GROOVE = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60"
 CORNERED = "G0 X-12 Y10 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG1 Y20\nG1 X5\nG0 Z60"
 CellOf = Callable[..., Cell]
+PROCESS_LIMITS = {
+    "spindle_min_rpm": 3000, "spindle_max_rpm": 24000, "spindle_power_w": 8000, "spindle_torque_nm": 6,
+    "force_n": 2000, "axis_torque_nm": [5000] * 6, "tool_bending_um": 100, "deflection_um": 2000,
+    "acceleration_mm_s2": 3000,
+}  # fmt: skip
+TOOL = {
+    "overhang_mm": 60, "centre_cutting": True, "feed_per_tooth_mm": [0.02, 0.2], "cutting_speed_m_min": [200, 1000],
+    "max_rpm": 20000, "coolant": False, "holder_mm": [[60, 40], [120, 60]],
+}  # fmt: skip
+"""Everything that the cell file can state of the cut, wide enough for the programs below."""
 
 
 @pytest.fixture
 def checked(tmp_path: Path, cell_of: CellOf) -> Callable[..., dict[str, Any]]:
     def run(body: str = GROOVE, **changes: Any) -> dict[str, Any]:
         """Rows of the table by check, and the whole result as ``result``."""
+        tool = changes.pop("tool", {})
+        cell = cell_of(**changes)
+        if tool:
+            table = ToolTable.model_validate(cell.tables.tools[0].model_dump() | tool)
+            cell = replace(cell, tables=cell.tables.model_copy(update={"tools": (table,)}))
         program = tmp_path / "part.ngc"
         program.write_text(f"{HEAD}{body}\nM5\nM30\n")
-        done = job.check(program, cell_of(**changes))
+        done = job.check(program, cell)
         return {row["check"]: row for row in done.summary["checks"]} | {"done": done}
 
     return run
@@ -49,21 +66,18 @@ def test_a_good_program_fails_nothing(checked: Any) -> None:
     assert rows["reach"]["verdict"] == "ok"
     assert rows["done"].summary["counts"]["fail"] == 0
     assert rows["done"].summary["points_reached"] == rows["done"].summary["points"]
-    unknown = {row["missing"] for row in rows["done"].summary["checks"] if row["verdict"] == "unknown"}
-    assert unknown == {
-        "limits.joint_acceleration_deg_s2",
-        "limits.cable_axis4_deg",
-        "limits.cable_axis6_deg",
-        "controller.look_ahead_blocks",
-    }
+    left_out = [row for row in rows["done"].summary["checks"] if row["verdict"] == "not looked at"]
+    needed = {hazard.check: hazard.needed for hazard in HAZARDS}
+    assert {row["missing"] for row in left_out} > {"limits.cable_axis4_deg", "controller.look_ahead_blocks"}
+    assert all(row["missing"] in needed[row["check"]] for row in left_out)
     assert checked(CORNERED)["corner error of the approximation"]["missing"] == "limits.corner_error_um"
 
 
-def test_nothing_is_unknown_where_the_cell_file_says_it(checked: Any) -> None:
+def test_all_is_looked_at_where_the_cell_file_says_it(checked: Any) -> None:
     limits = {"joint_acceleration_deg_s2": [500.0] * 6, "cable_axis4_deg": 270, "cable_axis6_deg": 90}
     limits["corner_error_um"] = 200
-    rows = checked(limits=limits, controller={"look_ahead_blocks": 50})
-    assert rows["done"].summary["counts"]["unknown"] == 0
+    rows = checked(limits=limits, controller={"look_ahead_blocks": 50}, process_limits=PROCESS_LIMITS, tool=TOOL)
+    assert [row for row in rows["done"].summary["checks"] if row["verdict"] == "not looked at"] == []
     assert rows["cable wind-up, axis 4"]["verdict"] == "ok"
     assert (rows["cable wind-up, axis 6"]["verdict"], rows["cable wind-up, axis 6"]["limit"]) == ("fail", 90.0)
 
@@ -112,7 +126,7 @@ def test_a_part_out_of_reach_says_line_and_by_how_much(checked: Any) -> None:
     assert "100 % of the path" in row["what"]
     assert "mm beyond the arm" in row["what"]
     assert row["value"] < -1000.0
-    assert rows["joint limits"]["verdict"] == "unknown"
+    assert rows["joint limits"]["verdict"] == "not looked at"
     assert rows["rapids into the stock"]["verdict"] == "ok"  # what needs no robot is checked all the same
     assert rows["done"].summary["points_reached"] == 0
 
@@ -187,17 +201,18 @@ def test_a_cut_deeper_than_the_flutes_fails(checked: Any) -> None:
 
 def test_a_cut_without_spindle_is_a_row(checked: Any) -> None:
     rows = checked("M5\nG0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60")
-    assert (rows["cut"]["verdict"], rows["cut"]["line"]) == ("fail", 8)
-    assert "spindle stopped" in rows["cut"]["what"]
-    assert rows["reversals in the cut"]["verdict"] == "unknown"
-    assert rows["joint limits"]["verdict"] == "ok"
+    row = rows["spindle in the cut"]
+    assert (row["verdict"], row["line"]) == ("fail", 8)
+    assert "spindle stopped" in row["what"]
+    assert rows["removed material"]["value"] > 1000.0  # what needs no force is looked at all the same
+    assert (rows["spindle torque"]["verdict"], rows["joint limits"]["verdict"]) == ("not looked at", "ok")
 
 
 def test_without_masses_of_links_unloadings_are_unknown(checked: Any) -> None:
     """The end effector's mass alone says nothing of the weight that the drives bear."""
     robot = {"catalog": "kuka_kr150_2"}
     row = checked(robot=robot)["unloadings in the cut"]
-    assert (row["verdict"], row["missing"]) == ("unknown", "mass_kg of [[robot.elastic]]")
+    assert (row["verdict"], row["missing"]) == ("not looked at", "mass_kg of [[robot.elastic]]")
     assert checked()["unloadings in the cut"]["verdict"] == "ok"
 
 
@@ -225,22 +240,25 @@ def test_without_a_table_nothing_stands_below(checked: Any) -> None:
     assert a_little["verdict"] == "warning"
     assert a_little["value"] == pytest.approx(-0.5, abs=0.02)
     gone = checked(deep, cell={"body": [{"name": "table", "shape": "none"}]})
-    assert gone["tool to surroundings"]["verdict"] == "unknown"
+    assert gone["tool to surroundings"]["verdict"] == "not looked at"
 
 
 def test_a_line_up_and_down_turns_axes_in_the_cut_and_in_the_air_it_does_not(checked: Any) -> None:
     there_and_back = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z{z} F3000\nG1 X25 F1500\nG1 Y19\nG1 X5\nG0 Z60"
     cutting = checked(there_and_back.format(z=37))["reversals in the cut"]
-    assert cutting["verdict"] == "warning"
+    assert (cutting["verdict"], cutting["missing"]) == ("not looked at", "robot.play")
     assert cutting["line"] in (7, 8, 9)
     assert checked(there_and_back.format(z=41))["reversals in the cut"]["value"] == 0.0
+    for half_band, verdict in ((100.0, "warning"), (1.0, "ok")):
+        loose = {"play": [{"axis": axis, "dead_band_half_urad": half_band} for axis in range(1, 7)]}
+        assert checked(there_and_back.format(z=37), robot=loose)["reversals in the cut"]["verdict"] == verdict
 
 
 def test_path_speed_at_a_corner_in_the_cut_is_that_of_its_rounding(checked: Any) -> None:
     """0.1 mm before a right angle at 1 m/s2: v^2 = a 2 d cos^2(45 deg) / sqrt 2, 504 of 1500 mm/min."""
     row = checked(CORNERED, controller={"blending_mm": 0.1, "acceleration_mm_s2": 1000})["path speed held"]
     speed = np.sqrt(2.0 * 1e-4 * 0.5 / np.sqrt(2.0)) * 60e3
-    assert (row["verdict"], row["limit"], row["unit"]) == ("warning", 1500.0, "mm/min")
+    assert (row["verdict"], row["limit"], row["unit"]) == ("ok", 1500.0, "mm/min")  # on less than 5 % of the cut
     assert row["value"] == pytest.approx(speed, rel=0.01)
     assert row["line"] in (7, 8, 9)
     assert "acceleration of the tool" in row["what"]

@@ -130,15 +130,17 @@ def test_known_play_is_said_at_the_tool(chain: ElasticChain) -> None:
     (event,) = reversals(loose, q, w, np.ones(len(q), dtype=np.bool_))
     lever = float(np.linalg.norm(jacobian(chain, q[100])[:3, 1]))
     assert event.lost_m == pytest.approx(2.0 * 2e-5 * lever, rel=1e-6)
-    row = event_row("reversals in the cut", [event])
-    assert f"play {event.lost_m / 1e-6:.0f} um at the tool" in row.what
-    assert "identify play" not in row.advice
+    row = event_row("reversals in the cut", [event], 0.9 * event.lost_m)
+    assert (row.verdict, row.value, row.point) == ("warning", event.lost_m, 100)
+    assert event_row("reversals in the cut", [event], 1.1 * event.lost_m).verdict == "ok"
 
 
 def test_row_names_the_worst() -> None:
+    """Of known play the largest lost motion counts; without any its size is not looked at, and the key is named."""
     events = [Event(2, 7, 10.0, float("nan")), Event(2, 9, 30.0, float("nan")), Event(0, 3, 20.0, float("nan"))]
-    row = event_row("reversals in the cut", events)
-    assert (row.verdict, row.value, row.point) == ("warning", 3.0, 9)
+    row = event_row("reversals in the cut", events, 50e-6)
+    assert (row.verdict, row.missing, row.point) == ("not looked at", "robot.play", 9)
     assert row.what.startswith("axis 1: 1, axis 3: 2; worst axis 3 at 30 N m")
-    assert "identify play" in row.advice
-    assert event_row("reversals in the cut", []).verdict == "ok"
+    mixed = event_row("reversals in the cut", [*events, Event(1, 4, 5.0, 60e-6)], 50e-6)
+    assert (mixed.verdict, mixed.value, mixed.limit, mixed.point) == ("warning", 60e-6, 50e-6, 4)
+    assert event_row("reversals in the cut", [], 50e-6).verdict == "ok"

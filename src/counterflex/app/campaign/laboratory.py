@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from counterflex.app.identification.controller_angles import model_columns, shown_channels
 from counterflex.app.proof.simulate import check_same_cell
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import read_cell
@@ -51,16 +52,18 @@ def measure(
     """
     proposal = read_proposal(proposal_file)
     truth = read_truth(truth_file)
-    check_same_cell(read_cell(cell_file), truth, str(truth_file))
+    cell = read_cell(cell_file)
+    check_same_cell(cell, truth, str(truth_file))
+    columns = model_columns(proposal.columns, cell.robot.axes)
     equipment = replace(
         laboratory(seed), session=Path(proposal_file).resolve().parent.name if session is None else session
     )
-    measured = measurement(proposal.kind)(truth, equipment, proposal.columns, proposal.settings, progress)
+    measured = measurement(proposal.kind)(truth, equipment, columns, proposal.settings, progress)
     manifest = write_dataset(
         out,
         proposal.recipe,
         proposal.kind,
-        measured.channels,
+        shown_channels(measured.channels, cell.robot.axes),
         measured.sigma,
         group=measured.group,
         settings=measured.settings,

@@ -77,8 +77,7 @@ def _row(place: Place, setup: Setup, level: str, held: Any, machined: tuple[Any,
 
 def write_results(file: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write the table as Parquet, whole or not at all."""
-    with atomic.atomic_path(file) as part:
-        polars.DataFrame(list(rows), schema=_SCHEMA, orient="row").write_parquet(part)
+    atomic.write_made(file, polars.DataFrame(list(rows), schema=_SCHEMA, orient="row").write_parquet)
 
 
 def over_seeds(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,11 +17,11 @@ from counterflex.files.cell.robot import PlayTable, ServoTable
 from counterflex.geometry import pose
 from counterflex.path.toolpath import FEED
 from counterflex.plan.plan import Plan
-from counterflex.programs.program import Program
 from counterflex.report.data import CellDrawing, Fact
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
 from counterflex.robot.model import catalog
 
+_UNKNOWN_BODY: Final = "ASSUMED: its stiffness is not known"
 _CLASS: Final = "ASSUMED: median of the robot's class, not measured"
 
 
@@ -33,15 +31,6 @@ def robot_name(cell: Cell) -> str:
         return cell.chain.name
     entry = catalog.entry(cell.tables.robot.catalog)
     return f"{entry.manufacturer} {entry.model}"
-
-
-def title_of(program: Program) -> str:
-    """The first comment of a program that says something, otherwise its file name."""
-    for line in program.lines[:20]:
-        comment = re.fullmatch(r"\s*\(([^()]*[A-Za-z]{3}[^()]*)\)\s*", line)
-        if comment:
-            return comment.group(1).strip()
-    return Path(program.name).name
 
 
 def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
@@ -56,10 +45,11 @@ def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
     if given is not None:
         k = ", ".join(f"{value:.2g}" for value in given.prior.median_nm_per_rad[list(given.axes)])
         facts.append(Fact(f"Robot: stiffness of {given.named}", f"{k} Nm/rad", _CLASS))
-    facts += [
-        Fact(f"End effector: {body.name}", f"{body.mass_kg:g} kg", body.source or "cell file")
-        for body in tables.end_effector
-    ]
+    for body in tables.end_effector:
+        rigid = body.name in cell.bodies_of_unknown_stiffness
+        value = f"{body.mass_kg:g} kg" + (", taken as rigid" if rigid else "")
+        origin = _UNKNOWN_BODY if rigid else body.source or "cell file"
+        facts.append(Fact(f"End effector: {body.name}", value, origin))
     if isinstance(law, KienzleLaw):
         kc, kr, ka = (value / N_PER_MM2 for value in law.k11_pa())
         value = f"kc1.1 {kc:.0f}, kr1.1 {kr:.0f}, ka1.1 {ka:.0f} N/mm2; m {law.mc:g}, {law.mr:g}, {law.ma:g}"
@@ -130,7 +120,7 @@ def drawing(plan: Plan, cell: Cell) -> CellDrawing:
     """
     size = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     worst = int(np.argmax(size))
-    axes = ", ".join(f"{angle / DEG:.0f}" for angle in plan.q[worst])
+    axes = ", ".join(f"{angle / DEG:.0f}" for angle in cell.chain.axes.shown(plan.q[worst]))
     caption = (
         f"Posture of the largest predicted deflection, {size[worst] / MM:.2f} mm, in line {int(plan.line[worst])}: "
         f"axes at {axes} deg."

@@ -169,13 +169,14 @@ def run(
         lowered = result.summary["calm_feed"]
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
-        write_plan(staging / "plan.parquet", result.plan, {**about, "feed_lowered_s": lowered["extra_s"]})
+        write_plan(
+            staging / "plan.parquet", result.plan, {**about, "feed_lowered_s": lowered["extra_s"]}, cell.chain.axes
+        )
         write_summary(staging / "summary.json", result.summary)
         if report:
             from counterflex.report.page import prediction_page, write_page
 
-            write_page(
-                prediction_page(prediction(result.plan, cell, result.summary, result.limited)), staging / "report.html"
-            )
+            page = prediction_page(prediction(result.plan, cell, result.summary, result.limited, program))
+            write_page(page, staging / "report.html")
         parts[PAGE](1.0)
     return result.summary

@@ -16,6 +16,14 @@ import numpy as np
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.app.compensation.robot_program import omissions, other_lengths, routine_name, tool_data
 from counterflex.app.inputs import Job
+from counterflex.app.robot_axes import (
+    axes_in,
+    axes_of_posture,
+    fanuc_configuration,
+    in_world,
+    part_in_world,
+    val3_configuration,
+)
 from counterflex.app.robot_programs import refuse_held_part
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError, OutputError
@@ -45,6 +53,7 @@ from counterflex.programs.val3.application import Val3Settings
 from counterflex.programs.val3.in_place import write_val3_in_place
 from counterflex.programs.val3.program import Val3Program
 from counterflex.programs.val3.writer import Val3Writer
+from counterflex.robot.kinematics.inverse_seeds import branch_of
 
 RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
 """What stands beside the program files."""
@@ -183,7 +192,7 @@ def _krl(order: WritingOrder) -> Written:
     controller, data = cell.tables.controller, tool_data(order.job.program, order.cell, "krl")
     settings = KrlSettings(
         name=routine_name(Path(job.program.name).stem),
-        start_axes_rad=[float(angle) for angle in plan.q[0]],
+        start_axes_rad=axes_of_posture(cell, "krl", plan.q[0]),
         tool=controller.tool_number,
         base=controller.base_number,
         rapid_m_s=controller.rapid_m_s,
@@ -212,10 +221,11 @@ def _rapid(order: WritingOrder) -> Written:
     mass, com = payload(cell)
     settings = RapidSettings(
         name=routine_name(Path(job.program.name).stem),
-        start_axes_rad=[float(angle) for angle in plan.q[0]],
+        start_axes_rad=axes_of_posture(cell, "rapid", plan.q[0]),
         T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_base_part=np.eye(4) if cell.holds_part else cell.T_base_part,
-        T_base_tcp=cell.T_base_tcp,
+        T_base_part=part_in_world(cell, "rapid"),
+        work_object=controller.work_object or "",
+        T_base_tcp=None if cell.T_base_tcp is None else in_world(cell, "rapid", cell.T_base_tcp),
         tool_mass_kg=mass,
         p_flange_cog=com,
         rapid_m_s=controller.rapid_m_s,
@@ -234,9 +244,11 @@ def _fanuc(order: WritingOrder) -> Written:
     job, plan, cell = order.job, order.plan, order.cell
     refuse_held_part(cell, "FANUC")
     controller, data = cell.tables.controller, tool_data(job.program, cell, "fanuc")
+    start = axes_of_posture(cell, "fanuc", plan.q[0])
     settings = FanucSettings(
         name=routine_name(Path(job.program.name).stem),
-        start_axes_rad=[float(angle) for angle in plan.q[0]],
+        start_axes_rad=start,
+        configuration=fanuc_configuration(branch_of(cell.controller_chain, plan.q[0]), start),
         tool=controller.tool_number,
         base=controller.base_number,
         rapid_m_s=controller.rapid_m_s,
@@ -257,9 +269,10 @@ def _val3(order: WritingOrder) -> Written:
     controller = cell.tables.controller
     settings = Val3Settings(
         name=routine_name(Path(job.program.name).stem),
-        start_axes_rad=[float(angle) for angle in plan.q[0]],
+        start_axes_rad=axes_of_posture(cell, "val3", plan.q[0]),
         T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_base_part=cell.T_base_part,
+        T_world_part=part_in_world(cell, "val3"),
+        configuration=val3_configuration(branch_of(cell.controller_chain, plan.q[0])),
         blend_m=controller.blending_m,
         rapid_m_s=controller.rapid_m_s,
         cycle_s=controller.cycle_s,
@@ -277,7 +290,8 @@ def _robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, 
     text = writer(
         job.program, job.path, order.Ts_part_tcp, settings, tolerance_m=order.tolerance_m, block_lines=lines
     ).text()
-    text = replace(text, warnings=(*text.warnings, *omissions(job.program), *other_lengths(job.program)))
+    assumed = axes_in(order.cell, dialect)[1]
+    text = replace(text, warnings=(*text.warnings, *omissions(job.program), *other_lengths(job.program), *assumed))
     return text.files, {key: value for key, value in dataclasses.asdict(text).items() if key != "files"}
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
+from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.files.cell.cell import Cell
@@ -99,21 +101,29 @@ def _tool_frames(cell: Cell, language: Dialect, tools: Sequence[int], frame: str
     return [Fact(name, frame, "mm, deg", f"T{number} as it was planned with") for name, number in own if name]
 
 
-def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...]:
-    """What comes after a plan, in order."""
-    prediction, program = summary["prediction"], summary["program"]
+def proving(cell: Cell, program: str | Path) -> str:
+    """Return the command that proves a compensation of a program on the simulated cell."""
+    return next_command("prove", program, cell=cell.path, assume_class=cell.class_stiffness is not None, out="proof")
+
+
+def after_compensation(summary: Mapping[str, Any], cell: Cell, program: str | Path) -> tuple[str, ...]:
+    """Return what comes after a plan, in order.
+
+    Args:
+        summary: Of the job ``compensate``.
+        cell: The cell it was planned for.
+        program: The program as it was given.
+    """
+    prediction = summary["prediction"]
     steps = [
         f"Line {item['line']}: a rapid move removes {item['volume_mm3']:.1f} mm³ of material. Mend the program first."
         for item in prediction["collisions"]
     ]
-    steps.append(
-        "Try it on the simulated cell before you cut metal: "
-        f"counterflex prove {program} --cell {cell.path.name} --out proof"
-    )
+    steps.append(f"Try it on the simulated cell before you cut metal: {proving(cell, program)}")
     if not cell.tables.identified:
         steps.append(
             "This cell has not been measured: stiffness and cutting constants are those of the catalogue, and the "
-            "prediction is as uncertain as they are. counterflex identify stiffness --propose lists the measurements."
+            f"prediction is as uncertain as they are. What to measure first: {next_command('cell check', cell.path)}"
         )
     if "predicted_compensated" in prediction:
         after, before = prediction["predicted_compensated"], prediction["predicted_nominal"]
@@ -128,17 +138,22 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell) -> tuple[str, ...
         elif after["max_mm"] > (1.0 - _ENOUGH) * before["max_mm"]:
             steps.append(
                 f"Up to {after['max_mm']:.3f} mm remain where the force changes faster than the robot follows. A lower "
-                f"feed there reduces it: counterflex compensate {program} -s compensation.feed_for_tolerance_um="
-                f"{500.0 * after['max_mm']:.0f} ..."
+                f"feed there reduces it: {_slower(program, cell.path, 500.0 * after['max_mm'])}"
             )
     steps.append("Run the program above the part first, at reduced speed, with the tool that was planned with.")
     steps.append(
-        "Correct the errors that cannot be planned for during milling: counterflex run --plan plan.parquet ..."
+        "Correct the errors that cannot be planned for during milling: counterflex run"
         if cell.tables.online is not None
         else "Correct the errors that cannot be planned for during milling: add [online] to the cell file, then "
         "counterflex run."
     )
     return tuple(steps)
+
+
+def _slower(program: object, cell: object, tolerance_um: float) -> str:
+    """Return the command that lowers the feed where the predicted error is above a tolerance."""
+    wish = f"compensation.feed_for_tolerance_um={tolerance_um:.0f}"
+    return next_command("compensate", program, cell=cell, out="slower", scenario=wish)
 
 
 def out_of_tolerance(rows: Sequence[FeatureRow], variant: str) -> list[FeatureRow]:
@@ -165,13 +180,14 @@ def after_proof(rows: Sequence[FeatureRow], summary: Mapping[str, Any]) -> tuple
     steps.append(
         f"The largest error that remains, {path['max_mm']:.3f} mm, is {_PLACES[part]}. "
         + (
-            "A lower feed there reduces it: counterflex compensate -s compensation.feed_for_tolerance_um=50."
+            f"A lower feed there reduces it: {_slower('PROGRAM', 'CELL', 50.0)}"
             if part != "plateau"
             else "There the constants of the model decide: measure the cell, counterflex identify."
         )
     )
     steps.append(
-        "Your own program: counterflex compensate PROGRAM --cell CELL --out DIR, with your robot in the cell file."
+        "Your own program, with your robot in the cell file: "
+        + next_command("compensate", "PROGRAM", cell="CELL", out="DIR")
     )
     steps.append("Errors that cannot be planned for are corrected during milling: counterflex run.")
     return tuple(steps)

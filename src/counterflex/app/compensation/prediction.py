@@ -12,11 +12,12 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
+from counterflex.app.compensation.chip_remark import extrapolation, extrapolation_text
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
 from counterflex.app.inputs import Job, setting_of
-from counterflex.app.prediction_interval import interval_text, with_intervals
+from counterflex.app.prediction_interval import headline_text, with_intervals, worse_text
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
@@ -29,17 +30,25 @@ from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
 from counterflex.programs.gcode.read.reader import doubtful_readings
-from counterflex.report.data import Fact, FeedData, PredictionData
+from counterflex.report.data import Fact, FeedData, Headline, PredictionData
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions
 
 _OVERSHOOT: Final = 2.0
 _FREE_PLAY_M: Final = 20.0 * UM
 """Beside the overshoot: what play and friction leave open."""
 _LISTED: Final = 6
+_WORSE_M: Final = 1.0 * UM
+"""A line counts as worse from here on: programs are written to a micrometre."""
 
 
-def figures(plan: Plan) -> dict[str, Any]:
-    """Peak force, deflection, correction, where they occur, and the predicted path error before and after."""
+def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
+    """Peak force, deflection, correction, where they occur, and the predicted path error before and after.
+
+    Args:
+        plan: The plan.
+        axes: Of the robot: joint angles are those that its controller shows.
+    """
     force = np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)
     deflection = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     correction = np.linalg.norm(plan.correction_part, axis=1)
@@ -49,10 +58,10 @@ def figures(plan: Plan) -> dict[str, Any]:
         "cutting_points": int(np.count_nonzero(cutting)),
         "duration_s": round(float(plan.path.time_s[-1]), 3),
         "removed_mm3": round(float(plan.volume_m3.sum() / MM**3), 3),
-        "peak_force_n": _peak(force, plan, 1.0, 1),
-        "peak_deflection_um": _peak(deflection, plan, UM, 1),
-        "peak_correction_um": _peak(correction, plan, UM, 1),
-        "peak_axial_depth_mm": _peak(plan.axial_depth_m, plan, MM, 3),
+        "peak_force_n": _peak(force, plan, axes, 1.0, 1),
+        "peak_deflection_um": _peak(deflection, plan, axes, UM, 1),
+        "peak_correction_um": _peak(correction, plan, axes, UM, 1),
+        "peak_axial_depth_mm": _peak(plan.axial_depth_m, plan, axes, MM, 3),
         "extrapolated_force_share": round(plan.extrapolated_share, 5),
         "collisions": [
             {"line": int(plan.line[row]), "volume_mm3": round(float(plan.volume_m3[row] / MM**3), 4)}
@@ -67,9 +76,38 @@ def figures(plan: Plan) -> dict[str, Any]:
             continue
         size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[cutting]
         out[f"predicted_{name}"] = path_error(size, _weights(plan)[cutting])
+    out["worse_lines"] = worse_lines(plan)
     out["chatter"] = chatter(plan)
     out["lasting_swings"] = lasting(plan)
     return out
+
+
+def worse_lines(plan: Plan) -> list[dict[str, Any]]:
+    """Lines whose largest predicted path error is larger with compensation than without, the worst first."""
+    if np.any(np.isnan(plan.deviation_compensated_part)):
+        return []
+    before, after = (
+        np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
+        for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
+    )
+    rows = []
+    for line in np.unique(plan.line[plan.cutting]).tolist():
+        at = plan.cutting & (plan.line == line)
+        most, left = float(before[at].max()), float(after[at].max())
+        if left > most + _WORSE_M:
+            rows.append({"line": line, "before_mm": round(most / MM, 4), "after_mm": round(left / MM, 4)})
+    return sorted(rows, key=lambda row: float(row["before_mm"]) - float(row["after_mm"]))
+
+
+def worse_warnings(rows: list[dict[str, Any]]) -> list[str]:
+    """The same in words; empty where no line gets worse."""
+    if not rows:
+        return []
+    worst = rows[0]
+    return [
+        f"compensation makes the predicted error larger in line {_lines(rows)}: most in line {worst['line']}, from "
+        f"{worst['before_mm']:.3f} to {worst['after_mm']:.3f} mm"
+    ]
 
 
 def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
@@ -79,13 +117,15 @@ def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
     setting, size = setting_of(cell, part_may_be_held=True), np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     omega = mode_of(setting.chain, plan.q[int(np.argmax(size))], setting.mode).omega_rad_s
     per_cell = grain_per_cell(job.path, plan.deflection_part, plan.cutting, setting.cutter_of, omega)
-    grain_m = per_cell * fine_enough(cell.stock(), per_cell).cell_m
+    used = fine_enough(cell.stock(), per_cell)
+    grain_m = per_cell * used.cell_m
     if grain_m <= GRAIN_M:
         return []
     return [
         "the plan has not converged in the cells of the stock: they shake the tool of the model by "
-        f"{grain_m / UM:.0f} um (at most {GRAIN_M / UM:g} um), though planning divides them. "
-        f"[part.stock] cell_mm = {cell.stock().cell_m * GRAIN_M / grain_m / MM:.2g} or less"
+        f"{grain_m / UM:.1f} um (at most {GRAIN_M / UM:g} um) in cells of {used.cell_m / MM:.3g} mm, the "
+        "smallest that planning makes of this stock, which adds to the predicted errors. A smaller blank can have "
+        f"[part.stock] cell_mm = {used.cell_m * GRAIN_M / grain_m / MM:.2g} or less"
     ]
 
 
@@ -160,17 +200,23 @@ def _weights(plan: Plan) -> Float:
     return out
 
 
-def _peak(values: Float, plan: Plan, unit: float, digits: int) -> dict[str, Any]:
+def _peak(values: Float, plan: Plan, axes: ControllerAxes, unit: float, digits: int) -> dict[str, Any]:
     row = int(np.argmax(values))
     return {
         "value": round(float(values[row] / unit), digits),
         "line": int(plan.line[row]),
         "at_mm": [round(float(v / MM), 3) for v in plan.path.p_part_tcp[row]],
-        "joints_deg": [round(float(v / DEG), 3) for v in plan.q[row]],
+        "joints_deg": [round(float(v / DEG), 3) for v in axes.shown(plan.q[row])],
     }
 
 
-def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: LimitedFeed | None = None) -> PredictionData:
+def prediction(
+    plan: Plan,
+    cell: Cell,
+    summary: dict[str, Any],
+    limited: LimitedFeed | None = None,
+    program: str | Path | None = None,
+) -> PredictionData:
     """The page of a plan.
 
     Args:
@@ -178,6 +224,7 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
         cell: Its cell.
         summary: Of the job.
         limited: What limits made of the feed.
+        program: The program as it was given, for commands; None is its name alone.
     """
     predicted = summary["prediction"]
     worst = predicted["peak_deflection_um"]
@@ -190,22 +237,16 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
         Fact("Material removed", f"{predicted['removed_mm3'] / 1000:.1f} cm³"),
         Fact("Programmed time", f"{predicted['duration_s']:.0f} s"),
     ]
-    for name, what in (("nominal", "before"), ("compensated", "after")):
-        if f"predicted_{name}" in predicted:
-            error = predicted[f"predicted_{name}"]
-            note = "; ".join(["99.7 % of the path length in the cut", *filter(None, [interval_text(error)])])
-            facts.append(Fact(f"Predicted path error {what}", f"{error['p997_mm']:.3f} mm", note))
+    facts += [Fact(*row) for row in error_rows(predicted)]
     notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
     notes += [f"{text[0].upper()}{text[1:]}." for text in stiffness_remarks(plan, cell)]
     slowed = calm_feed_text(summary["calm_feed"])
     notes += [f"{slowed[0].upper()}{slowed[1:]}."] if slowed else []
-    if predicted["extrapolated_force_share"] > 0.0:
-        notes.append(
-            f"{100 * predicted['extrapolated_force_share']:.2g} % of the force comes from chips outside the range "
-            "of the cutting constants."
-        )
+    chips = extrapolation_text(predicted["extrapolation"])
+    notes += [f"{chips.partition(': ')[2]}."] if chips else []
     swinging = [*chatter_warnings(predicted["chatter"]), *swing_warnings(predicted["lasting_swings"])]
     notes += [f"{text[0].upper()}{text[1:]}." for text in swinging]
+    notes += [f"{text[0].upper()}{text[1:]}." for text in worse_warnings(predicted["worse_lines"])]
     notes += [
         f"Rapid in line {c['line']} removes {c['volume_mm3']:.1f} mm3 of material." for c in predicted["collisions"]
     ]
@@ -229,8 +270,28 @@ def prediction(plan: Plan, cell: Cell, summary: dict[str, Any], limited: Limited
         drawing=drawing(plan, cell),
         feed=None if limited is None else _feed(limited),
         load=to_load(summary, cell, np.unique(plan.path.tool[plan.cutting]).tolist()),
-        next_steps=after_compensation(summary, cell),
+        next_steps=after_compensation(summary, cell, summary["program"] if program is None else program),
     )
+
+
+def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Name, value, remark of the predicted path errors, the figures to plan with first; none without a prediction."""
+    if "predicted_compensated" not in predicted:
+        return []
+    rows: list[tuple[str, str, str]] = []
+    headline, share = predicted.get("headline"), "99.7 % of the path in the cut"
+    if headline is not None:
+        rows = [
+            (f"Expected path error {what}", headline_text(headline[f"{what}_mm"]), share)
+            for what in ("before", "after")
+        ]
+        worse = worse_text(headline["probability_of_worse"])
+        rows.append(("Probability that compensation makes it worse", worse, "by all that is not known of the cell"))
+    for name, what in (("nominal", "before"), ("compensated", "after")):
+        error = predicted[f"predicted_{name}"]
+        text = f"{error['p997_mm']:.3f} mm, largest {error['max_mm']:.3f} mm"
+        rows.append((f"Model without its unknowns, {what}", text, share))
+    return rows
 
 
 def _feed(limited: LimitedFeed) -> FeedData:
@@ -247,9 +308,18 @@ def _errors(plan: Plan, prediction: dict[str, Any]) -> dict[str, Any]:
         np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
         for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
     )
+    return {"error_before_m": before, "error_after_m": after, "headline": _headline(prediction)}
+
+
+def _headline(prediction: Mapping[str, Any]) -> Headline:
+    """The figures to plan with; those of the model alone where the unknowns were not counted."""
     first, last = prediction["predicted_nominal"], prediction["predicted_compensated"]
-    headline = (first["p997_mm"], last["p997_mm"], first["max_mm"], last["max_mm"])
-    return {"error_before_m": before, "error_after_m": after, "headline_mm": headline}
+    model = (first["p997_mm"], last["p997_mm"])
+    found = prediction.get("headline")
+    if found is None:
+        return Headline(model)
+    worse = worse_text(found["probability_of_worse"])
+    return Headline(model, tuple(found["before_mm"]), tuple(found["after_mm"]), worse)
 
 
 def beyond_measured(cell: Cell, plan: Plan) -> list[str]:
@@ -284,13 +354,15 @@ def summary_of(
         written: What the writer says about them.
         tolerance_m: Largest distance between the written path and the planned one.
     """
-    predicted = with_intervals(figures(plan), plan, cell)
+    predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell)
+    predicted["extrapolation"] = extrapolation(plan, cell.force_law)
     remarks = (
         *stiffness_remarks(plan, cell),
         *doubtful_readings(job.program),
         *beyond_measured(cell, plan),
         *chatter_warnings(predicted["chatter"]),
         *swing_warnings(predicted["lasting_swings"]),
+        *worse_warnings(predicted["worse_lines"]),
         *grain_warnings(job, plan, cell),
     )
     written = written | {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,9 @@ _CFG: Final = re.compile(r"\s*MOC:CFG_", re.IGNORECASE)
 _MODULE: Final = re.compile(r"^\s*MODULE\s+\w+", re.IGNORECASE | re.MULTILINE)
 _SECTION: Final = re.compile(r"^([A-Z][A-Z0-9_]*):[^\S\r\n]*$", re.MULTILINE)
 _KEY: Final = re.compile(r"-(\w+)\s+(\"[^\"]*\"|[^\s\\-]\S*|-[\d.]\S*)")
-_CALIBRATED: Final = re.compile(r"absacc|abs_acc|_error_|arm_calib", re.IGNORECASE)
+_AXIS: Final = re.compile(r"rob1_([1-6])", re.IGNORECASE)
+_SECTIONS: Final = frozenset(("ROBOT", "ARM"))
+_CALIBRATED: Final = re.compile(r"[\w-]*(?:absacc|abs_acc|_error_|arm_calib)\w*", re.IGNORECASE)
 
 
 def is_configuration(text: str) -> bool:
@@ -49,16 +52,16 @@ def read_module(text: str, where: str) -> ControllerData:
     source = Source(text, where)
     for statement in source.statements():
         match = DECLARATION.match(statement.code)
-        if match is None or match[1].lower() not in ("tooldata", "wobjdata") or match[3] or not match[4]:
+        if match is None or match[2].lower() not in ("tooldata", "wobjdata") or match[4] or not match[5]:
             continue
         start = statement.start + match.end()
         parts = aggregate(source.code, start, statement.end)
         if parts is None:
             raise FileFormatError(
-                f"{match[2]} is no {match[1]} with its numbers", where=source.place(start),
+                f"{match[3]} is no {match[2]} with its numbers", where=source.place(start),
                 value=" ".join(statement.code[match.end() :].split())[:60], hint="Give the module of a backup",
             )  # fmt: skip
-        (_tool if match[1].lower() == "tooldata" else _work_object)(out, match[2], parts, source.place(start))
+        (_tool if match[2].lower() == "tooldata" else _work_object)(out, match[3], parts, source.place(start))
     return out
 
 
@@ -115,13 +118,32 @@ def read_configuration(text: str, where: str) -> ControllerData:
             raise FileFormatError("the base frame of the robot is no rotation", where=where, value=q.tolist(),
                                   limit="base_frame_orient_u0 to u3 of length 1")  # fmt: skip
         out.T_world_base = pose.make(rotation.from_quat_wxyz(q / np.linalg.norm(q)), p)
+        out.root_known = True
         break
-    if _CALIBRATED.search(text):
+    _bounds(out, text, sections, where)
+    calibrated = sorted({match[0].lower() for match in _CALIBRATED.finditer(text)})
+    if calibrated:
         out.notes.append(
-            "MOC.cfg holds calibrated kinematics (absolute accuracy). Their form is not published and they are not "
-            "read: the robot is that of the catalogue; identify kinematics measures it"
+            f"{where} holds calibrated kinematics (absolute accuracy: {', '.join(calibrated[:4])}). Their form is not "
+            "published and they are not read: the robot is that of the catalogue; identify kinematics measures it"
         )
+    rest = sorted({match[1].upper() for match in sections} - _SECTIONS)
+    if rest:
+        out.notes.append(f"{where}: other types are not read ({', '.join(rest[:5])}{' ...' if len(rest) > 5 else ''})")
     return out
+
+
+def _bounds(out: ControllerData, text: str, sections: Sequence[re.Match[str]], where: str) -> None:
+    """Software limits of the arm: type ARM, rad, of ``rob1_1`` to ``rob1_6``."""
+    for match, end in zip(sections, [*(one.start() for one in sections[1:]), len(text)], strict=True):
+        if match[1].upper() != "ARM":
+            continue
+        for entry in re.split(r"\n\s*\n|(?=-name)", text[match.end() : end].replace("\\\n", " ")):
+            given: dict[str, str] = dict(_KEY.findall(entry))
+            axis = _AXIS.fullmatch(given.get("name", "").strip('"'))
+            if axis is not None and {"lower_joint_bound", "upper_joint_bound"} <= given.keys():
+                low, high = (_number(given, f"{side}_joint_bound", 0.0, where) for side in ("lower", "upper"))
+                out.limits_rad[int(axis[1]) - 1] = (low, high)
 
 
 def _number(given: dict[str, str], key: str, default: float, where: str) -> float:

@@ -35,6 +35,11 @@ class ControllerData:
         loads: By name of the tool.
         titles: What people call a tool (``tool 1``) or base (``base 1``).
         T_world_base: (4, 4) m, robot base in the world.
+        root_known: A file says where the base is in the world.
+        limits_rad: Lower and upper software limit of axes by index, as the controller shows them.
+        lengths_m: Lengths of the arm that the machine data have, by the names of
+            :class:`~counterflex.robot.model.description.Opw`.
+        model: What the controller calls the robot.
         notes: What the user should know, one sentence each.
     """
 
@@ -44,6 +49,10 @@ class ControllerData:
     loads: dict[str, Load] = field(default_factory=dict)
     titles: dict[str, str] = field(default_factory=dict)
     T_world_base: Float = field(default_factory=lambda: np.eye(4))
+    root_known: bool = False
+    limits_rad: dict[int, tuple[float, float]] = field(default_factory=dict)
+    lengths_m: dict[str, float] = field(default_factory=dict)
+    model: str = ""
     notes: list[str] = field(default_factory=list)
 
     def merge(self, other: ControllerData) -> None:
@@ -64,8 +73,14 @@ class ControllerData:
         self.loads |= other.loads
         self.titles |= other.titles
         self.notes += other.notes
-        if not np.array_equal(other.T_world_base, np.eye(4)):
-            self.T_world_base = other.T_world_base
+        self.limits_rad |= other.limits_rad
+        self.lengths_m |= other.lengths_m
+        self.model = other.model or self.model
+        if other.root_known:
+            if self.root_known and not np.allclose(self.T_world_base, other.T_world_base, rtol=0.0, atol=1e-9):
+                raise InputError("two files say differently where the robot stands in its world",
+                                 hint="Give the files of one controller and one backup")  # fmt: skip
+            self.T_world_base, self.root_known = other.T_world_base, True
 
     def base_in_robot(self, name: str) -> Float:
         """(4, 4) m, a base in the robot's base frame."""

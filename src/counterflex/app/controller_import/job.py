@@ -12,6 +12,12 @@ import numpy as np
 from counterflex.app.controller_import.abb import is_configuration, is_module, read_configuration, read_module
 from counterflex.app.controller_import.frames import ControllerData
 from counterflex.app.controller_import.kuka import is_kuka, read_kuka
+from counterflex.app.controller_import.kuka_machine import (
+    is_kuka_machine,
+    limits_off,
+    other_kuka_data,
+    read_kuka_machine,
+)
 from counterflex.app.controller_import.poses import Residual, read_poses, residuals
 from counterflex.app.controller_import.robodk import read_robodk
 from counterflex.core import atomic
@@ -23,8 +29,11 @@ from counterflex.geometry import rotation
 from counterflex.programs.source_text import read_text
 from counterflex.robot.elasticity.chain import ElasticChain, flange
 from counterflex.robot.model import catalog
+from counterflex.robot.model.controller_axes import shown_limits
+from counterflex.robot.model.description import Robot
 
-_KINDS: Final = "$config.dat (KUKA), modules and MOC.cfg (ABB), a JSON file of a RoboDK station"
+_SAME_LENGTH_M: Final = 0.5 * MM
+_KINDS: Final = "$config.dat and $machine.dat (KUKA), modules and MOC.cfg (ABB), a JSON file of a RoboDK station"
 
 
 def run(
@@ -67,8 +76,9 @@ def run(
     if poses is not None:
         shown = read_poses(read_text(poses)[0], poses.name, tool, base)
         chain = ElasticChain.build(model)
-        fits = residuals(shown, flange(chain, np.array([one.q for one in shown])), data)
+        fits = residuals(shown, flange(chain, model.axes.model(np.array([one.q for one in shown]))), data)
         _refuse_misfit(fits, tolerance_m, tolerance_rad, poses.name)
+    data.notes += [*_root_note(data), *machine_notes(data, model)]
     text = cell_text(data, robot, tool, base, [file.name for file in files], fits)
     with atomic.atomic_path(out) as place:
         place.write_text(text, encoding="utf-8", newline="\n")
@@ -103,6 +113,10 @@ def read_files(files: Sequence[Path]) -> ControllerData:
         text, _ = read_text(file)
         if is_kuka(text):
             out.merge(read_kuka(text, file.name))
+        elif is_kuka_machine(text):
+            out.merge(read_kuka_machine(text, file.name))
+        elif other_kuka_data(text):
+            out.notes.append(f"{file.name} ({other_kuka_data(text)}) holds nothing for a cell file and is not read")
         elif is_configuration(text):
             out.merge(read_configuration(text, file.name))
         elif text.lstrip().startswith("{"):
@@ -112,6 +126,36 @@ def read_files(files: Sequence[Path]) -> ControllerData:
         else:
             first = text.strip().splitlines()[0][:60] if text.strip() else "empty"
             raise FileFormatError("a file of no kind that is read", where=str(file), value=first, limit=_KINDS)
+    return out
+
+
+def _root_note(data: ControllerData) -> list[str]:
+    if data.root_known or not data.bases:
+        return []
+    missing = "$ROBROOT is in $machine.dat" if data.kind == "KUKA" else "the base frame is in MOC.cfg"
+    return [
+        f"bases of the controller are in its world, and no file says where the robot stands there ({missing}): it is "
+        "taken to stand at the origin"
+    ]
+
+
+def machine_notes(data: ControllerData, model: Robot) -> list[str]:
+    """Notes where machine data are not those of the robot of the catalogue.
+
+    Args:
+        data: Of the controller.
+        model: The robot.
+    """
+    out = limits_off(data.limits_rad, shown_limits(model.axes, model.joint_limits_rad))
+    opw = model.opw
+    a1_m = data.lengths_m.get("a1")
+    if opw is not None and a1_m is not None and abs(abs(a1_m) - abs(opw.a1_m)) > _SAME_LENGTH_M:
+        out.append(
+            f"$LENGTH_A is {a1_m / MM:g} mm, the catalogue has {opw.a1_m / MM:g} mm: the robot of the controller "
+            f"({data.model or 'no name'}) is another one"
+        )
+    if data.model:
+        out.append(f"the controller calls its robot {data.model}; the cell has {model.name}")
     return out
 
 
@@ -195,6 +239,9 @@ def cell_text(
         lines += [f"tool_number = {tool}", f"base_number = {base}"]
     elif data.kind == "ABB" and base.isascii() and base.isidentifier():
         lines += [f'work_object = "{base}"']
+    if not np.allclose(data.T_world_base, np.eye(4), rtol=0.0, atol=1e-9):
+        lines += ["", "# Where the robot stands in the world of its controller.", "[controller.robot_in_world]"]
+        lines += _pose_lines(data.T_world_base)
     return "\n".join([*lines, ""])
 
 

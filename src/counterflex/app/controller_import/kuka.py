@@ -58,17 +58,18 @@ def read_kuka(text: str, where: str) -> ControllerData:
         elif word == "LOAD":
             _load(out, number, value, place)
         else:
-            T = _frame(value, place)
+            T = frame_of_text(value, place)
             if np.any(np.eye(4) != T):
                 (out.tools if word == "TOOL" else out.bases)[number] = T
-    out.notes.append(
-        "bases of a KUKA controller are in its world; the robot root is taken to be there ($ROBROOT is in $machine.dat)"
-    )
     return out
 
 
-def _frame(text: str, where: str) -> Float:
-    """(4, 4) m of ``{X ..,Y ..,Z ..,A ..,B ..,C ..}``."""
+def frame_of_text(text: str, where: str) -> Float:
+    """(4, 4) m of ``{X ..,Y ..,Z ..,A ..,B ..,C ..}``.
+
+    Raises:
+        FileFormatError: It is something else.
+    """
     values = {match[1].upper(): float(match[2]) for match in _PART.finditer(text)}
     if set(values) != set("XYZABC") or not text.startswith("{") or not text.endswith("}"):
         raise FileFormatError("a frame is damaged", where=where, value=text[:60], hint=_AS_SAVED,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -14,6 +12,7 @@ from counterflex.app.controller_import.frames import ControllerData
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM
+from counterflex.files.small_table import rows_of
 from counterflex.geometry import pose, rotation
 
 JOINTS: Final = tuple(f"q{i}_deg" for i in range(1, 7))
@@ -29,7 +28,7 @@ class ShownPose:
 
     Attributes:
         line: Of the file.
-        q: (6,) rad.
+        q: (6,) rad, axes as the controller shows them.
         T_base_tool: (4, 4) m, tool in the active base.
         tool: Its name.
         base: Its name.
@@ -75,7 +74,7 @@ def read_poses(text: str, where: str, tool: str, base: str) -> list[ShownPose]:
     """Poses of a table with columns q1_deg to q6_deg, x_mm y_mm z_mm, a_deg b_deg c_deg, and perhaps tool and base.
 
     Args:
-        text: Comma-separated values with a header.
+        text: A header and rows, see :mod:`counterflex.files.small_table`.
         where: Name of the file, for errors.
         tool: Taken where the file has no column ``tool``.
         base: The same of ``base``.
@@ -83,27 +82,27 @@ def read_poses(text: str, where: str, tool: str, base: str) -> list[ShownPose]:
     Raises:
         FileFormatError: A column is missing, a value is no number, or there is no row.
     """
-    reader = csv.DictReader(io.StringIO(text))
-    missing = [name for name in (*JOINTS, *POSE) if name not in (reader.fieldnames or ())]
+    rows = rows_of(text, where)
+    names = rows[0][1] if rows else []
+    missing = [name for name in (*JOINTS, *POSE) if name not in names]
     if missing:
         raise FileFormatError("columns are missing", where=where, value=", ".join(missing),
                               limit=", ".join((*JOINTS, *POSE)))  # fmt: skip
     out: list[ShownPose] = []
-    for row in reader:
+    for line, cells in rows[1:]:
+        row = dict(zip(names, cells, strict=False))
         try:
             q = np.array([float(row[name]) for name in JOINTS]) * DEG
             values = np.array([float(row[name]) for name in POSE])
-        except (TypeError, ValueError):
+        except (KeyError, ValueError):
             q = values = np.full(6, np.nan)
         if not np.all(np.isfinite([*q, *values])) or len(out) >= _MOST:
             raise FileFormatError(
-                "a row without its twelve numbers, or too many rows", where=f"{where}:{reader.line_num}",
+                "a row without its twelve numbers, or too many rows", where=f"{where}:{line}",
                 limit=f"finite numbers, at most {_MOST} rows",
             )  # fmt: skip
         T = pose.make(rotation.from_zyx(values[3:] * DEG), values[:3] * MM)
-        out.append(
-            ShownPose(reader.line_num, q, T, (row.get("tool") or tool).strip(), (row.get("base") or base).strip())
-        )
+        out.append(ShownPose(line, q, T, row.get("tool") or tool, row.get("base") or base))
     if not out:
         raise FileFormatError("the table has no row", where=where, limit="five poses or more, far apart")
     return out

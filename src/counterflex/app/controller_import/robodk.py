@@ -39,6 +39,7 @@ def read_robodk(text: str, where: str) -> ControllerData:
             raise FileFormatError(f"{key} is no table of names", where=where)
         for name, rows in given.items():
             frames[str(name)] = _pose(rows, f"{where}: {key}.{name}")
+    out.root_known = True
     return out
 
 

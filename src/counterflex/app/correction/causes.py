@@ -11,6 +11,7 @@ from counterflex.app.lowest_mode import STATED, identified_sigma
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM, MRAD
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.evaluate.path_error.explanations import NOTHING, Cause, Explanation
@@ -143,7 +144,8 @@ def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
         raise InputError(
             "the likeliest explanation has no place in a cell file",
             value=one.name,
-            hint="Correct the program only: leave --apply out. Or measure: counterflex identify stiffness",
+            hint="Correct the program only: leave --apply out. Or measure: "
+            + next_command("identify stiffness", propose=30, cell="CELL", out="DIR"),
         )
     out: list[Change] = []
     if FORCE in names:

@@ -31,6 +31,7 @@ from counterflex.app.inputs import (
     read_job,
     setting_of,
 )
+from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -95,7 +96,7 @@ def correct(
             where=Path(job.program.name).name,
             hint="Correct programs with one direction of the tool each",
         )
-    plan = _read_plan(plan_folder, job)
+    plan = _read_plan(plan_folder, job, cell)
     language = str(read_summary(plan_folder / SUMMARY).get("language", "gcode"))
     history, taken = read_parts(plan_folder), _taken(plan_folder, plan)
     setting = setting_of(cell, orientation=bool(np.any(plan.rotvec_part)), part_may_be_held=True)
@@ -144,12 +145,12 @@ def correct(
     )
 
 
-def _read_plan(folder: Path, job: Job) -> Plan:
+def _read_plan(folder: Path, job: Job, cell: Cell) -> Plan:
     """A plan on the program's own path, at the plan's feed.
 
     Raises:
         FileFormatError: The folder holds no plan.
-        InputError: It is a plan of another program.
+        InputError: It is a plan of another program or of another cell.
     """
     if not (folder / PLAN).is_file():
         raise FileFormatError(
@@ -166,6 +167,7 @@ def _read_plan(folder: Path, job: Job) -> Plan:
             value=f"{about.get('program', '')}, {len(plan.path)} points",
             limit=f"{Path(job.program.name).name}, {len(path)} points",
         )
+    require_of_cell(plan, about, cell, folder / PLAN)
     share = share_between(path, plan.path)
     share = np.where(np.abs(share - 1.0) < 1e-9, 1.0, share)
     return replace(plan, path=path if np.all(share == 1.0) else at_feed(path, share))
@@ -286,7 +288,7 @@ def run(
         lowered = summary["calm_feed"]["extra_s"]
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
-        write_plan(staging / PLAN, result.plan, {**about, "feed_lowered_s": lowered})
+        write_plan(staging / PLAN, result.plan, {**about, "feed_lowered_s": lowered}, cell.chain.axes)
         write_path_error(staging / TAKEN, result.taken, about)
         new = [
             (in_part_axes(m.scan.deviations, result.cell), m.scan.part, Part(m.error, _facts(m)))

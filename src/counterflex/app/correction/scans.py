@@ -14,6 +14,7 @@ from counterflex.app.inputs import Job
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.next_command import next_command
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.files.cell.cell import Cell
@@ -78,8 +79,9 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
                 "not a file of part deviations",
                 where=str(file),
                 limit=f"{DEVIATIONS} of counterflex inspect",
-                hint="A scan is laid on the part first: counterflex inspect PROGRAM --cell CELL --scan FILE "
-                "--out FOLDER; then --scan FOLDER here",
+                hint="A scan is laid on the part first: "
+                + next_command("inspect", "PROGRAM", cell="CELL", scan="FILE", out="DIR")
+                + "; then --scan DIR here",
             )
     deviations, part = read_part_deviations(file)
     if part.program_sha256 not in ("", digest):

@@ -60,7 +60,7 @@ def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
         raise FileFormatError(
             "no identification is kept here",
             where=str(folder),
-            hint="counterflex identify keeps every run under --out DIR in DIR/archive, or in --archive DIR",
+            hint="Every identification is kept in the folder archive of its --out, or in its --archive",
         )
     names = list(dict.fromkeys(run.result["recipe"] for run in runs))
     rows = {name: [run for run in runs if run.result["recipe"] == name][-SHOWN:] for name in names}

@@ -17,6 +17,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.identification.cell_model import model_of
+from counterflex.app.identification.controller_angles import in_model_angles
 from counterflex.app.identification.history import keep
 from counterflex.app.identification.propose import propose as propose
 from counterflex.app.identification.recipe_settings import Setting, read_settings
@@ -107,6 +108,7 @@ def prepare(
     chosen = read_settings(recipe, settings or {}, seed)
     known, chosen, remark = starting_cell(cell, recipe, chosen)
     fitted, unseen = _with_unique_names(*(tuple(read_dataset(path) for path in paths) for paths in (data, holdout)))
+    fitted, unseen = (tuple(in_model_angles(one, known.robot.axes) for one in part) for part in (fitted, unseen))
     recipe.require_usable((*fitted, *unseen))
     require_disjoint(fitted, unseen)
     return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen, remark)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from counterflex.app.identification.cell_model import model_of
+from counterflex.app.identification.controller_angles import shown_columns
 from counterflex.app.identification.recipe_settings import Setting, read_settings
 from counterflex.app.identification.starting_cell import starting_cell
 from counterflex.core import atomic
@@ -73,5 +74,5 @@ def _write(name: str, count: int, cell: Path, out: Path, settings: Mapping[str, 
     with atomic.atomic_folder(out) as staging:
         proposal = recipe.propose(model, count, chosen)
         proposal = replace(proposal, remarks=(*proposal.remarks, *([remark] if remark else [])))
-        write_proposal(staging, proposal)
+        write_proposal(staging, replace(proposal, columns=shown_columns(proposal.columns, known.robot.axes)))
     return proposal

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import datetime
+from pathlib import Path
 from typing import Any, Final
 
-from counterflex.app.compensation.cell_facts import title_of
 from counterflex.app.inspection.judging import Inspection
 from counterflex.app.inspection.summary import Inspected
 from counterflex.app.inspection.tool_path import InspectedPath
@@ -42,7 +42,7 @@ def page_of(inspection: Inspection) -> str:
     files = " and ".join(one.file for one in inspection.parts.values())
     return inspection_page(
         InspectionData(
-            title=title_of(inspection.job.program),
+            title=Path(inspection.job.program.name).name,
             subtitle=f"{files} against what {program} makes in {inspection.cell.name}",
             created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
             surface=surface,

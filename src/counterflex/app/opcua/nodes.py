@@ -7,13 +7,16 @@ emergency and protective stops, loads, power of the drives.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.panel.watched_run import Seen
+from counterflex.core.errors import CounterflexError
 from counterflex.core.units import DEG
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.runtime.monitoring.events import Event
 
 SYSTEM: Final = "MotionDeviceSystem"
@@ -95,7 +98,26 @@ def _program(view: View) -> str | None:
 
 
 def _axis(k: int) -> Callable[[View], float | None]:
-    return lambda view: None if view.last is None else float(view.last.q[k]) / DEG
+    def of(view: View) -> float | None:
+        if view.last is None:
+            return None
+        axes = _axes_of(view.about.get("files", {}).get("cell", ""))
+        return None if axes is None else float(axes.shown(view.last.q)[k]) / DEG
+
+    return of
+
+
+@functools.lru_cache(maxsize=8)
+def _axes_of(cell: str) -> ControllerAxes | None:
+    """How the controller of a run's cell counts the axes; None where its file is gone or cannot be read."""
+    from counterflex.files.cell.cell import read_cell  # heavy, and not needed before a run
+
+    if not cell:
+        return AS_MODEL
+    try:
+        return read_cell(cell).robot.axes
+    except CounterflexError:
+        return None
 
 
 def _on_path(view: View) -> bool | None:

@@ -50,7 +50,7 @@ class CellScene:
 
 def _bodies(cell: Cell) -> list[Body]:
     chain = cell.controller_chain
-    given, removed = cell.tables.cell.bodies()
+    given, removed = cell.tables.cell.bodies(cell.path.parent)
     assumed = list(links(chain))
     cutters, overhang = {}, {}
     for tool in cell.tables.tools:

@@ -19,10 +19,9 @@ from counterflex.app.placement.spindle_mounting import Mounting
 from counterflex.app.posture import held_row, loaded_path, robot_of, surroundings_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError, ModelError, ReachError
+from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM, UM
-from counterflex.cutting.stock import require_vertical
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_with_place
 from counterflex.files.summary_file import write_summary
@@ -123,7 +122,7 @@ def placement_of(
     job, cell, task = task_of(program, cell, reading, surface, parts[CUTTING])
     frame, begin = Frame(cell, middle_of(task)), time.perf_counter()
     region = region_of(wish, frame)
-    site = site_of(task, stretches_of_task(task, cell), cell.tables.dynamics.damping_ratio)
+    site = site_of(task, stretches_of_task(task, cell))
     judged = search(site, region, frame.seen, count, progress=parts[SEARCHING])
     alone, present = _here(task)
     now = Candidate() if present is None else Candidate("", 1.0, *worth(site, task.robot, present.q[site.rows]))
@@ -166,7 +165,7 @@ def _row(what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Jo
     _, error, damping = worth(site, there.robot, what.q[site.rows])
     clearance = np.inf if there.around is None else kept(what.q, there.robot, there.around)[1]
     return {
-        **held_row(what, job),
+        **held_row(what, job, task.robot.chain.axes),
         "error_um": round(error / UM, 2),
         "damping_in_cut": None if np.isnan(damping) else round(damping, 4),
         "clearance_mm": None if np.isinf(clearance) else round(clearance / MM, 1),
@@ -174,12 +173,8 @@ def _row(what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Jo
 
 
 def stretches_of_task(task: Task, cell: Cell) -> list[Stretch]:
-    """What the program cuts, for the criterion of chatter; none where the tool is tilted, which it does not serve."""
-    try:
-        require_vertical(task.path.axis_part)
-    except ModelError:
-        return []
-    return stretches_of(task.path, cell.stock(), task.setting.cutter_of)
+    """What the program cuts, for the criterion of chatter."""
+    return stretches_of(task.path, cell.stock(), task.setting.cutter_of, cell.blank_box())
 
 
 def _here(task: Task) -> tuple[Held | None, Held | None]:

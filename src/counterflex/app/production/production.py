@@ -17,6 +17,7 @@ import numpy as np
 
 from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.recipe_settings import Setting, settings_of
+from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.production.apply import apply_constants
 from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike
 from counterflex.app.production.known import known_constants
@@ -170,6 +171,7 @@ def produce(
         key = (plan_file, one.compensated)
         if key not in cuts:
             plan, about = read_plan(plan_file)
+            require_of_cell(plan, about, cell, plan_file)
             cuts[key] = planned_cut(plan, about, cell, plan_file, compensated=one.compensated)
         tool = _tool(tool, cuts[key], plan_file)
         require_alike(history, tool, material, out)

@@ -15,6 +15,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.cut_logs import log_of_path, log_of_run, top_of, undisturbed_columns
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.next_command import next_command
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.columns import ColumnStock
@@ -226,7 +227,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
                 "no machined program in this folder",
                 where=str(path),
                 limit=f"{simulate.RUN} and the files beside it",
-                hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
+                hint=f"{next_command('simulate', 'PROGRAM', cell='CELL', truth='TRUTH', out='DIR')} makes one",
             )
     _check_same(paths)
     cell = simulate.read_cell_of(paths[0])
@@ -257,8 +258,9 @@ def _check_same(paths: Sequence[Path]) -> None:
     ):
         hashes = set()
         for path in paths:
-            name = simulate.kept(path, pattern).name if pattern == simulate.ORIGINAL else pattern
+            name = str(simulate.kept(path, pattern).relative_to(path)) if pattern == simulate.ORIGINAL else pattern
             files = sorted(path.glob(name))
+            files += sorted(file for file in (path / pattern).glob("*") if file not in files)
             if not files and pattern != simulate.BLANKS:
                 raise FileFormatError("a file of the run is missing", where=str(path / name))
             try:

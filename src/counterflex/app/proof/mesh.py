@@ -15,6 +15,7 @@ from counterflex.app.proof.cut_logs import log_of_path, log_of_run, top_of, undi
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, UM
 from counterflex.cutting.tridexel.columns import ColumnStock
@@ -54,7 +55,7 @@ def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progre
             "no machined program in this folder",
             where=str(source),
             limit=f"{simulate.RUN} and the files beside it",
-            hint="counterflex simulate PROGRAM --cell CELL --truth TRUTH --out DIR makes one",
+            hint=f"{next_command('simulate', 'PROGRAM', cell='CELL', truth='TRUTH', out='DIR')} makes one",
         )
     cell = simulate.read_cell_of(source)
     job = simulate.read_original(source, cell)

@@ -159,7 +159,7 @@ def prove(
         "cell": cell.name,
         "robot": cell.chain.name,
         "family": family.name,
-        "prediction": with_intervals(figures(plan), plan, cell),
+        "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell),
         "calm_feed": calm_feed(slowed, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *remarks(plan, cell)]},
         **assumed(plan, cell),
@@ -221,7 +221,12 @@ def run(
         about |= {CLASS_ASSUMED: True} if assume_class else {}
         about |= {key: proof.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in proof.summary}
         lowered = proof.summary["calm_feed"]
-        write_plan(staging / "plan.parquet", proof.plan, {**about, "feed_lowered_s": lowered["extra_s"]})
+        write_plan(
+            staging / "plan.parquet",
+            proof.plan,
+            {**about, "feed_lowered_s": lowered["extra_s"]},
+            proof.reference.cell.chain.axes,
+        )
         for seed, truth in proof.truths.items():
             write_truth(staging / f"truth-{seed}.toml", truth)
         for variant in ("nominal", "compensated"):

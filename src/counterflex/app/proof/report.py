@@ -6,12 +6,13 @@ import datetime
 import importlib.metadata
 import platform
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name, title_of
+from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
 from counterflex.app.compensation.next_steps import after_proof
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import setting_of
@@ -84,7 +85,7 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
     measured = features(comparison.reference, comparison.judged)
     return report_page(
         ReportData(
-            title=title_of(comparison.reference.job.program),
+            title=Path(comparison.reference.job.program.name).name,
             subtitle=f"{comparison.summary['program']}, machined before and after on a simulated {robot_name(cell)}",
             created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
             summary=comparison.summary,

@@ -17,6 +17,7 @@ from counterflex.app.robot_programs import companions
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.cutting.removal import remove_tool_path
@@ -203,9 +204,14 @@ def keep_inputs(
         atomic.write_bytes(folder / PARAMETERS, _source(reading.parameters))
     for name, source in ((PROGRAM, Path(program)), (ORIGINAL, Path(original))):
         ending = ENDINGS.get(dialect_of(source, reading.dialect), (_GCODE,))[0]
-        atomic.write_bytes(folder / f"{name}{ending}", _source(source))
-        for file in companions(source):
-            atomic.write_bytes(folder / f"{name}{file.suffix.lower()}", _source(file))
+        files = companions(source)
+        parts = [file for file in files if file.stem.upper() != source.stem.upper()]
+        inside = folder / name if parts else folder
+        inside.mkdir(exist_ok=True)
+        atomic.write_bytes(inside / f"{name}{ending}", _source(source))
+        for file in files:
+            own = file.name if file in parts else f"{name}{file.suffix.lower()}"
+            atomic.write_bytes(inside / own, _source(file))
     _keep_cell(cell, folder)
 
 
@@ -215,9 +221,12 @@ def read_original(folder: Path, cell: Cell) -> Job:
 
 
 def kept(folder: Path, name: str) -> Path:
-    """The program of a run folder, :data:`PROGRAM` or :data:`ORIGINAL`; its ending tells the language."""
+    """The program of a run folder, :data:`PROGRAM` or :data:`ORIGINAL`; its ending tells the language.
+
+    A program of several files has a folder of its own there, in which its parts have the names by which it calls them.
+    """
     endings = [ending for own in ENDINGS.values() for ending in own[:1]]
-    files = (folder / f"{name}{ending}" for ending in endings)
+    files = (inside / f"{name}{ending}" for inside in (folder, folder / name) for ending in endings)
     return next((file for file in files if file.is_file()), folder / f"{name}{_GCODE}")
 
 
@@ -253,7 +262,7 @@ def check_same_cell(cell: Cell, truth: Truth, where: str) -> None:
         FileFormatError: It is another cell's.
     """
     nominal = truth_of(cell, None)
-    hint = "Make one from this cell: counterflex truth CELL --out FILE"
+    hint = f"Make one from this cell: {next_command('truth', 'CELL', out='FILE')}"
     names, expected = [body.name for body in truth.bodies], [body.name for body in nominal.bodies]
     if names != expected:
         raise FileFormatError(

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
+from counterflex.core.next_command import next_command
 from counterflex.core.similar import missing_file
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.finding import Finding
@@ -33,7 +34,7 @@ def read_program(path: Path, suffixes: tuple[str, ...], what: str, language: str
             f"not a {what}",
             where=str(path),
             limit=f"a {suffixes[0]} file",
-            hint=f"counterflex compensate PROGRAM --as {language} writes one",
+            hint=f"{next_command('compensate', 'PROGRAM', cell='CELL', as_=language, out='DIR')} writes one",
         )
     try:
         data = path.read_bytes()

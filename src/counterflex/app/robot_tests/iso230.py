@@ -270,6 +270,6 @@ def _write(out: str | Path, summary: dict[str, Any], rows: pl.DataFrame, table: 
 
     with atomic.atomic_folder(out) as staging:
         atomic.write_text(staging / "figures.csv", rows.write_csv())
-        table.write_parquet(staging / "readings.parquet")
+        atomic.write_made(staging / "readings.parquet", table.write_parquet)
         write_summary(staging / "summary.json", summary)
         write_page(page, staging / "report.html")

@@ -96,7 +96,7 @@ def run(
     }
     if out is not None:
         with atomic.atomic_folder(out) as staging:
-            result.table.write_parquet(staging / "attained.parquet")
+            atomic.write_made(staging / "attained.parquet", result.table.write_parquet)
             atomic.write_text(staging / "attained.csv", result.table.write_csv())
             atomic.write_text(staging / "figures.csv", figure_table(summary).write_csv())
             write_summary(staging / "summary.json", summary)

@@ -144,8 +144,7 @@ def export_incident(
             cycle = segment.rows[:, record.CYCLE]
             parts.append(segment.rows[(cycle >= first - before) & (cycle <= first + after)])
     rows = np.concatenate(parts)
-    with atomic.atomic_path(csv) as part, part.open("wb") as stream:
-        _table(rows, first).write_csv(stream)
+    atomic.write_text(csv, _table(rows, first).write_csv())
     cycles = rows[:, record.CYCLE]
     return Exported(one, len(rows), int(cycles[-1] - cycles[0]) + 1 - len(rows))
 

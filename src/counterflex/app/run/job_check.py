@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import missing_file
@@ -62,18 +63,23 @@ def check_job(program: Path, planned: tuple[Plan, Mapping[str, Any]] | None, *, 
     )
 
 
-def cell_of_run(cell: str | Path, planned: tuple[Plan, Mapping[str, Any]] | None) -> Cell:
+def cell_of_run(
+    cell: str | Path, planned: tuple[Plan, Mapping[str, Any]] | None, plan_file: str | Path | None = None
+) -> Cell:
     """Read the cell of a run: where the plan stands on the class of the robot, so does the run.
 
     Args:
         cell: Cell file.
         planned: Plan and metadata as read, or None.
+        plan_file: Where it was read from.
 
     Raises:
         FileFormatError: The file cannot be used.
-        InputError: Axes have no stiffness, and no plan assumes one.
+        InputError: Axes have no stiffness and no plan assumes one, or the plan was made for another cell.
     """
     read = read_cell(cell, assume_class=planned is not None and bool(planned[1].get(CLASS_ASSUMED, False)))
+    if planned is not None:
+        require_of_cell(*planned, read, plan_file or "the plan")
     read.require_milling()
     require_stiffness(read)
     return read

@@ -229,7 +229,7 @@ def replay(
         InputError: The cell's settings need a plan and there is none, or the log holds another loop's state.
     """
     planned = None if plan is None else read_plan(Path(plan))
-    model = cell_of_run(cell, planned)
+    model = cell_of_run(cell, planned, plan)
     loaded = None if planned is None else loop_plan(planned[0], model, compensated=compensated)
     loop = online_loop(model, loaded, compensated=compensated and loaded is not None)
     files = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
@@ -341,7 +341,7 @@ def export(folder: str | Path, csv: str | Path, progress: Progress = silent) -> 
             table = table.with_columns(polars.col(whole).cast(polars.Int64))
             table = table.with_columns(polars.lit(None).cast(table.schema[name]).alias(name) for name in segment.absent)
             table = table.select(polars.lit(segment.run, dtype=polars.Int64).alias("run"), polars.all())
-            table.write_csv(stream, include_header=k == 0)
+            stream.write(table.write_csv(include_header=k == 0).encode())
             count += len(segment.rows)
     return count, missing.end(folder)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from counterflex.app.robot_axes import axes_in
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
@@ -21,6 +22,7 @@ from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink, command
 from counterflex.protocols.abb_egm.path_link import EgmPathLink
 from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.kuka_rsi.link import RsiLink
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.runtime.settings import OnlineSettings, Output
 
 _RSI_MS = (4, 12)
@@ -35,6 +37,7 @@ def rsi_link(
     *,
     overriding: bool = False,
     currents: bool = False,
+    axes: ControllerAxes = AS_MODEL,
 ) -> RsiLink:
     """Open the link of an ETHERNET configuration file.
 
@@ -46,6 +49,7 @@ def rsi_link(
         peer: The controller, or None.
         overriding: The loop changes the speed of the program, and uses the changed one.
         currents: The loop reads motor currents.
+        axes: How the controller counts the axes.
 
     Raises:
         FileFormatError: The file cannot be used.
@@ -54,12 +58,12 @@ def rsi_link(
     """
     if round(online.period_s * 1e3) not in _RSI_MS:
         raise InputError("cycle of RSI", value=f"{online.period_s * 1e3:g} ms", limit="4 or 12 ms: [online] period_ms")
-    link = RsiLink(read_config(config), host=host, port=port, peer=peer, period_s=online.period_s)
-    axes = online.output == Output.AXES
+    link = RsiLink(read_config(config), host=host, port=port, peer=peer, period_s=online.period_s, axes=axes)
+    by_axes = online.output == Output.AXES
     missing, hint = "", ""
-    if axes and not link.axis_specific:
+    if by_axes and not link.axis_specific:
         missing, hint = "no axis corrections", 'Add AKorr.A1 to AKorr.A6 (AXISCORR), or set output = "cartesian"'
-    elif not axes and not link.cartesian:
+    elif not by_axes and not link.cartesian:
         missing, hint = "no Cartesian correction", 'Add RKorr.X to RKorr.C (POSCORR), or set output = "axes"'
     elif overriding and not link.overriding:
         missing, hint = "no speed of the program", "Add the tag Override, or leave the table [override] out"
@@ -118,6 +122,7 @@ def egm_link(
         "port": table.port if port is None else port,
         "peer": peer,
         "T_part_frame": T_part_frame,
+        "axes": axes_in(cell, "rapid")[0],
     }
     if table.mode == "path":
         return EgmPathLink(watch_only=watch_only, period_s=online.period_s, **where)

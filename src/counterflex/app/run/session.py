@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.app.compliance_window import require_plausible
+from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.holder import open_holder
 from counterflex.app.run.job_check import cell_of_run, check_job, job_of
 from counterflex.app.run.loop import load_behind, loop_plan, online_loop, tcp_target
@@ -133,7 +134,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         OutputError: A port or the sensor cannot be reached.
     """
     read = None if settings.plan is None else read_plan(settings.plan)
-    cell = cell_of_run(settings.cell, read)
+    cell = cell_of_run(settings.cell, read, settings.plan)
     require_plausible(cell)
     if read is not None:
         _require_upright(read[1], settings.plan)
@@ -353,6 +354,7 @@ def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> R
             settings.peer,
             overriding=loop.monitor.overriding,
             currents=settings.currents,
+            axes=axes_in(cell, "krl")[0],
         )
     if settings.currents:
         raise InputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading, read_job
 from counterflex.app.proof import simulate
+from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.job_check import program_job
 from counterflex.app.simulated_cell.ads import terminals
 from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
@@ -301,7 +302,10 @@ def _controller(
     which(settings.rsi, settings.egm)
     if settings.rsi is not None:
         rsi, where = rsi_controller(
-            settings.rsi, settings.context, seed=settings.seed, job=program_job(settings.program)
+            settings.rsi,
+            replace(settings.context, axes=axes_in(cell, "krl")[0]),
+            seed=settings.seed,
+            job=program_job(settings.program),
         )
         return rsi, settings.peer if settings.peer is not None else where, None
     egm = egm_controller(cell)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from counterflex.app.robot_axes import axes_in
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import Cell
@@ -80,6 +81,7 @@ def egm_controller(cell: Cell, robotware: int = 7, **changes: Any) -> FakeEgm:
         window_m=table.window_mm * MM,
         window_rad=table.window_deg * DEG,
         condition_s=table.standing_s,
+        axes=axes_in(cell, "rapid")[0],
     )
     T_part_frame = None if table.frame == "part" else pose.inverse(cell.T_base_part)
     return FakeEgm(replace(context, **changes), T_part_frame)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from counterflex.app.inputs import AS_IT_IS, Reading, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Reading, in_working_plane, read_job, setting_of
 from counterflex.app.lowest_mode import STATED
-from counterflex.app.strategy.own_cut import OwnCut, own_cut
+from counterflex.app.strategy.own_cut import Along, OwnCut, own_cut
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -21,17 +21,20 @@ from counterflex.core.units import MM
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.tilted_stock import working_plane
 from counterflex.files.cell.cell import Cell
-from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.plan.inputs import Setting, part_compliance
-from counterflex.plan.lowest_mode import mode_of
-from counterflex.plan.relative_motion import tool_carried
-from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
+from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
+from counterflex.plan.inputs import Setting
+from counterflex.plan.relative_motion import hand_poses, part_carried, tool_carried
+from counterflex.plan.stability.robot_modes import robot_modes
+from counterflex.plan.strategy.advise import CHATTER, Choices, Demands, Doubt, Place, grid, outcomes
+from counterflex.plan.strategy.chatter import Standing, depth_used
 from counterflex.plan.strategy.resonance import Swing, swing_of
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.strategy.zero import normal_errors, zero_width
+from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_path
-from counterflex.signals.preview import Mode
 
 Range = tuple[float, float]
 WIDTHS: Final = 40
@@ -124,8 +127,9 @@ def advise(
     cell.require_milling()
     own = None
     if program is not None:
+        cell = in_working_plane(program, cell, reading)
         own = own_cut(read_job(program, cell, reading=reading), cell, operation.tool, progress)
-    law, setting = _law(cell, operation), setting_of(cell)
+    law, setting = _law(cell, operation), setting_of(cell, part_may_be_held=True)
     cutter, tool = _cutter(cell, operation, own)
     place = _place(cell, setting, operation, own)
     limits = cell.process_limits(tool)
@@ -141,9 +145,36 @@ def advise(
         allowance = float(before.high_m[0]) if operation.ae_m is None else None
         demands = Demands(slowest, allowance, in_range, before)
     cuts, speeds = grid(_cuts(cutter, law, place, operation, own), _speeds(operation, own))
-    choices = outcomes(cuts, speeds, law, place, limits, doubt, demands)
+    choices = outcomes(cuts, speeds, law, _softest(place, own, law), limits, doubt, demands)
+    choices, best = _steady_along(choices, operation.rows, place, law, before)
     progress(1.0)
-    return Advice(own, before, choices, choices.best(operation.rows), place, law)
+    return Advice(own, before, choices, best, place, law)
+
+
+def _softest(place: Place, own: OwnCut | None, law: ForceLaw) -> Place:
+    """The place with the one posture in which the program's own cut is nearest to chatter."""
+    if own is None or len(place.standings) < 2:
+        return place
+    used = depth_used(own.cuts, law, np.array([own.spindle_rad_s]), place.standings)[0]
+    return replace(place, standings=(place.standings[int(np.argmax(used))],))
+
+
+def _steady_along(
+    choices: Choices, rows: int, place: Place, law: ForceLaw, before: Choices | None
+) -> tuple[Choices, list[int]]:
+    """Hold the best choices against chatter in every posture along the cut, until none of them chatters in one."""
+    own = 1.0 if before is None else max(1.0, float(before.use.get(CHATTER, np.zeros(1))[0]))
+    looked: set[int] = set()
+    while True:
+        best = choices.best(rows)
+        new = [row for row in best if row not in looked]
+        if not new or len(place.standings) < 2:
+            return choices, best
+        looked |= set(new)
+        used = depth_used(choices.cuts.some(new), law, choices.spindle_rad_s[new], place.standings).max(axis=1)
+        use = choices.use[CHATTER].copy()
+        use[new] = np.maximum(use[new], used / own)
+        choices = replace(choices, use=choices.use | {CHATTER: use})
 
 
 def doubt_of(cell: Cell, operation: Operation) -> Doubt:
@@ -177,44 +208,74 @@ def _cutter(cell: Cell, operation: Operation, own: OwnCut | None) -> tuple[Cutte
 
 
 def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | None) -> Place:
-    point = None if operation.at_m is None else np.array(operation.at_m)
-    if own is not None and point is None:
-        q = own.q
-    else:
-        if point is None:
-            stock = cell.stock()
-            point = np.array([stock.x_m().mean(), stock.y_m().mean(), float(stock.z.max())])
-        turned = tool_orientation(np.array([[0.0, 0.0, 1.0]]), setting.rotation_about_tool_rad)
-        poses = tool_poses(setting.T_base_part, point[None], turned)
-        q = inverse_path(setting.controller_chain, poses, setting.branch).q[0]
-    if operation.normal_rad is not None:
-        normal = np.array([math.cos(operation.normal_rad), math.sin(operation.normal_rad), 0.0])
-    elif own is not None:
-        normal = own.normal_part
-    else:
-        normal = np.array([0.0, 1.0, 0.0])
+    here = _there(cell, setting, operation, own)
     height = operation.height_m
     if height is None:
         height = float(own.cuts.ap_m[0]) if own is not None else max(_required(operation.ap_m, "--ap-mm"))
-    mode = mode_of(setting.chain, q, setting.mode)
-    compliance = part_compliance(setting, tool_carried(setting.T_base_part), q[None])[0]
-    R_base_part = setting.T_base_part[:3, :3]
-    swings = _swings(setting, operation, own) or (_swing(setting, q, normal, mode, 0 if own is None else own.line),)
-    return Place(setting.chain, q, compliance, R_base_part, normal, height, mode, swings)
+    along: tuple[Along, ...] = (here,)
+    if own is not None and operation.at_m is None and operation.normal_rad is None:
+        along = own.along
+    turned, normal = _upright(here)
+    return Place(
+        setting.chain,
+        here.q,
+        _compliance(setting, here.q, turned),
+        turned,
+        normal,
+        height,
+        tuple(_standing(setting, there) for there in along),
+        tuple(_swing(setting, there) for there in along),
+    )
 
 
-def _swings(setting: Setting, operation: Operation, own: OwnCut | None) -> tuple[Swing, ...]:
-    """Modes along all of the program's wall; none where the wall is stated."""
-    if own is None or operation.at_m is not None or operation.normal_rad is not None:
-        return ()
-    along = zip(own.q_along, own.normals_along, own.lines_along.tolist(), strict=True)
-    return tuple(_swing(setting, q, normal, mode_of(setting.chain, q, setting.mode), line) for q, normal, line in along)
+def _there(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | None) -> Along:
+    """Posture, wall and tool axis where the operation is: of the program, or of a stated point."""
+    axis = np.array([0.0, 0.0, 1.0]) if own is None else own.axis_part
+    if own is not None and operation.at_m is None:
+        q, to_part = own.q, own.to_part
+    else:
+        point = operation.at_m
+        if point is None:
+            stock = cell.stock()
+            point = (float(stock.x_m().mean()), float(stock.y_m().mean()), float(stock.z.max()))
+        T = pose.make(tool_orientation(axis[None], setting.rotation_about_tool_rad), np.array([point]))
+        poses = hand_poses(setting.T_base_part, setting.T_base_tcp, T)
+        q = inverse_path(setting.controller_chain, poses, setting.branch).q[0]
+        relative = (
+            tool_carried(setting.T_base_part) if setting.T_base_tcp is None else part_carried(setting.T_base_tcp, T)
+        )
+        to_part = relative.to_part[0]
+    normal = np.array([0.0, 1.0, 0.0]) if own is None else own.normal_part
+    if operation.normal_rad is not None:
+        normal = np.array([math.cos(operation.normal_rad), math.sin(operation.normal_rad), 0.0])
+        normal -= float(normal @ axis) * axis
+        normal /= np.linalg.norm(normal)
+    return Along(q, normal, axis, to_part, 0 if own is None else own.line)
 
 
-def _swing(setting: Setting, q: Float, normal_part: Float, mode: Mode, line: int) -> Swing:
-    compliance = part_compliance(setting, tool_carried(setting.T_base_part), q[None])[0]
-    R_part_base = setting.T_base_part[:3, :3].T
-    return swing_of(setting.chain, q, R_part_base, compliance, normal_part, mode, setting.mode, line)
+def _upright(there: Along) -> tuple[Float, Float]:
+    """Motion (6, 6) and normal (3,) in axes whose z is the tool axis."""
+    R = working_plane(there.axis_part).T
+    turn = np.kron(np.eye(2), R)
+    return turn @ there.to_part, R @ there.normal_part
+
+
+def _compliance(setting: Setting, q: Float, to_part: Float) -> Float:
+    out: Float = to_part @ cartesian_compliance(setting.chain, q) @ to_part.T
+    return out
+
+
+def _standing(setting: Setting, there: Along) -> Standing:
+    to_part, normal = _upright(there)
+    return Standing(robot_modes(setting.chain, there.q, to_part, setting.mode, setting.damping.ratio), normal)
+
+
+def _swing(setting: Setting, there: Along) -> Swing:
+    to_part, normal = _upright(there)
+    compliance = _compliance(setting, there.q, to_part)
+    return swing_of(
+        setting.chain, there.q, to_part, compliance, normal, setting.damping.ratio, setting.mode, there.line
+    )
 
 
 def _required(given: Range | None, option: str) -> Range:

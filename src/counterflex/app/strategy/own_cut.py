@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.app.inputs import Job, faults_in, setting_of
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.progress import Progress
 from counterflex.core.units import DEG
@@ -22,8 +22,29 @@ from counterflex.plan.undisturbed_cut import undisturbed_cut
 
 POSTURE_RAD: Final = 2.0 * DEG
 """Change of an axis after which modes are computed anew."""
+_RISE: Final = 0.1
+"""Share of the way along the axis up to which a motion of a turning tool counts as one beside a wall."""
 _TANGENT_RAD: Final = 0.25
 """An arc that begins nearer than this to 0 begins at the wall: the stock's grid blurs the end of thin chips."""
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """A posture along a wall.
+
+    Attributes:
+        q: (6,) rad.
+        normal_part: (3,) unit normal of the wall, out of the material.
+        axis_part: (3,) unit vector from the tip to the spindle.
+        to_part: (6, 6) motion of the tool relative to the part from that of the hand.
+        line: Of the program; 0 without one.
+    """
+
+    q: Float
+    normal_part: Float
+    axis_part: Float
+    to_part: Float
+    line: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +59,9 @@ class OwnCut:
         q: (6,) rad there.
         normal_part: (3,) unit normal of the wall there, out of the material.
         line: Of the program.
-        q_along: (k, 6) rad, postures along all of the side, :data:`POSTURE_RAD` apart.
-        normals_along: (k, 3) unit normals there.
-        lines_along: (k,) lines there.
+        axis_part: (3,) unit vector from the tip to the spindle there.
+        to_part: (6, 6) see :class:`counterflex.plan.relative_motion.RelativeMotion`, there.
+        along: Postures along all of the side, :data:`POSTURE_RAD` apart.
     """
 
     cuts: SideCuts
@@ -50,9 +71,9 @@ class OwnCut:
     q: Float
     normal_part: Float
     line: int
-    q_along: Float
-    normals_along: Float
-    lines_along: Int
+    axis_part: Float
+    to_part: Float
+    along: tuple[Along, ...]
 
 
 def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCut:
@@ -68,15 +89,20 @@ def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCu
         ProgramError: It mills no side of a wall, only slots or nothing.
         CounterflexError: It does not fit the cell.
     """
-    path, setting = job.path, setting_of(cell)
+    path, setting = job.path, setting_of(cell, part_may_be_held=True)
     line = job.line_of_motion[path.motion]
     with faults_in(job):
         q = solve_joints(path, line, setting).q
         undisturbed = undisturbed_cut(Inputs(path, line, cell.stock(), setting, q), progress)
     cut = undisturbed.cut
+    axis = path.axis_part
     step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
-    length = np.hypot(step[:, 0], step[:, 1])
-    level = undisturbed.contact & (np.abs(step[:, 2]) < 1e-9) & (length > 0.0) & (cut.axial_depth_m > 0.0)
+    rise = np.sum(step * axis, axis=1)
+    step -= rise[:, None] * axis
+    length = np.linalg.norm(step, axis=1)
+    turns = np.any(axis != axis[:1])
+    level = np.abs(rise) <= (_RISE * length if turns else 1e-9)
+    level &= undisturbed.contact & (length > 0.0) & (cut.axial_depth_m > 0.0)
     if tool is not None:
         level &= path.tool == tool
     at_left, at_right = cut.entry_rad < _TANGENT_RAD, cut.exit_rad > math.pi - _TANGENT_RAD
@@ -102,10 +128,14 @@ def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCu
     )
     row = int(rows[len(rows) // 2])
     x = step / np.maximum(length, 1e-12)[:, None]
-    left = np.stack([-x[:, 1], x[:, 0], np.zeros(len(x))], axis=1)
+    left = np.cross(axis, x)
     normals = -left if side is up else left
     _, stands = postures(q[rows], POSTURE_RAD)
-    along = rows[stands]
+    to_part = setting.relative_motion(path).to_part
+    fixed = len(to_part) == 1
+    along = tuple(
+        Along(q[i], normals[i], axis[i], to_part[0 if fixed else i], int(line[i])) for i in rows[stands].tolist()
+    )
     return OwnCut(
         cuts,
         number,
@@ -114,7 +144,7 @@ def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCu
         q[row],
         normals[row],
         int(line[row]),
-        q[along],
-        normals[along],
-        np.asarray(line[along]),
+        axis[row],
+        to_part[0 if fixed else row],
+        along,
     )

@@ -163,4 +163,4 @@ def _propose(
     if as_json:
         print_json(proposal)
     else:
-        show_proposal(proposal, out)
+        show_proposal(proposal, out, cell)

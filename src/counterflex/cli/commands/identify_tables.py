@@ -8,6 +8,7 @@ from typing import Any
 import typer
 
 from counterflex.cli.output import print_table
+from counterflex.core.next_command import next_command
 from counterflex.files.shop_unit import digits_of, unit_of_name
 
 _OUTLIERS = 5
@@ -61,7 +62,7 @@ def show_result(result: dict[str, Any], out: Path) -> None:
     typer.echo(f"wrote {out}: cell.toml, result.json, report.html ({result['seconds']:.1f} s)")
 
 
-def show_proposal(proposal: dict[str, Any], out: Path) -> None:
+def show_proposal(proposal: dict[str, Any], out: Path, cell: Path) -> None:
     """Expected standard deviations and what to do."""
     if proposal["expected"]:
         print_table(
@@ -76,11 +77,13 @@ def show_proposal(proposal: dict[str, Any], out: Path) -> None:
     if manifest in proposal["files"]:
         typer.echo(
             f"next: measure the rows of proposal.csv in their order, fill {proposal['recipe']}.csv, state sigma in"
-            f" {manifest}, then counterflex identify {proposal['recipe']} {out / manifest} --cell CELL --out DIR"
+            f" {manifest}, then "
+            + next_command(f"identify {proposal['recipe']}", out / manifest, cell=cell, out="identified")
         )
         typer.echo(
-            f"or on a simulated cell: counterflex twin measure {out / 'proposal.toml'} --cell CELL --truth TRUTH"
-            f" --out DATA, which writes DATA/{manifest}"
+            "or on a simulated cell: "
+            + next_command("twin measure", out / "proposal.toml", cell=cell, truth="TRUTH", out="DATA")
+            + f", which writes DATA/{manifest}"
         )
     else:
         typer.echo("next: measure the rows of proposal.csv in their order and write a manifest (docs/datasets.md)")

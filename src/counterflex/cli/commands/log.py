@@ -11,6 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.operate import log_export, run_history
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.output import print_json, print_table, progress_bar
+from counterflex.core.next_command import next_command
 
 _log = typer.Typer(no_args_is_help=True, help="What online runs logged: show, replay, export, repair, compare.")
 _SHOWN = 20
@@ -51,9 +52,9 @@ def show(folder: Folder, as_json: AsJson = False) -> None:
     for line in answer["lines"]:
         typer.echo(line)
     if answer["cut"]:
-        typer.echo(f"cut short: {', '.join(answer['cut'])}. counterflex log repair {folder} writes them anew")
+        typer.echo(f"cut short: {', '.join(answer['cut'])}. {next_command('log repair', folder)} writes them anew")
     elif answer["damage"]:
-        typer.echo(f"counterflex log repair {folder} writes damaged segments anew")
+        typer.echo(f"{next_command('log repair', folder)} writes damaged segments anew")
     _end(incomplete=answer["incomplete"])
 
 

@@ -47,13 +47,13 @@ def preflight(
 ) -> None:
     """Check a program on a cell before it runs: one table with the worst line of each check.
 
-    Reach, joint limits, wrist singularity, joint speed and acceleration at feed, cables of axes 4 and 6, collisions of
-    coarse bodies (robot, spindle, tool, stock, table), rapids into the stock, axes that turn round or are unloaded in
-    the cut, block time and look-ahead of the controller, rounding of corners, path speed that the robot holds, size of
-    the program for its language.
+    Reach, joint limits, speeds and accelerations, cables; collisions of robot, spindle, tool holder and tool with the
+    stock as it is machined so far and with bodies; first motion, rapids, tool changes and end of the program; tool
+    length and work offsets; spindle speed, torque and power, force, deflection, feed per tooth, plunging; reversals,
+    block time, look-ahead, rounding of corners, size of the program. All hazards: docs/preflight.md.
 
-    Verdicts: ok; warning (costs accuracy or time); unknown (names the key of the cell file that is missing); fail.
-    Exit status 1 if a check fails.
+    Verdicts: ok; warning (costs accuracy or time); fail; not looked at (names the key of the cell file that is
+    missing). Exit status 1 if a check fails.
 
     Example: `counterflex preflight part.ngc --cell cell.toml --out preflight`
     """
@@ -76,6 +76,7 @@ def preflight(
 
 
 def _show(summary: dict[str, Any]) -> None:
+    looked_at = [row for row in summary["checks"] if row["verdict"] != "not looked at"]
     rows = [
         [
             row["check"],
@@ -85,18 +86,33 @@ def _show(summary: dict[str, Any]) -> None:
             "" if row["line"] is None else f"line {row['line']}",
             row["what"],
         ]
-        for row in summary["checks"]
+        for row in looked_at
     ]
     print_table(
         f"{summary['program']} on {summary['cell']}", ["check", "verdict", "value", "limit", "worst", "what"], rows
     )
-    for row in summary["checks"]:
-        text = row["advice"] or (f"give {row['missing']} in the cell file" if row["missing"] else "")
-        if text:
-            typer.echo(f"{row['verdict']}: {row['check']}: {text}")
+    for row in looked_at:
+        if row["advice"]:
+            typer.echo(f"{row['verdict']}: {row['check']}: {row['advice']}")
+    left_out = [row for row in summary["checks"] if row["verdict"] == "not looked at"]
+    if left_out:
+        typer.echo("not looked at, and what it needs:")
+    for row in left_out:
+        typer.echo(f"  {row['check']}: {_needs(row)}")
     counts = summary["counts"]
-    typer.echo(f"{counts['fail']} fail, {counts['warning']} warnings, {counts['unknown']} unknown, {counts['ok']} ok")
+    passed = f"{counts['not looked at']} not looked at, {counts['ok']} ok"
+    typer.echo(f"{counts['fail']} fail, {counts['warning']} warnings, {passed}")
+
+
+def _needs(row: dict[str, Any]) -> str:
+    """Key that a check needs, and what the program does there."""
+    value = _number(row["value"], row["unit"])
+    at = "" if row["line"] is None else f"line {row['line']}"
+    here = ", ".join(text for text in (value, row["what"], at) if text)
+    return f"{row['missing']} ({here})" if row["missing"] and here else row["missing"] or here
 
 
 def _number(value: float | None, unit: str) -> str:
-    return "" if value is None else f"{value:.4g} {unit}".rstrip()
+    if value is None:
+        return ""
+    return f"{value:.0f} {unit}".rstrip() if abs(value) >= 1000.0 else f"{value:.4g} {unit}".rstrip()

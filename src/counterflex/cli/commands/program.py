@@ -257,37 +257,32 @@ def _written_rows(written: dict[str, Any]) -> list[list[str]]:
     coarse = error > bound + written.get("resolution_um", 0.0)
     resolution = f"{error:.1f} um {'above' if coarse else 'within'} {bound:g} um"
     return [
-        ["program lines, in and out", f"{before} -> {after}", f"{after / max(1, before):.1f} times"],
-        ["written path off the plan", resolution, f"line {line}" if line and coarse else ""],
+        ["Program lines, in and out", f"{before} -> {after}", f"{after / max(1, before):.1f} times"],
+        ["Written path off the plan", resolution, f"line {line}" if line and coarse else ""],
     ]
 
 
 def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
-    from counterflex.app.compensation.prediction import calm_feed_text
-    from counterflex.app.prediction_interval import interval_text
+    from counterflex.app.compensation.chip_remark import extrapolation_text
+    from counterflex.app.compensation.prediction import calm_feed_text, error_rows
 
     prediction = summary["prediction"]
-    rows = [
+    rows = [list(row) for row in error_rows(prediction)]
+    rows += [
         [what, f"{prediction[key]['value']:g} {unit}", f"line {prediction[key]['line']}"]
         for what, key, unit in (
-            ("peak force", "peak_force_n", "N"),
-            ("peak deflection", "peak_deflection_um", "um"),
-            ("peak correction", "peak_correction_um", "um"),
-            ("peak axial depth", "peak_axial_depth_mm", "mm"),
+            ("Peak force", "peak_force_n", "N"),
+            ("Peak deflection", "peak_deflection_um", "um"),
+            ("Peak correction", "peak_correction_um", "um"),
+            ("Peak axial depth", "peak_axial_depth_mm", "mm"),
         )
     ]
-    for name, what in (("nominal", "before"), ("compensated", "after")):
-        if f"predicted_{name}" in prediction:
-            error = prediction[f"predicted_{name}"]
-            text = f"{error['p997_mm']:.3f} mm (max {error['max_mm']:.3f} mm)"
-            rows.append([f"predicted path error {what}, 99.7 %", text, interval_text(error)])
     rows += _written_rows(summary["written"])
     print_table(f"{summary['program']} on {summary['cell']}", ["", "value", "where"], rows)
     if slowed := calm_feed_text(summary["calm_feed"]):
         typer.echo(slowed)
-    if prediction["extrapolated_force_share"] > 0.0:
-        share = 100 * prediction["extrapolated_force_share"]
-        typer.echo(f"note: {share:.2g} % of the force comes from chips outside the range of the cutting constants")
+    if chips := extrapolation_text(prediction["extrapolation"]):
+        typer.echo(chips)
     for collision in prediction["collisions"]:
         typer.echo(f"warning: rapid in line {collision['line']} cuts {collision['volume_mm3']:.1f} mm3 of material")
     for warning in summary["written"].get("warnings", []):

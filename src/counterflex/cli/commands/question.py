@@ -12,6 +12,7 @@ from counterflex.cli.arguments import numbers
 from counterflex.cli.commands.cell_import import cell_import
 from counterflex.cli.output import print_json, print_table
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 Target = Annotated[
@@ -36,7 +37,10 @@ def register(app: typer.Typer) -> None:
 
 
 def robots(
-    name: Annotated[str | None, typer.Argument(help="Show one robot with the source of every number.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(help="Show one robot as its data sheet does, with the source of every number; or a cell file."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """List the robots of the catalogue and how far their numbers can be trusted.
@@ -46,17 +50,19 @@ def robots(
     Example: `counterflex robots kuka_kr300_r2500_ultra`
     """
     from counterflex.app import robot_list
-    from counterflex.robot.model import catalog
 
     if name is not None:
-        catalog.entry(name)
-    rows = [row for row in robot_list.robots() if name in (None, row["name"])]
+        sheet = robot_list.data_sheet(robot_list.robot_named(name))
+        rows = [row for row in robot_list.robots() if row["name"] == name] or [{"name": name}]
+        rows[0]["data_sheet"] = sheet
+        if as_json:
+            print_json(rows)
+        else:
+            _print_robot(name, rows[0], sheet)
+        return
+    rows = robot_list.robots()
     if as_json:
         print_json(rows)
-    elif name is not None:
-        row = rows[0]
-        table = [[group, status, row["source"][group]] for group, status in row["status"].items()]
-        print_table(f"{row['model']} ({name})", ["numbers", "status", "source"], table)
     else:
         print_table(
             "Robots",
@@ -75,6 +81,31 @@ def robots(
             ],
             note="counterflex robots NAME shows where each number comes from.",
         )
+
+
+def _print_robot(name: str, row: dict[str, Any], sheet: dict[str, Any]) -> None:
+    """Lengths, limits, zero posture, then the source of every number."""
+    title = row.get("model", name)
+    if sheet["lengths_mm"]:
+        lengths = [[what, f"{value:g}"] for what, value in sheet["lengths_mm"].items()]
+        print_table(f"{title}: lengths", ["from .. to", "mm"], lengths)
+    axes = [
+        [axis["axis"], f"{axis['low_deg']:g}", f"{axis['high_deg']:g}", _number(axis["speed_deg_s"])]
+        for axis in sheet["axes"]
+    ]
+    print_table("Axes as the controller shows them", ["axis", "least deg", "most deg", "deg/s"], axes)
+    typer.echo(f"Controller: {sheet['controller']}. Axis 3 is counted {sheet['axis_3']}. World: {sheet['world']}.")
+    between = sheet["axis_3_against_upper_arm_deg"]
+    if sheet["coupled"]:
+        limits = "not stated" if between is None else f"{between[0]:g} to {between[1]:g} deg"
+        typer.echo(f"Limit of axis 3 against the upper arm: {limits}.")
+    if sheet["assumed"]:
+        typer.echo(f"Assumed: {sheet['assumed']}.")
+    zero = ", ".join(f"{key} {value:g}" for key, value in sheet["at_zero"].items())
+    typer.echo(f"Flange in the world with all axes at zero: {zero}.")
+    if "status" in row:
+        table = [[group, status, row["source"][group]] for group, status in row["status"].items()]
+        print_table(f"{title} ({name})", ["numbers", "status", "source"], table)
 
 
 def _number(value: float | None) -> str:
@@ -288,7 +319,7 @@ def cell_check(
                 [entry["recipe"], entry["date"], ", ".join(entry["data"]), entry["holdout"], *_seen(entry["values"])]
                 for entry in answer["identified"]
             ],
-            note="Values with their standard deviations: counterflex cell check CELL --json.",
+            note=f"Values with their standard deviations: {next_command('cell check', 'CELL', json=True)}",
         )
     if answer["unknowns"] is not None:
         _show_unknowns(answer["unknowns"])
@@ -343,8 +374,8 @@ def cell_example(
 ) -> None:
     """Write the demonstration cell (KR 300 with a spindle) as an example, with files to try it.
 
-    Beside NAME.toml: its test part part.ngc, an RSI configuration rsi.xml, and NAME-small.toml with groove.ngc, a small
-    blank for quick trials.
+    Beside NAME.toml: its test part part.ngc, for a KUKA an RSI configuration rsi.xml, and NAME-small.toml with
+    groove.ngc, a small blank for quick trials.
 
     Example: `counterflex cell example --out cell.toml`
     """
@@ -354,6 +385,8 @@ def cell_example(
         typer.echo(f"wrote {path}")
     if robot not in (None, examples.ROBOT):
         typer.echo(
-            "the part stands where it suits the KR 300; choose its place: counterflex plan placement groove.ngc "
-            f"--cell {out.stem}-small{out.suffix} --out placed"
+            "the part stands where it suits the KR 300; choose its place: "
+            + next_command(
+                "plan placement", out.with_name("groove.ngc"), cell=out.with_stem(f"{out.stem}-small"), out="placed"
+            )
         )

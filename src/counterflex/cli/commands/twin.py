@@ -18,6 +18,7 @@ from counterflex.cli.commands.simulated.instruments import register as register_
 from counterflex.cli.commands.simulated.rsi import register as register_rsi
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 
 _twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it with its protocols.")
 
@@ -76,7 +77,9 @@ def measure(
         measured = laboratory.measure(proposal, cell, truth, out, seed=seed, session=session, progress=progress)
     channels = ", ".join(measured["channels"])
     typer.echo(f"wrote {measured['manifest']}: {measured['rows']} rows of {measured['kind']}, {channels}")
-    typer.echo(f"next: counterflex identify {measured['recipe']} {measured['manifest']} --cell {cell} --out DIR")
+    typer.echo(
+        "next: " + next_command(f"identify {measured['recipe']}", measured["manifest"], cell=cell, out="identified")
+    )
 
 
 def track(

@@ -100,31 +100,6 @@ def limit(modes: Modes, A: Float, period_s: float) -> tuple[float, float]:
     return factor, float(_growth(modes, coupling, T, np.array([factor]))[1][0])
 
 
-def least_damping(modes: Modes, A: Float, period_s: float) -> float:
-    """Least damping ratio of the modes while they cut, ``min(-Re lambda / |lambda|)``; negative: the cut feeds a swing.
-
-    One mode alone has ``zeta + T u'Au / (2 omega)``. Unlike :func:`limit` it tells how far beyond the limit a cut is
-    without knowing the damping exactly: what a mode has of its own comes on top. The mass that regeneration takes is
-    left out: far beyond the limit it would exceed that of the mode.
-
-    Args:
-        modes: Modes in the axes of A; at least one.
-        A: (3, 3) mean directional matrix at the depth that is cut, N/m.
-        period_s: Tooth period T, s.
-
-    Raises:
-        InputError: Shapes or the period.
-    """
-    A, T = as_float("A", A, (3, 3)), as_positive("period_s", period_s)
-    n = len(modes)
-    state = np.zeros((2 * n, 2 * n))
-    state[:n, n:] = np.eye(n)
-    state[n:, :n] = -np.diag(modes.omega_rad_s**2)
-    state[n:, n:] = -np.diag(2.0 * modes.damping_ratio * modes.omega_rad_s) - T * (modes.shape.T @ A @ modes.shape)
-    values = np.linalg.eigvals(state)
-    return float(np.min(-values.real / np.abs(values)))
-
-
 def _growth(modes: Modes, coupling: Float, T: float, factors: Float) -> tuple[Float, Float]:
     """Largest real part of the eigenvalues at each factor, and the frequency of that eigenvalue."""
     n = len(modes)

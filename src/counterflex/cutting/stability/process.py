@@ -140,20 +140,29 @@ def process_of_arc(
     return Process(arcs, np.array([kt_pa, kr_pa, 0.0]), teeth)
 
 
-def mean_chip(depth: Float, cutter: Cutter, feed_m: float) -> float:
-    """Mean chip thickness of an engagement over its engaged edge, m: ``f_z mean(sin(phi)) sin(kappa)``; 0 when empty.
+def process_of_side_cut(
+    cutter: Cutter, law: ForceLaw, entry_rad: float, exit_rad: float, depth_m: float, feed_m: float
+) -> Process:
+    """The process of a constant depth over one arc, the slopes taken at the mean chip thickness of its edge.
 
     Args:
-        depth: (n_levels, n_bins) engaged axial length, m.
         cutter: The cutter.
-        feed_m: Feed per tooth, m.
+        law: The force law.
+        entry_rad: Immersion angle at which a tooth enters: 0 in up-milling.
+        exit_rad: Where it leaves: pi in down-milling.
+        depth_m: Axial depth above the tip, m, > 0.
+        feed_m: Feed per tooth, m, > 0.
+
+    Raises:
+        InputError: Angles out of order, or numbers out of range.
     """
-    edges = np.linspace(0.0, np.pi, depth.shape[1] + 1)
-    sine = -np.diff(np.cos(edges)) / np.diff(edges)
-    total = float(depth.sum())
-    if total <= 0.0:
-        return 0.0
-    return feed_m * float(np.sum(depth * sine * np.sin(cutter.level_inclinations())[:, None])) / total
+    boundaries, kappa = cutter.levels(), cutter.level_inclinations()
+    heights = np.clip(np.minimum(boundaries[1:], depth_m) - boundaries[:-1], 0.0, None)
+    some = np.flatnonzero(heights > 0.0)
+    if not exit_rad > entry_rad or len(some) == 0:
+        raise InputError("nothing is engaged", value=(entry_rad, exit_rad, depth_m), limit="entry < exit, depth > 0 m")
+    arcs = np.array([[entry_rad, exit_rad, heights[level], kappa[level]] for level in some])
+    return process_of_arcs(arcs, law, feed_m, cutter.flutes)
 
 
 def slopes_of(law: ForceLaw, chip_m: float) -> Float:
@@ -176,23 +185,42 @@ def slopes_of(law: ForceLaw, chip_m: float) -> Float:
     return out
 
 
-def process_of_engagement(depth: Float, cutter: Cutter, law: ForceLaw, feed_m: float, least_m: float = 1e-6) -> Process:
-    """The process of a booked engagement.
+def arcs_of_engagement(depth: Float, cutter: Cutter, least_m: float = 1e-6) -> Float:
+    """Arcs of a booked engagement, (m, 4): start and end angle, axial length, inclination.
 
     Args:
         depth: (n_levels, n_bins) engaged axial length, m, see :mod:`counterflex.cutting.removal`.
         cutter: The cutter.
+        least_m: Bins with less engaged length are taken as empty, m.
+    """
+    edges = np.linspace(0.0, np.pi, depth.shape[1] + 1)
+    level, at = np.nonzero(depth > least_m)
+    kappa = cutter.level_inclinations()[level]
+    return np.stack([edges[at], edges[at + 1], depth[level, at], kappa], axis=1)
+
+
+def mean_chip_of_arcs(arcs: Float, feed_m: float) -> float:
+    """Mean chip thickness over the engaged edge of arcs (m, 4), m; 0 without any."""
+    width = (arcs[:, 1] - arcs[:, 0]) * arcs[:, 2]
+    total = float(width.sum())
+    if total <= 0.0:
+        return 0.0
+    sine = (np.cos(arcs[:, 0]) - np.cos(arcs[:, 1])) * arcs[:, 2] * np.sin(arcs[:, 3])
+    return feed_m * float(sine.sum()) / total
+
+
+def process_of_arcs(arcs: Float, law: ForceLaw, feed_m: float, teeth: int) -> Process:
+    """The process of arcs of engagement, the slopes taken at the mean chip thickness of the engaged edge.
+
+    Args:
+        arcs: (m, 4), see :class:`Process`.
         law: The force law.
         feed_m: Feed per tooth, m, > 0.
-        least_m: Bins with less engaged length are taken as empty, m.
+        teeth: Number of teeth.
 
     Raises:
         InputError: Nothing is engaged.
     """
-    edges = np.linspace(0.0, np.pi, depth.shape[1] + 1)
-    level, at = np.nonzero(depth > least_m)
-    if len(level) == 0:
-        raise InputError("nothing is engaged", limit=f"some bin above {least_m:g} m")
-    kappa = cutter.level_inclinations()[level]
-    arcs = np.stack([edges[at], edges[at + 1], depth[level, at], kappa], axis=1)
-    return Process(arcs, slopes_of(law, mean_chip(depth, cutter, feed_m)), cutter.flutes)
+    if len(arcs) == 0:
+        raise InputError("nothing is engaged", limit="at least one arc")
+    return Process(arcs, slopes_of(law, mean_chip_of_arcs(arcs, feed_m)), teeth)

@@ -15,7 +15,9 @@ from counterflex.cutting.sweep_kernels import ROWS
 
 UInt8 = npt.NDArray[np.uint8]
 STRETCHES: Final = 8
-"""Stretches of material that a column can hold."""
+"""Stretches of material that a column has room for at first; columns that need more grow."""
+MOST_STRETCHES: Final = 64
+"""Stretches for which the scratch arrays of the kernels are made."""
 LOWEST: Final = np.float32(-3.0e38)
 """Highest material of a column without any."""
 _TINY_M: Final = 1.0e-9
@@ -24,8 +26,8 @@ _TINY_M: Final = 1.0e-9
 class Columns(NamedTuple):
     """Columns of material.
 
-    (8, ny, nx) lower and upper ends, (ny, nx) stretches held; highest material of each block and whether the block is
-    plain; centre of the first column, side, floor of plain blocks (m).
+    (layers, ny, nx) lower and upper ends, (ny, nx) stretches held; highest material of each block and whether the block
+    is plain; centre of the first column, side, floor of plain blocks (m).
     """
 
     low: Float32
@@ -40,7 +42,7 @@ class Columns(NamedTuple):
 
 
 class Ends(Protocol):
-    """Ends of stretches (8, ny, nx), rising, and how many each column holds (ny, nx)."""
+    """Ends of stretches (layers, ny, nx), rising, and how many each column holds (ny, nx)."""
 
     @property
     def low(self) -> Float32:
@@ -57,7 +59,10 @@ class Ends(Protocol):
 
 @kernel()
 def take(columns: Ends, j: Whole, i: Whole, low: Real, high: Real, piece: Float) -> Whole:
-    """Take [low, high] out of a column; piece (8, 2) receives what was taken. Returns how many pieces, -1: no room."""
+    """Take [low, high] out of a column; piece (layers, 2) receives what was taken.
+
+    Returns how many pieces, -1: no room. A column gains at most one stretch.
+    """
     ends_low, ends_high = columns.low[:, j, i], columns.high[:, j, i]
     n, taken = int(columns.held[j, i]), 0
     k = 0
@@ -71,7 +76,7 @@ def take(columns: Ends, j: Whole, i: Whole, low: Real, high: Real, piece: Float)
         taken += 1
         below, above = one - bottom > _TINY_M, top - two > _TINY_M
         if below and above:
-            if n == STRETCHES:
+            if n == ends_low.shape[0]:
                 return -1
             for m in range(n, k + 1, -1):
                 ends_low[m], ends_high[m] = ends_low[m - 1], ends_high[m - 1]
@@ -91,6 +96,30 @@ def take(columns: Ends, j: Whole, i: Whole, low: Real, high: Real, piece: Float)
             n -= 1
     columns.held[j, i] = n
     return taken
+
+
+@kernel()
+def fell_ridges(columns: Ends, ridge: float) -> int:
+    """Drop stretches thinner than a ridge that stand above others; returns the most stretches of a column now."""
+    ny, nx = columns.held.shape
+    most = 0
+    for j in range(ny):
+        for i in range(nx):
+            n = int(columns.held[j, i])
+            k = 1
+            while k < n:
+                if columns.high[k, j, i] - columns.low[k, j, i] < ridge:
+                    for m in range(k, n - 1):
+                        columns.low[m, j, i], columns.high[m, j, i] = (
+                            columns.low[m + 1, j, i],
+                            columns.high[m + 1, j, i],
+                        )
+                    n -= 1
+                else:
+                    k += 1
+            columns.held[j, i] = n
+            most = max(most, n)
+    return most
 
 
 @kernel()

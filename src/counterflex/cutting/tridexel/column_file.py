@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.core.atomic import atomic_path
 from counterflex.core.errors import FileFormatError
-from counterflex.cutting.tridexel.column_kernels import STRETCHES
+from counterflex.cutting.tridexel.column_block_kernels import STRETCHES
 from counterflex.cutting.tridexel.columns import ColumnStock
 
 FORMAT: Final = "counterflex-columns"
@@ -57,7 +57,7 @@ def load_columns(path: str | os.PathLike[str]) -> ColumnStock:
                 )
             x0, y0 = (float(value) for value in data["origin_m"])
             count = np.asarray(data["count"], np.uint8)
-            low, high = (np.zeros((STRETCHES, *count.shape), np.float32) for _ in range(2))
+            low, high = (np.zeros((max(STRETCHES, len(data["low_m"])), *count.shape), np.float32) for _ in range(2))
             low[: len(data["low_m"])], high[: len(data["high_m"])] = data["low_m"], data["high_m"]
             return ColumnStock(x0, y0, float(data["cell_m"]), low, high, count)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as fault:

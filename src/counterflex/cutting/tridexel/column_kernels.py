@@ -21,13 +21,13 @@ from counterflex.cutting.kernel_arrays import Grid, Scratch
 from counterflex.cutting.sweep_kernels import ROWS, stamp_rows
 from counterflex.cutting.tridexel.column_block_kernels import (
     LOWEST,
+    MOST_STRETCHES,
     block_top,
     empty_columns,
     free,
     mark,
     take,
 )
-from counterflex.cutting.tridexel.column_block_kernels import STRETCHES as STRETCHES
 from counterflex.cutting.tridexel.column_block_kernels import Columns as Columns
 from counterflex.cutting.tridexel.pose_kernels import Sweep
 from counterflex.cutting.tridexel.row_kernels import HIGH, LOW, highest_ends, lowest_ends
@@ -72,7 +72,7 @@ def _push(
 ) -> Whole:
     """Gather what was taken out of a lane between two t, in pieces; returns how many."""
     parts = 1 + int((high - low) * tilt / (float(m.radius) / _PIECES))
-    parts = min(parts, max(1, (EVENTS - LANES * STRETCHES - gathered) // LANES))
+    parts = min(parts, max(1, (EVENTS - LANES * MOST_STRETCHES - gathered) // LANES))
     step = (high - low) / parts
     for n in range(parts):
         t = np.float32(low + (n + 0.5) * step)
@@ -98,7 +98,8 @@ def _cut_row(columns: Columns, j: Whole, i_low: Whole, plain: bool, m: Sweep, to
              desk: Desk, gathered: Whole) -> Whole:  # fmt: skip
     """Cut sixteen columns of a row; returns how many events there are now, -1 where a column has no room.
 
-    The first number of ``desk.point`` tells whether anything was taken, the second whether the block stays plain.
+    The first number of ``desk.point`` tells whether anything was taken, the second whether the block stays plain, the
+    last whether a column is full now.
     """
     line, work, row, piece = desk.line, desk.work, desk.row, desk.piece
     z_tip = desk.frame[TIP + 2]
@@ -163,6 +164,8 @@ def _cut_row(columns: Columns, j: Whole, i_low: Whole, plain: bool, m: Sweep, to
         if taken > 0:
             desk.point[0] = 1.0
             desk.point[1] = 0.0 if plain else desk.point[1]
+            if columns.held[j, i_low + k] == columns.low.shape[0]:
+                desk.point[5] = 1.0
     return gathered
 
 
@@ -189,6 +192,8 @@ def _cut_row_slowly(columns: Columns, j: Whole, i_low: Whole, m: Sweep, shape: F
             gathered += _push(desk.event, gathered, desk.line, k, m, piece[p, 0] - z_tip, piece[p, 1] - z_tip, tilt)
         if taken > 0:
             desk.point[0], desk.point[1] = 1.0, 0.0
+            if columns.held[j, i_low + k] == columns.low.shape[0]:
+                desk.point[5] = 1.0
     return gathered
 
 
@@ -211,7 +216,7 @@ def cut_motion(columns: Columns, motion: Float, corners: Float, tool: Float, cei
         desk: Scratch.
 
     Returns:
-        False where a column would need more than eight stretches.
+        False where a column has no room for another stretch.
     """
     frame, bounds, line = desk.frame, desk.bounds, desk.line
     desk.motion[:] = motion
@@ -295,7 +300,9 @@ def cut_motions(
     scratch: Scratch,
     desk: Desk,
 ) -> int:
-    """Take motions out one after the other. Returns how many were done.
+    """Take motions out one after the other, until a column is full. Returns how many were done.
+
+    A motion gives a column at most one stretch more, so columns that are not full have room for it.
 
     Args:
         columns: Changed.
@@ -314,6 +321,7 @@ def cut_motions(
         scratch: Of the height map's stamp.
         desk: Of the columns.
     """
+    desk.point[5] = 0.0
     grid = Grid(columns.high[0], columns.tops, columns.x0, columns.y0, columns.cell, columns.floor)
     k = 0
     while k < len(motions):
@@ -334,4 +342,6 @@ def cut_motions(
         ):
             return k
         k += 1
+        if desk.point[5] != 0.0:
+            return k
     return len(motions)

@@ -23,7 +23,14 @@ from counterflex.cutting.removal import (
     unit_widths,
 )
 from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS, HeightMap
-from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, Columns, UInt8, survey
+from counterflex.cutting.tridexel.column_block_kernels import (
+    MOST_STRETCHES,
+    STRETCHES,
+    Columns,
+    UInt8,
+    fell_ridges,
+    survey,
+)
 from counterflex.cutting.tridexel.column_kernels import Desk, cut_motions
 from counterflex.cutting.tridexel.row_kernels import ROWS_OF_WORK
 from counterflex.cutting.tridexel.sweep_bounds_kernels import BOUNDS, FRAME
@@ -35,6 +42,8 @@ from counterflex.path import FEED, RAPID
 CHORD_M: Final = 2.0 * UM
 """How far the sweep of a turning tool may be off, at the height of :data:`ENGAGED_M` on the cutter."""
 ENGAGED_M: Final = 10.0 * MM
+RIDGE_M: Final = CHORD_M
+"""Stretches thinner than the sweep is exact are dropped where a column is full."""
 LARGEST_TURN_RAD: Final = 90.0 * DEG
 CHUNK: Final = 4096
 _UPRIGHT: Final = 1.0 - 1e-15
@@ -48,8 +57,8 @@ class ColumnStock:
         x0_m: x of the centre of column [0, 0], m, part frame.
         y0_m: y of that centre, m.
         cell_m: Side of a column, m.
-        low: (8, ny, nx) float32 lower ends of the stretches of material, m, rising.
-        high: (8, ny, nx) float32 their upper ends.
+        low: (layers, ny, nx) float32 lower ends of the stretches of material, m, rising.
+        high: (layers, ny, nx) float32 their upper ends.
         count: (ny, nx) how many stretches there are.
     """
 
@@ -79,6 +88,31 @@ class ColumnStock:
         out = Columns(self.low, self.high, self.count, tops, plain, self.x0_m, self.y0_m, self.cell_m, floor)
         survey(out)
         return out
+
+    def make_room(self, where: str, spare: int = 1, ridge_m: float = RIDGE_M) -> None:
+        """Give every column room for more stretches: drop ridges, then double the layers where that is not enough.
+
+        Args:
+            where: Place in the path, for the message.
+            spare: Stretches that the fullest column has room for.
+            ridge_m: Stretches that are thinner and stand above others are dropped, m.
+
+        Raises:
+            ModelError: A column would hold more stretches than the kernels can work on.
+        """
+        if int(self.count.max(initial=0)) + spare <= len(self.low):
+            return
+        most = fell_ridges(self.columns, ridge_m)
+        while most + spare > len(self.low):
+            if 2 * len(self.low) > MOST_STRETCHES:
+                raise ModelError(
+                    "a column of the stock holds too many stretches of material",
+                    where=where,
+                    value=most,
+                    limit=f"at most {MOST_STRETCHES - spare}",
+                    hint="Turn the part frame so that z looks along most cuts",
+                )
+            self.low, self.high = (np.concatenate([ends, np.zeros_like(ends)]) for ends in (self.low, self.high))
 
     def tops(self) -> HeightMap:
         """The highest material of each column as a height map; empty columns end at the lowest material of all."""
@@ -191,11 +225,11 @@ def _desk() -> Desk:
         line=np.zeros((4, LANES), np.float32),
         work=np.zeros((ROWS_OF_WORK + 3, LANES), np.float32),
         row=np.zeros(LANES, np.float32),
-        piece=np.empty((STRETCHES, 2)),
+        piece=np.empty((MOST_STRETCHES, 2)),
         frame=np.zeros(FRAME),
         bounds=np.zeros(BOUNDS),
         motion=np.zeros(MOTION),
-        point=np.zeros(5),
+        point=np.zeros(6),
     )
 
 
@@ -250,7 +284,7 @@ def remove_turning(
 
     Raises:
         InputError: The path is not as described, or turns too far in a segment.
-        ModelError: A column would need more than eight stretches.
+        ModelError: A column would hold more stretches than the kernels can work on.
     """
     path = as_float("p_part_tcp", p_part_tcp, (None, 3))
     axis = as_float("axis_part", axis_part, (len(path), 3))
@@ -262,6 +296,7 @@ def remove_turning(
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     length = np.linalg.norm(step - np.sum(step * middle, axis=1)[:, None] * middle, axis=1)
     levels, unit = cutter.n_levels, QUANTUM_M * stock.cell_m**2
+    stock.make_room("segment 0")
     corners, columns, desk = cutter.kernel_parameters(), stock.columns, _desk()
     tool, book = tool_shape(corners[0], corners[1], top_m), (kinds == FEED) & engagement
     totals = np.zeros((n, 4), np.int64)
@@ -275,17 +310,15 @@ def remove_turning(
         upright = _upright_runs(part, turned, kinds[first:last], cutter, motions, owner)
         scratch = stamp_workspace(cutter, int(upright.max(initial=1))).scratch
         booked = np.zeros((1, last - first, levels if engagement else 0, BINS), np.int64)
-        done = cut_motions(
-            columns, part, motions, owner, upright, corners, tool, ceiling, first > 0, book[first:last], engagement,
-            booked[0], totals[first:last], scratch, desk,
-        )  # fmt: skip
-        if done < len(motions):
-            raise ModelError(
-                "a column of the stock would hold too many stretches of material",
-                where=f"segment {first + int(owner[done])}",
-                limit=str(STRETCHES),
-                hint="Turn the part frame so that z looks along most cuts",
-            )
+        done = 0
+        while done < len(motions):
+            done += cut_motions(
+                columns, part, motions[done:], owner[done:], upright[done:], corners, tool, ceiling,
+                first + done > 0, book[first:last], engagement, booked[0], totals[first:last], scratch, desk,
+            )  # fmt: skip
+            if done < len(motions):
+                stock.make_room(f"segment {first + int(owner[done])}")
+                columns = stock.columns
         if not engagement:
             continue
         count = int(np.count_nonzero(booked))

@@ -61,12 +61,28 @@ class CutLog:
             top_m: Height above the tip up to which the tool takes material away.
             engaged_m: See :func:`counterflex.cutting.tridexel.columns.motions_of`.
         """
+        return cls.with_rows(p_part_tcp, axis_part, cutter, top_m=top_m, engaged_m=engaged_m)[0]
+
+    @classmethod
+    def with_rows(
+        cls,
+        p_part_tcp: Float,
+        axis_part: Float,
+        cutter: Cutter,
+        *,
+        top_m: float,
+        engaged_m: float = ENGAGED_M,
+    ) -> tuple[CutLog, Int]:
+        """As :meth:`of`, and the motion in which each segment begins (n,): those before it were cut before."""
         path, axis = as_float("p_part_tcp", p_part_tcp, (None, 3)), as_float("axis_part", axis_part, (None, 3))
         if len(path) < 2 or len(axis) != len(path):
             raise InputError("path and axes do not fit", value=f"{len(path)} points, {len(axis)} axes", limit=">= 2")
-        motions = _joined(motions_of(path, axis, engaged_m)[0])
+        all_motions, owner = motions_of(path, axis, engaged_m)
+        motions, first = _joined(all_motions)
+        begins = np.searchsorted(owner, np.arange(len(path) - 1))
         shape = tool_shape(cutter.radius_m, cutter.radius_m if cutter.is_ball else cutter.corner_radius_m, top_m)
-        return cls(motions, np.tile(shape, (len(motions), 1)))
+        row: Int = np.maximum(np.searchsorted(first, begins, side="right") - 1, 0)
+        return cls(motions, np.tile(shape, (len(motions), 1))), row
 
     @classmethod
     def joined(cls, logs: Iterable[CutLog]) -> CutLog:
@@ -137,14 +153,18 @@ class CutLog:
         return out
 
 
-def _joined(motions: Float) -> Float:
-    """Motions of one axis that follow one another in one straight line as one; without those that stand still."""
+def _joined(motions: Float) -> tuple[Float, Int]:
+    """Motions of one axis that follow one another in one straight line as one, and where each of these begins.
+
+    Motions that stand still are left out.
+    """
     turns = np.any(motions[:, 9:] != 0.0, axis=1)
     moves = np.any(motions[:, 3:6] != 0.0, axis=1) | turns
     moves |= np.any(np.diff(motions[:, 6:9], axis=0, prepend=np.nan) != 0.0, axis=1)
+    place: Int = np.flatnonzero(moves)
     motions, turns = motions[moves], turns[moves]
     if len(motions) < 2:
-        return motions
+        return motions, place
     step, axis = motions[:, 3:6], motions[:, 6:9]
     length = np.linalg.norm(step, axis=1)
     aside = np.linalg.norm(np.cross(step[:-1], step[1:]), axis=1)
@@ -157,4 +177,4 @@ def _joined(motions: Float) -> Float:
     first = np.flatnonzero(np.concatenate([[True], ~straight]))
     out = motions[first].copy()
     out[:, 3:6] = np.add.reduceat(step, first, axis=0)
-    return out
+    return out, place[first]

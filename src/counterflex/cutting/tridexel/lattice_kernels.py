@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel
-from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, Columns
+from counterflex.cutting.tridexel.column_block_kernels import Columns
 from counterflex.cutting.tridexel.swept_solid import depth_at, distance, stretch
 from counterflex.cutting.tridexel.turning_line_kernels import MISSED, turning_end
 
@@ -77,7 +77,8 @@ def _gap(box: Float, x: float, y: float, z: float) -> float:
 
 
 @kernel()
-def _tile(tiles: Tiles, x: float, y: float) -> int:
+def tile_of(tiles: Tiles, x: float, y: float) -> int:
+    """Number of the tile that holds a point, or of the nearest one."""
     rows = (len(tiles.first) - 1) // tiles.columns
     column = min(max(int((x - tiles.x0) / tiles.side), 0), tiles.columns - 1)
     row = min(max(int((y - tiles.y0) / tiles.side), 0), rows - 1)
@@ -138,7 +139,8 @@ def edges_across(columns: Columns, along: Whole, outer: Whole, z0: float, pitch:
         filled: (m,) receives whether the lower node is the one in material.
     """
     ny, nx = columns.held.shape
-    one, two = np.empty((STRETCHES, 2), np.int64), np.empty((STRETCHES, 2), np.int64)
+    layers = columns.low.shape[0]
+    one, two = np.empty((layers, 2), np.int64), np.empty((layers, 2), np.int64)
     right, up = (1, 0) if along == 0 else (0, 1)
     count = 0
     for j in range(-up * outer, ny - up * (1 - outer)):
@@ -173,7 +175,7 @@ def edges_across(columns: Columns, along: Whole, outer: Whole, z0: float, pitch:
 def edges_up(columns: Columns, z0: float, pitch: float, edge: Int, filled: Bool, z: Float) -> int:
     """Edges of the lattice along z, as :func:`edges_across`; z (m,) receives where material ends. Returns how many."""
     ny, nx = columns.held.shape
-    runs = np.empty((STRETCHES, 2), np.int64)
+    runs = np.empty((columns.low.shape[0], 2), np.int64)
     count = 0
     for j in range(ny):
         for i in range(nx):
@@ -249,7 +251,7 @@ def _end_on_line(
     """End of material on one edge from the lower node (x, y, z), m; beyond 1e30 where nothing was cut."""
     best, half = _FAR if filled else -_FAR, 0.5 * length
     x_mid, y_mid = (x + half, y) if along == 0 else (x, y + half)
-    tile = _tile(tiles, x_mid, y_mid)
+    tile = tile_of(tiles, x_mid, y_mid)
     for place in range(tiles.first[tile], tiles.first[tile + 1]):
         group = tiles.members[place]
         if _group_clear_of(x_mid, y_mid, z, half, tiles, group):
@@ -347,7 +349,7 @@ def distances(tiles: Tiles, points: Float, reach: float, out: Float) -> None:
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         best = _FAR
-        tile = _tile(tiles, x, y)
+        tile = tile_of(tiles, x, y)
         for place in range(tiles.first[tile], tiles.first[tile + 1]):
             group = tiles.members[place]
             if _gap(tiles.groups[group], x, y, z) > min(best, reach):

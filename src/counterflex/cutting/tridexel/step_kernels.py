@@ -22,7 +22,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.booking_kernels import BINS
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import unit_widths
-from counterflex.cutting.tridexel.column_block_kernels import STRETCHES, take
+from counterflex.cutting.tridexel.column_block_kernels import MOST_STRETCHES, take
 from counterflex.cutting.tridexel.columns import ColumnStock, shape_of
 from counterflex.cutting.tridexel.swept_solid import stretch
 
@@ -31,8 +31,10 @@ UInt8 = npt.NDArray[np.uint8]
 PART_M: Final = 0.1 * MM
 _PIECES: Final = 20.0
 """Pieces that a stretch as long as the radius of the cutter is booked in."""
-_THIN_M: Final = 0.05 * MM
-"""In a column without room the thinnest stretch is given up where it is thinner: a ridge between two passes."""
+RIDGE_M: Final = 0.05 * MM
+"""Thinner stretches are dropped where room is short: ridges between two places of the tool."""
+SPARE: Final = 4
+"""Stretches that a column has room for where a row begins; most rows give it none, few give it one."""
 _TINY_M: Final = 1.0e-9
 _FAR: Final = 1.0e9
 _STEEP: Final = 0.2
@@ -40,7 +42,7 @@ _STEEP: Final = 0.2
 
 
 class StepColumns(NamedTuple):
-    """Columns as the kernel takes them: ends (8, ny, nx), stretches (ny, nx), first centre, side, highest end, m."""
+    """Columns as the kernel takes them: ends (layers, ny, nx), stretches (ny, nx), first centre, side, highest end."""
 
     low: Float32
     high: Float32
@@ -101,8 +103,8 @@ def step_space(cutter: Cutter, top_m: float) -> StepSpace:
         np.ascontiguousarray(cutter.level_radii()),
         unit_widths(),
         np.zeros(9),
-        np.zeros(18),
-        np.zeros((16, 2)),
+        np.zeros(19),
+        np.zeros((MOST_STRETCHES, 2)),
     )
 
 
@@ -240,11 +242,11 @@ def _place(
             one, two = _within(work, dx, dy, radius, corner, top, shape)
             if two <= one:
                 continue
-            if n == STRETCHES:
-                _give_up_thinnest(columns, j, i)
             taken = take(columns, j, i, one + pz, two + pz, piece)
             if taken < 0:
                 return -1.0
+            if columns.held[j, i] + SPARE > columns.low.shape[0]:
+                work[18] = 1.0
             for k in range(taken):
                 tall = piece[k, 1] - piece[k, 0]
                 total += tall
@@ -297,21 +299,6 @@ def _within(
                 return min(first, corner * uz - root), max(last, corner * uz + root)
             return corner * uz - root, corner * uz + root
     return first, last
-
-
-@kernel()
-def _give_up_thinnest(columns: StepColumns, j: int, i: int) -> None:
-    """Drop the thinnest stretch of a column, where it is thin enough for that."""
-    n, which, least = int(columns.held[j, i]), 0, _FAR
-    for k in range(n):
-        tall = float(columns.high[k, j, i]) - float(columns.low[k, j, i])
-        if tall < least:
-            which, least = k, tall
-    if least >= _THIN_M:
-        return
-    for m in range(which, n - 1):
-        columns.low[m, j, i], columns.high[m, j, i] = columns.low[m + 1, j, i], columns.high[m + 1, j, i]
-    columns.held[j, i] = n - 1
 
 
 @kernel()

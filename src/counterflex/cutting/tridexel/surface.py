@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.core.atomic import atomic_path
+from counterflex.core.atomic import write_made
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.cutting.tridexel.columns import ColumnStock
@@ -79,8 +79,7 @@ class Surface:
             colours = np.stack([red, white, blue], axis=1)
             colours[np.isnan(deviation_m)] = 0.7
             mesh.visual.vertex_colors = np.round(255.0 * colours).astype(np.uint8)
-        with atomic_path(path) as target:
-            mesh.export(target, file_type=path.suffix[1:])
+        write_made(path, lambda stream: mesh.export(stream, file_type=path.suffix[1:]))
 
 
 def surface(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -> Surface:

@@ -17,6 +17,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tilted_stock import box_along_tool
+from counterflex.cutting.tridexel.engaged_arcs import BlankBox
 from counterflex.files.cell.class_stiffness import ClassStiffness, prior_of, unknown_axes, with_class_stiffness
 from counterflex.files.cell.external_axes import moved
 from counterflex.files.cell.located import located
@@ -181,6 +182,16 @@ class Cell:
         return unknown_axes(self.nominal_robot, self.tables.robot)
 
     @cached_property
+    def bodies_of_unknown_stiffness(self) -> tuple[str, ...]:
+        """Names of the bodies beyond the flange that state no compliance (0 states a rigid one): taken as rigid.
+
+        Empty where the end effector is no spindle: a cell without tools, or a robot that holds the part.
+        """
+        if not self.tables.tools or self.holds_part:
+            return ()
+        return tuple(body.name for body in self.tables.end_effector if not body.states_compliance)
+
+    @cached_property
     def controller_chain(self) -> ElasticChain:
         """The chain as the robot controller has it, without calibrations; ``chain`` itself where there are none."""
         if not self.tables.robot.calibration:
@@ -305,6 +316,14 @@ class Cell:
         else:
             data = {tool.number: tool.tooldata for tool in self.tables.tools if tool.tooldata is not None}
         return self.tables.controller.spindle.functions(language, data, str(self.path))
+
+    def blank_box(self) -> BlankBox | None:
+        """The blank as a box in the frame of the path; None where it is a mesh or an earlier result."""
+        stock = None if self.tables.part is None else self.tables.part.stock
+        if stock is None or stock.box_min_mm is None or stock.box_max_mm is None:
+            return None
+        turn = np.eye(3) if self.R_part_plane is None else self.R_part_plane
+        return BlankBox(np.array(stock.box_min_mm) * MM, np.array(stock.box_max_mm) * MM, turn)
 
     def stock(self) -> HeightMap:
         """A fresh blank in the part frame.

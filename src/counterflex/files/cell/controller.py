@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM, MS
-from counterflex.files.schema import Table
+from counterflex.files.schema import PoseTable, Table
 from counterflex.programs.robot_writer.machine_functions import (
     DATA,
     ELSEWHERE,
@@ -198,6 +198,7 @@ class ControllerTable(Table):
     tool_number: Annotated[int, Field(ge=1, le=32)] = 1
     base_number: Annotated[int, Field(ge=1, le=64)] = 1
     work_object: ControllerName | None = None
+    robot_in_world: PoseTable | None = None
     rsi_version: Version | None = None
     kss_version: Version | None = None
     correction_output: Annotated[int, Field(ge=1, le=8192)] | None = None

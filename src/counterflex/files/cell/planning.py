@@ -17,9 +17,9 @@ from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
 from counterflex.path.tool_rotation import ToolRotation
+from counterflex.plan.damping import ASSUMED_DAMPING, Damping
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
-from counterflex.plan.lowest_mode import ASSUMED_DAMPING
 from counterflex.plan.preflight.row import Bounds
 from counterflex.programs.robot_writer.writer import RobotSettings
 from counterflex.robot.model.description import Robot
@@ -112,6 +112,11 @@ class DynamicsTable(Table):
         return Mode(2.0 * math.pi * self.mode_hz, self.damping_ratio or ASSUMED_DAMPING)
 
     @property
+    def damping(self) -> Damping:
+        """Damping of the robot's modes: of the tap test (an overdamped mode as 0.95), otherwise assumed."""
+        return Damping.of(None if self.damping_ratio is None else min(self.damping_ratio, 0.95))
+
+    @property
     def shaping(self) -> Shaping:
         """How corrections are shaped in time."""
         return Shaping(smoothing_s=self.correction_smoothing_ms * MS, lead_s=self.correction_lead_ms * MS)
@@ -131,6 +136,7 @@ class LimitsTable(Table):
     clearance_mm: Annotated[float, Field(ge=0.0, le=1000.0)] = 20.0
     orientation_speed_deg_s: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
     corner_error_um: Annotated[float, Field(gt=0.0, le=100_000.0)] | None = None
+    reversal_error_um: Annotated[float, Field(gt=0.0, le=100_000.0)] = 50.0
 
     def preflight(self, controller: ControllerTable, robot: Robot) -> Bounds:
         """What a preflight compares with; speeds and accelerations of the catalogue where the file has none.
@@ -157,6 +163,9 @@ class LimitsTable(Table):
             look_ahead=controller.look_ahead_blocks,
             blending_m=controller.blending_m,
             orientation_rad_s=(RobotSettings.orientation_deg_s if turning is None else turning) * DEG,
+            reversal_error_m=self.reversal_error_um * UM,
+            correction_m=self.correction_mm * MM,
+            correction_rad=self.correction_deg * DEG,
             corner_error_m=None if self.corner_error_um is None else self.corner_error_um * UM,
             assumed=frozenset(assumed | ({"limits.orientation_speed_deg_s"} if turning is None else set())),
         )

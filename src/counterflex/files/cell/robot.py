@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MRAD, URAD
 from counterflex.files.cell.measured import CalibrationTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, Table
+from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.axis_sag import AxisSag
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors
+from counterflex.robot.model.controller_axes import (
+    MAKER_NAMES,
+    Axis3,
+    ControllerAxes,
+    MakerName,
+    from_geometry,
+    from_signs,
+    maker_of,
+)
 from counterflex.robot.model.description import ElasticRegion, Robot
 from counterflex.robot.model.dh import AXES, DhRow, from_dh
 from counterflex.robot.model.elastic_region import ANGLES, DIRECTIONS
@@ -159,6 +171,54 @@ class ServoTable(Table):
     source: str = ""
 
 
+Sign = Literal[-1, 1]
+SixSigns = tuple[Sign, Sign, Sign, Sign, Sign, Sign]
+SixAngles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
+
+
+class ControllerAxesTable(Table):
+    """How the controller counts the axes of a robot that the cell file describes itself."""
+
+    maker: MakerName | None = None
+    axis_3_from: Axis3 | None = None
+    axis_3_to_upper_arm_deg: tuple[Angle, Angle] | None = None
+    world_z_mm: Length | None = None
+    signs: SixSigns | None = None
+    zeros_deg: SixAngles | None = None
+
+    def axes(self, robot: Robot) -> ControllerAxes:
+        """The axes of a robot, without limits of their own.
+
+        Raises:
+            InputError: Neither the table nor the geometry says which maker's controller it is.
+        """
+        opw, maker = robot.opw, self.maker
+        own = self.signs is not None or self.zeros_deg is not None
+        if maker is None and opw is not None and not own:
+            maker = maker_of(opw.signs, opw.offsets_rad)
+        if maker is None:
+            raise InputError("whose controller it is, is not known", value="maker", limit=", ".join(MAKER_NAMES),
+                             hint="Give maker")  # fmt: skip
+        if opw is not None and not own:
+            axes = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, self.axis_3_from)
+        else:
+            zeros = tuple(float(value) * DEG for value in self.zeros_deg or (0.0,) * 6)
+            axes = from_signs(maker, self.signs or (1,) * 6, zeros, axis_2_height(robot), self.axis_3_from)
+        return axes if self.world_z_mm is None else replace(axes, world_m=self.world_z_mm * MM)
+
+
+def axis_2_height(robot: Robot) -> float:
+    """Height of axis 2 above the base plate with all angles at zero, m."""
+    T = np.eye(4)
+    for segment in robot.segments:
+        T = T @ segment.T_prev_seg
+        if segment.joint == 1:
+            break
+        if segment.joint is not None:
+            T = T @ pose.make(rotation.about_z(segment.offset_rad))
+    return float(T[2, 3])
+
+
 class RobotTable(Table):
     """Which robot: by catalogue name, by own geometry, by Denavit-Hartenberg rows, or from a URDF file."""
 
@@ -168,6 +228,7 @@ class RobotTable(Table):
     urdf: str | None = None
     urdf_tip: str | None = None
     payload_kg: Annotated[float, Field(gt=0.0, le=5000.0)] | None = None
+    controller_axes: ControllerAxesTable | None = None
     elastic: tuple[ElasticTable, ...] = ()
     elastic_region: Annotated[tuple[ElasticRegionTable, ...], Field(max_length=MOST_REGIONS)] = ()
     play: tuple[PlayTable, ...] = ()
@@ -192,6 +253,8 @@ class RobotTable(Table):
         if len(given) != 1:
             result = " and ".join(given) or "none of them"
             raise ValueError(f"a robot comes from exactly one of catalog, geometry, dh and urdf; got {result}")
+        if self.catalog is not None and self.controller_axes is not None:
+            raise ValueError("controller_axes is for a robot that the file describes; the catalogue has its own")
         return self
 
 

@@ -12,9 +12,10 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM, MRAD, MS, URAD
 from counterflex.files.cell.located import located
 from counterflex.files.cell.measured import CalibrationTable
-from counterflex.files.cell.robot import OpwTable
+from counterflex.files.cell.robot import OpwTable, axis_2_height
 from counterflex.files.cell.tables import CellTables
 from counterflex.robot.model import catalog, opw_chain
+from counterflex.robot.model.controller_axes import AS_MODEL, from_geometry, maker_of
 from counterflex.robot.model.description import Opw, Play, Robot, Servo
 
 
@@ -28,7 +29,8 @@ def robot_of(tables: CellTables, path: Path) -> Robot:
     Raises:
         FileFormatError: An unknown robot or segment, or a file that cannot be used.
     """
-    robot = _with_drives(_with_elastic(_robot(tables, path), tables, str(path)), tables)
+    robot = _with_axes(_robot(tables, path), tables, str(path))
+    robot = _with_drives(_with_elastic(robot, tables, str(path)), tables)
     return replace(robot, regions=(*robot.regions, *(row.region() for row in tables.robot.elastic_region)))
 
 
@@ -47,6 +49,40 @@ def _robot(tables: CellTables, path: Path) -> Robot:
 
     with located(f"{path}: robot.urdf"):
         return urdf.load_urdf(path.parent / str(table.urdf), tip_link=table.urdf_tip)
+
+
+def _with_axes(robot: Robot, tables: CellTables, where: str) -> Robot:
+    """The robot with the axes of its controller; ``limits_deg`` of the file are those of the controller."""
+    table = tables.robot
+    if table.catalog is not None:
+        return robot
+    axes = AS_MODEL
+    if table.controller_axes is not None:
+        with located(f"{where}: robot.controller_axes"):
+            axes = table.controller_axes.axes(robot)
+    elif robot.opw is not None:
+        maker = maker_of(robot.opw.signs, robot.opw.offsets_rad)
+        if maker is not None:
+            axes = from_geometry(maker, robot.opw.signs, robot.opw.offsets_rad, robot.opw.c1_m)
+    elif table.dh is not None:
+        axes = replace(AS_MODEL, assumed=_DH_AXES, axis_2_m=axis_2_height(robot))
+    if table.urdf is not None or axes.matrix is None:
+        return replace(robot, axes=axes)
+    given = None if table.controller_axes is None else table.controller_axes.axis_3_to_upper_arm_deg
+    between = None if given is None else np.array(given) * DEG
+    axes = replace(axes, limits_rad=robot.joint_limits_rad, between_known=given is not None)
+    box = axes.model_limits(between)
+    if np.any(box[:, 0] >= box[:, 1]):
+        raise FileFormatError(
+            "no angle of axis 3 is within its limits", where=f"{where}: robot.controller_axes.axis_3_to_upper_arm_deg",
+            value=f"{given}",
+        )  # fmt: skip
+    return replace(robot, axes=axes, joint_limits_rad=box)
+
+
+_DH_AXES = (
+    "axes are taken as the rows of robot.dh describe them; say maker, signs and zeros_deg in [robot.controller_axes]"
+)
 
 
 def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:

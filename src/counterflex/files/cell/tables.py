@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Annotated, Final, Literal
 
@@ -9,7 +10,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from counterflex.core.errors import CounterflexError
-from counterflex.core.units import MM
+from counterflex.core.units import DEG, MM, RPM
 from counterflex.cutting.force_laws import FORCE_LAWS, require_parameters
 from counterflex.files.cell.ads import AdsTable
 from counterflex.files.cell.bodies import SurroundingsTable
@@ -26,6 +27,7 @@ from counterflex.files.cell.robot import AxisSagTable, DriveErrorTable, Mass, Ro
 from counterflex.files.cell.sensing import HolderTable, SensorTable, TrackerTable
 from counterflex.files.cell.timing import TimingTable
 from counterflex.files.schema import ComplianceTable, Length, PoseTable, Table, Versioned
+from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.programs.limits import RESERVED
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -102,6 +104,27 @@ class ToolTable(Table):
     tool_data: Annotated[int, Field(ge=1, le=128)] | None = None
     spindle_rpm: Annotated[float, Field(gt=0.0, le=200_000.0)] | None = None
     tooldata: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")] | None = None
+    centre_cutting: bool | None = None
+    ramp_deg: Annotated[float, Field(gt=0.0, le=90.0)] | None = None
+    feed_per_tooth_mm: tuple[ToolLength, ToolLength] | None = None
+    cutting_speed_m_min: tuple[Positive, Positive] | None = None
+    max_rpm: Annotated[float, Field(gt=0.0, le=200_000.0)] | None = None
+    coolant: bool | None = None
+    holder_mm: Annotated[tuple[tuple[NonNegative, ToolLength], ...], Field(max_length=64)] = ()
+
+    @property
+    def bounds(self) -> ToolBounds:
+        """What the tool may be asked for, and its holder, in SI; None is not known."""
+        feed, speed = self.feed_per_tooth_mm, self.cutting_speed_m_min
+        return ToolBounds(
+            centre_cutting=self.centre_cutting,
+            ramp_rad=None if self.ramp_deg is None else self.ramp_deg * DEG,
+            feed_per_tooth_m=None if feed is None else (feed[0] * MM, feed[1] * MM),
+            cutting_speed_m_s=None if speed is None else (speed[0] / 60.0, speed[1] / 60.0),
+            max_rad_s=None if self.max_rpm is None else self.max_rpm * RPM,
+            coolant=self.coolant,
+            holder_m=tuple((height * MM, 0.5 * diameter * MM) for height, diameter in self.holder_mm),
+        )
 
     @property
     def overhang_m(self) -> float | None:
@@ -129,6 +152,16 @@ class ToolTable(Table):
             )
         if self.corner_radius_mm > self.flute_length_mm:
             raise ValueError(f"the flutes end within the corner radius: flute_length_mm = {self.flute_length_mm:g}")
+        for key in ("feed_per_tooth_mm", "cutting_speed_m_min"):
+            given = getattr(self, key)
+            if given is not None and given[0] >= given[1]:
+                raise ValueError(f"{key} = [{given[0]:g}, {given[1]:g}] does not rise; expected [least, most]")
+        heights = [height for height, _ in self.holder_mm]
+        if len(heights) == 1 or any(above < below for below, above in itertools.pairwise(heights)):
+            raise ValueError(
+                "holder_mm is the outline of what does not cut, from the tip upward: at least two points "
+                "[height above the tip, diameter], their heights not falling"
+            )
         return self
 
 

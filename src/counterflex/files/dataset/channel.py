@@ -153,7 +153,8 @@ class Raw:
         sigma, note = self._sigma(raw, numbers, values, rows, group)
         unit = " ".join(dict.fromkeys(self.kind.si_units(numbers.shape[1])))
         columns = self.cells.names if self.table.constant is None else ()
-        return Channel(self.name, values, sigma, unit, source + note, columns)
+        stated = bool(self.table.coupling or self.table.signs or self.table.offsets_deg)
+        return Channel(self.name, values, sigma, unit, source + note, columns, as_model=stated)
 
     def _source(self) -> str:
         return f"{self.where} ({', '.join(self.cells.names)})"

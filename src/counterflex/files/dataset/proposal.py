@@ -11,6 +11,7 @@ from pydantic import Field
 
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError
+from counterflex.core.next_command import next_command
 from counterflex.files.dataset.manifest import KIND as DATASET
 from counterflex.files.dataset.manifest import VERSION as DATASET_VERSION
 from counterflex.files.dataset.manifest import FileTable
@@ -117,7 +118,7 @@ def _write_form(folder: Path, proposal: Proposal, proposed: Mapping[str, list[st
     cells: list[list[str]] = []
     lines = [
         f"# Fill {measured}, state the standard deviations (sigma, in the channel's unit), then:",
-        f"# counterflex identify {proposal.recipe} {manifest} --cell CELL --out DIR",
+        f"# {next_command(f'identify {proposal.recipe}', manifest, cell='CELL', out='DIR')}",
         f'format = "{DATASET}"',
         f"version = {DATASET_VERSION}",
         f'name = "{proposal.recipe}"',

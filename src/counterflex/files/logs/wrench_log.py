@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import Final
@@ -11,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
+from counterflex.files.small_table import read_rows
 
 COLUMNS: Final = ("time_s", "fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
@@ -26,13 +25,7 @@ def read_wrench_log(path: str | Path) -> tuple[Float, Float]:
         FileFormatError: Missing, not text, other columns, not a number, fewer than two rows, times that do not go on.
     """
     file = Path(path)
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except (OSError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
-    table = [(n, row) for n, row in enumerate(csv.reader(lines), start=1) if row and not row[0].startswith("#")]
+    table = read_rows(file)
     if not table:
         raise FileFormatError("the file is empty", where=str(file))
     names = [name.strip() for name in table[0][1]]

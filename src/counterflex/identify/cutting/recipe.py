@@ -18,6 +18,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, as_positive
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 from counterflex.core.progress import Progress, in_parts, saying
 from counterflex.core.units import MM
 from counterflex.identify.cutting import TITLE
@@ -93,7 +94,8 @@ def identify(inputs: Inputs) -> Identification:
             "too few settled pieces of cuts for the constants of a force law",
             value=problem.train_count,
             limit=f"at least {_LEAST_PIECES}",
-            hint="Cut slots at several feeds and depths: counterflex identify cutting --propose 20",
+            hint="Cut slots at several feeds and depths: "
+            + next_command("identify cutting", propose=20, cell="CELL", out="DIR"),
         )
     requested = FORMS if options["form"] == "auto" else (form(str(options["form"])),)
     parts[READING](1.0)

@@ -150,7 +150,7 @@ def check_enough(parameters: Parameters, blocks: Sequence[Residuals], needed: Se
             "there are too few measurements",
             value=f"{count} numbers in {sum(groups)} different postures ({rows} rows)",
             limit=f">= {max(len(free), 1)}, one for each number that is looked for, better twice as many",
-            hint="Measure more poses (counterflex identify ... --propose N says which); repeats of a pose do not count",
+            hint="Measure more poses (counterflex identify proposes them); repeats of a pose do not count",
         )
 
 

@@ -24,6 +24,7 @@ class Channel:
         unit: SI unit of the values.
         source: File and columns, for messages.
         columns: Headers of the columns it was read from; empty for constants and for data made in memory.
+        as_model: The manifest says how its joint angles become those of the model.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Channel:
     unit: str
     source: str
     columns: tuple[str, ...] = ()
+    as_model: bool = False
 
     def need_sigma(self) -> Float:
         """The standard deviations.

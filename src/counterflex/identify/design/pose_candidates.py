@@ -18,6 +18,7 @@ from counterflex.identify.design.order import order_of_poses
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
 from counterflex.robot.kinematics.inverse import inverse
 from counterflex.robot.kinematics.inverse_seeds import branch_of
+from counterflex.robot.model.controller_axes import coupled_inside
 
 CLEARANCE_M: Final = 0.15
 """Distance that the line keeps from the axes of the arm's bodies."""
@@ -170,5 +171,5 @@ def _clear(chain: ElasticChain, q: Float) -> Bool:
     for p in (wrist, flange, tip):
         ok &= (p[:, 2] > min(FLOOR_M, column)) & (np.hypot(p[:, 0], p[:, 1]) > column)
     sine = np.linalg.norm(np.cross(Ts[:, driven[3], :3, 2], Ts[:, driven[5], :3, 2]), axis=1)
-    out: Bool = ok & (sine > _LEAST_SINE)
+    out: Bool = ok & (sine > _LEAST_SINE) & coupled_inside(chain.axes, chain.joint_limits_rad, q)
     return out

@@ -22,6 +22,7 @@ from counterflex.identify.payload.sensor import sensor_before
 from counterflex.identify.recipe import Proposal
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse
+from counterflex.robot.model.controller_axes import coupled_inside
 from counterflex.sensing.orientation_basis import COUNTS
 
 CANDIDATES = 400
@@ -110,7 +111,8 @@ def candidates(cell: CellModel, seed: int, height_m: float) -> Float:
     else:
         high[bent] = min(high[bent], 0.0)
     q: Float = rng.uniform(low, high, (6 * CANDIDATES, 6))
-    q = q[forward(chain, q)[:, 2, 3] >= height_m][:CANDIDATES]
+    allowed = coupled_inside(chain.axes, chain.joint_limits_rad, q, cell.joint_margin_rad)
+    q = q[allowed & (forward(chain, q)[:, 2, 3] >= height_m)][:CANDIDATES]
     if len(q) < 3:
         raise InputError(
             "no posture keeps the tool at the requested height",
@@ -146,7 +148,8 @@ def working_postures(cell: CellModel, count: int, seed: int, height_m: float) ->
     swing = np.r_[np.full(3, _NEAR_ARM_RAD), np.full(3, _NEAR_WRIST_RAD)]
     low, high = np.maximum(limits[:, 0], middle - swing), np.minimum(limits[:, 1], middle + swing)
     q: Float = rng.uniform(low, np.maximum(low, high), (20 * count + 40, 6))
-    q = q[(q[:, 4] * middle[4] > 0.0) & (forward(chain, q)[:, 2, 3] >= least)][:count]
+    allowed = coupled_inside(chain.axes, chain.joint_limits_rad, q, cell.joint_margin_rad)
+    q = q[allowed & (q[:, 4] * middle[4] > 0.0) & (forward(chain, q)[:, 2, 3] >= least)][:count]
     if len(q) < count:
         raise InputError(
             "too few postures near the working posture keep the tool above the part",

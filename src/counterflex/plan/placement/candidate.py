@@ -20,6 +20,7 @@ from counterflex.plan.posture.impossible import FAULTS
 from counterflex.plan.posture.survey import RobotHere, survey_path
 from counterflex.plan.posture.survey_kernel import OK
 from counterflex.plan.posture.way import Way, best_way
+from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.stability.stretches import Stretch
 from counterflex.robot.model.opw import BRANCHES
 
@@ -98,15 +99,12 @@ class Candidate:
     q: Float | None = None
 
 
-def site_of(
-    task: Task, stretches: Sequence[Stretch] = (), damping_ratio: float | None = None, rotations: int = ROTATIONS
-) -> Site:
+def site_of(task: Task, stretches: Sequence[Stretch] = (), rotations: int = ROTATIONS) -> Site:
     """The thinned program of a task.
 
     Args:
         task: The program on its cell.
         stretches: What it cuts, for the criterion of chatter; none: nobody looks at it.
-        damping_ratio: Damping ratio of a tap test, or None.
         rotations: About the tool axis that are tried.
     """
     cut, rows = thinned(task.cut)
@@ -115,7 +113,7 @@ def site_of(
         around = replace(around, tool=around.tool[rows])
     error = ErrorLeft.of(task.cut, cut, rows, task.robot.chain, task.setting.mode)
     law = task.setting.law
-    fed = feeding(stretches, rows, task.setting, law, damping_ratio) if stretches else None
+    fed = feeding(stretches, rows, task.setting, law) if stretches else None
     return Site(cut, task.robot, Freedom(rotations), rows, around, task.setting.datum_points_part, error, fed)
 
 
@@ -176,16 +174,16 @@ def worth(site: Site, robot: RobotHere, q: Float) -> tuple[float, float, float]:
         q: (m, 6) rad along the thinned path.
     """
     angles = np.ascontiguousarray(q)
-    R_part_base = robot.T_base_part[:3, :3].T
-    fed = np.nan if site.feeding is None else site.feeding.least_damping(robot.chain, angles, R_part_base)
+    to_part = tool_carried(robot.T_base_part).to_part
+    fed = np.nan if site.feeding is None else site.feeding.least_damping(robot.chain, angles, to_part)
     return (*site.error.means(site.cut, robot, angles), fed)
 
 
 def _worth(site: Site, robot: RobotHere, way: Way, clearance_m: float, passed: float) -> Candidate:
     """Accuracy, stability, time and margins of a way."""
-    limits, cut, q = robot.joint_limits_rad, site.cut, way.q
+    cut, q = site.cut, way.q
     wrist = np.abs(np.arcsin(np.abs(np.sin(q[:, 4]))))
-    to_limits = np.minimum(q - limits[:, 0], limits[:, 1] - q)
+    to_limits = robot.room(q)
     return Candidate(
         "",
         passed,
@@ -203,7 +201,10 @@ def _least_duration(q: Float, robot: RobotHere) -> Float:
     """(k - 1,) s, time that the slowest axis needs from point to point; 0 where speeds are not known."""
     if robot.joint_speeds_rad_s is None:
         return np.zeros(len(q) - 1)
-    out: Float = np.max(np.abs(np.diff(q, axis=0)) / np.asarray(robot.joint_speeds_rad_s), axis=1)
+    out: Float = np.max(
+        np.abs(robot.controller_chain.axes.shown_change(np.diff(q, axis=0))) / np.asarray(robot.joint_speeds_rad_s),
+        axis=1,
+    )
     return out
 
 

@@ -1,10 +1,10 @@
-"""How the cut feeds the modes of the robot in a place: the low-frequency criterion at a few points of a program.
+"""How the cut feeds the modes of the robot in a place: the criterion of ``plan stability`` at a few points.
 
 Of the stretches of a program those with the largest ``T |A|`` of every direction of feed and tool are looked at. In
 each candidate they are met in another posture. How far the place is from chatter is said by the least damping ratio
 that the modes have left there while they cut :data:`MARGIN` times as deep
-(:func:`counterflex.cutting.stability.low_frequency.least_damping`), of robots that are drawn about the published one:
-nine of ten have more. Modes that turn by more than :data:`SLOW_RAD` within a tooth period are left out.
+(:func:`counterflex.plan.stability.criterion.least_damping`), of robots that are drawn about the published one: nine of
+ten have more.
 """
 
 from __future__ import annotations
@@ -17,19 +17,15 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.cutting.coefficients import ForceLaw
-from counterflex.cutting.stability import low_frequency
-from counterflex.cutting.stability.process import process_of_engagement
+from counterflex.plan.damping import Damping
 from counterflex.plan.elastic_motion import coordinates
 from counterflex.plan.inputs import Setting
-from counterflex.plan.stability.along import feed_frame
-from counterflex.plan.stability.robot_modes import CAUTIOUS_DAMPING, drawn_modes
+from counterflex.plan.stability.criterion import least_damping
+from counterflex.plan.stability.robot_modes import drawn_modes
 from counterflex.plan.stability.stretches import Stretch
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
 
-SLOW_RAD: Final = 0.6
-"""Largest omega T of a mode: what the criterion leaves out, ``(omega T)^2 / 6``, is then 6 % of the limit. That is too
-much for a verdict on a cut, where 0.3 is asked for, and little beside what places differ by."""
 MARGIN: Final = 1.5
 """Factor on the depth at which the damping is looked at: handbook forces are known to 30 % (standard deviation of the
 logarithm, as ``cell check`` has it), so nine of ten are below ``exp(1.28 0.3) = 1.5``."""
@@ -50,54 +46,49 @@ class Feeding:
         A_part: (k, 3, 3) N/m mean directional matrices at the depth that is cut, part axes.
         period_s: (k,) s, tooth periods.
         measured: Lowest mode of a tap test, or None.
-        damping_ratio: Of the robot's own modes: measured, or the cautious one that is assumed.
+        damping: Of the robot's own modes.
     """
 
     rows: Int
     A_part: Float
     period_s: Float
     measured: Mode | None
-    damping_ratio: float
+    damping: Damping
 
-    def least_damping(self, chain: ElasticChain, q: Float, R_part_base: Float) -> float:
+    def least_damping(self, chain: ElasticChain, q: Float, to_part: Float) -> float:
         """Least damping ratio that nine of ten robots have left while they cut; at most the robot's own.
 
         Args:
             chain: Springs and masses.
             q: (m, 6) rad along the thinned path.
-            R_part_base: (3, 3) base axes in part axes.
+            to_part: (6, 6) or, for each row, (k, 6, 6): see
+                :func:`counterflex.plan.stability.robot_modes.robot_modes`.
         """
         count = len(coordinates(chain)[0])
         drawn = np.random.default_rng(0).standard_normal((ROBOTS, count))
-        out = np.full(ROBOTS, self.damping_ratio)
+        out = np.full(ROBOTS, self.damping.ratio)
         robots = drawn_modes(
-            chain, q[self.rows], R_part_base, self.measured, self.damping_ratio, np.exp(STIFFNESS_SIGMA * drawn)
+            chain, q[self.rows], to_part, self.measured, self.damping.ratio, np.exp(STIFFNESS_SIGMA * drawn)
         )
         for own, A, T in zip(robots, self.A_part, self.period_s.tolist(), strict=True):
             for k, modes in enumerate(own):
-                slow = modes.only(modes.omega_rad_s * T <= SLOW_RAD)
-                if len(slow):
-                    out[k] = min(out[k], low_frequency.least_damping(slow, MARGIN * A, T))
+                out[k] = min(out[k], least_damping(modes, MARGIN * A, T))
         return float(np.sort(out)[1])
 
 
-def feeding(
-    stretches: Sequence[Stretch], rows: Int, setting: Setting, law: ForceLaw, damping_ratio: float | None
-) -> Feeding:
+def feeding(stretches: Sequence[Stretch], rows: Int, setting: Setting, law: ForceLaw) -> Feeding:
     """What feeds swings along a thinned path.
 
     Args:
         stretches: Of the whole path.
         rows: (m,) rows of the whole path that the thinned one has, rising.
-        setting: Tools; a mode of a tap test.
+        setting: Tools; a mode of a tap test; damping.
         law: Of the material.
-        damping_ratio: Of a tap test; None: CAUTIOUS_DAMPING of :mod:`counterflex.plan.stability.robot_modes`.
     """
     strongest: dict[tuple[int, int], tuple[float, int, Float, float]] = {}
     for piece in stretches:
-        process = process_of_engagement(piece.depth_m, setting.cutter_of(piece.tool), law, piece.feed_per_tooth_m)
-        R = feed_frame(piece.direction_part)
-        A = R @ process.mean @ R.T
+        R = piece.R_part_feed
+        A = R @ piece.process(law, setting.cutter_of(piece.tool).flutes).mean @ R.T
         angle = np.arctan2(piece.direction_part[1], piece.direction_part[0])
         sector = round(float(angle) / (2.0 * np.pi) * DIRECTIONS) % DIRECTIONS
         size = piece.period_s * float(np.linalg.norm(A))
@@ -110,5 +101,5 @@ def feeding(
         np.array([A for _, _, A, _ in values]).reshape(-1, 3, 3),
         np.array([T for *_, T in values]),
         setting.mode,
-        CAUTIOUS_DAMPING if damping_ratio is None else damping_ratio,
+        setting.damping,
     )

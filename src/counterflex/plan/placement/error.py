@@ -22,7 +22,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS
-from counterflex.plan.lowest_mode import ASSUMED_DAMPING
+from counterflex.plan.damping import ASSUMED_DAMPING
 from counterflex.plan.posture.cut_path import CutPath
 from counterflex.plan.posture.likely_play import with_likely_play
 from counterflex.plan.posture.survey import RobotHere, base_points
@@ -113,7 +113,7 @@ class ErrorLeft:
         zeta = ASSUMED_DAMPING if self.measured is None else self.measured.damping_ratio
         steps = self.steps_part @ robot.T_base_part[:3, :3].T
         swing, length = np.zeros(len(q)), np.zeros(len(q))
-        for k, modes in enumerate(robot_modes_along(robot.chain, q, np.eye(3), self.measured, zeta)):
+        for k, modes in enumerate(robot_modes_along(robot.chain, q, np.eye(6)[None], self.measured, zeta)):
             across = np.linalg.norm(normals[k] @ modes.shape, axis=0)
             swing[k] = float(np.sum(across * np.abs(modes.shape.T @ steps[k]) / modes.omega_rad_s**2))
             length[k] = self.speed_m_s[k] / (zeta * float(modes.omega_rad_s[0]))

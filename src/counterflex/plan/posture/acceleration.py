@@ -50,7 +50,12 @@ def too_fast(path: ToolPath, robot: RobotHere, q: Float) -> TooFast | None:
     limits = robot.joint_accelerations_rad_s2
     if limits is None:
         return None
-    size = np.abs(joint_accelerations(path, joint_speeds(path, q), robot.acceleration_m_s2)) * at_feed(path)[:, None]
+    size = (
+        np.abs(
+            joint_accelerations(path, joint_speeds(path, robot.controller_chain.axes.shown(q)), robot.acceleration_m_s2)
+        )
+        * at_feed(path)[:, None]
+    )
     point, axis = np.unravel_index(int(np.argmax(size / limits)), size.shape)
     if size[point, axis] <= limits[axis]:
         return None
@@ -84,7 +89,8 @@ def too_fast_at(path: ToolPath, robot: RobotHere, rotations_rad: Float, point: i
     part = _piece(path, rows)
     for turn, slot in np.argwhere(~np.isnan(q[..., 0]).any(axis=0)).tolist():
         angles = np.unwrap(q[:, turn, slot], axis=0)
-        values = joint_accelerations(part, joint_speeds(part, angles), robot.acceleration_m_s2)[here]
+        shown = robot.controller_chain.axes.shown(angles)
+        values = joint_accelerations(part, joint_speeds(part, shown), robot.acceleration_m_s2)[here]
         out[turn, slot] = bool(np.any(np.abs(values) > limits))
     return out
 

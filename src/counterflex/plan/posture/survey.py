@@ -19,6 +19,7 @@ from counterflex.plan.posture.branches_kernel import SLOTS, arm_record
 from counterflex.plan.posture.cut_path import CutPath, fractions
 from counterflex.plan.posture.survey_kernel import CODES, POWER, Grid, Points, Survey, survey_edges
 from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.model.controller_axes import room
 
 _PARTS = 32
 """Pieces of the path that are shared among the threads, and after which progress is told."""
@@ -55,6 +56,14 @@ class RobotHere:
         for axis, angle in self.cables_rad.items():
             out[axis] = np.clip(out[axis], -angle, angle)
         return np.ascontiguousarray(out)
+
+    def room(self, q: Float) -> Float:
+        """(..., 6) rad, distance of each axis from its limits, margins taken off; negative outside. ``q`` (..., 6)."""
+        axes = self.controller_chain.axes
+        own: Float = room(axes, self.joint_limits_rad, q)
+        if not axes.coupled:
+            return own
+        return np.minimum(own, room(axes, self.controller_chain.joint_limits_rad, q) - self.limits.joint_margin_rad)
 
     def grid(self, rotations_rad: Float) -> Grid:
         """What the kernels try.
@@ -141,6 +150,8 @@ def survey_path(
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         for done, _ in enumerate(threads.map(work, range(len(parts) - 1)), start=1):
             progress(done / (len(parts) - 1))
+    if robot.controller_chain.axes.coupled:
+        survey.q[np.any(robot.room(survey.q) < 0.0, axis=-1)] = np.nan
     return survey
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.preflight.row import Bounds, Row
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
 from counterflex.plan.preflight.spacing import Blocks
 
 SMOOTH_RAD: Final = math.radians(3.0)
@@ -156,7 +156,7 @@ def _error_row(name: str, corners: Corners, rounded: Int, largest_m: float | Non
     )
     value, point = float(error[worst]), int(corners.point[row])
     if largest_m is None:
-        return Row(name, "unknown", value, None, "m", point, what, ERROR_KEY)
+        return Row(name, NOT_LOOKED_AT, value, None, "m", point, what, ERROR_KEY)
     over = value > largest_m
     return Row(
         name,

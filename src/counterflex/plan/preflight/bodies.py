@@ -7,11 +7,13 @@ capsules are not compared, see :func:`pairs`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
@@ -20,7 +22,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose
 from counterflex.robot.elasticity.chain import ElasticChain
 
-Shape = Literal["box", "capsule", "cylinder"]
+Shape = Literal["box", "capsule", "cylinder", "mesh"]
 FRAMES: Final = ("base", "joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "flange", "tcp", "part")
 """Frames a body can be fixed to; ``jointN`` turns with axis N, its z along the axis."""
 _LINK: Final = {"base": 0, "part": 0, "flange": 6, "tcp": 6} | {f"joint{n}": n for n in range(1, 7)}
@@ -46,6 +48,8 @@ TABLE_M: Final = 100.0 * MM
 TABLE_BEYOND_M: Final = 50.0 * MM
 """Assumed table: below the stock, that thick, and that much larger than it on each side."""
 _SPHERE_M: Final = 1e-6
+STOCK: Final = "stock"
+"""Name of the blank's box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +59,16 @@ class Body:
     Attributes:
         name: For messages, and by which a cell file replaces it.
         frame: One of :data:`FRAMES`.
-        shape: ``box``, ``capsule`` or ``cylinder``.
+        shape: ``box``, ``capsule``, ``cylinder`` or ``mesh``.
         T_frame_body: (4, 4) its centre; the axis of a capsule or cylinder is z.
-        size_m: Half lengths along x, y, z of a box; radius and half length of the axis otherwise (a capsule's caps come
-            on top of it).
+        size_m: Half lengths along x, y, z of a box, or of the box around a mesh; radius and half length of the axis
+            otherwise (a capsule's caps come on top of it).
         assumed: Not given by the cell file.
         tool: Number of the tool that it is, or None.
         surrounds: Belongs to the surroundings; False for bodies of the robot.
+        cuts: It removes what it meets of the stock.
+        vertices_m: (k, 3) m, corners of the convex hull of a mesh, from its centre.
+        planes: (f, 4) outward normals and offsets of its faces: ``n p + d <= 0`` inside.
     """
 
     name: str
@@ -72,6 +79,9 @@ class Body:
     assumed: bool = True
     tool: int | None = None
     surrounds: bool = field(default=False)
+    cuts: bool = False
+    vertices_m: Float | None = None
+    planes: Float | None = None
 
     @property
     def link(self) -> int:
@@ -120,6 +130,48 @@ def box(name: str, frame: str, low_m: Float, high_m: Float, *, assumed: bool = T
     low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
     half = tuple((0.5 * (high - low)).tolist())
     return Body(name, frame, "box", pose.make(p=0.5 * (low + high)), half, assumed, surrounds=True)
+
+
+def hull(name: str, frame: str, T_frame_mesh: Float, points_m: Float, *, surrounds: bool) -> Body:
+    """The convex hull of points as a body.
+
+    Args:
+        name: See :class:`Body`.
+        frame: See there.
+        T_frame_mesh: (4, 4) pose of the axes that the points are given in.
+        points_m: (k, 3) m, not all in one plane.
+        surrounds: See there.
+    """
+    low, high = points_m.min(axis=0), points_m.max(axis=0)
+    centre = 0.5 * (low + high)
+    found = ConvexHull(points_m - centre)
+    T = T_frame_mesh @ pose.make(p=centre)
+    half = tuple((0.5 * (high - low)).tolist())
+    corners: Float = (points_m - centre)[found.vertices]
+    return Body(name, frame, "mesh", T, half, False, None, surrounds, vertices_m=corners, planes=found.equations)
+
+
+def holder(number: int, outline_m: Sequence[tuple[float, float]]) -> list[Body]:
+    """The outline of what does not cut of a tool, as cylinders as wide as its wider end, in the TCP's frame.
+
+    Args:
+        number: Of the tool.
+        outline_m: Height above the tip and radius, from the tip upward.
+    """
+    pieces = [(low, high) for low, high in itertools.pairwise(outline_m) if high[0] > low[0]]
+    return [
+        along(
+            f"holder of T{number}",
+            "tcp",
+            np.array([0.0, 0.0, -low]),
+            np.array([0.0, 0.0, -high]),
+            max(r_low, r_high),
+            "cylinder",
+            assumed=False,
+            tool=number,
+        )
+        for (low, r_low), (high, r_high) in pieces
+    ]
 
 
 def joint_offsets(chain: ElasticChain) -> list[Float]:
@@ -198,7 +250,7 @@ def _tools(cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float]) -> tu
               tool=n)
         for n, length in stick_out.items()
     ]  # fmt: skip
-    return tools, min(stick_out.values(), default=0.0)
+    return [replace(tool, cuts=True) for tool in tools], min(stick_out.values(), default=0.0)
 
 
 def standing(
@@ -235,7 +287,7 @@ def held_part(chain: ElasticChain, stock: HeightMap) -> list[Body]:
     height = float(underside @ up)
     thick = BRACKET_SHARE * arm_reach(chain)
     radius = min(thick, height) if height > 0.0 else thick
-    blank = replace(box("stock", "tcp", low, high), surrounds=False)
+    blank = replace(box(STOCK, "tcp", low, high), surrounds=False)
     return [along("gripper", "flange", np.zeros(3), underside - radius * up, radius), blank]
 
 
@@ -262,7 +314,7 @@ def part_bodies(stock: HeightMap) -> list[Body]:
     low, high = _bounds(stock)
     beyond = np.array([TABLE_BEYOND_M, TABLE_BEYOND_M, 0.0])
     under, over = low - beyond - [0.0, 0.0, TABLE_M], np.array([*high[:2], low[2]]) + beyond
-    return [box("stock", "part", low, high), box("table", "part", under, over)]
+    return [box(STOCK, "part", low, high), box("table", "part", under, over)]
 
 
 def _bounds(stock: HeightMap) -> tuple[Float, Float]:
@@ -281,7 +333,10 @@ def with_given(assumed: Iterable[Body], given: Sequence[Body], removed: Iterable
     """
     before = {body.name: body for body in assumed}
     gone = {body.name for body in given} | set(removed)
-    present = [replace(body, tool=before[body.name].tool) if body.name in before else body for body in given]
+    present = [
+        replace(body, tool=(was := before[body.name]).tool, cuts=was.cuts) if body.name in before else body
+        for body in given
+    ]
     return [*(body for name, body in before.items() if name not in gone), *present]
 
 
@@ -306,7 +361,7 @@ def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int
 
 
 def _cuts(first: Body, second: Body) -> bool:
-    return first.tool is not None and second.name == "stock"
+    return first.cuts and second.name == STOCK
 
 
 def tool_of(first: Body, second: Body) -> int | None:

@@ -8,7 +8,7 @@ capsule as its axis, a cylinder of 1 um radius, less the capsule's radius.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -18,17 +18,25 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
-from counterflex.plan.preflight.bodies import Body, joint_offsets, pairs, tool_of
-from counterflex.plan.preflight.row import Row
+from counterflex.geometry import pose
+from counterflex.plan.preflight.bodies import STOCK, Body, joint_offsets, pairs, tool_of
+from counterflex.plan.preflight.machined_stock import MachinedStock
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 
 FARTHEST_M: Final = 20.0
 """Distances beyond are not told apart."""
+HOLDER_NEAR_M: Final = 5.0 * MM
+"""Holders that come nearer to the blank's box are compared with what is left of it: farther away it does not matter."""
 NEAR_M: Final = 0.5 * MM
 """Rows are left out only where nothing on them can be closer by that than what was found already."""
 INTO_TABLE_M: Final = 1.0 * MM
 """A tool that cuts through its part goes a little into what supports it: up to that is a warning."""
+ROBOT, TOOL = "robot and spindle to surroundings", "tool to surroundings"
+HOLDER, ARM = "tool holder to stock and surroundings", "spindle to arm"
 _CHUNK: Final = 500
+_BOXES: Final = ("box", "mesh")
+"""Shapes whose size is that of a box."""
 _CORE_M: Final = 1e-6
 """Radius of the axis of a capsule."""
 _TOUCH_M: Final = 2e-5
@@ -54,8 +62,14 @@ class Scene:
             "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
         }
         spec = mujoco.MjSpec()
-        for body in bodies:
-            spec.worldbody.add_geom(type=kinds[body.shape], size=[*body.size_m, 0.0, 0.0][:3])
+        meshes: dict[int, str] = {}
+        for k, body in enumerate(bodies):
+            if body.vertices_m is not None:
+                meshes[k] = f"mesh{k}"
+                spec.add_mesh(name=meshes[k], uservert=np.ravel(body.vertices_m))
+                spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=meshes[k])
+            else:
+                spec.worldbody.add_geom(type=kinds[body.shape], size=[*body.size_m, 0.0, 0.0][:3])
         self._core = [k for k, body in enumerate(bodies) if body.shape == "capsule"]
         for k in self._core:
             spec.worldbody.add_geom(type=kinds["cylinder"], size=[_CORE_M, bodies[k].size_m[1], 0.0])
@@ -64,10 +78,20 @@ class Scene:
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
+        self._T_body_geom = {k: self._shifted(name) for k, name in meshes.items()}
+
+    def _shifted(self, mesh: str) -> Float:
+        """(4, 4) where MuJoCo has put the axes of a mesh: along those of its inertia."""
+        number = self._model.mesh(mesh).id
+        R = np.zeros(9)
+        mujoco.mju_quat2Mat(R, self._model.mesh_quat[number])
+        return pose.make(R.reshape(3, 3), np.array(self._model.mesh_pos[number]))
 
     def place(self, Ts_base_body: Float) -> None:
         """Put all bodies where they are; (k, 4, 4) m."""
         both = np.concatenate([Ts_base_body, Ts_base_body[self._core]])
+        for k, T_body_geom in self._T_body_geom.items():
+            both[k] = Ts_base_body[k] @ T_body_geom
         self._data.geom_xpos[:] = both[:, :3, 3]
         self._data.geom_xmat[:] = both[:, :3, :3].reshape(-1, 9)
 
@@ -147,8 +171,8 @@ def at_least(bodies: Sequence[Body], compared: Sequence[tuple[int, int]], Ts_bas
     Returns:
         (n, p) m: no distance is below that; -inf where they may overlap.
     """
-    half = np.array([b.size_m if b.shape == "box" else (0.0, 0.0, b.size_m[1]) for b in bodies])
-    thick = np.array([0.0 if b.shape == "box" else b.size_m[0] for b in bodies])
+    half = np.array([b.size_m if b.shape in _BOXES else (0.0, 0.0, b.size_m[1]) for b in bodies])
+    thick = np.array([0.0 if b.shape in _BOXES else b.size_m[0] for b in bodies])
     sphere = np.linalg.norm(half, axis=1) + thick
     pairs_of = np.array(compared, dtype=np.int64).reshape(-1, 2)
     out = np.full((len(Ts_base_body), len(pairs_of)), -np.inf)
@@ -199,6 +223,7 @@ def closest(
     tool: Int,
     T_base_part: Float,
     progress: Progress = silent,
+    left_over: LeftOver | None = None,
 ) -> Closest | None:
     """The smallest distance of some pairs of bodies along a path, to :data:`NEAR_M`.
 
@@ -213,6 +238,7 @@ def closest(
         tool: (n,) number of the tool in the spindle.
         T_base_part: (4, 4).
         progress: Progress callback, fraction 0 to 1.
+        left_over: What is left of the blank, for pairs with its box that come nearer than a distance.
 
     Returns:
         The closest pair; None where nothing is compared.
@@ -241,6 +267,9 @@ def closest(
             if tools[pair] not in (None, tool[row]):
                 continue
             distance = scene.distance(first, second, here)
+            if left_over is not None and distance < min(here, left_over.near_m):
+                least = np.inf if best is None else best.distance_m
+                distance = max(distance, left_over.distance((first, second), row, placed[row - begin], here, least))
             if distance < here:
                 here = distance
                 if best is None or here < best.distance_m:
@@ -259,6 +288,47 @@ def _next(moved: Float, tool: Int, row: int, free_m: float) -> int:
     return row + 1 + int(change[0]) if len(change) else following
 
 
+class LeftOver:
+    """What is left of the blank along the path, in place of its box.
+
+    Args:
+        stock: The stock while the program is cut.
+        bodies: The bodies; one of them is the blank's box.
+        near_m: Pairs with the box that come nearer are compared with what is left.
+    """
+
+    def __init__(self, stock: MachinedStock, bodies: Sequence[Body], near_m: float) -> None:
+        self.near_m, self.grain_m = near_m, stock.cell_m
+        self._stock, self._bodies = stock, bodies
+        self._box = next((k for k, body in enumerate(bodies) if body.name == STOCK and body.assumed), -1)
+
+    def distance(self, pair: tuple[int, int], row: int, Ts_base_body: Float, most_m: float, least_m: float) -> float:
+        """Signed distance of a pair at a row, m; minus infinity where it is not one with the blank.
+
+        The stock only shrinks: a distance to what was left at an earlier row is no larger than the true one, and is
+        returned where it is no new least distance.
+
+        Args:
+            pair: Indices of the bodies.
+            row: Of the path, rising from call to call.
+            Ts_base_body: (k, 4, 4) m, poses of all bodies.
+            most_m: Distances from here on need not be told apart.
+            least_m: Least distance of the rows before.
+        """
+        if self._box not in pair:
+            return -np.inf
+        other = pair[0] if pair[1] == self._box else pair[1]
+        T_frame_box = self._bodies[self._box].T_frame_body
+        T_base_stock = Ts_base_body[self._box] @ pose.inverse(T_frame_box)
+        T_stock_body = pose.inverse(T_base_stock) @ Ts_base_body[other]
+        most_m = min(most_m, self.near_m)
+        before = self._stock.distance(self._bodies[other], T_stock_body, most_m)
+        if before >= min(least_m, most_m):
+            return before
+        self._stock.cut_to(row)
+        return self._stock.distance(self._bodies[other], T_stock_body, most_m)
+
+
 def collision_rows(
     chain: ElasticChain,
     bodies: Sequence[Body],
@@ -267,8 +337,9 @@ def collision_rows(
     T_base_part: Float,
     clearance_m: float,
     progress: Progress = silent,
+    machined: Callable[[], MachinedStock] | None = None,
 ) -> list[Row]:
-    """Robot, spindle and tool against the surroundings, and what the flange carries against the own arm.
+    """Robot, spindle, tool and its holder against the surroundings, and what the flange carries against the own arm.
 
     Args:
         chain: As the controller has it.
@@ -276,30 +347,51 @@ def collision_rows(
         q: (n, 6) rad.
         tool: (n,).
         T_base_part: (4, 4).
-        clearance_m: Least distance; tools need none, they are as large as they are.
+        clearance_m: Least distance; tools and holders need none, they are as large as they are.
         progress: Progress callback, fraction 0 to 1.
+        machined: Begins to cut the stock anew; None compares with the blank as it is.
     """
     outer, inner = pairs(bodies)
+    holders = [pair for pair in outer if _holds(bodies, pair)]
     blunt = [(a, b) for a, b in outer if tool_of(bodies[a], bodies[b]) is None]
-    sharp = [(a, b) for a, b in outer if tool_of(bodies[a], bodies[b]) is not None]
+    sharp = [(a, b) for a, b in outer if (a, b) not in holders and (a, b) not in blunt]
     rows = []
     for k, (name, compared, least) in enumerate(
-        (
-            ("robot and spindle to surroundings", blunt, clearance_m),
-            ("tool to surroundings", sharp, None),
-            ("spindle to arm", inner, clearance_m),
-        )
+        ((ROBOT, blunt, clearance_m), (TOOL, sharp, None), (HOLDER, holders, 0.0), (ARM, inner, clearance_m))
     ):
-        part: Progress = lambda fraction, k=k: progress((k + fraction) / 3.0)  # noqa: E731
-        result = closest(chain, bodies, compared, q, tool, T_base_part, part)
-        rows.append(_row(name, result, bodies, least))
+        part: Progress = lambda fraction, k=k: progress((k + fraction) / 4.0)  # noqa: E731
+        near = HOLDER_NEAR_M if name == HOLDER else least
+        left = None if machined is None or near is None or not compared else LeftOver(machined(), bodies, near)
+        result = closest(chain, bodies, compared, q, tool, T_base_part, part, left)
+        if name == HOLDER:
+            rows.append(_holder_row(result, bodies, tool, 0.0 if left is None else left.grain_m))
+        else:
+            rows.append(_row(name, result, bodies, least))
     return rows
+
+
+def _holds(bodies: Sequence[Body], pair: tuple[int, int]) -> bool:
+    return any(bodies[k].tool is not None and not bodies[k].cuts for k in pair)
+
+
+def _holder_row(result: Closest | None, bodies: Sequence[Body], tool: Int, grain_m: float) -> Row:
+    """The row of the holders; not looked at for tools whose holder is not known."""
+    known = {body.tool for body in bodies if body.tool is not None and not body.cuts}
+    lacking = [f"T{n}" for n in np.unique(tool).tolist() if n and n not in known]
+    if result is not None and result.distance_m < -(grain_m + _TOUCH_M):
+        what = f"{bodies[result.first].name} to {bodies[result.second].name}"
+        return Row(HOLDER, "fail", result.distance_m, 0.0, "m", result.point, what,
+                   advice="Use a longer tool, cut less deep, or make room for the holder")  # fmt: skip
+    if lacking or result is None:
+        return Row(HOLDER, NOT_LOOKED_AT, what=", ".join(lacking), missing="tools.holder_mm")
+    what = f"{bodies[result.first].name} to {bodies[result.second].name}"
+    return Row(HOLDER, "ok", max(0.0, result.distance_m), 0.0, "m", result.point, what)
 
 
 def _row(name: str, result: Closest | None, bodies: Sequence[Body], clearance_m: float | None) -> Row:
     """A row; without a clearance that of a tool."""
     if result is None:
-        return Row(name, "unknown", what="nothing to compare", missing="[[cell.body]]")
+        return Row(name, NOT_LOOKED_AT, what="nothing to compare", missing="[[cell.body]]")
     first, second = bodies[result.first], bodies[result.second]
     guessed = [body.name for body in (first, second) if body.assumed]
     row = Row(name, "ok", result.distance_m, clearance_m or 0.0, "m", result.point, f"{first.name} to {second.name}")

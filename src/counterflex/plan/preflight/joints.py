@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.preflight.row import Bounds, Row, worst_of_axes
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row, worst_of_axes
 
 _TURN: Final = "Turn the tool about its axis (counterflex plan posture), or move the part"
 _SMOOTH: Final = 2.0 * math.sin(math.radians(1.5))
@@ -20,25 +20,11 @@ SPEED_KEY: Final = "limits.joint_speed_deg_s"
 ACCELERATION_KEY: Final = "limits.joint_acceleration_deg_s2"
 
 
-def margins(q: Float, joint_limits_rad: Float) -> Float:
-    """Distance of each axis to the nearer of its limits, ``min(q - low, high - q)``; negative outside.
-
-    Args:
-        q: (n, 6) rad.
-        joint_limits_rad: (6, 2).
-
-    Returns:
-        (n, 6) rad.
-    """
-    out: Float = np.minimum(q - joint_limits_rad[:, 0], joint_limits_rad[:, 1] - q)
-    return out
-
-
 def limit_row(margin_rad: Float, least_rad: float) -> Row:
     """The axis that comes nearest to its limit.
 
     Args:
-        margin_rad: (n, 6) of :func:`margins`.
+        margin_rad: (n, 6) of :func:`counterflex.robot.model.controller_axes.room`.
         least_rad: Least margin.
     """
     row, axis = (int(i) for i in np.unravel_index(int(np.argmin(margin_rad)), margin_rad.shape))
@@ -81,7 +67,7 @@ def joint_speeds(path: ToolPath, q: Float) -> Float:
 
     Args:
         path: n rows; its times are those of the programmed feed.
-        q: (n, 6) rad, continuous.
+        q: (n, 6) rad, continuous, as the controller shows them.
 
     Returns:
         (n, 6) rad/s, signed; 0 where no time passes and at row 0.
@@ -154,7 +140,7 @@ def speed_rows(path: ToolPath, speeds: Float, bounds: Bounds) -> list[Row]:
         value = float(chosen[row, axis])
         rapid = name.endswith("rapids")
         if limits is None:
-            rows.append(Row(name, "unknown", value, None, "rad/s", row, f"axis {axis + 1}", SPEED_KEY))
+            rows.append(Row(name, NOT_LOOKED_AT, value, None, "rad/s", row, f"axis {axis + 1}", SPEED_KEY))
             continue
         over = value > limits[axis]
         advice = (
@@ -186,7 +172,7 @@ def acceleration_row(path: ToolPath, joint_accelerations_rad_s2: Float, bounds: 
     row, axis = worst_of_axes(chosen, limits)
     value, name = float(chosen[row, axis]), "joint acceleration at feed"
     if limits is None:
-        return Row(name, "unknown", value, None, "rad/s2", row, f"axis {axis + 1}", ACCELERATION_KEY)
+        return Row(name, NOT_LOOKED_AT, value, None, "rad/s2", row, f"axis {axis + 1}", ACCELERATION_KEY)
     over = value > limits[axis]
     return Row(
         name,
@@ -216,7 +202,7 @@ def cable_rows(q: Float, cables_rad: dict[int, float]) -> list[Row]:
         rows.append(
             Row(
                 f"cable wind-up, axis {axis + 1}",
-                "unknown" if limit is None else "fail" if over else "ok",
+                NOT_LOOKED_AT if limit is None else "fail" if over else "ok",
                 value,
                 limit,
                 "rad",

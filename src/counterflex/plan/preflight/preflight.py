@@ -9,61 +9,45 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float
-from counterflex.core.errors import CounterflexError, ReachError
+from counterflex.core.errors import ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.cut import Cut, at_points, cut
+from counterflex.plan.cut import at_points
 from counterflex.plan.inputs import Setting, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
 from counterflex.plan.preflight.approximation import approximation_rows, corners_of
 from counterflex.plan.preflight.bodies import Body
 from counterflex.plan.preflight.collision import collision_rows
+from counterflex.plan.preflight.hazards import complete
 from counterflex.plan.preflight.held_speed import HeldSpeed, held_speed
-from counterflex.plan.preflight.rapids import flute_row, rapid_row, with_points_in_rapids
+from counterflex.plan.preflight.machined_stock import MachinedStock
+from counterflex.plan.preflight.process.cut_rows import (
+    NEEDS_CUT,
+    AsWritten,
+    Machining,
+    MadeCut,
+    cut_rows,
+    demanded,
+    made_cut,
+)
+from counterflex.plan.preflight.rapids import with_points_in_rapids
 from counterflex.plan.preflight.reversals import Event, event_row, reversals, unloadings
-from counterflex.plan.preflight.row import Bounds, Row
-from counterflex.plan.preflight.size import ProgramSize, size_rows
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
+from counterflex.plan.preflight.size import size_rows
 from counterflex.plan.preflight.spacing import Blocks, blocks_of, spacing_rows
-from counterflex.plan.preflight.speed_row import SPEED_CHECK, speed_row
+from counterflex.plan.preflight.speed_row import speed_row
 from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_path
 from counterflex.robot.kinematics.inverse_seeds import extension
+from counterflex.robot.model.controller_axes import room
 
 JOINTS, CUTTING, COLLISION = "joint angles", "cut", "collisions"
 REVERSALS: Final = "reversals in the cut"
 UNLOADINGS: Final = "unloadings in the cut"
-_CONTACT_M3: Final = 1e-12
 _STRETCHED_M: Final = 20.0 * MM
-_NEEDS_REACH: Final = (
-    "joint limits",
-    "wrist singularity",
-    "joint speed at feed",
-    "joint speed in rapids",
-    "joint acceleration at feed",
-    SPEED_CHECK,
-    *(f"cable wind-up, axis {axis + 1}" for axis in joint_checks.CABLE_AXES),
-    "robot and spindle to surroundings",
-    "tool to surroundings",
-    "spindle to arm",
-    REVERSALS,
-    UNLOADINGS,
-)
-
-
-@dataclass(frozen=True, eq=False)
-class AsWritten:
-    """What the program itself says of its run on the controller.
-
-    Attributes:
-        approximation_m: (motions,) distance at which the rounding of the corner at its end begins, 0 for an exact stop,
-            NaN where it names none, see :func:`counterflex.programs.approximation.approximation_m`.
-        size: How large it is.
-    """
-
-    approximation_m: Float
-    size: ProgramSize
+_NOT_REACHED: Final = "the start of the program is not reached"
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +104,7 @@ def preflight(
     stock: HeightMap,
     setting: Setting,
     bounds: Bounds,
+    machining: Machining,
     bodies: Sequence[Body],
     written: AsWritten,
     progress: Progress = silent,
@@ -130,40 +115,43 @@ def preflight(
         path: As a machine runs it, without stops of planning.
         stock: The blank; left as it is.
         setting: Cell.
-        bounds: What the checks compare with.
+        bounds: What the checks of motion compare with.
+        machining: What the checks of the cut compare with.
         bodies: Coarse bodies of the cell.
-        written: What the program says of its corners, and its size.
+        written: What the program says of its corners, its offsets, and its size.
         progress: Progress callback, fraction 0 to 1.
     """
     parts = in_parts(progress, {JOINTS: 1.0, CUTTING: 4.0, COLLISION: 3.0})
     fine = with_points_in_rapids(path)
     solution, reached, rows = _reach(fine, setting)
     parts[JOINTS](1.0)
-    result, cut_rows = _cut(fine, stock, setting, parts[CUTTING])
-    rows += cut_rows
-    contact = (fine.kind == FEED) & (np.True_ if result is None else result.volume_m3 > _CONTACT_M3)
-    cutting = contact if np.any(contact) else fine.kind == FEED
+    made = made_cut(fine, stock, setting, parts[CUTTING])
+    rows += cut_rows(made, setting, machining, written)
+    contact = made.contact
+    cuts = bool(np.any(contact))
+    cutting = contact if cuts else fine.kind == FEED
     q, margin, along = np.empty((0, 6)), np.empty((0, 6)), None
-    if solution is None:
-        rows += [Row(name, "unknown", what="not reached") for name in _NEEDS_REACH]
-    else:
+    reasons = {"": _NOT_REACHED}
+    if solution is not None:
         q = solution.q
-        margin = joint_checks.margins(q, setting.controller_chain.joint_limits_rad)
+        margin = room(setting.controller_chain.axes, setting.controller_chain.joint_limits_rad, q)
         first = _first_rows(fine, reached)
-        turns, load_rows = _loads(result, contact, fine, q, setting)
+        turns, load_rows = _loads(made, q, setting, bounds, machining)
         along = _along(first, q, setting, bounds, written, turns, cutting[:reached])
-        rows += _joint_rows(first, solution, margin, along, bounds)
+        rows += _joint_rows(first, solution, margin, along, bounds, "cutting path" if cuts else "path at feed")
         rows += collision_rows(
             setting.controller_chain, bodies, q, fine.tool[:reached], setting.T_base_part, bounds.clearance_m,
-            parts[COLLISION],
+            parts[COLLISION], None if made.result is None else lambda: MachinedStock(made.turning, stock, setting),
         )  # fmt: skip
         rows += load_rows
+    if made.result is None:
+        reasons |= dict.fromkeys((*NEEDS_CUT, REVERSALS, UNLOADINGS), f"the cut cannot be computed: {made.fault}")
     rows += spacing_rows(fine, bounds)
     corners = corners_of(fine, blocks_of(fine), written.approximation_m, bounds.blending_m)
     rows += approximation_rows(corners, cutting, bounds)
     rows += size_rows(written.size)
     parts[COLLISION](1.0)
-    return Preflight(tuple(rows), fine, q, margin, tuple(bodies), along, bounds)
+    return Preflight(complete(rows, reasons), fine, q, margin, tuple(bodies), along, bounds)
 
 
 def _first_rows(path: ToolPath, count: int) -> ToolPath:
@@ -233,6 +221,7 @@ def _along(
     cutting: Bool,
 ) -> AlongPath:  # fmt: skip
     """Curves along the rows that are reached."""
+    q = setting.controller_chain.axes.shown(q)
     speeds = joint_checks.joint_speeds(path, q)
     accelerations = joint_checks.joint_accelerations(path, speeds, bounds.acceleration_m_s2)
     blocks = blocks_of(path)
@@ -244,44 +233,33 @@ def _along(
     return AlongPath(held, speeds, accelerations, blocks, turns, cutting)
 
 
-def _joint_rows(path: ToolPath, solution: PathSolution, margin: Float, along: AlongPath, bounds: Bounds) -> list[Row]:
+def _joint_rows(
+    path: ToolPath, solution: PathSolution, margin: Float, along: AlongPath, bounds: Bounds, path_name: str
+) -> list[Row]:
     return [
         joint_checks.limit_row(margin, bounds.joint_margin_rad),
         joint_checks.wrist_row(solution.wrist, bounds.wrist_rad),
         *joint_checks.speed_rows(path, along.joint_speeds_rad_s, bounds),
         joint_checks.acceleration_row(path, along.joint_accelerations_rad_s2, bounds),
-        speed_row(along.held, along.cutting, bounds),
+        speed_row(along.held, along.cutting, bounds, path_name),
         *joint_checks.cable_rows(solution.q, bounds.cables_rad),
     ]
 
 
-def _cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progress) -> tuple[Cut | None, list[Row]]:
-    """The cut of the tool that does not yield, and what it says of rapids."""
-    try:
-        result = cut(path, path.p_part_tcp, stock.copy(), setting.cutter_of, setting.law, progress=progress)
-    except CounterflexError as fault:
-        motion = fault.data.get("motion")
-        point = None if motion is None else int(np.searchsorted(path.motion, int(motion), side="right") - 1)
-        return None, [
-            Row("rapids into the stock", "unknown", what="the cut cannot be computed"),
-            Row("cut", "fail", point=point, what=fault.what, advice=fault.hint or ""),
-        ]
-    cutters = {n: setting.cutter_of(n) for n in np.unique(path.tool[path.kind == FEED]).tolist()}
-    return result, [rapid_row(path, result.volume_m3), flute_row(path, result.volume_m3, cutters)]
-
-
 def _loads(
-    result: Cut | None, contact: Bool, path: ToolPath, q: Float, setting: Setting
+    made: MadeCut, q: Float, setting: Setting, bounds: Bounds, machining: Machining
 ) -> tuple[list[Event], list[Row]]:
-    """Reversals, and the rows of reversals and unloadings under the predicted force."""
-    if result is None:
-        return [], [Row(name, "unknown", what="the cut cannot be computed") for name in (REVERSALS, UNLOADINGS)]
-    n, chain = len(q), setting.chain
-    w = setting.relative_motion(path).rows(slice(n)).load(at_points(result.w_tcp_part, contact)[:n])
-    contact = contact[:n]
+    """Reversals, and the rows that need joint angles and the predicted force."""
+    if made.result is None:
+        return [], []
+    n, chain, contact = len(q), setting.chain, made.forced[: len(q)]
+    path = _first_rows(made.path, n)
+    w = setting.relative_motion(made.path).rows(slice(n)).load(at_points(made.result.w_tcp_part, made.forced)[:n])
     turns = reversals(chain, q, w, contact)
-    row = event_row(REVERSALS, turns)
+    rows = [event_row(REVERSALS, turns, bounds.reversal_error_m)]
     if not np.any(chain.mass[: chain.flange_segment + 1] > 0.0):
         lacking = "no mass of a link is known, and with it no weight on the drives"
-        return turns, [row, Row(UNLOADINGS, "unknown", what=lacking, missing="mass_kg of [[robot.elastic]]")]
-    return turns, [row, event_row(UNLOADINGS, unloadings(chain, q, w, contact))]
+        rows.append(Row(UNLOADINGS, NOT_LOOKED_AT, what=lacking, missing="mass_kg of [[robot.elastic]]"))
+    else:
+        rows.append(event_row(UNLOADINGS, unloadings(chain, q, w, contact), bounds.reversal_error_m))
+    return turns, [*rows, *demanded(made, path, q, setting, bounds, machining)]

@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.core.units import UM
-from counterflex.plan.preflight.row import Row
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 from counterflex.robot.elasticity.chain import ElasticChain, jacobian
 from counterflex.robot.elasticity.play import axis_torque
 
@@ -126,23 +125,25 @@ def unloadings(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) 
     return events
 
 
-def event_row(check: str, events: list[Event]) -> Row:
-    """How many there are, by axis, and the worst: the largest known play at the tool, else the largest torque."""
+def event_row(check: str, events: list[Event], limit_m: float) -> Row:
+    """Return the event with the largest lost motion at the tool; where no play is known its size is not looked at.
+
+    Args:
+        check: Name of the row.
+        events: Of one kind.
+        limit_m: Largest lost motion that may stay in the part.
+    """
     if not events:
-        return Row(check, "ok", 0.0, 0.0)
-    known = [event for event in events if not np.isnan(event.lost_m)]
-    worst = max(known, key=lambda e: (e.lost_m, e.torque_nm)) if known else max(events, key=lambda e: e.torque_nm)
+        return Row(check, "ok", 0.0, limit_m, "m", what="none")
     counts = {axis: sum(event.axis == axis for event in events) for axis in sorted({event.axis for event in events})}
     named = ", ".join(f"axis {axis + 1}: {count}" for axis, count in counts.items())
-    at = f"worst axis {worst.axis + 1} at {worst.torque_nm:.0f} N m of the cutting force"
-    cost = f", play {worst.lost_m / UM:.0f} um at the tool" if known else ""
-    return Row(
-        check,
-        "warning",
-        float(len(events)),
-        0.0,
-        "",
-        worst.point,
-        f"{named}; {at}{cost}",
-        advice=_ADVICE + ("" if known else "; compensation corrects known play only: counterflex identify play"),
-    )
+    known = [event for event in events if not np.isnan(event.lost_m)]
+    worst = max(known, key=lambda e: (e.lost_m, e.torque_nm)) if known else max(events, key=lambda e: e.torque_nm)
+    what = f"{named}; worst axis {worst.axis + 1} at {worst.torque_nm:.0f} N m of the cutting force"
+    if known and worst.lost_m > limit_m:
+        return Row(check, "warning", worst.lost_m, limit_m, "m", worst.point, what, advice=_ADVICE)
+    if len(known) < len(events):
+        free = ", ".join(f"{axis + 1}" for axis in sorted({e.axis for e in events if np.isnan(e.lost_m)}))
+        return Row(check, NOT_LOOKED_AT, None, limit_m, "m", worst.point, f"{what}; play of axis {free} not known",
+                   "robot.play")  # fmt: skip
+    return Row(check, "ok", worst.lost_m, limit_m, "m", worst.point, what)

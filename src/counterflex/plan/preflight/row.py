@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
@@ -9,8 +10,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 
-Verdict = Literal["ok", "warning", "fail", "unknown"]
-RANK: Final = {"ok": 0, "unknown": 1, "warning": 2, "fail": 3}
+Verdict = Literal["ok", "warning", "fail", "not looked at"]
+NOT_LOOKED_AT: Final = "not looked at"
+RANK: Final = {"ok": 0, NOT_LOOKED_AT: 1, "warning": 2, "fail": 3}
 """From harmless to what stops a program."""
 
 
@@ -21,13 +23,14 @@ class Row:
     Attributes:
         check: What is checked.
         verdict: ``fail`` is a hard check that failed: the program is not to be run. ``warning``: it runs, and less
-            accurately or more slowly than programmed. ``unknown``: something is missing that only the user knows.
+            accurately or more slowly than programmed. ``not looked at``: the check was not made; ``missing`` names the
+            key without which it cannot be made, ``what`` another reason.
         value: The worst value, SI; None where there is none.
         limit: What it is compared with, SI, or None.
         unit: SI unit of both, ``""`` for numbers.
         point: Row of the path where it is worst, or None.
         what: Which axis, which bodies, how many.
-        missing: Keys of the cell file without which nothing can be said, for ``unknown``.
+        missing: Keys of the cell file without which the check cannot be made, for ``not looked at``.
         advice: What to do.
     """
 
@@ -58,6 +61,9 @@ class Bounds:
         look_ahead: Blocks that the controller looks ahead, or None.
         blending_m: Distance from a corner at which its rounding begins; 0 is an exact stop.
         orientation_rad_s: Largest speed at which the tool frame turns, or None.
+        reversal_error_m: Largest lost motion at the tool of a reversal or unloading.
+        correction_m: Largest correction that compensation makes.
+        correction_rad: Largest correction of the orientation.
         corner_error_m: Largest distance of a rounding from its corner, or None.
         assumed: Keys of the cell file that it leaves at their defaults, of those that stand for the controller.
     """
@@ -73,6 +79,9 @@ class Bounds:
     look_ahead: int | None = None
     blending_m: float = 0.0
     orientation_rad_s: float | None = None
+    reversal_error_m: float = 50e-6
+    correction_m: float = 3e-3
+    correction_rad: float = math.radians(1.0)
     corner_error_m: float | None = None
     assumed: frozenset[str] = frozenset()
 

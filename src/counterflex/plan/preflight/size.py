@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from counterflex.plan.preflight.row import Row
+
+LINE_LENGTH: Final = "line length"
 
 
 @dataclass(frozen=True)
@@ -41,11 +44,13 @@ class ProgramSize:
 def size_rows(size: ProgramSize) -> list[Row]:
     """Motions per file, length of the names, length of the lines."""
     rows = [_points_row(size), _name_row(size)]
-    if size.line is not None:
+    if size.line is None:
+        rows.append(Row(LINE_LENGTH, "ok", what="the writer keeps lines short"))
+    else:
         over = size.line > size.line_limit
         rows.append(
             Row(
-                "line length",
+                LINE_LENGTH,
                 "warning" if over else "ok",
                 float(size.line),
                 float(size.line_limit),
@@ -71,7 +76,7 @@ def _points_row(size: ProgramSize) -> Row:
             "",
             None,
             f"motions in {size.language}, in one file" + (f"; {size.source}" if over else ""),
-            advice="Divide the program, or write it anew with counterflex convert --points-per-file" if over else "",
+            advice="Divide the program, or write it anew in parts with counterflex convert" if over else "",
         )
     files = f"{main} calls {len(parts)} files, {parts[0]} to {parts[-1]}" if parts else f"one file, {main}"
     text = f"motions in {size.language} without corrections: {files}"

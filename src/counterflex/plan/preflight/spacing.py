@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.preflight.row import Bounds, Row
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
 
 LOOK_AHEAD_KEY: Final = "controller.look_ahead_blocks"
 _ADVICE: Final = "Use arcs, fewer points (a larger chord tolerance in the CAM program), or a lower feed"
@@ -113,7 +113,7 @@ def spacing_rows(path: ToolPath, bounds: Bounds) -> list[Row]:
         )
     ]
     if bounds.look_ahead is None:
-        return [*rows, Row("look-ahead", "unknown", missing=LOOK_AHEAD_KEY)]
+        return [*rows, Row("look-ahead", NOT_LOOKED_AT, missing=LOOK_AHEAD_KEY)]
     alone = reached_feed(blocks, 1e-12, bounds.look_ahead, bounds.acceleration_m_s2)
     held = (alone / blocks.feed_m_s)[cut]
     worst = int(np.argmin(held))

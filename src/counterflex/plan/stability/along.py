@@ -1,18 +1,14 @@
 """Margin against chatter of every stretch of a path.
 
-Robot: the low-frequency criterion where it holds (every mode turns by at most 0.3 rad within a tooth period and
-regeneration takes little of the modal mass), otherwise the zeroth-order solution with the robot's modes. Spindle and
-tool: the zeroth-order solution with their response at the spindle speed. The margin is the factor by which the cut
-could be deeper; below 1 the cut chatters. At the worst stretch of a tool, semi-discretisation with all modes together
-confirms it (:func:`confirmed`).
-
-Stretches in one posture whose directional matrices agree within half a percent share a result.
+Robot: :mod:`counterflex.plan.stability.criterion` with the modes of the posture. Spindle and tool: the zeroth-order
+solution with their response at the spindle speed. The margin is the factor by which the cut could be deeper; below 1
+the cut chatters. At the worst stretch of a tool, semi-discretisation with all modes together confirms it
+(:func:`confirmed`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,14 +17,18 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG
-from counterflex.cutting.stability import lobes, low_frequency, semi_discretisation
+from counterflex.cutting.stability import lobes, semi_discretisation
 from counterflex.cutting.stability.modes import Modes
-from counterflex.cutting.stability.process import Process, process_of_engagement
+from counterflex.cutting.stability.process import Process
 from counterflex.cutting.stability.response import Response, fitted_modes
 from counterflex.cutting.stock import HeightMap
-from counterflex.path.toolpath import ToolPath, tool_orientation, tool_poses
+from counterflex.cutting.tridexel.engaged_arcs import BlankBox
+from counterflex.path.toolpath import ToolPath
+from counterflex.plan.damping import Damping
 from counterflex.plan.elastic_motion import postures
 from counterflex.plan.inputs import Setting
+from counterflex.plan.relative_motion import hand_poses
+from counterflex.plan.stability.criterion import LARGEST, Limit, SharedLimits
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.stability.stretches import Stretch, stretches_of
 from counterflex.robot.kinematics.inverse import inverse_path
@@ -36,11 +36,8 @@ from counterflex.signals.preview import Mode
 
 POSTURE_RAD: Final = 2.0 * DEG
 """Change of an axis after which modes are computed anew."""
-LARGEST: Final = 100.0
-"""Margin from which a cut counts as stable at any depth."""
 ENGAGEMENT, MARGINS = "engagement", "margins"
-LOW, ZEROTH, TOOL = "robot, low frequency", "robot, zeroth order", "spindle and tool"
-_SAME: Final = 5e-3
+TOOL = "spindle and tool"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +45,12 @@ class Structure:
     """What swings.
 
     Attributes:
-        damping_ratio: Of the robot's modes.
+        damping: Of the robot's modes.
         measured: Lowest mode of the robot by a tap test, or None.
         tip: Spindle and tool in the TCP frame, by a measured response or by modes; None: rigid.
     """
 
-    damping_ratio: float
+    damping: Damping
     measured: Mode | None
     tip: Response | Modes | None = None
 
@@ -83,7 +80,7 @@ class Margin:
     Attributes:
         stretch: The stretch.
         process: Its directional coefficients, feed frame.
-        R_part_feed: (3, 3) feed frame (x along the feed, z up) in part axes.
+        R_part_feed: (3, 3) feed frame (x along the feed, z along the tool axis) in part axes.
         R_part_tcp: (3, 3) TCP frame in part axes.
         robot: Modes of the robot there, part axes.
         low_frequency: Factor on the depth by the low-frequency criterion with the slow modes; inf without a limit.
@@ -110,25 +107,14 @@ class Margin:
         return min(self.robot_margin, self.tool_margin)
 
 
-@dataclass(frozen=True)
-class Limit:
-    """Factor on the depth at which a structure chatters.
-
-    Attributes:
-        factor: inf without a limit.
-        omega: Angular frequency of chatter, rad/s; nan without a limit.
-        method: How it was found.
-        low: By the low-frequency criterion with the slow modes.
-    """
-
-    factor: float
-    omega: float
-    method: str
-    low: float = math.inf
-
-
 def margins(
-    path: ToolPath, stock: HeightMap, setting: Setting, structure: Structure, *, progress: Progress = silent
+    path: ToolPath,
+    stock: HeightMap,
+    setting: Setting,
+    structure: Structure,
+    blank: BlankBox | None = None,
+    *,
+    progress: Progress = silent,
 ) -> list[Margin]:
     """Margin of every stretch of a path.
 
@@ -137,34 +123,36 @@ def margins(
         stock: The blank; left as it is.
         setting: Cell.
         structure: What swings.
+        blank: The blank as a box, see :func:`counterflex.plan.stability.stretches.stretches_of`.
         progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The path cannot be reached or cut, or no modes of the robot are known.
     """
     parts = in_parts(progress, {ENGAGEMENT: 1.0, MARGINS: 2.0})
-    pieces = stretches_of(path, stock.copy(), setting.cutter_of, progress=parts[ENGAGEMENT])
+    pieces = stretches_of(path, stock.copy(), setting.cutter_of, blank, progress=parts[ENGAGEMENT])
     if not pieces:
         return []
     rows = np.array([piece.row for piece in pieces])
-    Rs_part_tcp = tool_orientation(path.axis_part[rows], setting.rotation_about_tool_rad)
-    Ts = tool_poses(setting.T_base_part, path.p_part_tcp[rows], Rs_part_tcp)
-    q = inverse_path(setting.controller_chain, Ts, setting.branch).q
+    Ts_part_tcp = setting.poses_in_part(path)
+    Ts = hand_poses(setting.T_base_part, setting.T_base_tcp, Ts_part_tcp)
+    q = inverse_path(setting.controller_chain, Ts, setting.branch).q[rows]
+    to_part = setting.relative_motion(path).rows(rows).to_part
+    Rs_part_tcp = Ts_part_tcp[rows, :3, :3]
     number, _ = postures(q, POSTURE_RAD)
-    R_part_base = setting.T_base_part[:3, :3].T
     tip = structure.tip_response()
     modes: dict[int, Modes] = {}
-    robot_limits, tool_limits = _Shared(robot_limit), _Shared(_tool_limit)
+    robot_limits, tool_limits = SharedLimits(), SharedLimits(_tool_limit)
     out = []
     for at, piece in enumerate(pieces):
         posture = int(number[at])
         if posture not in modes:
-            all_of_robot = robot_modes(setting.chain, q[at], R_part_base, structure.measured, structure.damping_ratio)
+            all_of_robot = robot_modes(
+                setting.chain, q[at], to_part[min(at, len(to_part) - 1)], structure.measured, structure.damping.ratio
+            )
             modes[posture] = all_of_robot.only(all_of_robot.omega_rad_s < structure.robot_below)
-        process = process_of_engagement(
-            piece.depth_m, setting.cutter_of(piece.tool), setting.law, piece.feed_per_tooth_m
-        )
-        R = feed_frame(piece.direction_part)
+        process = piece.process(setting.law, setting.cutter_of(piece.tool).flutes)
+        R = piece.R_part_feed
         A, T = R @ process.mean @ R.T, piece.period_s
         robot = robot_limits(posture, modes[posture], A, T)
         tool = Limit(LARGEST, math.nan, TOOL)
@@ -206,47 +194,6 @@ def all_modes(margin: Margin, structure: Structure) -> Modes:
         np.concatenate([robot.damping_ratio, tip.damping_ratio]),
         np.concatenate([robot.shape, tip.shape], axis=1),
     )
-
-
-def feed_frame(direction: Float) -> Float:
-    """Columns x along the horizontal feed, y to its left, z up, in part axes."""
-    up = np.array([0.0, 0.0, 1.0])
-    return np.stack([direction, np.cross(up, direction), up], axis=1)
-
-
-class _Shared:
-    """Limits by posture, tooth period and shape of the directional matrix; the size of A divides the factor."""
-
-    def __init__(self, limit_of: Callable[..., Limit]) -> None:
-        self._limit_of = limit_of
-        self._known: dict[tuple[int, float, bytes], Limit] = {}
-
-    def __call__(self, posture: int, structure: Modes | Response, A: Float, T: float) -> Limit:
-        size = float(np.abs(A).max())
-        key = (posture, T, np.round(A / (size * 2.0 * _SAME)).astype(np.int64).tobytes())
-        if key not in self._known:
-            self._known[key] = self._limit_of(structure, A / size, T)
-        unit = self._known[key]
-        return Limit(min(unit.factor / size, LARGEST), unit.omega, unit.method, unit.low / size)
-
-
-def robot_limit(modes: Modes, A: Float, T: float) -> Limit:
-    """Limit of the robot's modes: low-frequency where it holds, otherwise zeroth order.
-
-    Args:
-        modes: In the axes of A.
-        A: (3, 3) mean directional matrix, N/m.
-        T: Tooth period, s.
-    """
-    if len(modes) == 0:
-        return Limit(math.inf, math.nan, ZEROTH)
-    slow = modes.omega_rad_s * T <= low_frequency.VALID_TO
-    low, omega = low_frequency.limit(modes.only(slow), A, T)
-    if np.all(slow) and math.isfinite(low):
-        return Limit(low, omega, LOW, low)
-    grid = lobes.frequencies_for(modes)
-    factors, chatter = lobes.limits(A, modes.response(grid), grid, np.array([T]))
-    return Limit(float(factors[0]), float(chatter[0]), ZEROTH, low)
 
 
 def _tool_limit(tip: Response, A: Float, T: float) -> Limit:

@@ -13,7 +13,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
 from counterflex.cutting.stability import lobes, semi_discretisation
 from counterflex.cutting.stability.modes import Modes
-from counterflex.plan.stability.along import Margin, Structure, all_modes, robot_limit
+from counterflex.plan.stability.along import Margin, Structure, all_modes
+from counterflex.plan.stability.criterion import robot_limit
 
 SPEEDS: Final = (0.2, 1.6)
 """Range of the diagram, as a share of the programmed speed."""

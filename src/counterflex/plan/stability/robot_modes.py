@@ -1,9 +1,9 @@
 """Modes of the robot as the tool tip sees them, in a posture.
 
 Those of :func:`counterflex.plan.modes.modes`, drives held, with the shapes x at the tip and for a modal mass of 1 kg:
-``u = omega R_part_base J x`` where ``x' K x = 1``. A chain without masses of its own gets assumed ones
-(:func:`counterflex.plan.lowest_mode.assumed_masses`), all times the factor that puts the lowest frequency where a tap
-test measured it.
+``u = omega X J x`` where ``x' K x = 1`` and X is the motion of the tool relative to the part by that of the hand. A
+chain without masses of its own gets assumed ones (:func:`counterflex.plan.lowest_mode.assumed_masses`), all times the
+factor that puts the lowest frequency where a tap test measured it.
 """
 
 from __future__ import annotations
@@ -22,42 +22,38 @@ from counterflex.plan.modes import modes
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
 
-CAUTIOUS_DAMPING: Final = 0.03
-"""Damping ratio of every mode where none was measured: modal tests on milling robots find 0.02 (drives locked) to 0.1,
-and a verdict on chatter must not count on the upper end. A judgement, not a measurement."""
 HIGHEST_HZ: Final = 150.0
 """Modes above are left out: there the bodies themselves bend, and what they do must be measured at the tool."""
 
 
-def robot_modes(
-    chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float
-) -> Modes:
+def robot_modes(chain: ElasticChain, q: Float, to_part: Float, measured: Mode | None, damping_ratio: float) -> Modes:
     """Modes below :data:`HIGHEST_HZ` in a posture, and the lowest, shapes in part axes.
 
     Args:
         chain: Springs and masses.
         q: (6,) rad.
-        R_part_base: (3, 3).
+        to_part: (6, 6) motion of the tool relative to the part, part axes, from that of the hand, base axes: of
+            :class:`counterflex.plan.relative_motion.RelativeMotion`.
         measured: Lowest mode of a tap test, or None; used where the chain has no masses of its own.
         damping_ratio: Of every mode.
 
     Raises:
         ModelError: Nothing yields.
     """
-    return robot_modes_along(chain, q[None], R_part_base, measured, damping_ratio)[0]
+    return robot_modes_along(chain, q[None], to_part[None], measured, damping_ratio)[0]
 
 
 def robot_modes_along(
-    chain: ElasticChain, q: Float, R_part_base: Float, measured: Mode | None, damping_ratio: float
+    chain: ElasticChain, q: Float, to_part: Float, measured: Mode | None, damping_ratio: float
 ) -> list[Modes]:
     """:func:`robot_modes` of many postures, q (k, 6) rad."""
-    return [one[0] for one in drawn_modes(chain, q, R_part_base, measured, damping_ratio, np.ones((1, 1)))]
+    return [one[0] for one in drawn_modes(chain, q, to_part, measured, damping_ratio, np.ones((1, 1)))]
 
 
 def drawn_modes(
     chain: ElasticChain,
     q: Float,
-    R_part_base: Float,
+    to_part: Float,
     measured: Mode | None,
     damping_ratio: float,
     stiffness_factors: Float,
@@ -67,7 +63,7 @@ def drawn_modes(
     Args:
         chain: Springs and masses.
         q: (k, 6) rad.
-        R_part_base: (3, 3).
+        to_part: (k, 6, 6), or (1, 6, 6) where it is the same in all.
         measured: Lowest mode of a tap test, or None; used where the chain has no masses of its own.
         damping_ratio: Of every mode.
         stiffness_factors: (d, n) factors on the stiffness of the coordinates of
@@ -85,7 +81,8 @@ def drawn_modes(
     heavy = chain if moves else assumed_masses(chain, q[0])
     J, _ = jacobians(heavy, q)
     out = []
-    for M, stiffness, at_tip in zip(inertia(heavy, q), _each(stiffness_of(heavy, q), len(q)), J, strict=True):
+    seen = np.broadcast_to(to_part, (len(q), 6, 6)) @ J
+    for M, stiffness, at_tip in zip(inertia(heavy, q), _each(stiffness_of(heavy, q), len(q)), seen, strict=True):
         scale = 1.0
         if measured is not None and not moves:
             scale = measured.omega_rad_s / float(modes(M, stiffness).omega_rad_s[0])
@@ -93,7 +90,7 @@ def drawn_modes(
         for factor in stiffness_factors:
             free = modes(M, stiffness * factor)
             omega = free.omega_rad_s * scale
-            shape = R_part_base @ at_tip[:3] @ free.shapes * omega
+            shape = at_tip[:3] @ free.shapes * omega
             chosen = omega <= max(2.0 * math.pi * HIGHEST_HZ, float(omega[0]))
             robots.append(Modes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen]))
         out.append(robots)

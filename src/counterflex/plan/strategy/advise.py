@@ -9,7 +9,7 @@ entry, exit, own weight and lost motion of the drives come on top.
 
 Tooth passing and runout (frequencies N n / 60 and n / 60) are kept off the modes of every posture along the cut: the
 magnification of a harmonic force (:mod:`counterflex.plan.strategy.resonance`) stays below :data:`MAGNIFIED`. Chatter of
-the robot's own modes: :mod:`counterflex.plan.strategy.chatter`.
+the robot's own modes: :mod:`counterflex.plan.strategy.chatter`, by the constants and the damping as they are stated.
 """
 
 from __future__ import annotations
@@ -25,11 +25,10 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.plan.process_limits import ProcessLimits, axis_torques
-from counterflex.plan.strategy.chatter import depth_used
+from counterflex.plan.strategy.chatter import Standing, depth_used
 from counterflex.plan.strategy.resonance import Swing, worst
 from counterflex.plan.strategy.side_cut import SideCuts, in_part, peak_side_force, wrenches
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.signals.preview import Mode
 
 MAGNIFIED: Final = 1.5
 _DRAWS: Final = 500
@@ -67,26 +66,26 @@ class Doubt:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where and against what the cut is made.
+    """Where and against what the cut is made. Part axes are those whose z is the tool axis in the place.
 
     Attributes:
         chain: The robot.
         q: (6,) rad.
         compliance_part: (6, 6) at the tool tip, part axes.
-        R_base_part: (3, 3).
+        to_part: (6, 6) motion of the tool relative to the part, part axes, from that of the hand, base axes.
         normal_part: (3,) unit normal of the wall, horizontal, out of the material.
         height_m: Of the wall, cut in levels of a_p.
-        mode: The lowest there, against chatter; None is not looked at.
+        standings: The robot in postures along the cut, against chatter; none: nobody looks.
         swings: Modes of the postures along the cut, that spindle and teeth are kept off.
     """
 
     chain: ElasticChain
     q: Float
     compliance_part: Float
-    R_base_part: Float
+    to_part: Float
     normal_part: Float
     height_m: float
-    mode: Mode | None = None
+    standings: tuple[Standing, ...] = ()
     swings: tuple[Swing, ...] = ()
 
 
@@ -235,8 +234,7 @@ def outcomes(
     w = by_constant.sum(axis=1)
     force, torque = np.linalg.norm(w[:, :3], axis=1), np.abs(w[:, 5])
     peak = peak_side_force(alike, law)
-    w_base = np.concatenate([w[:, :3] @ place.R_base_part.T, w[:, 3:] @ place.R_base_part.T], axis=1)
-    axes = np.abs(axis_torques(place.chain, np.broadcast_to(place.q, (len(alike), 6)), w_base))
+    axes = np.abs(axis_torques(place.chain, np.broadcast_to(place.q, (len(alike), 6)), w @ place.to_part))
     power = torque[back] * spindle_rad_s
     speed = cuts.fz_m * cuts.cutter.flutes * spindle_rad_s / (2.0 * math.pi)
     time = np.ceil(place.height_m / cuts.ap_m - 1e-9) / speed
@@ -262,11 +260,8 @@ def outcomes(
     if limits.axis_torque_nm is not None:
         for axis in range(axes.shape[1]):
             use[f"torque of axis {axis + 1}"] = axes[back, axis] / limits.axis_torque_nm[axis]
-    if place.mode is not None:
-        period = 2.0 * math.pi / (cuts.cutter.flutes * spindle_rad_s)
-        parts = depth_used(cuts, law, period, place.compliance_part, place.normal_part, place.mode)
-        largest = np.max(np.einsum("rc,nkc->rnk", doubt.factors()[:, :2], parts), axis=2)
-        use[CHATTER] = np.maximum(np.quantile(largest, _HIGH, axis=0), 0.0)
+    if place.standings:
+        use[CHATTER] = depth_used(cuts, law, spindle_rad_s, place.standings).max(axis=1)
     use |= _mode_use(cuts.cutter.flutes, spindle_rad_s, place.swings)
     for name in _SOFT if demands.present is not None else ():
         if demands.present is not None and name in use:

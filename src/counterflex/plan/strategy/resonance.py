@@ -59,10 +59,10 @@ def single(mode: Mode) -> Swing:
 def swing_of(
     chain: ElasticChain,
     q: Float,
-    R_part_base: Float,
+    to_part: Float,
     compliance_part: Float,
     normal_part: Float,
-    mode: Mode,
+    damping_ratio: float,
     measured: Mode | None,
     line: int = 0,
 ) -> Swing:
@@ -71,17 +71,17 @@ def swing_of(
     Args:
         chain: The elastic robot.
         q: (6,) rad.
-        R_part_base: (3, 3).
+        to_part: (6, 6), see :func:`counterflex.plan.stability.robot_modes.robot_modes`.
         compliance_part: (6, 6) at the tool tip, part axes.
         normal_part: (3,) unit normal of the wall.
-        mode: The lowest mode, whose damping ratio all get.
+        damping_ratio: Of every mode.
         measured: Lowest mode of a tap test, or None.
         line: Of the program.
 
     Raises:
         ModelError: Nothing yields.
     """
-    swings = robot_modes(chain, q, R_part_base, measured, mode.damping_ratio)
+    swings = robot_modes(chain, q, to_part, measured, damping_ratio)
     at_rest = float(normal_part @ compliance_part[:3, :3] @ normal_part)
     share = (normal_part @ swings.shape / swings.omega_rad_s) ** 2 / max(at_rest, 1e-15)
     return Swing(swings.omega_rad_s, swings.damping_ratio, share / max(1.0, float(share.sum())), line)

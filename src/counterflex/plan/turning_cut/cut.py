@@ -15,9 +15,8 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.mean_force import mean_force_weights
 from counterflex.cutting.removal import bin_edges_rad
 from counterflex.cutting.stock import HeightMap
-from counterflex.cutting.tridexel.column_kernels import STRETCHES
 from counterflex.cutting.tridexel.columns import ColumnStock
-from counterflex.cutting.tridexel.step_kernels import step_columns, step_space
+from counterflex.cutting.tridexel.step_kernels import RIDGE_M, SPARE, step_columns, step_space
 from counterflex.plan.cut_kernel_arrays import CutPath, CutRows
 from counterflex.plan.elastic_motion_kernel import Motion
 from counterflex.plan.turning_cut.kernel import cut_turning_rows
@@ -74,7 +73,7 @@ class TurningCut:
         """Cut rows [begin, end) with a tool.
 
         Raises:
-            ModelError: A column would need more than eight stretches of material.
+            ModelError: A column would hold more stretches of material than the kernels can work on.
         """
         weights = mean_force_weights(cutter, self._law)
         tool = TurningTool(
@@ -91,18 +90,33 @@ class TurningCut:
             ends=np.zeros((4, 3)),
         )
         state, n = self._states[0], len(self._path.kind)
-        for at in range(begin, end, ROWS_PER_CALL):
+        at = begin
+        while at < end:
             stop = min(at + ROWS_PER_CALL, end)
+            state.full = 0
             cut_turning_rows(
                 at, stop, self._path, self._axis, tool, self._columns, self._omega, self._zeta, self._motion,
                 self._states, self._rows,
             )  # fmt: skip
+            at = stop
             if state.full:
-                row = int(np.argmin(self._rows.volume[at:stop])) + at
-                raise ModelError(
-                    "a column of the stock would hold too many stretches of material",
-                    where=f"row {row}",
-                    limit=str(STRETCHES),
-                    hint="Turn the part frame so that z looks along most cuts",
-                )
-            progress(stop / n)
+                at = abs(int(state.full))
+                self._make_room(tool, at, possible=state.full > 0)
+            progress(at / n)
+
+    def _make_room(self, tool: TurningTool, row: int, *, possible: bool) -> None:
+        """Give the columns room for more stretches before a row.
+
+        Raises:
+            ModelError: There is none.
+        """
+        if not possible:
+            raise ModelError(
+                "one row of the path leaves too many stretches of material in a column",
+                where=f"row {row}",
+                limit=f"at most {SPARE} more than before it",
+                hint="Sample the path more finely",
+            )
+        self.stock.make_room(f"row {row}", SPARE, RIDGE_M)
+        self._columns = step_columns(self.stock)
+        tool.space.work[18] = 0.0

@@ -70,7 +70,7 @@ def cut_turning_rows(
         omega: Undamped angular frequency of the mode, rad/s; 0 cuts the undisturbed path.
         zeta: Its damping ratio.
         motion: The elastic robot in motion, or :data:`counterflex.plan.elastic_motion.STILL`.
-        states: (1,) of :data:`TURNING_STATE`, changed; ``full`` ends the work at once.
+        states: (1,) of :data:`TURNING_STATE`, changed; ``full`` other than 0 ends the work at once.
         rows: Results, written.
     """
     p_command, kind, time, compliance, offset = path.p_command, path.kind, path.time_s, path.compliance, path.offset
@@ -85,6 +85,9 @@ def cut_turning_rows(
     if moving and motion.clock[1] == 0.0:
         rest(motion, first - 1)
     for i in range(first, last):
+        if tool.space.work[18] != 0.0:
+            s.full = i
+            return
         for k in range(6):
             rows.wrench[i, k] = 0.0
         rows.volume[i], rows.axial[i], rows.feed_tooth[i], rows.chip[i] = 0.0, 0.0, 0.0, 0.0
@@ -113,8 +116,7 @@ def cut_turning_rows(
                     columns, tool.space, ends[0], ends[1], ends[2], ends[3], s.height, cutting, depth, extra
                 )
                 if removed < 0.0:
-                    s.full = 1
-                    rows.volume[i] = -1.0
+                    s.full = -i
                     return
                 rows.volume[i] += removed
                 if removed > 0.0 and cutting and dt > 0.0 and rate > 0.0:

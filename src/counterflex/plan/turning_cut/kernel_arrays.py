@@ -19,7 +19,7 @@ TURNING_STATE: Final = record(
     full=int,
 )
 """As :data:`counterflex.plan.cut_kernel_arrays.STATE`, with the height on the cutter at the middle of what it cut last
-(m above the tip), and whether a column of the stock had no room for another stretch of material."""
+(m above the tip), and the row to go on with after the stock was given room; negative: the row that found none."""
 
 
 class TurningTool(NamedTuple):

@@ -17,7 +17,16 @@ from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.krl.writer import KrlSettings, krl_data, krl_frames, krl_pose, krl_source
 from counterflex.programs.limits import KRL, RAPID, Limits, check_name
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.writer import RapidSettings, rapid_module, rapid_part, rapid_pose, rapid_tool
+from counterflex.programs.rapid.writer import (
+    SUPERVISED,
+    UNSUPERVISED,
+    RapidSettings,
+    SteadyQuaternions,
+    rapid_module,
+    rapid_part,
+    rapid_pose,
+    rapid_tool,
+)
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.robot_writer.writer import RobotSettings
 
@@ -213,7 +222,6 @@ class RapidEmitter(RobotEmitter[RapidSettings]):
     """ABB RAPID: MoveJ, MoveL, MoveC in one module.
 
     Args:
-        work_object: Name of the wobjdata of the controller; empty: the module declares it.
         program: See :class:`RobotEmitter`.
         settings: See there.
         functions: See there.
@@ -226,12 +234,11 @@ class RapidEmitter(RobotEmitter[RapidSettings]):
     sign: ClassVar[str] = "!"
 
     def __init__(
-        self, program: Program, settings: RapidSettings, functions: MachineFunctions, tolerance_m: float,
-        work_object: str = "",
+        self, program: Program, settings: RapidSettings, functions: MachineFunctions, tolerance_m: float
     ) -> None:  # fmt: skip
         super().__init__(program, settings, functions, tolerance_m)
-        self.work_object = work_object
         self._speeds: dict[str, str] = {}
+        self._quaternions = SteadyQuaternions()
         self._own_tool = False
 
     def program(self, name: str, lines: list[str]) -> dict[str, str]:
@@ -242,10 +249,11 @@ class RapidEmitter(RobotEmitter[RapidSettings]):
         if name == self.name:
             declared = [f"  ! {self.origin()}"]
             declared += [f"  {rapid_tool(settings, self._tool_name(0))}"] if self._own_tool else []
-            declared += [] if self.work_object else [f"  {rapid_part(settings, self._wobj)}"]
+            declared += [] if settings.work_object else [f"  {rapid_part(settings, self._wobj)}"]
             declared += [f"  CONST speeddata {speed}:={value};" for value, speed in self._speeds.items()]
-        free = ("ConfJ \\Off;", "ConfL \\Off;") if name == self.name else ()
-        return {f"{name}.mod": rapid_module(name, declared, [f"    {line}" for line in (*free, *lines)])}
+        main = name == self.name
+        body = [*(UNSUPERVISED if main else ()), *lines, *(SUPERVISED if main else ())]
+        return {f"{name}.mod": rapid_module(name, declared, [f"    {line}" for line in body])}
 
     def call(self, part: str) -> str:
         """A routine of another module."""
@@ -256,7 +264,7 @@ class RapidEmitter(RobotEmitter[RapidSettings]):
 
     @property
     def _wobj(self) -> str:
-        return self.work_object or f"w_{self.name[:30]}"
+        return self.settings.work_object or f"w_{self.name[:30]}"
 
     def _tool_name(self, tool: int) -> str:
         return self.settings.tool_data.get(tool, f"t_{self.name[:30]}")
@@ -279,7 +287,8 @@ class RapidEmitter(RobotEmitter[RapidSettings]):
         held = self.settings.external_axes
         external = ",".join(number(held[i], 5) if i in held else "9E9" for i in range(1, 7))
         configuration = ",".join(str(int(c)) for c in self.settings.configuration)
-        return f"[{rapid_pose(T_part_tcp)},[{configuration}],[{external}]]"
+        pose_text = rapid_pose(T_part_tcp, self._quaternions.of(T_part_tcp[:3, :3]))
+        return f"[{pose_text},[{configuration}],[{external}]]"
 
     def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:
         """MoveJ or MoveL."""

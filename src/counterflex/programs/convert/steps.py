@@ -164,7 +164,7 @@ def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], name
     if block.modal.tool_centre != TOOL_VECTOR and any(motion.abc_end):
         raise ProgramError(
             "rotary words A B C belong to the machine that the program was posted for, which the cell file does not "
-            "describe", where=f"{Path(program.name).name}:{block.line}", value=block.text.strip()[:60],
+            "describe", where=block.where(Path(program.name).name), value=block.text.strip()[:60],
             limit="the tool axis as a vector: G43.5 with I J K, TRAORI with A3 B3 C3, GOTO with six numbers",
             hint="Describe its axes in [machine], or post it with tool vectors",
         )  # fmt: skip

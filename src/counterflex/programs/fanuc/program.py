@@ -14,6 +14,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.programs.robot_text.program import RobotProgram
 
 LETTERS: Final = "XYZWPR"
+_UPRIGHT_DEG: Final = 1e-6
 Span = tuple[int, int]
 """Index of the first character, and the one behind the last."""
 
@@ -31,6 +32,9 @@ def frame_of(values: Mapping[str, float]) -> Float:
 def wpr_of(R_user_tool: Float) -> tuple[float, float, float]:
     """W, P, R in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
     r, p, w = (float(angle) for angle in rotation.to_zyx(R_user_tool) / DEG)
+    if abs(abs(p) - 90.0) < _UPRIGHT_DEG:  # only the sum or difference of W and R counts: controllers show R = 0
+        both = w - r if p > 0.0 else w + r
+        w, r = both - 360.0 * round(both / 360.0), 0.0
     return w, p, r
 
 
@@ -48,7 +52,9 @@ class FanucPosition:
         user_frame: Number of UF; None where it is ``F``, the active one.
         user_tool: The same of UT.
         external: By number of the axis E1 to E3: value in mm or deg.
-        groups: Number of motion groups that it has values for.
+        others: Text of the values of further motion groups, without blanks.
+        axes: Of one that is given by axes: J1 to J9 in deg or mm, as the controller shows them.
+        config: CONFIG as written, without its quotes.
     """
 
     number: int
@@ -60,7 +66,9 @@ class FanucPosition:
     user_frame: int | None
     user_tool: int | None
     external: Mapping[int, float]
-    groups: int
+    others: str = ""
+    axes: Mapping[str, float] = field(default_factory=dict)
+    config: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,16 +82,23 @@ class FanucMotion:
         head: Index at which the line begins, its number included.
         end: Index of its semicolon.
         R_tcp_tool: (3, 3) orientation of the active UTOOL in the cell's TCP frame.
-        position: Its end; None of a dwell.
+        file: Name of the listing that it stands in.
+        T_part_user: (4, 4) m, active user frame in the part frame.
+        frames: Numbers of the active user frame and tool frame.
+        T_user_tool: (4, 4) m, its end in the user frame.
+        computed: Why its end is no literal of /POS: ``Offset``; empty where it is.
+        config: CONFIG of its end.
+        options: Where the options that displace its end stand in the instruction.
+        position: Its end; None of a dwell, and of a computed one.
         named: Where ``P[n]`` of the end stands in the instruction.
         auxiliary: Point on a circle.
         auxiliary_named: Where that stands.
-        speed: Where the number of its speed stands.
-        unit_m_s: One unit of that number, m/s; 0 of J.
-        speed_text: The speed as written.
+        speed: Where its speed stands, the unit included.
+        unit: Unit to write a speed in.
+        unit_m_s: One of that unit, m/s, with the override; 0 of J.
+        speed_text: The speed as written, with its unit.
         termination: As written: FINE, CNT100.
         exact: It is FINE.
-        rest: What follows the termination.
     """
 
     line: int
@@ -92,34 +107,52 @@ class FanucMotion:
     head: int
     end: int
     R_tcp_tool: Float
+    file: str = ""
+    T_part_user: Float = field(default_factory=lambda: np.eye(4))
+    frames: tuple[int, int] = (-1, -1)
+    T_user_tool: Float | None = None
+    computed: str = ""
+    config: str = ""
+    options: tuple[Span, ...] = ()
     position: FanucPosition | None = None
     named: Span = (0, 0)
     auxiliary: FanucPosition | None = None
     auxiliary_named: Span = (0, 0)
     speed: Span = (0, 0)
+    unit: str = "mm/sec"
     unit_m_s: float = 0.0
     speed_text: str = ""
     termination: str = ""
     exact: bool = False
-    rest: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class FanucProgram(RobotProgram):
-    """A program in the listing form.
+class FanucListing:
+    """A listing of a job, as read.
 
     Attributes:
         text: As read.
-        moves: One for each of ``motions``.
         positions: Entries of ``/POS`` by number.
         mentions: How often the code names each of them.
         main: Index behind the line ``/MN``.
         behind: Index behind the last entry of ``/POS``, where further ones are put.
     """
 
-    text: str = ""
+    text: str
+    positions: Mapping[int, FanucPosition]
+    mentions: Mapping[int, int]
+    main: int
+    behind: int
+
+
+@dataclass(frozen=True, slots=True)
+class FanucProgram(RobotProgram):
+    """A program in the listing form, with the listings that it calls.
+
+    Attributes:
+        listings: By name of the file, the main one first.
+        moves: One for each of ``motions``.
+    """
+
+    listings: Mapping[str, FanucListing] = field(default_factory=dict)
     moves: tuple[FanucMotion, ...] = ()
-    positions: Mapping[int, FanucPosition] = field(default_factory=dict)
-    mentions: Mapping[int, int] = field(default_factory=dict)
-    main: int = 0
-    behind: int = 0

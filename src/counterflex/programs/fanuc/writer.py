@@ -82,9 +82,7 @@ def fanuc_motion(
         termination: ``FINE``, ``CNT100``.
     """
     names = "\n    :  ".join("P[#]" for _ in Ts_part_tcp)
-    external = "".join(
-        f",\n\tE{axis} = {number(value, 4)} mm" for axis, value in sorted(settings.external_axes.items())
-    )
+    external = _external(settings)
     frames = f"\tUF : {settings.base}, UT : {settings.tool_of(tool)},\t\tCONFIG : '{settings.configuration}',\n"
     entries = "".join(f"{_POSE}{frames}{values_text(T)}{external}" for T in Ts_part_tcp)
     return f"{word} {names} {speed} {termination}{entries}"
@@ -95,7 +93,12 @@ def fanuc_joint_motion(settings: FanucSettings, tool: int) -> str:
     axes = enumerate(settings.start_axes_rad, start=1)
     values = ",\n".join(f"\tJ{i} = {number(angle / DEG, FANUC.angle_decimals)} deg" for i, angle in axes)
     frames = f"\tUF : {settings.base}, UT : {settings.tool_of(tool)},\n"
-    return f"J P[#] {settings.axis_percent}% FINE{_POSE}{frames}{values}"
+    return f"J P[#] {settings.axis_percent}% FINE{_POSE}{frames}{values}{_external(settings)}"
+
+
+def _external(settings: FanucSettings) -> str:
+    axes = sorted(settings.external_axes.items())
+    return "".join(f",\n\tE{axis} = {number(value, 4)} mm" for axis, value in axes)
 
 
 def speed_text(speed_m_s: float) -> str:

@@ -14,7 +14,7 @@ from counterflex.programs.krl.edits import Edits, Values, spelled, target_edits,
 from counterflex.programs.krl.program import LETTERS, KrlMotion, KrlProgram, Target
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.literals import code_of
-from counterflex.programs.krl.written_values import WrittenValues, point_values
+from counterflex.programs.krl.written_values import WrittenValues
 from counterflex.programs.limits import KRL
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, MotionRows
 from counterflex.programs.robot_text.circle_fit import FittedCircle
@@ -75,23 +75,23 @@ class _InPlace(InPlace):
     def __init__(self, program: KrlProgram, compensated: CompensatedPath, **options: float) -> None:
         super().__init__(program, compensated, **options)
         self.program, self.at = program, WrittenValues(program)
-        self.source, self.data = Edits(program.lines), Edits(program.data or ())
+        self._edits: dict[str, Edits] = {name: Edits(file.lines) for name, file in program.files.items()}
         self._active: float | None = None  # $VEL.CP that was written last, where it is another than programmed
         self._fit: FittedCircle | None = None
         self._now_straight = -1
 
     def files(self) -> dict[str, str]:
-        """The ``.src`` file, and the ``.dat`` file where there is one."""
-        program = self.program
-        out = {program.name: program.newline.join(self.source.lines())}
-        if program.data is not None:
-            out[program.data_name] = program.data_newline.join(self.data.lines())
-        return out
+        """The files of the job."""
+        files = self.program.files
+        return {name: files[name].newline.join(edits.lines()) for name, edits in self._edits.items()}
 
     def head(self, messages: list[str]) -> None:
-        """Comments behind DEF."""
+        """Comments behind DEF of the main program."""
         at = next(i for i, line in enumerate(self.program.lines, start=1) if form.ROUTINE.fullmatch(code_of(line)))
-        self.source.insert(at + 1, [f"; {line}" for line in messages])
+        self._edits[self.program.name].insert(at + 1, [f"; {line}" for line in messages])
+
+    def _line(self, move: KrlMotion) -> str:
+        return self.program.files[move.file].lines[move.line - 1]
 
     # ---- language --------------------------------------------------------------------------------------------
 
@@ -106,8 +106,11 @@ class _InPlace(InPlace):
 
     def begun(self, index: int) -> None:
         """The program sets the speed before the motion: what was written is not active any more."""
-        if self.program.moves[index].speed_set:
+        move = self.program.moves[index]
+        if move.speed_set:
             self._active = None
+        if move.word != "WAIT":
+            self.at.enter(move.T_part_base)
 
     def divided(self, index: int) -> None:
         """Refuse to stand between TRIGGER statements of which some count from the start and others from the end."""
@@ -115,8 +118,8 @@ class _InPlace(InPlace):
         if self._place(move) < 0:
             raise ProgramError(
                 "a corrected motion cannot be divided: TRIGGER statements before it count from its start and its end",
-                where=f"{self.program.name}:{move.line}",
-                value=self.program.lines[move.line - 1].strip()[:60],
+                where=f"{move.file}:{move.line}",
+                value=self._line(move).strip()[:60],
                 hint="Put the TRIGGER that counts from the start before those that count from the end",
             )
 
@@ -126,11 +129,11 @@ class _InPlace(InPlace):
         spline = move.word.startswith("S")
         word, approximation = "SLIN" if spline else "LIN", move.approximation or ("C_SPL" if spline else "C_DIS")
         approximation = "" if move.in_spline or exact else f" {approximation}"
-        values = point_values(p) | self.at.angles(R_part_tcp)
+        values = self.at.point(p) | self.at.angles(R_part_tcp)
         own = self._own_clause(index, speed_m_s)
         lines = [*self._speed_lines(index, speed_m_s), f"{word} {self._literal(values)}{own}{approximation}"]
         place = move.line if motion.kind == "dwell" else self._place(move)
-        self.source.insert(place, [self._indent(move.line) + line for line in lines])
+        self._insert(move, place, lines)
         self.at.stand(values)
 
     def end(self, index: int, p: Float, R_part_tcp: Float | None, speed_m_s: float | None) -> Float:
@@ -138,22 +141,31 @@ class _InPlace(InPlace):
         motion, move = self.program.motions[index], self.program.moves[index]
         fit, straight = self._fit, self._now_straight == index
         self._fit = None
-        self.source.insert(move.line, [self._indent(move.line) + line for line in self._speed_lines(index, speed_m_s)])
+        self._insert(move, move.line, self._speed_lines(index, speed_m_s))
         self._edit_own_speed(index, speed_m_s)
         if move.target is None:
+            if motion.kind != "dwell":  # by axes: the robot is where they lead
+                p = np.asarray(motion.p_end)
+                self.at.stand(self.at.point(p) | self.at.nominal_angles(index))
             return p
+        if R_part_tcp is not None and move.holds_orientation:
+            raise ProgramError(
+                "a corrected motion needs another orientation, and $ORI_TYPE=#CONSTANT disregards that of its target",
+                where=f"{move.file}:{move.line}", value=self._line(move).strip()[:60],
+                hint="Set $ORI_TYPE=#VAR before it",
+            )  # fmt: skip
         angles = self.at.nominal_angles(index) if R_part_tcp is None else self.at.angles(R_part_tcp)
-        values = point_values(p) | angles
+        values = self.at.point(p) | angles
         if straight:
             word = "SLIN" if move.word.startswith("S") else "LIN"
-            self.source.change(move.line, [(move.start, move.end, f"{word} {self._literal(values)}")])
+            self._change(move, [(move.start, move.end, f"{word} {self._literal(values)}")])
         elif not move.circle_angle:
             self._write(move.target, move, values, turned=R_part_tcp is not None)
         elif fit is not None:
-            target = values | point_values(fit.at(self.at.point_of(move.target)))
+            target = values | self.at.point(fit.at(self.at.point_of(move.target)))
             self._write(move.target, move, target, turned=R_part_tcp is not None)
         else:
-            values |= point_values(np.asarray(motion.p_end))
+            values |= self.at.point(np.asarray(motion.p_end))
         self.at.stand(values)
         return self.at.here()
 
@@ -163,7 +175,7 @@ class _InPlace(InPlace):
         if move.auxiliary is None:
             raise ValueError("a circle without its points")
         self._fit = fit
-        values = self.at.named(move.auxiliary) | point_values(fit.at(self.at.point_of(move.auxiliary)))
+        values = self.at.named(move.auxiliary) | self.at.point(fit.at(self.at.point_of(move.auxiliary)))
         self._write(move.auxiliary, move, values, turned=False)
 
     def straightened(self, index: int) -> None:
@@ -174,7 +186,15 @@ class _InPlace(InPlace):
 
     def _place(self, move: KrlMotion) -> int:
         """Line before which points are added; -1 where they cannot stand."""
-        return self.program.loose_triggers.get(move.line, move.line)
+        return self.program.loose_triggers.get((move.file, move.line), move.line)
+
+    def _change(self, move: KrlMotion, edits: list[tuple[int, int, str]]) -> None:
+        self._edits[move.file].change(move.line, edits)
+
+    def _insert(self, move: KrlMotion, line: int, texts: list[str]) -> None:
+        text = self._line(move)
+        indent = text[: len(text) - len(text.lstrip())]
+        self._edits[move.file].insert(line, [indent + one for one in texts])
 
     def _literal(self, values: Values) -> str:
         pose = ",".join(f"{letter} {spelled(letter, values[letter])}" for letter in LETTERS)
@@ -182,24 +202,42 @@ class _InPlace(InPlace):
 
     def _write(self, target: Target, move: KrlMotion, values: Values, *, turned: bool) -> None:
         edits = target_edits(target, values, self.at.values, turned=turned)
+        if target.computed:
+            if edits or self.program.reads_position:
+                self._write_out(target, move, values)
+            return
         if not edits:
             return
         if target.in_data and not move.shared:
-            self.data.change(target.line, edits)
+            self._edits[target.file].change(target.line, edits)
             self.counts.targets_declared += 1
         elif target.in_data:
-            self.source.change(move.line, [(target.start, target.end, target_text(target, edits))])
+            self._change(move, [(target.start, target.end, target_text(target, edits))])
             self.counts.targets_written_out += 1
         else:
-            self.source.change(target.line, edits)
+            self._change(move, edits)
+
+    def _write_out(self, target: Target, move: KrlMotion, values: Values) -> None:
+        """A target that the program computes, as numbers in the motion; a relative motion becomes an absolute one."""
+        kept = "".join(f",{name} {part.value:g}" for name, part in target.components.items() if name not in LETTERS)
+        pose = ",".join(f"{letter} {spelled(letter, values[letter])}" for letter in LETTERS)
+        literal = f"{{{pose}{kept or self.program.extra}}}"
+        if move.relative:
+            end = len(code_of(self._line(move)).rstrip())
+            words = f" {move.approximation}" if move.approximation else ""
+            self._change(move, [(move.start, end, f"{move.word} {literal}{words}")])
+        else:
+            self._change(move, [(target.start, target.end, literal)])
+        self.counts.targets_written_out += 1
 
     def _speed_lines(self, index: int, speed_m_s: float | None) -> list[str]:
         """``$VEL.CP`` for a piece of a motion, where the active one is another."""
         motion, move = self.program.motions[index], self.program.moves[index]
         if motion.feed_m_s <= 0.0 or move.in_spline or move.own_speed is not None:
             return []
-        active = motion.feed_m_s if self._active is None else self._active
-        requested = motion.feed_m_s if speed_m_s is None else speed_m_s
+        programmed = motion.feed_m_s / move.override
+        active = programmed if self._active is None else self._active
+        requested = programmed if speed_m_s is None else speed_m_s / move.override
         if abs(requested / active - 1.0) <= LEAST_FEED_CHANGE:
             return []
         self._active = float(number(requested, 6))
@@ -210,17 +248,18 @@ class _InPlace(InPlace):
         """``WITH`` of a piece of a motion that has one, or stands in a spline block and gets a speed of its own."""
         motion, move = self.program.motions[index], self.program.moves[index]
         if move.clause is not None:
-            return f" {self._clause(index, motion.feed_m_s if speed_m_s is None else speed_m_s)}"
+            speed = motion.feed_m_s if speed_m_s is None else speed_m_s
+            return f" {self._clause(index, speed)}"
         if motion.feed_m_s <= 0.0 or not move.in_spline or speed_m_s is None:
             return ""
-        return f" WITH $VEL.CP={number(speed_m_s, 6)}"
+        return f" WITH $VEL.CP={number(speed_m_s / move.override, 6)}"
 
     def _clause(self, index: int, speed_m_s: float) -> str:
         """The motion's own ``WITH`` with another speed; in a spline block it gets one where it has none."""
         move = self.program.moves[index]
         assert move.clause is not None
         start, end, speed = move.clause.start, move.clause.end, move.clause.speed
-        text = self.program.lines[move.line - 1]
+        text, speed_m_s = self._line(move), speed_m_s / move.override
         if speed is not None:
             return text[start : speed[0]] + number(speed_m_s, 6) + text[speed[1] : end]
         if move.in_spline and speed_m_s > 0.0:
@@ -235,36 +274,37 @@ class _InPlace(InPlace):
         self.counts.speeds_changed += 1
         if move.clause is not None:
             place = move.clause.start, move.clause.end
-            self.source.change(move.line, [(*place, self._clause(index, speed_m_s))])
+            self._change(move, [(*place, self._clause(index, speed_m_s))])
         else:
-            self.source.change(move.line, [(move.end, move.end, f" WITH $VEL.CP={number(speed_m_s, 6)}")])
+            self._change(move, [(move.end, move.end, f" WITH $VEL.CP={number(speed_m_s / move.override, 6)}")])
 
     def restore_speed(self) -> None:
         """The programmed speed behind the last motion: what comes after it inherits it."""
         fed = [
-            motion.feed_m_s
+            motion.feed_m_s / move.override
             for motion, move in zip(self.program.motions, self.program.moves, strict=True)
             if motion.feed_m_s > 0.0 and not move.in_spline and move.own_speed is None
         ]
         if self._active is not None and fed and abs(self._active / fed[-1] - 1.0) > 1e-9:
-            line = self.program.moves[-1].line
-            self.source.insert(line + 1, [f"{self._indent(line)}$VEL.CP={number(fed[-1], 6)}"])
+            move = self.program.moves[-1]
+            self._insert(move, move.line + 1, [f"$VEL.CP={number(fed[-1], 6)}"])
             self.counts.speeds_added += 1
-
-    def _indent(self, line: int) -> str:
-        text = self.program.lines[line - 1]
-        return text[: len(text) - len(text.lstrip())]
 
 
 def _refuse_repeated(program: KrlProgram, rows: MotionRows) -> None:
-    """Refuse a subprogram that is called several times, whose calls need targets of their own."""
-    first: dict[int, int] = {}
+    """Refuse a motion that is executed several times, where each time needs a target of its own."""
+    first: dict[tuple[str, int], int] = {}
     for index, move in enumerate(program.moves):
-        earlier = first.setdefault(move.line, index)
-        if earlier != index and (rows.moved[index] or rows.moved[earlier]):
+        earlier = first.setdefault((move.file, move.line), index)
+        if earlier == index:
+            continue
+        written = move.target is not None and move.target.computed and program.reads_position
+        if rows.moved[index] or rows.moved[earlier] or written:
             raise ProgramError(
-                "a subprogram is called several times, and each call needs targets of its own",
-                where=f"{program.name}:{move.line}",
-                value=program.lines[move.line - 1].strip()[:60],
-                hint="Write it once for each call, under a name of its own",
+                "this motion is executed several times (a loop, or a subprogram that is called several times), and "
+                "each time needs a target of its own",
+                where=f"{move.file}:{move.line}",
+                value=program.files[move.file].lines[move.line - 1].strip()[:60],
+                hint="Write it once for each pass, or convert the program (counterflex convert --to krl) and "
+                "compensate the result",
             )

@@ -29,21 +29,44 @@ class Component:
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
-    """A Cartesian target: the literal of a motion, or the one that a name stands for.
+class KrlFile:
+    """A file of a job.
 
     Attributes:
-        in_data: The literal stands in the ``.dat`` file.
+        name: With its ending.
+        lines: With an empty last one where the text ends in a line end.
+        newline: Line end.
+    """
+
+    name: str
+    lines: tuple[str, ...]
+    newline: str
+
+    @property
+    def text(self) -> str:
+        """The file again, byte for byte."""
+        return self.newline.join(self.lines)
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A Cartesian target: the literal of a motion, the one that a name stands for, or a value that was computed.
+
+    Attributes:
+        in_data: The literal stands in a data list (``.dat``).
+        file: File of the literal; of a computed one that of the motion.
         line: 1-based line of the literal.
         components: By name: X Y Z A B C, S T, E1 to E6; only those that are written.
         close: Index of the closing brace in that line.
         name: Name of the variable; empty for a literal in the motion itself.
-        start: In the line of the motion: index of the name, or of the opening brace.
-        end: In the line of the motion: index behind the name or the closing brace.
+        start: In the line of the motion: index of the target.
+        end: In the line of the motion: index behind it.
         source: The literal as written, from brace to brace.
+        computed: No literal holds its numbers: a corrected one is written out in the motion.
     """
 
     in_data: bool
+    file: str
     line: int
     components: Mapping[str, Component]
     close: int
@@ -51,6 +74,7 @@ class Target:
     start: int
     end: int
     source: str
+    computed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +82,10 @@ class KrlMotion:
     """What stands behind a motion of :attr:`KrlProgram.motions` in the text.
 
     Attributes:
-        line: 1-based line in the ``.src`` file.
+        file: Its ``.src`` file.
+        line: 1-based line in it.
         word: ``PTP LIN CIRC SPTP SLIN SCIRC``, or ``WAIT`` of a dwell.
-        target: Its end; None of a dwell.
+        target: Its end; None of a dwell and of a motion by axes.
         auxiliary: Auxiliary point of a circle.
         approximation: ``C_DIS`` and the like as written; empty for an exact stop.
         shared: The name of its target is used elsewhere too.
@@ -70,8 +95,14 @@ class KrlMotion:
         in_spline: It is a segment of a spline block, in which no other statement may stand.
         speed_set: The program sets the path speed between the motion before and this one.
         clause: Its ``WITH``; None where there is none.
+        relative: It is a ``LIN_REL`` or the like: a corrected one is written as an absolute motion.
+        T_part_base: (4, 4) m, $BASE of its targets in the part; None where it is the part frame.
+        override: Share of the programmed speed that the program's $OV_PRO leaves.
+        holds_orientation: $ORI_TYPE=#CONSTANT: the orientation of its target is disregarded.
+        distance_m: $APO.CDIS, m; NaN where the program does not say it.
     """
 
+    file: str
     line: int
     word: str
     target: Target | None = None
@@ -84,6 +115,11 @@ class KrlMotion:
     in_spline: bool = False
     clause: WithClause | None = None
     speed_set: bool = False
+    relative: bool = False
+    T_part_base: Float | None = None
+    override: float = 1.0
+    holds_orientation: bool = False
+    distance_m: float = float("nan")
 
     @property
     def own_speed(self) -> tuple[int, int] | None:
@@ -96,20 +132,19 @@ class KrlProgram(RobotProgram):
     """A program in KRL.
 
     Attributes:
-        data: Lines of the ``.dat`` file; None where there is none.
-        data_name: Its name.
-        data_newline: Its line end.
+        files: Files of the job that were read, by name: the main one, and data lists and subprograms that it uses.
         moves: One for each of ``motions``.
         R_tcp_tool: (3, 3) orientation of the controller's $TOOL in the cell's TCP frame.
         extra: External axes as written, for added points: ``,E1 0.0``; empty where none are written.
-        loose_triggers: By line of a motion, the first line of the TRIGGER statements before it that count from its end;
-            -1 where one that counts from its start stands behind them.
+        loose_triggers: By file and line of a motion, the first line of the TRIGGER statements before it that count from
+            its end; -1 where one that counts from its start stands behind them.
+        reads_position: A target counts from where the robot is (``LIN_REL``, ``$POS_ACT``): it is written as numbers
+            where anything is corrected.
     """
 
-    data: tuple[str, ...] | None = None
-    data_name: str = ""
-    data_newline: str = "\n"
+    files: Mapping[str, KrlFile] = field(default_factory=dict)
     moves: tuple[KrlMotion, ...] = ()
     R_tcp_tool: Float | None = None
     extra: str = ""
-    loose_triggers: Mapping[int, int] = field(default_factory=dict)
+    loose_triggers: Mapping[tuple[str, int], int] = field(default_factory=dict)
+    reads_position: bool = False

@@ -9,23 +9,18 @@ Source: KUKA, KSS 8.3 Operating and Programming Instructions for System Integrat
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Final
-
-from counterflex.programs.robot_text.process_words import NUMBER
 
 _I: Final = re.IGNORECASE
 _BEGINS: Final = re.compile(r"\s*(WITH)\b", _I)
 _VARIABLE: Final = re.compile(r"\s*\$(\w+)((?:\.\w+)?)(?:\s*\[\s*\d+\s*\])?\s*=\s*", _I)
 _ENDS: Final = re.compile(r"\s*(?:C_(?:DIS|PTP|VEL|ORI|SPL)\b|$)", _I)
-_SPEED: Final = re.compile(rf"(?:SVEL_CP\s*\(\s*|\{{(?:[^{{}}]*,)?\s*CP\s+)({NUMBER})\s*[,)}}]", _I)
-_PLAIN: Final = re.compile(rf"({NUMBER})", _I)
-_FRAME_DATA: Final = {
-    "TOOL": re.compile(r"STOOL2?\s*\(\s*([A-Z]\w*)(?:\.TOOL_NO)?\s*\)", _I),
-    "BASE": re.compile(r"SBASE2?\s*\(\s*([A-Z]\w*)(?:\.BASE_NO)?\s*\)", _I),
-}
+_SPEED: Final = re.compile(r"(?:SVEL_CP\s*\(\s*([^,()]+?)\s*[,)]|\{(?:[^{}]*,)?\s*CP\s+([^,{}]+?)\s*[,}])", _I)
+_EVALUATED: Final = frozenset(("TOOL", "BASE", "IPO_MODE", "ORI_TYPE"))
 _CARRIED: Final = frozenset(
-    ("LOAD", "ACC", "ORI_TYPE", "CIRC_TYPE", "APO", "JERK", "GEAR_JERK", "VEL_AXIS", "ACC_AXIS", "VEL_EXTAX",
+    ("LOAD", "ACC", "CIRC_TYPE", "APO", "JERK", "GEAR_JERK", "VEL_AXIS", "ACC_AXIS", "VEL_EXTAX",
      "ACC_EXTAX", "COLLMON_TOL_PRO", "EX_AX_IGNORE", "ECO_LEVEL")
 )  # fmt: skip
 """Variables that move no target and set no speed along the path."""
@@ -52,14 +47,14 @@ class WithClause:
     Attributes:
         start: Index of ``WITH`` in its line.
         end: Index behind it.
-        speed: Where the number of the path speed stands, m/s; None where none is given.
-        frame_data: Name of the FDAT variable that gives tool and base; empty where none is named.
+        speed: Where the path speed stands, m/s; None where none is given.
+        values: Where the value of TOOL, BASE, IPO_MODE and ORI_TYPE stands, of those that are given.
     """
 
     start: int
     end: int
     speed: tuple[int, int] | None = None
-    frame_data: str = ""
+    values: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 def with_clause(code: str, at: int) -> WithClause | None:
@@ -75,22 +70,18 @@ def with_clause(code: str, at: int) -> WithClause | None:
     begins = _BEGINS.match(code, at)
     if begins is None:
         return None
-    speed, frames, at = None, set(), begins.end()
+    speed, at = None, begins.end()
+    values: dict[str, tuple[int, int]] = {}
     while True:
         variable = _VARIABLE.match(code, at)
         if variable is None:
             raise WithFault("WITH needs a system variable and its value", at, "WITH $VEL.CP=0.02")
         name, part, first = variable[1].upper(), variable[2].upper(), variable.end()
         end = _end_of_value(code, first)
-        value = code[first:end].rstrip()
         if name == "VEL" and part in ("", ".CP"):
             speed = _speed(code, first, end, whole=not part)
-        elif name in _FRAME_DATA:
-            frames.add(_frame_data(name, value, first))
-        elif name == "IPO_MODE":
-            if value.upper() == "#TCP":
-                raise WithFault("the robot holds the part against a tool that stands ($IPO_MODE=#TCP)", first,
-                                "Give the G-code that it was made from")  # fmt: skip
+        elif name in _EVALUATED and not part:
+            values[name] = first, first + len(code[first:end].rstrip())
         elif name not in _CARRIED and name != "VEL":
             raise WithFault(f"WITH ${name} is not read", variable.start(1) - 1, "Set it by a statement of its own")
         at = end
@@ -99,10 +90,8 @@ def with_clause(code: str, at: int) -> WithClause | None:
         at += 1
     if _ENDS.match(code, at) is None:
         raise WithFault("this is not understood behind WITH", at, "C_SPL ends the statement")
-    if len(frames) > 1:
-        raise WithFault("tool and base come from different frame data", begins.start(1), "Post the program again")
     last = begins.start(1) + len(code[begins.start(1) : at].rstrip())
-    return WithClause(begins.start(1), last, speed, frames.pop() if frames else "")
+    return WithClause(begins.start(1), last, speed, values)
 
 
 def _end_of_value(code: str, at: int) -> int:
@@ -123,14 +112,9 @@ def _end_of_value(code: str, at: int) -> int:
 
 
 def _speed(code: str, first: int, end: int, *, whole: bool) -> tuple[int, int]:
-    match = (_SPEED if whole else _PLAIN).match(code, first, end)
-    if match is None or (not whole and code[match.end() : end].strip()):
-        raise WithFault("the path speed is no number", first, "Write the number itself, in m/s")
-    return match.span(1)
-
-
-def _frame_data(name: str, value: str, first: int) -> str:
-    match = _FRAME_DATA[name].fullmatch(value)
+    if not whole:
+        return first, first + len(code[first:end].rstrip())
+    match = _SPEED.match(code, first, end)
     if match is None:
-        raise WithFault(f"which frame ${name} gets is not known", first, f"Set ${name} by a statement of its own")
-    return match[1]
+        raise WithFault("the path speed is no number", first, "Write $VEL.CP=, in m/s")
+    return match.span(1 if match[1] is not None else 2)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import re
 
+from counterflex.core.errors import ProgramError
 from counterflex.programs.limits import RAPID
-from counterflex.programs.rapid.program import RapidProgram
+from counterflex.programs.rapid.program import RapidProgram, RoutineCall
 from counterflex.programs.robot_text.spans import Spans
 
 
@@ -14,7 +15,7 @@ class Copies:
     """Puts edits of each execution of a routine together.
 
     The first execution changes the routine itself; a later one with other edits gets a copy behind it, under a name of
-    its own, and its call names that.
+    its own, and its call names that. Calls that a loop repeats have one name and must need the same.
 
     Args:
         program: As read.
@@ -35,25 +36,36 @@ class Copies:
             edits: For each of ``program.calls``; calls within copies get the names of theirs.
         """
         calls, out = self.program.calls, Spans()
+        named: dict[tuple[int, tuple[int, int]], str] = {}
         versions: dict[str, list[tuple[int, str]]] = {}  # by routine: the first execution of each version, its name
         for index, call in enumerate(calls):
             versions.setdefault(call.routine.upper(), [(index, call.routine)])
         for index in sorted(range(len(calls)), key=lambda i: (-self._depth(i), i)):  # calls inside a routine first
             call = calls[index]
             known = versions[call.routine.upper()]
-            if index == known[0][0]:
-                continue
-            name = next((name for other, name in known if edits[other] == edits[index]), "")
+            name = next((name for other, name in known if other == index or edits[other] == edits[index]), "")
             if not name:
                 name = self._name(call.routine)
                 known.append((index, name))
-            if name != call.routine:
+            place = (call.parent, call.place)
+            if place not in named and name != call.routine:
                 edits[call.parent].replace(*call.place, name)
+            if named.setdefault(place, name) != name:
+                raise self._several(call)
         for (original, _), *others in versions.values():
             out += edits[original]
             for index, name in others:
                 out.insert(calls[index].end, self._copy(index, name, edits[index]))
         return out
+
+    def _several(self, call: RoutineCall) -> ProgramError:
+        program = self.program
+        return ProgramError(
+            f"a loop calls {call.routine} several times, and each call needs another correction",
+            where=program.place(call.place[0]), value=program.text[slice(*call.place)][:60],
+            limit="one correction for each call",
+            hint=f"Write it out: counterflex convert {program.name} --to rapid --cell CELL --out OUT",
+        )  # fmt: skip
 
     def _copy(self, index: int, name: str, edits: Spans) -> str:
         call, text = self.program.calls[index], self.program.text

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 from counterflex.core.arrays import Float
 from counterflex.programs.robot_text.program import RobotProgram
 
+_LINE_END = re.compile(r"\r\n|\n|\r")
 Span = tuple[int, int]
 """Index of the first character, and the one behind the last."""
 
@@ -25,8 +27,10 @@ class RapidTarget:
         quat_wxyz: q1 to q4 as written.
         offsets: Where the three numbers of Offs stand; empty where there is none.
         offsets_mm: Their values.
-        turned: It is displaced by RelTool.
+        turned: It is computed: no number of the text is a number of the target.
         shared: Other places use the declared robtarget too.
+        place: Data and element that it stands in; None of one that is written out or computed.
+        rest: Configuration and external axes of a computed one as text; empty where the configuration is not known.
     """
 
     start: int
@@ -40,6 +44,8 @@ class RapidTarget:
     offsets_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turned: bool = False
     shared: bool = False
+    place: tuple[int, tuple[int, ...]] | None = None
+    rest: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +66,11 @@ class RapidMotion:
         zone: Where its zone stands, options included.
         exact: Its zone is ``fine``.
         rest: Where what is behind the zone stands: the tool, with its options.
+        rounding_m: Distance from its end at which the zone begins; NaN where the program leaves it open.
+        speed_time: Where the option T stands; None where there is none.
+        override: What VelSet makes of its speed, as a factor.
+        guard: Where the compact IF ends that it stands in, behind its semicolon; None where it stands by itself.
+        T_part_object: (4, 4) m, frame of its targets in the part: a displacement; None where there is none.
     """
 
     line: int
@@ -75,6 +86,11 @@ class RapidMotion:
     zone: Span = (0, 0)
     exact: bool = False
     rest: Span = (0, 0)
+    rounding_m: float = float("nan")
+    speed_time: Span | None = None
+    override: float = 1.0
+    guard: int | None = None
+    T_part_object: Float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +121,8 @@ class RapidProgram(RobotProgram):
     """A program in RAPID.
 
     Attributes:
-        text: The module as read.
+        text: The modules as read, that of the program first.
+        files: Name of each file, and where it stands in the text.
         moves: One for each of ``motions``.
         calls: Executions of routines, in the order in which they begin; the first is that of the program itself.
         declarations: Index behind the head of the module, where comments are put.
@@ -113,7 +130,13 @@ class RapidProgram(RobotProgram):
     """
 
     text: str = ""
+    files: tuple[tuple[str, int, int], ...] = ()
     moves: tuple[RapidMotion, ...] = ()
     calls: tuple[RoutineCall, ...] = ()
     declarations: int = 0
     names: frozenset[str] = field(default_factory=frozenset)
+
+    def place(self, at: int) -> str:
+        """Return ``file:line`` of an index of the text."""
+        name, start, _ = next((file for file in reversed(self.files) if file[1] <= at), (self.name, 0, 0))
+        return f"{name}:{len(_LINE_END.findall(self.text[start:at])) + 1}"

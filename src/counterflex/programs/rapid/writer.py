@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -18,7 +19,9 @@ from counterflex.programs.limits import RAPID, check_name
 from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
 
 _NO_EXTERNAL = "9E9"
-_UNSUPERVISED = ("    ConfJ \\Off;", "    ConfL \\Off;")
+UNSUPERVISED: Final = ("ConfJ \\Off;", "ConfL \\Off;")
+SUPERVISED: Final = ("ConfJ \\On;", "ConfL \\On;")
+"""What the controller has when a program starts (Technical reference manual, RAPID: ConfJ, ConfL)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +30,10 @@ class RapidSettings(RobotSettings):
 
     Attributes:
         T_flange_tcp: (4, 4) m, tool frame of tools that ``tool_data`` does not name.
-        T_base_part: (4, 4) m, work object frame in the robot's base (world) frame.
-        T_base_tcp: (4, 4) m, frame of a tool that stands, in the robot's base (world) frame; then the robot holds the
-            work object, ``T_flange_tcp`` is its frame in the flange, and ``T_base_part`` is not looked at.
+        T_base_part: (4, 4) m, work object frame in the controller's world.
+        T_base_tcp: (4, 4) m, frame of a tool that stands, in the controller's world; then the robot holds the work
+            object, ``T_flange_tcp`` is its frame in the flange, and ``T_base_part`` is not looked at.
+        work_object: Name of the wobjdata on the controller; empty: the module declares one of its own.
         tool_mass_kg: Mass of the tool in tooldata, > 0.
         p_flange_cog: (3,) m, its centre of gravity.
         configuration: (4,) cf1, cf4, cf6, cfx of every target; supervision of linear moves is off.
@@ -51,6 +55,7 @@ class RapidSettings(RobotSettings):
     points_per_file: int = RAPID.points_per_file
     tool_data: Mapping[int, str] = field(default_factory=dict)
     T_base_tcp: Float | None = None
+    work_object: str = ""
 
     def check(self) -> None:
         """Check ranges.
@@ -59,18 +64,10 @@ class RapidSettings(RobotSettings):
             InputError: A setting is out of range.
         """
         check_name(f"{self.name}_m", RAPID, "RAPID")
-        own = re.compile(
-            rf"{self.name}(_m|_\d{{3}}(_m)?)?|[tw]_{self.name[:30]}|v_{self.name[:24]}_\d+|cf[A-Z]\w*", re.IGNORECASE
-        )
         for tool, name in self.tool_data.items():
-            check_name(name, RAPID, "RAPID")
-            if own.fullmatch(name):
-                raise InputError(
-                    f"the tooldata of T{tool} is called as something that the program declares itself",
-                    value=name,
-                    limit="another name",
-                    hint="Rename it on the controller and in tools.tooldata, or the program",
-                )
+            self._check_theirs(name, f"tooldata of T{tool}", "tools.tooldata")
+        if self.work_object:
+            self._check_theirs(self.work_object, "work object", "controller.work_object")
         super().check()
         as_float("T_flange_tcp", self.T_flange_tcp, (4, 4))
         as_float("T_base_part", self.T_base_part, (4, 4))
@@ -82,19 +79,44 @@ class RapidSettings(RobotSettings):
         if not re.fullmatch(r"fine|z(0|1|5|10|15|20|30|40|50|60|80|100|150|200)", self.zone):
             raise InputError("the zone is not a predefined one", value=self.zone, limit="fine, z0, z1, z5, z10 .. z200")
 
+    def _check_theirs(self, name: str, what: str, key: str) -> None:
+        """Refuse a name of the controller that the program declares itself."""
+        check_name(name, RAPID, "RAPID")
+        own = rf"{self.name}(_m|_\d{{3}}(_m)?)?|[tw]_{self.name[:30]}|v_{self.name[:24]}_\d+|cf[A-Z]\w*"
+        if re.fullmatch(own, name, re.IGNORECASE):
+            raise InputError(
+                f"the {what} is called as something that the program declares itself", value=name,
+                limit="another name", hint=f"Rename it on the controller and in {key}, or the program",
+            )  # fmt: skip
 
-def rapid_pose(T_a_b: Float) -> str:
-    """``[x,y,z],[q1,q2,q3,q4]`` of a pose: mm and a unit quaternion with q1 (scalar) first and >= 0.
+
+def rapid_pose(T_a_b: Float, quat_wxyz: Float | None = None) -> str:
+    """``[x,y,z],[q1,q2,q3,q4]`` of a pose: mm and a unit quaternion with q1 (scalar) first.
 
     Args:
         T_a_b: (4, 4), m.
+        quat_wxyz: (4,) its quaternion; None is the one with q1 >= 0.
 
     Returns:
         The two aggregates, comma between.
     """
     p = ",".join(number(float(v), RAPID.position_decimals) for v in T_a_b[:3, 3] / MM)
-    q = ",".join(number(float(v), RAPID.angle_decimals) for v in rotation.quat_wxyz(T_a_b[:3, :3]))
+    values = rotation.quat_wxyz(T_a_b[:3, :3]) if quat_wxyz is None else quat_wxyz
+    q = ",".join(number(float(v), RAPID.angle_decimals) for v in values)
     return f"[{p}],[{q}]"
+
+
+class SteadyQuaternions:
+    """Quaternions of successive targets, each of the sign that lies nearer to the one before."""
+
+    def __init__(self) -> None:
+        self._last: Float = np.array([1.0, 0.0, 0.0, 0.0])
+
+    def of(self, R: Float) -> Float:
+        """(4,) scalar first, of a rotation (3, 3)."""
+        q = rotation.quat_wxyz(R)
+        self._last = -q if float(q @ self._last) < 0.0 else q
+        return self._last
 
 
 class RapidWriter(RobotWriter[RapidSettings]):
@@ -104,6 +126,10 @@ class RapidWriter(RobotWriter[RapidSettings]):
     comment, stop, wait = "!", "Stop;", "WaitTime {};"
 
     @cached_property
+    def _quaternions(self) -> SteadyQuaternions:
+        return SteadyQuaternions()
+
+    @cached_property
     def _speeds(self) -> dict[float, str]:
         """Names of the speeddata by speed, m/s."""
         used = {float(speed) for speed in self.points.speed_m_s if speed > 0.0} | {self.settings.rapid_m_s}
@@ -111,7 +137,7 @@ class RapidWriter(RobotWriter[RapidSettings]):
 
     @property
     def _wobj(self) -> str:
-        return f"w_{self.settings.name[:30]}"
+        return self.settings.work_object or f"w_{self.settings.name[:30]}"
 
     def point(self, index: int) -> list[str]:
         """A point: MoveL, fine at the first one and where it must be reached."""
@@ -121,7 +147,7 @@ class RapidWriter(RobotWriter[RapidSettings]):
     def enter(self, tool: int, place: int) -> list[str]:
         """The way back behind a change of tool."""
         self.speed, self.tool = self.settings.rapid_m_s, tool
-        return [*_UNSUPERVISED, self._move(place, "fine")]
+        return [*self._indented(UNSUPERVISED), self._move(place, "fine")]
 
     def start(self, lead: Sequence[str]) -> list[str]:
         """First tool, start posture."""
@@ -129,7 +155,14 @@ class RapidWriter(RobotWriter[RapidSettings]):
         axes = ",".join(number(a / DEG, 5) for a in settings.start_axes_rad)
         tool, speed = self._tool_name(self.first_tool), self._speed_data(settings.start_m_s)
         move = f"    MoveAbsJ [[{axes}],{self._external}],{speed},fine,{tool}\\WObj:={self._wobj};"
-        return [*lead, *_UNSUPERVISED, move]
+        return [*lead, *self._indented(UNSUPERVISED), move]
+
+    def finish(self) -> list[str]:
+        """Supervision of the configuration on again, as it was."""
+        return self._indented(SUPERVISED)
+
+    def _indented(self, lines: Sequence[str]) -> list[str]:
+        return [f"{self.indent}{line}" for line in lines]
 
     def call(self, part: str) -> str:
         """Call of a part."""
@@ -143,7 +176,7 @@ class RapidWriter(RobotWriter[RapidSettings]):
         declarations = [
             *(f"  {line}" for line in self.origin()),
             *([f"  {rapid_tool(settings, self._tool_name(0))}"] if own else []),
-            f"  {rapid_part(settings, self._wobj)}",
+            *([] if settings.work_object else [f"  {rapid_part(settings, self._wobj)}"]),
             *(f"  CONST speeddata {name}:={self._speed_data(speed)};" for speed, name in self._speeds.items()),
         ]
         return rapid_module(settings.name, declarations, body)
@@ -167,7 +200,8 @@ class RapidWriter(RobotWriter[RapidSettings]):
 
     def _move(self, index: int, zone: str) -> str:
         conf = "[" + ",".join(str(int(c)) for c in self.settings.configuration) + "]"
-        target = f"[{rapid_pose(self.points.Ts_part_tcp[index])},{conf},{self._external}]"
+        T = self.points.Ts_part_tcp[index]
+        target = f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},{conf},{self._external}]"
         speed = self._speeds[self.speed or self.settings.rapid_m_s]
         return f"    MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
 

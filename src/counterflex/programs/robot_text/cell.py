@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -26,9 +26,11 @@ class RobotTextCell:
         where: Path of the cell file, for messages.
         tools: Numbers of ``[[tools]]``.
         T_flange_tcp: (4, 4) m, tool frame that the cell plans with; of a robot that holds the part the part's frame.
-        T_base_part: (4, 4) m, part frame in the robot base (world).
+        T_base_part: (4, 4) m, part frame in the world of the controller.
         functions: ``[controller.spindle]`` of the language.
         external_axes: Value of external axes by number, mm or deg.
+        tip_of_axes: Returns (4, 4) m, the TCP frame of the cell in the part frame, where the axes A1 to A6 (J1 to J6)
+            stand as the controller shows them, deg; None where the cell has no robot that tells it.
     """
 
     where: str
@@ -37,6 +39,7 @@ class RobotTextCell:
     T_base_part: Float
     functions: MachineFunctions
     external_axes: Mapping[int, float] = field(default_factory=dict)
+    tip_of_axes: Callable[[Sequence[float]], Float] | None = None
 
     @property
     def only_tool(self) -> int:

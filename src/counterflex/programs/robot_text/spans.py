@@ -37,6 +37,12 @@ class Spans:
         self._edits += other._edits
         return self
 
+    def within(self, start: int, end: int) -> Spans:
+        """The edits between two indices."""
+        out = Spans()
+        out._edits = [edit for edit in self._edits if start <= edit[0] and edit[1] <= end]
+        return out
+
     def applied(self, text: str, start: int = 0, end: int | None = None) -> str:
         """The text between two indices with the edits."""
         end, out, at = len(text) if end is None else end, [], start

@@ -109,7 +109,7 @@ class RobotPoints:
                 f"{tolerance_m / MM:.4f} mm), most in line {self.line(program)}: the points would have to be closer "
                 f"together than feed times controller cycle, {self.feed_m_s * self.cycle_s / MM:.2g} mm; {self.merged} "
                 f"were merged. F{feed:.0f} there would hold it, or controller.cycle_ms = {cycle:.2g} if the controller "
-                f"takes points that fast; --tolerance-um {math.ceil(error / UM)} accepts it"
+                f"takes points that fast; compensation.tolerance_um = {math.ceil(error / UM)} accepts it"
             )
         if self.too_close:
             out.append(f"{self.too_close} points are closer together than feed times controller cycle and had to stay")

@@ -33,7 +33,7 @@ class RobotSettings:
 
     Attributes:
         name: Program name; where the program is split, a part adds four characters to it.
-        start_axes_rad: (6,) axis angles of the posture the program starts from, rad.
+        start_axes_rad: (6,) axes of the posture the program starts from, as the controller shows them, rad.
         rapid_m_s: Speed of rapids, m/s.
         orientation_deg_s: Reorientation speed, deg/s.
         cycle_s: Time the controller needs per point, s.
@@ -142,7 +142,7 @@ class RobotWriter(ABC, Generic[S]):
         split = len(parts.parts) > 1
         names = [f"{settings.name}_{i:03d}" for i in range(1, len(parts.parts) + 1)] if split else []
         path = [self.call(part) for part in names] if split else parts.parts[0]
-        main = [*self.start(parts.lead), *parts.opening, *path, *parts.ending]
+        main = [*self.start(parts.lead), *parts.opening, *path, *parts.ending, *self.finish()]
         files = {f"{settings.name}.{self.suffix}": self.main(main)}
         for part, content in zip(names, parts.parts, strict=False):
             files |= self.part(part, content)
@@ -193,6 +193,10 @@ class RobotWriter(ABC, Generic[S]):
     @abstractmethod
     def start(self, lead: Sequence[str]) -> list[str]:
         """Lines of the main routine up to the start posture, with those of the first change of tool in them."""
+
+    def finish(self) -> list[str]:
+        """Lines at the end of the main routine that put back what the program changed for itself."""
+        return []
 
     @abstractmethod
     def call(self, part: str) -> str:

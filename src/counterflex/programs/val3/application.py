@@ -25,7 +25,7 @@ class Val3Settings(RobotSettings):
 
     Attributes:
         T_flange_tcp: (4, 4) m, tool frame of tools that ``tool_data`` does not name.
-        T_base_part: (4, 4) m, frame of the part in the robot's world.
+        T_world_part: (4, 4) m, frame of the part in the controller's world, which lies at the height of axis 2.
         blend_m: Leave and reach of blended points, m.
         axis_percent: Speed of movej, per cent.
         configuration: Shoulder, elbow and wrist of every point.
@@ -35,7 +35,7 @@ class Val3Settings(RobotSettings):
     """
 
     T_flange_tcp: Float
-    T_base_part: Float
+    T_world_part: Float
     blend_m: float = 0.5e-3
     axis_percent: int = 10
     configuration: tuple[str, str, str] = ("righty", "epositive", "wpositive")
@@ -121,7 +121,7 @@ class Application:
             for i, angle in enumerate(settings.start_axes_rad, start=1)
         )
         variables = [
-            ("fPart", "frame", [f'{pose_text(settings.T_base_part)} fatherId="world[0]"']),
+            ("fPart", "frame", [f'{pose_text(settings.T_world_part)} fatherId="world[0]"']),
             *([("tPath", "tool", [f'{pose_text(settings.T_flange_tcp)} fatherId="flange[0]"'])] * self._own_tool),
             ("jStart", "jointRx", [axes]),
             ("mSpeed", "mdesc", list(self._speeds)),

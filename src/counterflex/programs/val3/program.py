@@ -62,11 +62,13 @@ class Val3Data:
         kind: ``pointRx``, ``frame``, ``tool``, ``mdesc``, ...
         head: Its opening tag.
         values: Elements by index.
+        size: Number of elements.
     """
 
     kind: str
     head: str
     values: Mapping[int, Val3Value]
+    size: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,15 +81,18 @@ class Val3Motion:
         start: Index of the word in the text.
         head: Index at which its line begins; of a wait that of the ``waitEndMove()`` before it.
         R_tcp_tool: (3, 3) orientation of the tool in the cell's TCP frame.
-        point: Its end; None of a dwell.
-        named: Where the point stands in the statement.
-        auxiliary: Point on a circle.
+        file: Name of the program file that it stands in.
+        T_part_father: (4, 4) m, frame of its end in the part frame.
+        T_father_tool: (4, 4) m, its end in that frame; None of a place by axes, and of a dwell.
+        attributes: Of its end in the data file: configuration and father.
+        point: Its end, where it is a point of the data file as it stands there; else None.
+        named: Where the end stands in the statement.
+        auxiliary: Point on a circle, of the same kind as ``point``.
         auxiliary_named: Where that stands.
         tool: As written.
-        speed: Variable of its mdesc.
+        speed: Attributes of its mdesc.
         speed_named: Where that stands.
         exact: It stops at its end.
-        changed_speed: The program changes other fields of the mdesc than its speed.
     """
 
     line: int
@@ -95,37 +100,53 @@ class Val3Motion:
     start: int
     head: int
     R_tcp_tool: Float
+    file: str = ""
+    T_part_father: Float = field(default_factory=lambda: np.eye(4))
+    T_father_tool: Float | None = None
+    attributes: Mapping[str, str] = field(default_factory=dict)
     point: Key | None = None
     named: Span = (0, 0)
     auxiliary: Key | None = None
     auxiliary_named: Span = (0, 0)
     tool: str = ""
-    speed: Key = ("", 0)
+    speed: Mapping[str, str] = field(default_factory=dict)
     speed_named: Span = (0, 0)
     exact: bool = False
-    changed_speed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Val3Source:
+    """A program file of a job.
+
+    Attributes:
+        text: As read.
+        code: Index of the first character behind ``begin``.
+    """
+
+    text: str
+    code: int
 
 
 @dataclass(frozen=True, slots=True)
 class Val3Program(RobotProgram):
-    """A program in VAL3.
+    """A program in VAL3, with the programs of its application that it calls.
 
     Attributes:
-        text: The program file.
+        sources: Program files by name, the main one first.
         data: The data file.
         data_name: Its name.
         moves: One for each of ``motions``.
         variables: Of the data file, by name.
-        mentions: How often the code names each point.
-        code: Index of the first character behind ``begin``.
+        mentions: How often the program uses each point.
         datas_end: Index of ``</Datas>`` in the data file.
+        old: The data file is in the form of s6.
     """
 
-    text: str = ""
+    sources: Mapping[str, Val3Source] = field(default_factory=dict)
     data: str = ""
     data_name: str = ""
     moves: tuple[Val3Motion, ...] = ()
     variables: Mapping[str, Val3Data] = field(default_factory=dict)
     mentions: Mapping[Key, int] = field(default_factory=dict)
-    code: int = 0
     datas_end: int = 0
+    old: bool = False

@@ -13,6 +13,7 @@ from counterflex.geometry import pose
 from counterflex.protocols.abb_egm.telegram import RobotState, read_robot
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.runtime.plausibility.axis_check import ABSENT, EXACT
 
 LARGEST_DATAGRAM: Final = 4096
@@ -34,6 +35,7 @@ class EgmLink:
         period_s: Time between messages: SampleRate of the RAPID program.
         T_part_frame: (4, 4) frame of the messages in the part frame; None: the program reports in its work object,
             which is the part frame.
+        axes: How the controller counts the axes of its messages.
 
     Attributes:
         counters: See :class:`counterflex.protocols.robot.port.Counters`.
@@ -58,7 +60,9 @@ class EgmLink:
         peer: tuple[str, int] | None = None,
         period_s: float = 24e-3,
         T_part_frame: Float | None = None,
+        axes: ControllerAxes = AS_MODEL,
     ) -> None:
+        self._counted = axes
         self.period_s = as_positive("period_s", period_s)
         self._T_part_frame = T_part_frame
         self._T_frame_part = None if T_part_frame is None else pose.inverse(T_part_frame)
@@ -164,7 +168,7 @@ class EgmLink:
         self.force = state.force
         if state.q is not None and state.T_frame_tcp is not None:
             self._located = True
-            self._q[:] = state.q
+            self._q[:] = self._counted.model(state.q)
             self._T_part_actual = self._in_part(state.T_frame_tcp)
             planned = state.T_frame_tcp_planned
             self._T_part_planned = None if planned is None else self._in_part(planned)

@@ -16,6 +16,7 @@ from counterflex.protocols.kuka_rsi.pose_kernel import read_pose, read_stand
 from counterflex.protocols.kuka_rsi.telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.runtime.plausibility.axis_check import ABOUT, ABSENT, EXACT
 from counterflex.runtime.state.supervisor import State
 
@@ -33,6 +34,7 @@ class RsiLink:
         port: None takes the one of the configuration; 0 a free one.
         peer: Address and port of the controller, see :class:`RobotPort`.
         period_s: Cycle of the controller.
+        axes: How the controller counts the axes of its telegrams.
 
     Attributes:
         counters: See :class:`Counters`.
@@ -58,7 +60,9 @@ class RsiLink:
         port: int | None = None,
         peer: tuple[str, int] | None = None,
         period_s: float = 4e-3,
+        axes: ControllerAxes = AS_MODEL,
     ) -> None:
+        self._counted = None if axes.matrix is None else axes
         self.config = config
         self._reader, self._writer = robot_reader(config), answer_writer(config, texts={"EStr": "counterflex"})
         names = self._reader.names
@@ -67,15 +71,15 @@ class RsiLink:
             raise InputError(
                 "the RSI configuration sends no pose", where=config.where, hint="Add DEF_RSol and DEF_RIst to SEND"
             )
-        axes = next((word for word in ("ASPos", "AIPos") if f"{word}.A1" in names), None)
-        if axes is None:
+        angles = next((word for word in ("ASPos", "AIPos") if f"{word}.A1" in names), None)
+        if angles is None:
             raise InputError(
                 "the RSI configuration sends no axis angles", where=config.where, hint="Add DEF_ASPos to SEND"
             )
         self._nominal = self._reader.place(*(f"{pose}.{a}" for a in "XYZABC"))
-        self._axes = self._reader.place(*(f"{axes}.A{i}" for i in range(1, 7)))
+        self._axes = self._reader.place(*(f"{angles}.A{i}" for i in range(1, 7)))
         self._actual = self._reader.place(*(f"RIst.{a}" for a in "XYZABC")) if "RIst.X" in names else None
-        set_angles = axes == "ASPos"
+        set_angles = angles == "ASPos"
         self.commanded_is = EXACT if set_angles == (pose == "RSol") else ABOUT
         self.measured_is = ABSENT if self._actual is None else ABOUT if set_angles else EXACT
         self._currents = self._reader.place(*_CURRENTS) if set(_CURRENTS) <= set(names) else None
@@ -229,6 +233,8 @@ class RsiLink:
     def fill(self, nominal: Float, q: Float) -> None:
         """Write commanded pose and axis angles of the newest telegram: (12,) rotation by rows, position; (6,) rad."""
         read_stand(self._numbers, self._nominal, self._axes, nominal, q)
+        if self._counted is not None:
+            q[:] = self._counted.model(q)
 
     def fill_actual(self, out: Float) -> bool:
         """Write the pose that the controller reports (encoders, nominal geometry) as measured; False without RIst."""
@@ -271,6 +277,8 @@ class RsiLink:
         fd = self._port.target
         as_axes = axes is not None and self._axes_out is not None
         sent: Float = axes if as_axes and axes is not None else correction
+        if as_axes and self._counted is not None:
+            sent = self._counted.shown_change(sent)
         self._last_correction[:], self._last_as_axes = sent, as_axes
         self._again = stop, feed_hold, override, state
         length = answer(self._table.rows, fd, self._line.newest, sent, as_axes, stop, feed_hold, override, int(state))

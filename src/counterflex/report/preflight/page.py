@@ -59,15 +59,15 @@ def preflight_page(data: PreflightData) -> str:
     if data.curves is not None:
         figures |= path_figures(data.curves)
     count = {
-        verdict: sum(row["verdict"] == verdict for row in data.checks) for verdict in ("fail", "warning", "unknown")
+        verdict: sum(row["verdict"] == verdict for row in data.checks)
+        for verdict in ("fail", "warning", "not looked at")
     }
     verdict = (
         f"{count['fail']} checks fail: the program is not to be run on this cell as it is."
         if data.failed
         else "No hard check fails."
     )
-    if count["warning"] or count["unknown"]:
-        verdict += f" {count['warning']} warnings; {count['unknown']} checks lack a value of the cell."
+    verdict += f" {count['warning']} warnings; {count['not looked at']} hazards are not looked at."
     return render("preflight.html.j2", figures, [], data=data, verdict=verdict, drawn=list(figures))
 
 

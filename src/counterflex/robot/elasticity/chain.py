@@ -1,6 +1,7 @@
 """The elastic chain: robot and end effector packed into arrays, with rigid kinematics.
 
-All positions are in m, angles in rad, poses 4x4. ``q`` are the six angles the robot controller shows.
+All positions are in m, angles in rad, poses 4x4. ``q`` are the six angles of the model;
+:mod:`counterflex.robot.model.controller_axes` maps them to what the controller shows.
 """
 
 from __future__ import annotations
@@ -138,6 +139,7 @@ class ElasticChain(Segments):
             play=robot.play,
             servo=robot.servo,
             regions=robot.regions,
+            axes=robot.axes,
         )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.records import Record, Records, records
 from counterflex.robot.elasticity.kernels.records import REGION, STATION, SURROUNDINGS, Compact
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.description import Counterbalance, ElasticRegion, Opw, Play, Servo
 
 SAME_AXIS_M = 0.1
@@ -44,7 +45,7 @@ class Segments:
         flange_segment: Index of the segment that carries the flange (-1: the base).
         T_segment_flange: (4, 4) flange in that segment.
         T_flange_tcp: (4, 4) rigid pose of the TCP in the flange.
-        joint_limits_rad: (6, 2) lower, upper.
+        joint_limits_rad: (6, 2) lower, upper of the model's angles.
         joint_speeds_rad_s: (6,) or None.
         opw: Closed-form geometry or None.
         counterbalance: Or None.
@@ -52,6 +53,7 @@ class Segments:
         play: Play and friction of the six driven axes, None for an axis without; or None.
         servo: Loop gains of the six driven axes, None for an axis that never yields; or None.
         regions: Compliances that differ by region of the joint space; ``compliance`` is what their factors act on.
+        axes: How the controller counts the axes.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Segments:
     play: tuple[Play | None, ...] | None = None
     servo: tuple[Servo | None, ...] | None = None
     regions: tuple[ElasticRegion, ...] = ()
+    axes: ControllerAxes = AS_MODEL
 
     @property
     def n(self) -> int:

@@ -22,6 +22,7 @@ from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics import inverse_kernel, reach_errors
 from counterflex.robot.kinematics.inverse_seeds import arm_length, branch_of, extension, seeds
 from counterflex.robot.model import opw
+from counterflex.robot.model.controller_axes import room
 
 SIGMA_FLOOR: Final = 0.005
 """Scaled sigma_min below which :func:`inverse` and :func:`inverse_path` refuse (about 0.6 deg of axis 5)."""
@@ -124,7 +125,9 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
             continue
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
-        results += [_solution(chain, target, row, sigma, wrist) for row in choices]
+        turned = [_solution(chain, target, row, sigma, wrist) for row in choices]
+        results += [one for one in turned if not _breaks_coupled(chain, one)]
+        outside += [one for one in turned if _breaks_coupled(chain, one)]
         if len(choices) == 0:
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)
@@ -136,7 +139,7 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
         results = list(per_branch.values())
     if not results:
         best = max(outside, key=lambda s: s.limit_margin_rad, default=None)
-        worst = None if best is None else (best.branch, best.limit_axis, float(best.q[best.limit_axis]))
+        worst = None if best is None else (best.branch, best.limit_axis, best.q)
         raise reach_errors.unreached(chain, target, worst)
     return sorted(results, key=lambda s: -s.limit_margin_rad)
 
@@ -288,8 +291,17 @@ def _follow(
         np.array(first.q), inverse_kernel.Bounds(np.array(chain.joint_limits_rad), int(enforce), float(sigma_floor)),
         inverse_kernel.Followed(q, out, axes, fault),
     )  # fmt: skip
+    if chain.axes.coupled:
+        rooms = room(chain.axes, chain.joint_limits_rad, q[:done])
+        out[:done, 0], axes[:done] = rooms.min(axis=1), rooms.argmin(axis=1)
+        beyond = np.flatnonzero(out[:done, 0] < -opw.LIMIT_SLACK_RAD)
+        if enforce and len(beyond):
+            point = int(beyond[0])
+            raise reach_errors.outside(chain, q[point], int(axes[point]), point)
+    if code == inverse_kernel.OUTSIDE:
+        raise reach_errors.outside(chain, q[done], axis, done)
     if code != inverse_kernel.OK:
-        raise reach_errors.path_fault(chain, Ts[done], done, code, axis, fault, sigma_floor)
+        raise reach_errors.path_fault(chain, Ts[done], done, code, fault, sigma_floor)
     return PathSolution(
         q=q,
         branch=first.branch,
@@ -302,11 +314,16 @@ def _follow(
 
 
 def _solution(chain: ElasticChain, target: Float, q: Float, sigma: float, wrist: float) -> Solution:
-    room = np.minimum(q - chain.joint_limits_rad[:, 0], chain.joint_limits_rad[:, 1] - q)
-    axis = int(np.argmin(room))
+    rooms = room(chain.axes, chain.joint_limits_rad, q)
+    axis = int(np.argmin(rooms))
     branch = branch_of(chain, q)
     reserve = extension(chain, target, branch)
-    return Solution(q, branch, float(room[axis]), axis, wrist, sigma, None if reserve is None else float(reserve))
+    return Solution(q, branch, float(rooms[axis]), axis, wrist, sigma, None if reserve is None else float(reserve))
+
+
+def _breaks_coupled(chain: ElasticChain, solution: Solution) -> bool:
+    """True where only the controller's coupled axis 3 is out of its limits."""
+    return chain.axes.coupled and solution.limit_margin_rad < -opw.LIMIT_SLACK_RAD
 
 
 def _distinct(problem: _Problem, target: Float, starts: Sequence[Float]) -> list[tuple[Float, float, float]]:

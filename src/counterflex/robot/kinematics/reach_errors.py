@@ -9,6 +9,7 @@ from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics import inverse_kernel
 from counterflex.robot.kinematics.inverse_seeds import flange_of
 from counterflex.robot.model import opw
+from counterflex.robot.model.controller_axes import shown_limits
 
 _MOVE = "Move the part closer to the robot, or away from its foot"
 
@@ -30,21 +31,21 @@ def beyond(chain: ElasticChain, T_base_tcp: Float) -> float | None:
     return -reserve if reserve < 0.0 else None
 
 
-def unreached(chain: ElasticChain, T_base_tcp: Float, outside: tuple[str, int, float] | None) -> ReachError:
+def unreached(chain: ElasticChain, T_base_tcp: Float, worst: tuple[str, int, Float] | None) -> ReachError:
     """Error of a pose without solution.
 
     Args:
         chain: The chain.
         T_base_tcp: (4, 4) m.
-        outside: The solution that breaks its joint limits least: branch, axis 0..5, its angle in rad; or None.
+        worst: The solution that breaks its joint limits least: branch, axis 0..5, (6,) angles in rad; or None.
     """
-    if outside is not None:
-        branch, axis, angle = outside
-        low, high = chain.joint_limits_rad[axis] / DEG
+    if worst is not None:
+        branch, axis, q = worst
+        name, value, limit = _limit_words(chain, q, axis)
         return ReachError(
-            f"every branch breaks a joint limit; in the best ({branch}) axis {axis + 1} is out",
-            value=f"{angle / DEG:.3f} deg",
-            limit=f"{low:.3f}..{high:.3f} deg",
+            f"every branch breaks a joint limit; in the best ({branch}) {name} is out",
+            value=value,
+            limit=limit,
             hint="Move the part or turn the tool about its axis",
             axis=axis,
         )
@@ -79,9 +80,37 @@ def near_singularity(wrist: float, sigma: float, floor: float) -> ReachError:
     )
 
 
-def path_fault(
-    chain: ElasticChain, T_base_tcp: Float, point: int, code: int, axis: int, fault: Float, floor: float
-) -> ReachError:
+def _limit_words(chain: ElasticChain, q: Float, axis: int) -> tuple[str, str, str]:
+    """Name, value and limits of an axis as the controller shows it; of axis 3 also its angle to the upper arm."""
+    name, value = f"axis {axis + 1}", float(chain.axes.shown(q)[axis])
+    low, high = shown_limits(chain.axes, chain.joint_limits_rad)[axis]
+    if chain.axes.coupled and low <= value <= high:
+        name, value, (low, high) = f"{name} against the upper arm", float(q[axis]), chain.joint_limits_rad[axis]
+    return name, f"{value / DEG:.3f} deg", f"{low / DEG:.3f}..{high / DEG:.3f} deg"
+
+
+def outside(chain: ElasticChain, q: Float, axis: int, point: int) -> ReachError:
+    """Error of a path point at which an axis leaves its range.
+
+    Args:
+        chain: The chain.
+        q: (6,) rad there.
+        axis: 0..5.
+        point: Its index.
+    """
+    name, value, limit = _limit_words(chain, q, axis)
+    return ReachError(
+        f"{name} leaves its range",
+        where=f"path point {point}",
+        value=value,
+        limit=limit,
+        hint="Choose another branch, or move the part",
+        point=point,
+        axis=axis,
+    )
+
+
+def path_fault(chain: ElasticChain, T_base_tcp: Float, point: int, code: int, fault: Float, floor: float) -> ReachError:
     """Error of the first path point that :func:`counterflex.robot.kinematics.inverse_kernel.follow` could not do.
 
     Args:
@@ -89,22 +118,10 @@ def path_fault(
         T_base_tcp: (4, 4) pose of that point, m.
         point: Its index.
         code: How it ended.
-        axis: Axis 0..5 of a joint limit.
         fault: (2,) as the kernel leaves it.
         floor: Smallest sigma_min accepted.
     """
     where = f"path point {point}"
-    if code == inverse_kernel.OUTSIDE:
-        low, high = chain.joint_limits_rad[axis] / DEG
-        return ReachError(
-            f"axis {axis + 1} leaves its range",
-            where=where,
-            value=f"{fault[0] / DEG:.3f} deg",
-            limit=f"{low:.3f}..{high:.3f} deg",
-            hint="Choose another branch, or move the part",
-            point=point,
-            axis=axis,
-        )
     gap = beyond(chain, T_base_tcp)
     if gap is not None:
         return ReachError(

@@ -7,7 +7,6 @@ is rigid, or massless.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import tomllib
 from dataclasses import dataclass, replace
@@ -22,8 +21,17 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from counterflex.core.arrays import Float, frozen
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.registry import Registry
+from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, MM, URAD_PER_KNM
 from counterflex.geometry import pose
+from counterflex.robot.model.controller_axes import (
+    AS_MODEL,
+    MAKER_NAMES,
+    MAKERS,
+    Axis3,
+    ControllerAxes,
+    from_geometry,
+)
 from counterflex.robot.model.description import Counterbalance, Opw, Robot, Segment
 from counterflex.robot.model.opw_chain import Element, from_opw
 
@@ -138,6 +146,7 @@ class CatalogEntry(_Table):
         elements: Elastic bodies between the axes.
         counterbalance: Gas cylinder, where known.
         checks: Published flange poses.
+        axis_3_from: What the controller counts axis 3 from; None is the maker's rule, the upper arm where it has none.
     """
 
     format: Literal["counterflex-robot"]
@@ -155,6 +164,7 @@ class CatalogEntry(_Table):
     elements: list[_Element] = []
     counterbalance: _Counterbalance | None = None
     checks: list[Check]
+    axis_3_from: Axis3 | None = None
 
     @property
     def status(self) -> str:
@@ -182,11 +192,6 @@ class EndEffectorElement:
     segment: Segment
     provenance: Provenance
     frame: Provenance
-
-
-def _letters(name: str) -> str:
-    """Letters and digits of a name, lower case: what is left when spelling habits are taken away."""
-    return "".join(letter for letter in name.lower() if letter.isalnum())
 
 
 def names() -> list[str]:
@@ -224,9 +229,7 @@ def entry(name: str) -> CatalogEntry:
         FileFormatError: The file breaks the format.
     """
     if name not in names():
-        plain = _letters(name)
-        near = [known for known in names() if plain and plain in _letters(known)][:5]
-        near = near or difflib.get_close_matches(name.lower(), names(), n=3, cutoff=0.4)
+        near = close_to(name, names(), 5)
         raise InputError(
             f"no robot {name!r} in the catalogue",
             limit="one of " + ", ".join(near) if near else None,
@@ -278,10 +281,11 @@ def load(name: str) -> Robot:
         bearing[joint] = row.bearing_mm * MM
         mass[joint] = row.mass_kg
         com[joint] = np.array(row.com_mm) * MM
+    limits = frozen(np.stack([np.array(e.limits.lower_deg), np.array(e.limits.upper_deg)], axis=1) * DEG)
     robot = from_opw(
         name,
         opw,
-        np.stack([np.array(e.limits.lower_deg), np.array(e.limits.upper_deg)], axis=1) * DEG,
+        limits,
         compliance,
         bearings_m=bearing,
         masses_kg=mass,
@@ -290,9 +294,21 @@ def load(name: str) -> Robot:
         speeds_rad_s=None if e.limits.speed_deg_s is None else np.array(e.limits.speed_deg_s) * DEG,
         counterbalance=None if e.counterbalance is None else _cylinder(e.counterbalance),
     )
+    robot = replace(robot, axes=_controller_axes(e, opw, limits))
+    if robot.axes.limits_rad is not None:
+        robot = replace(robot, joint_limits_rad=robot.axes.model_limits())
     if e.limits.acceleration_deg_s2 is None:
         return robot
     return replace(robot, joint_accelerations_rad_s2=frozen(np.array(e.limits.acceleration_deg_s2) * DEG))
+
+
+def _controller_axes(e: CatalogEntry, opw: Opw, limits_rad: Float) -> ControllerAxes:
+    maker = next((name for name in MAKER_NAMES if MAKERS[name].title == e.manufacturer), None)
+    if maker is None:
+        return AS_MODEL
+    axis_3 = e.axis_3_from or MAKERS[maker].axis_3 or "upper_arm"
+    axes = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, axis_3)
+    return replace(axes, limits_rad=limits_rad) if axes.coupled else axes
 
 
 def end_effector_elements() -> dict[str, EndEffectorElement]:

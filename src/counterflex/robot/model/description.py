@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 
 RIGID: Float = np.zeros(6)
 RIGID.flags.writeable = False
@@ -29,7 +30,7 @@ class Segment:
         name: For messages and cell files, for example ``axis1``, ``link_arm``, ``sensor``, ``spindle``.
         T_prev_seg: (4, 4) fixed pose of this segment's frame in the previous segment's frame (base for the first).
         joint: Driven axis 0..5 that turns this frame about its z, or None.
-        sign: +1 or -1; ``theta = sign q + offset_rad`` with q the angle the robot controller shows.
+        sign: +1 or -1; ``theta = sign q + offset_rad`` with q the angle of the model.
         offset_rad: See ``sign``.
         compliance: (6,) ``tx ty tz rx ry rz`` in m/N and rad/(N m), in this frame; 0 is rigid.
         mass_kg: Mass of the body.
@@ -153,7 +154,7 @@ class Robot:
         name: Catalogue name or the user's own.
         segments: From the base outward; every joint 0..5 appears once, in order.
         T_last_flange: (4, 4) flange in the frame of the last segment.
-        joint_limits_rad: (6, 2) lower, upper in controller angles.
+        joint_limits_rad: (6, 2) lower, upper of the model's angles.
         joint_speeds_rad_s: (6,) or None.
         opw: Closed-form geometry where it fits, for the seeds of the inverse kinematics.
         counterbalance: Or None.
@@ -161,6 +162,7 @@ class Robot:
         servo: Loop gains of the six driven axes, None for an axis where they are not known; or None.
         regions: Compliances that differ by region of the joint space, of the robot and of what it carries.
         joint_accelerations_rad_s2: (6,) largest, or None.
+        axes: How its controller counts the axes, see :mod:`.controller_axes`.
     """
 
     name: str
@@ -174,6 +176,7 @@ class Robot:
     servo: tuple[Servo | None, ...] | None = None
     regions: tuple[ElasticRegion, ...] = ()
     joint_accelerations_rad_s2: Float | None = None
+    axes: ControllerAxes = AS_MODEL
 
 
 @dataclass(frozen=True)

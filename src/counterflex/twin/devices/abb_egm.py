@@ -20,6 +20,7 @@ from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.abb_egm.telegram import RobotState, read_guidance, read_path_correction, write_robot
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.twin.devices.commanded_motion import Report
 
 TIMEOUT: Final = "ERR_UDPUC_COMM"
@@ -49,6 +50,7 @@ class EgmContext:
         window_rad: Of rx, ry, rz.
         condition_s: CondTime.
         first_ms: Clock of the controller at the first message.
+        axes: How the controller counts the axes.
     """
 
     mode: Literal["path", "pose"] = "path"
@@ -65,6 +67,7 @@ class EgmContext:
     window_rad: float = 0.05 * DEG
     condition_s: float = 30.0
     first_ms: int = 86_400_000
+    axes: ControllerAxes = AS_MODEL
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -161,7 +164,7 @@ class FakeEgm:
         state = RobotState(
             sequence=self.counter & 0xFFFFFFFF,
             time_ms=(self.context.first_ms + round(self._sent * self.context.cycle_s / MS)) & 0xFFFFFFFF,
-            q=report.q_actual,
+            q=self.context.axes.shown(report.q_actual),
             T_frame_tcp=self._T_frame_part @ report.T_part_actual,
             T_frame_tcp_planned=self._T_frame_part @ planned,
             motors_on=True,
@@ -170,7 +173,7 @@ class FakeEgm:
             utilization=self.utilization,
             force=self.force,
             converged=self.converged,
-            q_planned=report.q_command,
+            q_planned=None if report.q_command is None else self.context.axes.shown(report.q_command),
         )
         self._sent += 1
         return write_robot(state, robotware=self.context.robotware)

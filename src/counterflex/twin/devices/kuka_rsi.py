@@ -21,6 +21,7 @@ from counterflex.geometry import rotation
 from counterflex.protocols.kuka_rsi.config import RsiConfig, Value
 from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
 from counterflex.protocols.kuka_rsi.telegram import answer_reader, robot_writer
+from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.plant.motor_currents import MotorCurrents
 
@@ -49,6 +50,7 @@ class RsiContext:
         axis_clamp_rad: AXISCORR, per axis.
         empty_first: KR C2: the first telegram contains the counter only.
         first_counter: First IPOC, ms.
+        axes: How the controller counts the axes.
     """
 
     mode: Literal["absolute", "relative"] = "absolute"
@@ -62,6 +64,7 @@ class RsiContext:
     axis_clamp_rad: float = 5.0 * DEG
     empty_first: bool = False
     first_counter: int = 4208163000
+    axes: ControllerAxes = AS_MODEL
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -169,8 +172,8 @@ class FakeRsi:
         measured = {
             "RIst": _frame(report.T_part_actual),
             "RSol": _frame(report.T_part_nominal),
-            "AIPos": (report.q_actual / DEG).tolist(),
-            "ASPos": (report.q_command / DEG).tolist(),
+            "AIPos": (self.context.axes.shown(report.q_actual) / DEG).tolist(),
+            "ASPos": (self.context.axes.shown(report.q_command) / DEG).tolist(),
         }
         if self._currents is not None and self._has_currents:
             measured["MACur"] = self._currents(report.drive_torque).tolist()
@@ -231,11 +234,11 @@ class FakeRsi:
         axis = [(number(one) + number(other)) * DEG for one, other in self._axis_places]
         if context.mode == "relative":
             pose = [a + b for a, b in zip(self.correction.tolist(), pose, strict=True)]
-            axis = [a + b for a, b in zip(self.axes.tolist(), axis, strict=True)]
+            axis = [a + b for a, b in zip(context.axes.shown_change(self.axes).tolist(), axis, strict=True)]
         clamped = [_clamped(v, context.clamp_m if i < 3 else context.clamp_rad) for i, v in enumerate(pose)]
         axis_clamped = [_clamped(v, context.axis_clamp_rad) for v in axis]
         over = clamped != pose or axis_clamped != axis
-        self.correction, self.axes = np.array(clamped), np.array(axis_clamped)
+        self.correction, self.axes = np.array(clamped), context.axes.model_change(np.array(axis_clamped))
         self.stat = CLAMPED if over else CORRECTING if any(clamped) or any(axis_clamped) else FREE
         if math.hypot(*clamped[:3]) > context.monitor_m or max(map(abs, clamped[3:])) > context.monitor_rad:
             self.stopped = "POSCORRMON"

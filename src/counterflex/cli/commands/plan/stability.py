@@ -56,7 +56,7 @@ def stability(
         typer.Option(
             "--damping",
             help="Damping ratio of the robot's modes, 0.001 to 0.7. Default: that of the tap test in the cell file, "
-            "otherwise 0.03 is assumed.",
+            "otherwise 0.1 is assumed, which stands for 0.02 to 0.3.",
             metavar="RATIO",
             callback=arguments.between(0.001, 0.7),
         ),
@@ -72,8 +72,8 @@ def stability(
     posture and come from the masses and compliances of the cell file; spindle and tool come from a measured response
     or from modal parameters. Without either they are taken as rigid.
 
-    Verdicts: stable; chatter (exit status 1); open (depends on a damping ratio that was not measured: the least one
-    needed is printed).
+    Verdicts: stable; chatter (exit status 1). Where the damping ratio was not measured, the least one needed is
+    printed, and the verdict is marked as open if it changes within the interval of the assumed ratio.
 
     Example: `counterflex plan stability part.ngc --cell cell.toml --out stability`
     """
@@ -131,10 +131,19 @@ def _show(summary: dict[str, Any]) -> None:
         f"{summary['below_1']} of {summary['stretches']} stretches below 1"
     )
     needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])
+    low, high = summary["robot_damping_between"]
+    between = "" if low == high else f", {low:g} to {high:g}"
     typer.echo(
-        f"robot: damping ratio {summary['robot_damping_ratio']:g} ({summary['robot_damping_from']}); "
+        f"robot: damping ratio {summary['robot_damping_ratio']:g} ({summary['robot_damping_from']}{between}); "
         f"stable from {needed:.3g} upwards"
     )
+    if summary["verdict_over_interval"] == "open":
+        typer.echo(
+            f"open: the damping ratio was not measured; below {needed:.3g} the program chatters. Give --damping, or "
+            "measure it: counterflex identify servo"
+        )
+    if summary["engagement"] != "closed form":
+        typer.echo(f"engagement: {summary['engagement']} ({summary['cell_mm']:g} mm): the blank is no box")
     typer.echo(f"spindle and tool: {summary['tool_tip']['from']}")
 
 

@@ -34,7 +34,7 @@ def egm(
         str,
         typer.Option(
             "--egm",
-            help="Where messages go: counterflex run --egm PORT.",
+            help="Where messages go: address and port of the run.",
             metavar="HOST:PORT",
             callback=arguments.host_port,
         ),

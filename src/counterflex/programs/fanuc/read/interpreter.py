@@ -1,76 +1,61 @@
-"""Executes a FANUC TP program statement by statement: motions, frames, speeds, process words."""
+"""Executes a FANUC TP program statement by statement: values, branches, loops, calls, frames, process words."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Final, cast
 
 import numpy as np
 
-from counterflex.core.errors import ProgramError
-from counterflex.programs.fanuc.program import FanucMotion, FanucPosition, frame_of
-from counterflex.programs.fanuc.read import statements as form
-from counterflex.programs.fanuc.read.arcs import arcs_of
-from counterflex.programs.fanuc.read.listing import Listing, Statement
-from counterflex.programs.program import Block, Word
-from counterflex.programs.robot_text.cell import ExternalAxes, NumberedFrames, RobotTextCell
-from counterflex.programs.robot_text.execution import Execution
-from counterflex.programs.robot_text.process_words import ProcessWords
+from counterflex.core.units import MM_PER_S
+from counterflex.programs.expression import ExpressionError, Value, is_number
+from counterflex.programs.fanuc.program import FanucMotion
+from counterflex.programs.fanuc.read.branches import ASSIGNED, Step, divided
+from counterflex.programs.fanuc.read.flow import JUMP, Flow
+from counterflex.programs.fanuc.read.frames import FanucCell
+from counterflex.programs.fanuc.read.listing import Statement
+from counterflex.programs.fanuc.read.motion_form import MOTION
+from counterflex.programs.fanuc.read.routine import Folder, Routine, fault
+from counterflex.programs.fanuc.read.table import ACTING, row_of
+from counterflex.programs.program import Word
+from counterflex.programs.robot_text.process_words import NUMBER, ProcessWords
+from counterflex.programs.statement_table import Treatment
+from counterflex.programs.unknown import Unknown, known
 
-_LARGEST_M_S: Final = 20.0
-_STRAIGHT: Final = "Post the path without loops, conditions and jumps"
+_MOST: Final = 100_000
+"""Statements executed beyond ten times those written: a loop that never ends reaches it within seconds."""
+_MOST_IDLE: Final = 20_000
+"""Statements executed beyond those written without a motion between them."""
+_DEEPEST: Final = 40
+_I: Final = re.IGNORECASE
+_REGISTER: Final = r"A?R\s*\[.*\]"
+_LEAVES: Final = re.compile(r"(?:IF|JMP|SELECT|=|ELSE|END|RETURN|ABORT|CALL)\b|.*\bTIMEOUT\b|=", _I)
+_WAIT_TIME: Final = re.compile(rf"WAIT\s+({NUMBER}|{_REGISTER})\s*(?:\(\s*sec\s*\))?", _I)
+_TIMEOUT: Final = re.compile(r".*\bTIMEOUT\s*,\s*(LBL\s*\[.*\])", _I | re.DOTALL)
+_CALL: Final = re.compile(r"(?:CALL|RUN)\s+([A-Za-z_][\w-]*|(?:SR|PROG)\s*\[.*?\])\s*(?:\((.*)\))?", _I | re.DOTALL)
+_OFFSET: Final = re.compile(
+    r"(TOOL_)?OFFSET\s+CONDITION\s+(PR\s*\[.*?\])(?:\s*,?\s*(?:UFRAME|UTOOL)\s*\[\s*(.*?)\s*\])?", _I | re.DOTALL
+)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FanucCell(RobotTextCell):
-    """What must be known of a cell to read a FANUC program for it.
-
-    Attributes:
-        tool_number: ``controller.tool_number``: the UTOOL that the cell plans with.
-        base_number: ``controller.base_number``: the UFRAME that is the part frame.
-        tool_of_data: Number of the tool by its UTOOL (``tools.tool_data``).
-    """
-
-    tool_number: int
-    base_number: int
-    tool_of_data: Mapping[int, int]
-
-
-class Interpreter(Execution):
+class Interpreter(Flow):
     """State of the controller while a program runs.
 
     Args:
-        listing: The program.
-        positions: Its positions by number.
+        routine: The program.
+        folder: Programs that it can call.
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
-        lines: Of the text, for the blocks.
-
-    Attributes:
-        moves: What stands behind each motion in the text.
-        mentions: How often the code names each position.
     """
 
-    def __init__(
-        self, listing: Listing, positions: Mapping[int, FanucPosition], cell: FanucCell | None, lines: Sequence[str]
-    ) -> None:
-        self.frames = NumberedFrames(cell, "UTOOL_NUM={}", "UFRAME_NUM={}")
-        if cell is not None:
-            self.frames.tool_number, self.frames.base_number = cell.tool_number, cell.base_number
-            self.frames.tool_of_data = cell.tool_of_data
-        super().__init__(self.frames)
-        self.listing, self.positions, self.cell, self._lines = listing, positions, cell, lines
+    def __init__(self, routine: Routine, folder: Folder, cell: FanucCell | None) -> None:
+        super().__init__(cell)
+        self.routine, self.folder, self.file = routine, folder, routine.name
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code)
-        self.moves: list[FanucMotion] = []
-        self.mentions: dict[int, int] = {}
-        self._external = ExternalAxes(cell)
-        self._user_frame = self._user_tool = -1
-        self._away: int | None = None
-        self._flow: list[tuple[str, int]] = []
-        self._assigned: set[int] = set()
-        self._ended = False
-        self._arcs: list[int] = []  # motions of the running chain of A
+        self.depth, self._count, self._ended = 0, 0, False
+        self._counted_at, self._moved = 0, -1
+        self.runs: dict[tuple[str, int], int] = {}
 
     def run(self) -> None:
         """Execute the program.
@@ -78,304 +63,302 @@ class Interpreter(Execution):
         Raises:
             ProgramError: See :func:`~counterflex.programs.fanuc.read.reader.read_fanuc`.
         """
-        statements = list(self.listing.statements())
-        for statement in statements:
-            for match in form.POSITION.finditer(statement.code):
-                self.mentions[int(match[1])] = self.mentions.get(int(match[1]), 0) + 1
-        texts = [statement.code.strip() for statement in statements]
-        at = 0
-        while at < len(statements) and not self._ended:
-            at += self._executed(statements[at], texts, at)
-        self._close_arcs()
-        if self._flow and not self._ended:
-            word, line = self._flow[-1]
-            raise ProgramError(
-                f"{word} is not closed", where=f"{self.listing.name}:{line}", hint="The file may be cut off"
-            )
+        self._run(self.routine, ())
+        self._close_arcs(self.routine)
 
-    def _executed(self, statement: Statement, texts: Sequence[str], at: int) -> int:
-        """Execute a statement; returns how many statements that were."""
-        self._words, first, count = [], len(self.motions), 1
-        self._blocks.append(Block(statement.line, self._lines[statement.line - 1], (), self.modal("G1"), first, 0))
-        function = None if self.process is None else self.process.find(texts, at, self.listing.place(statement.start))
-        if function is not None:
-            self._refuse_in_flow(statement, "the spindle, coolant or tool is switched")
-            self.do(function)
-            count = function.lines
-        else:
-            self._statement(statement, texts[at])
-        self._blocks[-1] = replace(
-            self._blocks[-1], words=tuple(self._words), modal=self.modal(self.motion_code(first)),
-            motion_count=len(self.motions) - first,
-        )  # fmt: skip
-        return count
-
-    # ---- statements ------------------------------------------------------------------------------------------
-
-    def _statement(self, statement: Statement, code: str) -> None:
-        if not code or form.COMMENT.match(code):
-            return
-        if (match := form.MOTION.match(code)) is not None:
-            self._refuse_in_flow(statement, "a motion")
-            self._motion(statement, match[1].upper())
-        elif (match := form.USER_FRAME.fullmatch(code)) is not None:
-            self._refuse_in_flow(statement, "the user frame is set")
-            self._set_frame(int(match[1]), self.listing.place(statement.start))
-        elif (match := form.USER_TOOL.fullmatch(code)) is not None:
-            self._refuse_in_flow(statement, "the tool frame is set")
-            self._set_tool(int(match[1]), self.listing.place(statement.start))
-        elif (match := form.WAIT_TIME.fullmatch(code)) is not None:
-            if not self._flow and self.dwell(len(self._blocks) - 1, float(match[1])):
-                self.moves.append(
-                    FanucMotion(statement.line, "WAIT", statement.start, statement.head, statement.end, np.eye(3))
-                )
-        elif not self._other(statement, code):
-            raise self._fault("an unknown statement", statement, hint="docs/fanuc.md lists what is read")
-
-    def _other(self, statement: Statement, code: str) -> bool:
-        if (match := form.OVERRIDE.fullmatch(code)) is not None:
-            if match[1] != "100":
-                raise self._fault("OVERRIDE changes the speed of every motion", statement, limit="OVERRIDE=100%",
-                                  hint="Write the speeds themselves: the force depends on them")  # fmt: skip
-        elif form.PAUSE.fullmatch(code):
-            if self._flow:
-                self.acting.append(statement.line)
-            else:
-                self._words.append(Word("M", 0.0, 0, 0))
-        elif form.ENDS.fullmatch(code):
-            self._ended = not self._flow
-        elif (match := form.ASSIGNED.match(code)) is not None:
-            self._assigned.add(int(match[1]))
-        elif form.REGISTER.match(code):
-            pass
-        elif form.JUMP.match(code) or (form.CONDITION.match(code) and form.MOVES.search(code)):
-            raise self._fault(
-                "jumps and calls under a condition are not read: what is executed would not be known", statement,
-                hint=_STRAIGHT,
-            )  # fmt: skip
-        elif form.SHIFTS.match(code):
-            raise self._fault("this changes where the robot goes, or how fast, and is not read", statement,
-                              hint="Post the path without it")  # fmt: skip
-        elif form.CALL.match(code):
-            raise self._fault(
-                "another program is called, which may move the robot", statement,
-                limit="a statement of [controller.spindle.fanuc] in the cell file",
-                hint="Post the path as one program, or name the call in the table (m_codes) if it moves nothing",
-            )  # fmt: skip
-        else:
-            return self._flow_statement(statement, code) or self._passed(statement, code)
-        return True
-
-    def _flow_statement(self, statement: Statement, code: str) -> bool:
-        if form.OPENS.fullmatch(code):
-            self._flow.append((code[:2].upper() if code[:2].upper() == "IF" else "FOR", statement.line))
-            self.acting.append(statement.line)
-        elif (match := form.CLOSES.fullmatch(code)) is not None:
-            if not self._flow or form.CLOSED_BY[self._flow[-1][0]] != match[1].upper():
-                raise self._fault(f"{match[1]} closes nothing", statement, hint="The file may be damaged")
-            self._flow.pop()
-        elif form.BETWEEN.fullmatch(code):
-            if not self._flow:
-                raise self._fault("this belongs into IF", statement, hint="The file may be damaged")
-        else:
-            return False
-        return True
-
-    def _passed(self, statement: Statement, code: str) -> bool:
-        if form.ACTS.match(code) or form.CONDITION.match(code):
-            self.acting.append(statement.line)
-            return True
-        return form.PASSED.match(code) is not None
-
-    # ---- frames ----------------------------------------------------------------------------------------------
-
-    def _set_tool(self, number: int, where: str) -> None:
-        self._user_tool = number
-        if number == 0:
-            self.frames.tool_known = True
-            self.frames.tool = self.frames.tool or (0 if self.cell is None else self.cell.only_tool)
-            self.frames.R_tcp_tool = (
-                np.eye(3) if self.cell is None else self.cell.R_tcp_tool(np.eye(4), "UTOOL_NUM=0 (the flange)", where)
-            )
-        else:
-            self.frames.set_tool_data(number, where)
-
-    def _set_frame(self, number: int, where: str) -> None:
-        self._user_frame = number
-        if number == 0:
-            self.frames.base_known = True
-            if self.cell is not None:
-                self.cell.refuse_other_part_frame(np.eye(4), "UFRAME_NUM=0 (the world)", where)
-        else:
-            self.frames.set_base_data(number, where)
-
-    def _frames_of(self, position: FanucPosition) -> None:
-        """Frames that a position names must be the active ones; one that is not set by a statement is taken from it."""
-        where = self.listing.place(position.start)
-        for active, own, word, set_to in (
-            (self._user_tool, position.user_tool, "UT", self._set_tool),
-            (self._user_frame, position.user_frame, "UF", self._set_frame),
-        ):
-            if own is None and active < 0 and self.cell is not None:
-                raise ProgramError(
-                    f"neither the program nor its positions say which {word} is meant", where=where,
-                    value=f"{word} : F", limit=f"U{'TOOL' if word == 'UT' else 'FRAME'}_NUM before the first motion",
-                    hint="Write the number into the program: the controller's is not known",
-                )  # fmt: skip
-            if own is not None and own != active:
-                if active >= 0:
-                    raise ProgramError(
-                        "a position is taught in another frame than the active one: the controller stops there",
-                        where=where, value=f"{word} : {own}", limit=f"{word} : {active}", hint="Post the program again",
+    def _run(self, routine: Routine, arguments: tuple[Value, ...]) -> None:
+        values, outer = self.values, (self.values.arguments, self.values.positions)
+        values.arguments, values.positions = arguments, routine.positions
+        self.depth += 1
+        passes: dict[int, int] = {}
+        at, count = 0, len(routine.statements)
+        while at < count and not self._ended:
+            then = self._executed(routine, at)
+            if then <= at:
+                if passes.get(at) == values.version or self._never_left(routine, then, at):
+                    raise fault(
+                        routine.listing, routine.statements[at],
+                        f"the program repeats from line {routine.statements[then].line} on without end",
+                        limit="a program that ends",
+                        hint="Give the program of one part, without the loop around it",
                     )  # fmt: skip
-                set_to(own, where)
+                passes[at] = values.version
+            at = then
+        self.depth -= 1
+        values.arguments, values.positions = outer
 
-    # ---- motions ---------------------------------------------------------------------------------------------
+    @staticmethod
+    def _never_left(routine: Routine, begin: int, at: int) -> bool:
+        """Whether a jump back is made always, and nothing between its label and it leads elsewhere."""
+        if not routine.texts[at].upper().startswith("JMP"):
+            return False
+        return not any(_LEAVES.match(routine.texts[index]) for index in range(begin, at))
 
-    def _motion(self, statement: Statement, word: str) -> None:
-        if word == "S":
-            raise self._fault("the curve of S (spline) is the controller's own and is not known", statement,
-                              limit="J L C A", hint="Post the path as L")  # fmt: skip
-        auxiliary, auxiliary_span = None, (0, 0)
-        base = statement.start
-        at = len(statement.code) - len(statement.code.lstrip()) + 1
-        position, span, at = self._position(statement, at)
-        if word == "C":
-            auxiliary, auxiliary_span = position, span
-            position, span, at = self._position(statement, at)
-        motion = self._rest(statement, word, at)
-        if position is None or not position.numbers:
-            if word != "J":
-                raise self._fault("axis angles are no target of a path", statement, limit="X Y Z W P R")
-            self._away = statement.line
-            self._close_arcs()
-            return
-        if self._away is not None and self.motions:
-            raise self._fault(
-                f"the robot comes from a place that is not known, by axes (line {self._away})", statement,
-                limit="such places before the first target and behind the last one",
-                hint="Give that place by X Y Z W P R, or post each part as a program of its own",
+    def _executed(self, routine: Routine, at: int) -> int:
+        """Execute a statement; returns the index of the next one."""
+        statement, text = routine.statements[at], routine.texts[at]
+        self._count += 1
+        idle = self._count - self._counted_at if len(self.motions) == self._moved else 0
+        if not idle:
+            self._counted_at, self._moved = self._count, len(self.motions)
+        written = len(routine.statements)
+        if self._count > _MOST + 10 * written or idle > _MOST_IDLE + written:
+            raise fault(
+                routine.listing, statement, "the program does not end within the statements that are executed",
+                limit=f"{_MOST} statements, {_MOST_IDLE} of them without a motion", hint="Give the program of one part",
             )  # fmt: skip
-        self._away = None
-        for one in (auxiliary, position):
-            if one is not None:
-                self._check(one)
-        if word != "A":
-            self._close_arcs()
-        T = frame_of(position.values)
-        feed = 0.0 if word == "J" else motion.unit_m_s * float(motion.speed_text)
-        self.straight(len(self._blocks) - 1, T[:3, 3], T[:3, :3] @ self.frames.R_tcp_tool.T, feed)
-        if auxiliary is not None and auxiliary.numbers:
-            self.circle(frame_of(auxiliary.values)[:3, 3], lambda what, hint: self._fault(what, statement, hint=hint))
-        elif auxiliary is not None:
-            raise self._fault("axis angles are no point of a circle", statement, limit="X Y Z W P R")
-        if word == "A":
-            self._arcs.append(len(self.motions) - 1)
-        self._words += [Word(c, position.values[c], 0, 0) for c in "XYZ"]
-        self.moves.append(replace(
-            motion, R_tcp_tool=self.frames.R_tcp_tool, position=position, auxiliary=auxiliary,
-            named=(base + span[0], base + span[1]),
-            auxiliary_named=(base + auxiliary_span[0], base + auxiliary_span[1]),
-        ))  # fmt: skip
-
-    def _position(self, statement: Statement, at: int) -> tuple[FanucPosition | None, tuple[int, int], int]:
-        """A position of an instruction: itself, where ``P[n]`` stands in the statement, and the index behind it."""
-        code = statement.code
-        at += len(code[at:]) - len(code[at:].lstrip())
-        match = form.POSITION.match(code, at)
-        if match is None:
-            raise self._fault(
-                "the target is no position of this program", statement, limit="P[n] with its numbers in /POS",
-                hint="Position registers (PR), computed numbers (P[R[1]]) and visual ones stand in the controller: "
-                "write the positions themselves",
-            )  # fmt: skip
-        number = int(match[1])
-        if number in self._assigned:
-            raise self._fault(f"P[{number}] is computed by the program: such targets are not read", statement,
-                              hint="Write the target itself")  # fmt: skip
-        if number not in self.positions:
-            raise self._fault(f"where P[{number}] is, is not known", statement, limit="an entry of /POS",
-                              hint="The listing may be damaged: post it again")  # fmt: skip
-        return self.positions[number], match.span(), match.end()
-
-    def _rest(self, statement: Statement, word: str, at: int) -> FanucMotion:
-        """Speed, termination and options of a motion."""
-        code = statement.code
-        speed = form.SPEED.match(code, at)
-        if speed is None or (word != "J" and speed[2] == "%"):
-            raise self._fault(
-                "the speed of a motion is not understood", statement,
-                limit="J P[1] 20% FINE, L P[2] 100mm/sec CNT100: numbers",
-                hint="Write the speed itself, the force depends on it: registers and max_speed are the controller's",
-            )  # fmt: skip
-        unit = form.UNITS.get(speed[2].lower(), 0.0)
-        value = float(speed[1])
-        if word != "J" and not 0.0 < value * unit <= _LARGEST_M_S:
-            raise self._fault("the speed is no speed along the path in range", statement,
-                              limit=f"above 0, at most {_LARGEST_M_S * 1e3:g} mm/sec; mm/sec, cm/min, inch/min",
-                              hint="Write it in mm/sec: deg/sec, sec and msec tell none")  # fmt: skip
-        termination = form.TERMINATION.match(code, speed.end())
-        if termination is None:
-            raise self._fault("how a motion ends is not understood", statement, limit="FINE or CNT0 to CNT100")
-        rest = code[termination.end() :]
-        left = form.CARRIED.sub("", rest).strip()
-        if left and form.AT_TIME.fullmatch(left):
-            self.acting.append(statement.line)
-        elif left:
-            raise self._fault(
-                "an option of a motion that is not read", statement, limit="ACC, PTH, TA, TB, DB", hint=
-                "Post the path without it: Offset, INC, Skip, Wjnt and their like change where the robot goes",
-            )  # fmt: skip
-        base = statement.start
-        return FanucMotion(
-            statement.line, word, base + len(code) - len(code.lstrip()), statement.head, statement.end, np.eye(3),
-            speed=(base + speed.start(1), base + speed.end(1)), unit_m_s=unit, speed_text=speed[1],
-            termination=termination[1], exact=bool(form.EXACT.fullmatch(termination[1])), rest=rest.rstrip(),
-        )  # fmt: skip
-
-    def _check(self, position: FanucPosition) -> None:
-        self._frames_of(position)
-        where = self.listing.place(position.start)
-        for number, value in position.external.items():
-            self._external.check(number, value, f"E{number}", where)
-        if position.groups > 1:
-            raise ProgramError(
-                "a position moves more than one group", where=where, value=f"{position.groups} groups", limit="GP1",
-                hint="Positioners and second robots are not read: post the path for group 1 alone",
-            )  # fmt: skip
-
-    def _close_arcs(self) -> None:
-        """Make circles of a chain of A: the controller goes through each three of it.
-
-        Raises:
-            ProgramError: The chain is shorter than three, or lies on no single circle.
-        """
-        chain, self._arcs = self._arcs, []
-        if not chain:
-            return
-        line = self._blocks[self.motions[chain[0]].block].line
-
-        def fault(what: str, hint: str) -> ProgramError:
-            return ProgramError(
-                what, where=f"{self.listing.name}:{line}", value="A", limit="three points or more", hint=hint
+        self.call_line = statement.line if self.depth == 1 else self.call_line
+        first = len(self.motions)
+        self.block(routine, statement)
+        block = len(self._blocks) - 1
+        self._words = []
+        function = None
+        if self.process is not None and text:
+            function = self.process.find(routine.texts, at, routine.listing.place(statement.start))
+        if function is not None:
+            self.do(function)
+            then = at + function.lines
+        elif not text:
+            return at + 1
+        else:
+            try:
+                then = self.statement(routine, at, statement, text)
+            except (ExpressionError, RecursionError) as error:
+                what = "an expression is nested too deep" if isinstance(error, RecursionError) else str(error)
+                raise fault(routine.listing, statement, what, hint="The file may be damaged: post it again") from error
+        if len(self.motions) > first or self._words:
+            made = len(self._blocks) == block + 1
+            count = len(self.motions) - first if made else 0
+            self._blocks[block] = replace(
+                self._blocks[block],
+                words=tuple(self._words),
+                motion_count=count,
+                modal=self.modal(self.motion_code(first) if made else "G1"),
             )
+        return then
 
-        made = arcs_of([self.motions[index] for index in chain], fault)
-        for index, motion in zip(chain, made, strict=True):
-            self.motions[index] = motion
-            block = self.motions[index].block
-            self._blocks[block] = replace(self._blocks[block], modal=self.modal(self.motion_code(index)))
+    # ---- statements ----------------------------------------------------------------------------------------
 
-    # ---- faults ----------------------------------------------------------------------------------------------
+    def statement(self, routine: Routine, at: int, statement: Statement, text: str) -> int:
+        """Execute a statement; returns the index of the next one."""
+        motion = MOTION.match(text)
+        if motion is not None and motion[1].upper() != "S":
+            key = (routine.name, statement.start)
+            self.runs[key] = self.runs.get(key, 0) + 1
+            self._at_time(routine, statement, self.motion(routine, statement, motion[1].upper()))
+            return at + 1
+        row = row_of(text)
+        if row is None:
+            raise fault(
+                routine.listing,
+                statement,
+                "an unknown statement, or a macro instruction",
+                limit="docs/statements/fanuc.md",
+                hint="Name it in [controller.spindle.fanuc] (m_codes) of the "
+                "cell file if it moves nothing, or post the path without it",
+            )
+        if row.treatment is Treatment.REFUSED:
+            raise fault(routine.listing, statement, f"{row.word}: {row.reason}, which is not read", hint=row.remedy)
+        handler = _HANDLERS.get(row.word)
+        if row.word in ACTING:
+            self.act(routine, statement)
+        return at + 1 if handler is None else handler(self, Step(routine, at, statement, text))
 
-    def _refuse_in_flow(self, statement: Statement, what: str) -> None:
-        if self._flow:
-            word, line = self._flow[-1]
-            raise self._fault(
-                f"{what} inside {word} (line {line}): whether and how often is not known", statement,
-                limit="straight through", hint=_STRAIGHT,
-            )  # fmt: skip
+    def _at_time(self, routine: Routine, statement: Statement, text: str) -> None:
+        """What runs before or behind the end of a motion (TA, TB, DB) leaves registers that are not known."""
+        if not text:
+            return
+        self.act(routine, statement)
+        row = row_of(text)
+        condition = Unknown("it is set while a motion runs", f"{routine.name}:{statement.line}")
+        if row is not None and row.word in ASSIGNED:
+            self._forget_assigned(routine, statement, text, condition)
+        elif row is not None and row.word == "CALL":
+            call = _CALL.fullmatch(text)
+            called = (
+                None
+                if call is None
+                else self.folder.find(call[1], lambda what, hint: fault(routine.listing, statement, what, hint=hint))
+            )
+            if called is not None:
+                opening = (statement.code.split()[0], statement.line)
+                self.pass_over(called, 0, len(called.statements), condition, opening, 1)
 
-    def _fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
-        value = re.sub(r"\s+", " ", statement.code).strip()[:60]
-        return ProgramError(what, where=self.listing.place(statement.start), value=value, **more)
+    def _assign(self, step: Step) -> int:
+        if "=" not in step.text:
+            raise fault(
+                step.routine.listing, step.statement, "an assignment without a value", hint="The file may be damaged"
+            )
+        word, indices, value = self.target_of(step.routine, step.statement, step.text)
+        self.values.assign(word, indices, self.value(step.routine, step.statement, value))
+        return step.at + 1
+
+    def _frame(self, step: Step) -> int:
+        word, _, right = step.text.partition("=")
+        where = step.routine.listing.place(step.statement.start)
+        name = word.strip().upper()
+        value = known(
+            self.value(step.routine, step.statement, right),
+            f"the active frame ({name})",
+            where,
+            text=step.text,
+            hint="Write the number itself",
+        )
+        if not is_number(value) or not 0 <= float(cast("float", value)) <= 99:
+            raise fault(
+                step.routine.listing, step.statement, "there is no such frame", limit="a number", hint="Write it itself"
+            )
+        number = int(cast("float", value))
+        if name == "UFRAME_NUM":
+            self.frames.user_frame = number
+        else:
+            self.frames.user_tool = number
+        return step.at + 1
+
+    def _offset(self, step: Step) -> int:
+        match = _OFFSET.fullmatch(step.text)
+        if match is None:
+            raise fault(
+                step.routine.listing,
+                step.statement,
+                "the condition of an offset is not understood",
+                limit="OFFSET CONDITION PR[n]",
+                hint="Name the register at the motion: Offset,PR[n]",
+            )
+        frame = None
+        if match[3] is not None:
+            number = known(
+                self.value(step.routine, step.statement, match[3]),
+                "the frame of an offset",
+                step.routine.listing.place(step.statement.start),
+                text=step.text,
+            )
+            frame = int(cast("float", number))
+        self.targets.conditions["tool" if match[1] else "offset"] = (
+            self.value(step.routine, step.statement, match[2]),
+            frame,
+        )
+        return step.at + 1
+
+    def _override(self, step: Step) -> int:
+        value = self.value(step.routine, step.statement, step.text.partition("=")[2].replace("%", ""))
+        if is_number(value) and not 0.0 < float(cast("float", value)) <= 100.0:
+            raise fault(step.routine.listing, step.statement, "the override is out of range", limit="1 to 100 %")
+        self.targets.override = 0.01 * float(cast("float", value)) if is_number(value) else value
+        return step.at + 1
+
+    def _limit(self, step: Step) -> int:
+        value = self.value(step.routine, step.statement, step.text.partition("=")[2])
+        self.targets.linear_max_m_s = float(cast("float", value)) * MM_PER_S if is_number(value) else value
+        return step.at + 1
+
+    # ---- other programs ------------------------------------------------------------------------------------
+
+    def _called(self, routine: Routine, statement: Statement, text: str) -> tuple[Routine, tuple[Value, ...]]:
+        match = _CALL.fullmatch(text)
+        if match is None:
+            raise fault(routine.listing, statement, "the call is not understood", limit="CALL PART(1)")
+        name: Value = match[1]
+        if match[1].endswith("]"):
+            where = routine.listing.place(statement.start)
+            name = known(
+                self.value(routine, statement, match[1]),
+                "which program is called",
+                where,
+                text=text,
+                hint="Write its name",
+            )
+        called = self.folder.find(str(name), lambda what, hint: fault(routine.listing, statement, what, hint=hint))
+        if called is None and str(name).upper() == self.routine.listing.name.rpartition(".")[0].upper():
+            called = self.routine
+        if called is None:
+            raise fault(
+                routine.listing,
+                statement,
+                "another program is called, which may move the robot",
+                limit="a listing of the folder, or a statement of [controller.spindle.fanuc] in the cell file",
+                hint=f"Put {name}.ls beside the program, or name the call in the table (m_codes) if it moves nothing",
+            )
+        inside = (match[2] or "").strip()
+        arguments = tuple(self.value(routine, statement, one) for one in divided(inside)) if inside else ()
+        return called, arguments
+
+    def _call(self, step: Step) -> int:
+        called, arguments = self._called(step.routine, step.statement, step.text)
+        if self.depth >= _DEEPEST:
+            raise fault(
+                step.routine.listing,
+                step.statement,
+                "programs call each other without end",
+                limit=f"{_DEEPEST} calls within each other",
+                hint="Post the path without recursion",
+            )
+        words, self._words = self._words, []
+        self._run(called, arguments)
+        self._words = words
+        return step.at + 1
+
+    def _run_beside(self, step: Step) -> int:
+        called, _ = self._called(step.routine, step.statement, step.text)
+        task = Unknown(f"{called.name} runs beside the program", f"{step.routine.name}:{step.statement.line}")
+        self.pass_over(called, 0, len(called.statements), task, ("RUN", step.statement.line), 1)
+        return step.at + 1
+
+    # ---- waits ---------------------------------------------------------------------------------------------
+
+    def _wait(self, step: Step) -> int:
+        timeout = _TIMEOUT.fullmatch(step.text)
+        if timeout is not None:
+            label = JUMP.fullmatch(f"JMP {timeout[1]}")
+            number = self.number(step.routine, step.statement, label[1] if label else "", "the label of a jump")
+            return self.jump_perhaps(
+                step.routine,
+                step.at,
+                number,
+                Unknown("an input comes or not", f"{step.routine.name}:{step.statement.line}"),
+            )
+        match = _WAIT_TIME.fullmatch(step.text)
+        if match is None:
+            self.act(step.routine, step.statement)
+        time_s = None if match is None else self.value(step.routine, step.statement, match[1])
+        if is_number(time_s) and self.dwell(len(self._blocks) - 1, float(cast("float", time_s))):
+            self.moves.append(
+                FanucMotion(
+                    step.statement.line,
+                    "WAIT",
+                    step.statement.start,
+                    step.statement.head,
+                    step.statement.end,
+                    np.eye(3),
+                    file=step.routine.name,
+                )
+            )
+        return step.at + 1
+
+    def _pause(self, step: Step) -> int:
+        self._words.append(Word("M", 0.0, 0, 0))
+        return step.at + 1
+
+
+_Handler = Callable[[Interpreter, Step], int]
+_HANDLERS: Final[Mapping[str, _Handler]] = {
+    **dict.fromkeys((*ASSIGNED, "UFRAME[]", "UTOOL[]"), Interpreter._assign),
+    **dict.fromkeys(("UFRAME_NUM", "UTOOL_NUM"), Interpreter._frame),
+    **dict.fromkeys(("OFFSET CONDITION", "TOOL_OFFSET CONDITION"), Interpreter._offset),
+    **dict.fromkeys(("OVERRIDE", "$MCR.$GENOVERRIDE", "$MCR.$PRGOVERRIDE"), Interpreter._override),
+    "LINEAR_MAX_SPEED": Interpreter._limit,
+    "IF": Interpreter.do_if,
+    "ELSE": Interpreter.do_else,
+    "JMP": Interpreter.do_jump,
+    "SELECT": Interpreter.do_select,
+    "=": Interpreter.do_case,
+    "FOR": Interpreter.do_for,
+    "ENDFOR": Interpreter.do_end_for,
+    "END": Interpreter._end,
+    "RETURN": Interpreter._end,
+    "ABORT": Interpreter._abort,
+    "CALL": Interpreter._call,
+    "RUN": Interpreter._run_beside,
+    "WAIT": Interpreter._wait,
+    "PAUSE": Interpreter._pause,
+}

@@ -19,11 +19,11 @@ _CONTINUED: Final = re.compile(r"(?<=\n)([^\S\r\n]*):")
 _ENTRY: Final = re.compile(r"\s*P\s*\[\s*((\d+)(?:\s*:\s*(?:\"[^\"\r\n]*\"|[^\]\r\n]*))?)\s*\]\s*\{", re.IGNORECASE)
 _GROUP: Final = re.compile(r"\bGP\s*(\d)\s*:", re.IGNORECASE)
 _FRAMES: Final = re.compile(
-    r"\s*UF\s*:\s*(\d+|F)\s*,\s*UT\s*:\s*(\d+|F)\s*,\s*(?:CONFIG\s*:\s*'[^'\r\n]*'\s*,?)?", re.IGNORECASE
+    r"\s*UF\s*:\s*(\d+|F)\s*,\s*UT\s*:\s*(\d+|F)\s*,\s*(?:CONFIG\s*:\s*'([^'\r\n]*)'\s*,?)?", re.IGNORECASE
 )
 _VALUE: Final = re.compile(rf"\s*([XYZWPR]|J\d|E[1-3])\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?\s*(,|(?=\Z))", re.IGNORECASE)
+_DEFAULT_GROUP: Final = re.compile(r"DEFAULT_GROUP\s*=\s*([\d*])", re.IGNORECASE)
 _LARGEST: Final = 100_000.0
-_DAMAGED: Final = "The file may be damaged: post it again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,7 @@ class Listing:
     Attributes:
         main: Index behind the line ``/MN``.
         behind: Index behind the last position.
+        moves_arm: It may move group 1 (DEFAULT_GROUP).
 
     Raises:
         ProgramError: A part is missing, or twice there.
@@ -94,6 +95,9 @@ class Listing:
         self._positions = (parts["POS"].end(), stop.get("POS", len(text))) if "POS" in parts else (len(text),) * 2
         self.behind = self._positions[0]
         self.ended = "END" in parts
+        about = text[parts["PROG"].end() : parts["MN"].start()]
+        group = _DEFAULT_GROUP.search(about)
+        self.moves_arm = group is None or group[1] != "*"
 
     def line(self, at: int) -> int:
         """1-based line of an index."""
@@ -185,7 +189,10 @@ class Listing:
             {key: numbers[key] for key in LETTERS} if cartesian else {},
             {key: values[key] for key in LETTERS} if cartesian else {},
             _number(frames[1]), _number(frames[2]),
-            {int(key[1]): value for key, value in values.items() if key[0] == "E"}, len(groups),
+            {int(key[1]): value for key, value in values.items() if key[0] == "E"},
+            "" if stop == close else "".join(text[stop:close].split()),
+            {key: value for key, value in values.items() if key[0] == "J"},
+            (frames[3] or "").strip(),
         )  # fmt: skip
 
     def _fault(

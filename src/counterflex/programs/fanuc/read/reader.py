@@ -10,16 +10,23 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.fanuc.program import FanucProgram
-from counterflex.programs.fanuc.read.interpreter import FanucCell, Interpreter
+from counterflex.programs.fanuc.read.frames import FanucCell
+from counterflex.programs.fanuc.read.interpreter import Interpreter
 from counterflex.programs.fanuc.read.listing import Listing
+from counterflex.programs.fanuc.read.routine import Folder, Routine, listings_beside
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.program import FANUC_DIALECT, TOOL_VECTOR
 from counterflex.programs.robot_text.axes import tilted, with_axes
-from counterflex.programs.source_text import read_text
+from counterflex.programs.source_text import common_encoding, read_text
 
 
 def read_fanuc(
-    text: str, *, name: str = "program.ls", cell: FanucCell | None = None, complete: bool = True
+    text: str,
+    *,
+    name: str = "program.ls",
+    cell: FanucCell | None = None,
+    complete: bool = True,
+    folder: Folder | None = None,
 ) -> FanucProgram:
     """Execute a listing and return the statements passed and the motions made.
 
@@ -30,8 +37,10 @@ def read_fanuc(
     Args:
         text: The listing.
         name: Its name, for errors.
-        cell: What frames and process words are checked against; None takes every frame and knows no process words.
+        cell: What frames and process words are checked against; None takes the first user frame for the part frame and
+            knows no process words.
         complete: Refuse a text without /END: it may have been cut off.
+        folder: Programs that it can call; None has none.
 
     Returns:
         The program as executed.
@@ -41,8 +50,9 @@ def read_fanuc(
             exactly.
     """
     listing = Listing(text, name, complete=complete)
-    positions, lines = listing.positions(), split_lines(text)
-    interpreter = Interpreter(listing, positions, cell, lines)
+    lines = split_lines(text)
+    routine, folder = Routine(listing, lines), folder or Folder()
+    interpreter = Interpreter(routine, folder, cell)
     interpreter.run()
     rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
     leans = tilted(rotations)
@@ -53,22 +63,18 @@ def read_fanuc(
         newline=line_end(text),
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
         motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
-        straight=True,
+        straight=not folder.routines and max(interpreter.runs.values(), default=1) == 1,
         Rs_part_tcp=rotations,
         acting=tuple(sorted(set(interpreter.acting))),
-        text=text,
+        listings={name: routine.about(), **{key: one.about() for key, one in folder.routines.items()}},
         moves=tuple(interpreter.moves),
-        positions=positions,
-        mentions=interpreter.mentions,
-        main=listing.main,
-        behind=listing.behind,
     )
 
 
 def read_fanuc_file(
     path: str | os.PathLike[str], *, cell: FanucCell | None = None, complete: bool = True
 ) -> FanucProgram:
-    """Read a listing.
+    """Read a listing, with those of its folder that it calls.
 
     Args:
         path: The file, UTF-8 or Latin-1.
@@ -76,13 +82,18 @@ def read_fanuc_file(
         complete: Refuse a file without /END.
 
     Raises:
-        ProgramError: The file cannot be read, is no text, or is no program that can be executed exactly.
+        ProgramError: A file cannot be read, is no text, or is no program that can be executed exactly.
     """
     file = Path(path)
     text, encoding = read_text(file)
+    folder = Folder(listings_beside(file), complete=complete)
     if encoding == "utf-8-sig":
         raise ProgramError(
             "the file begins with a byte order mark, which no controller reads", where=str(file),
             hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
         )  # fmt: skip
-    return replace(read_fanuc(text, name=file.name, cell=cell, complete=complete), encoding=encoding)
+    program = read_fanuc(text, name=file.name, cell=cell, complete=complete, folder=folder)
+    texts = {file.name: (text, encoding)} | {
+        name: (routine.listing.text, routine.encoding) for name, routine in folder.routines.items()
+    }
+    return replace(program, encoding=common_encoding(texts))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 from counterflex.core.units import MINUTE, RPM
+from counterflex.programs.endless import LoopWatch, frozen
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.canned_cycles import CycleMaker
 from counterflex.programs.gcode.read.codes import TAKES_AXES, code_name
@@ -65,6 +66,7 @@ class Interpreter(FlowRunner):
         self.blocks: list[Block] = []
         self._counts: dict[int, int] = {}
         self._inside: set[int] = set()
+        self._loops = LoopWatch(self._everything)
 
     @property
     def motions(self) -> list[Motion]:
@@ -103,7 +105,30 @@ class Interpreter(FlowRunner):
                     "Look for an endless loop",
                 )  # fmt: skip
             self._line(place.source, place.index)
+            self._watch_jump(place)
         return self._mark_repeated()
+
+    def _watch_jump(self, place: Place) -> None:
+        """Refuse a jump back that will be made for ever.
+
+        Args:
+            place: Of the line just executed.
+        """
+        now = self._place
+        if now.source is place.source and now.index > place.index:
+            return
+        back = place.index - now.index + 1 if now.source is place.source else 1
+        why = self._loops.jumped_back((id(now.source), now.index, self._state.position), back, len(self.motions))
+        if why:
+            now.index = min(now.index, len(now.source.lines) - 1)
+            raise self._fault(why, 0, hint="Look at the condition of the loop and for the line that should change it")
+
+    def _everything(self) -> object:
+        """All that decides how the program goes on."""
+        known = (vars(self._parameters), vars(self._state), self._frames, self._counters)
+        return [
+            frozen({k: v for k, v in part.items() if k != "line"} if isinstance(part, dict) else part) for part in known
+        ]
 
     def _line(self, source: Source, index: int) -> None:
         self._place = Place(source, index + 1)

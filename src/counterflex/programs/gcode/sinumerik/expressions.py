@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from counterflex.core.units import DEG
-from counterflex.programs.robot_text.expression import Grammar, evaluate, parse
+from counterflex.programs.expression import Grammar, evaluate, parse
 from counterflex.programs.unknown import Unknown, first_unknown
 
 _EQUAL: Final = 1e-12

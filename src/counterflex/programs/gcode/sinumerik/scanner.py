@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import ExpressionError
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.expressions import Variables
 from counterflex.programs.gcode.sinumerik.words import REFUSED
 from counterflex.programs.limits import SINUMERIK
-from counterflex.programs.robot_text.expression import ExpressionError
 from counterflex.programs.unknown import known
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[+-]?\d+)?"

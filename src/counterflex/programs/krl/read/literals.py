@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Final
 
-import numpy as np
-
-from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import DEG, MM
-from counterflex.geometry import pose, rotation
 from counterflex.programs.krl.program import LETTERS, Component
 from counterflex.programs.robot_text.process_words import NUMBER
 
@@ -41,6 +37,23 @@ def number_of(text: str) -> float | None:
     """Value of a number; None where the text is none."""
     text = text.strip()
     return float(text) if _FULL.fullmatch(text) else None
+
+
+class NoNumber(ProgramError):
+    """A component of a literal is no number, but may be an expression."""
+
+
+def simple_record(text: str, start: int) -> dict[str, object] | None:
+    """Return a literal of numbers alone that begins at a brace and ends the statement; None where it is another."""
+    if text[start : start + 1] != "{":
+        return None
+    try:
+        parts, close = components(text, start, "")
+    except ProgramError:
+        return None
+    if code_of(text[close + 1 :]).strip():
+        return None
+    return {name: component.value for name, component in parts.items()}
 
 
 def components(line: str, start: int, where: str, *, mixed: bool = False) -> tuple[dict[str, Component], int]:
@@ -77,10 +90,10 @@ def components(line: str, start: int, where: str, *, mixed: bool = False) -> tup
             continue
         match = _COMPONENT.match(line, at, close)
         if match is None or (match.end() < close and line[match.end()] != ","):
-            raise ProgramError(
+            raise NoNumber(
                 "a component of a literal is no number",
                 where=f"{where}:{at + 1}", value=line[at:close].strip()[:40], limit="a name and a number: X 12.5",
-                hint="Computed targets are not read: write the numbers themselves",
+                hint="Write the numbers themselves",
             )  # fmt: skip
         name = match[1].upper()
         if name in out:
@@ -100,7 +113,7 @@ def _integer(digits: str, base: str) -> float:
         return float("nan")
 
 
-def require_cartesian(parts: dict[str, Component], text: str, where: str) -> None:
+def require_cartesian(parts: Mapping[str, Component], text: str, where: str) -> None:
     """Refuse components that a Cartesian target does not have, or that no robot reaches.
 
     Raises:
@@ -116,9 +129,3 @@ def require_cartesian(parts: dict[str, Component], text: str, where: str) -> Non
             raise ProgramError(
                 f"{name} is beyond every robot", where=where, value=f"{component.value:g}", limit=f"{_LARGEST_MM:g}"
             )
-
-
-def frame(parts: dict[str, Component]) -> Float:
-    """(4, 4) pose of a FRAME, m; components that are not written are 0. ``R = Rz(A) Ry(B) Rx(C)``."""
-    value = [parts[letter].value if letter in parts else 0.0 for letter in LETTERS]
-    return pose.make(rotation.from_zyx(np.array(value[3:]) * DEG), np.array(value[:3]) * MM)

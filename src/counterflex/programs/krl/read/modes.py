@@ -1,195 +1,328 @@
-"""Frames and speeds of a KRL program: what sets them, and what is active."""
+"""Assignments, declarations and bas.src of a KRL program: what sets speed, override, frames and orientation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Final
 
-import numpy as np
-
-from counterflex.core.errors import ProgramError
+from counterflex.programs.expression import Call, ExpressionError, Name, Node, is_number, parse
 from counterflex.programs.krl.read import statements as form
-from counterflex.programs.krl.read.data_list import Named, key_of
+from counterflex.programs.krl.read.data_list import DECLARED, IMPORT, SIGNAL, key_of
+from counterflex.programs.krl.read.flow import Flow
 from counterflex.programs.krl.read.frames import Frames, KrlCell
-from counterflex.programs.krl.read.literals import components, frame, number_of
+from counterflex.programs.krl.read.job import Job
+from counterflex.programs.krl.read.table import TABLE
+from counterflex.programs.krl.read.values import GRAMMAR, StoredFrame, Value, is_frame, matrix_of
+from counterflex.programs.statement_table import Treatment
+from counterflex.programs.unknown import Unknown, first_unknown, known
 
-_LARGEST_VELOCITY: Final = 20.0
+LARGEST_VELOCITY: Final = 20.0
+_FRAMES: Final = {"$TOOL": "TOOL", "$BASE": "BASE"}
 
 
-class Modes:
+class Modes(Flow):
     """What is active while a program runs, and the statements that set it.
 
     Args:
-        name: Of the ``.src`` file, for errors.
-        lines: Of it.
-        named: Literals of the ``.dat`` file.
-        data_name: Its name; empty where there is none.
+        job: Files of the job.
         cell: See :class:`KrlCell`.
+        complete: Refuse a text without END.
 
     Attributes:
         frames: The active frames.
-        line: Number of the line that is executed.
     """
 
-    def __init__(
-        self, name: str, lines: Sequence[str], named: Mapping[str, Named], data_name: str, cell: KrlCell | None
-    ) -> None:
-        self.name, self.lines, self.named, self.data_name = name, lines, named, data_name
-        self.frames: Frames = Frames(cell)
+    def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
+        self.frames = Frames(cell)
+        super().__init__(self.frames)
+        self.start(job, cell, complete=complete)
         self._speed_set = False
-        self._spline: float | None = None
-        self.line = 0
-        self._feed_m_s: float | None = None
-        self._flow: list[tuple[str, int]] = []
-        self._actual: dict[str, str] = {}
-        self._pending_frames = ""
+        self.memory.system |= {"$OV_PRO": 100, "$ORI_TYPE": "#VAR", "$IPO_MODE": "#BASE", "$RED_VEL": 100}
 
-    def _speed(self, code: str) -> bool:
-        if (match := form.VELOCITY.fullmatch(code)) is not None:
-            self._refuse_in_flow(code, "the speed is set")
-            self._set_speed(match[1], code)
-            return True
-        if (match := form.VELOCITIES.fullmatch(code)) is not None:
-            self._refuse_in_flow(code, "the speed is set")
-            parts, _ = components(self.lines[self.line - 1], match.start(1), f"{self.name}:{self.line}")
-            if "CP" in parts:
-                self._set_speed(str(parts["CP"].value), code)
-            return True
-        return False
+    # ---- assignments -----------------------------------------------------------------------------------------
 
-    def _set_speed(self, text: str, code: str) -> None:
-        self._feed_m_s = self._in_range(text, code)
-        self._speed_set = True
+    def _assignment(self, word: str, code: str) -> None:
+        """``NAME.PATH[..]=value``, of a variable or of a system variable with its row in the table."""
+        match = form.ASSIGNMENT.match(code)
+        if match is None:
+            raise self._fault("this assignment is not understood", code)
+        name = match["name"].upper()
+        if name.startswith("$"):
+            row = TABLE.find(name)
+            if row is None:
+                raise self._fault(
+                    f"{name} is no system variable that is known, so what it changes is not", code,
+                    limit="those of docs/statements/krl.md",
+                    hint="Leave it out, or name it in [controller.spindle.krl] (m_codes) if it moves nothing",
+                )  # fmt: skip
+            if row.treatment is Treatment.REFUSED:
+                raise self._fault(f"{name} {row.reason}", code, hint=row.remedy)
+            if row.treatment is Treatment.NEUTRAL:
+                self._note(word, code)
+                self.memory.forget(name, (), Unknown(f"{name} is a value of the controller", self.memory.where()))
+                self._expression(match["value"], code)
+                return
+        if self.memory.kind(name) == "SIGNAL":
+            self._note("$OUT", code)
+            return
+        value = self._expression(match["value"], code)
+        path = self._path(match["path"], code)
+        self._set(name, path, value, code, match.start("value"))
 
-    def _in_range(self, text: str, code: str) -> float:
-        value = number_of(text)
-        if value is None or not 0.0 < value <= _LARGEST_VELOCITY:
+    def _expression(self, text: str, code: str) -> Value:
+        text = text.strip()
+        if not text:
+            raise self._fault("a value is missing", code, hint="The line may be cut off")
+        return self.value(self._tree(text, code), code)
+
+    def _path(self, text: str, code: str) -> list[object]:
+        """Components and indices of an assignment."""
+        if not text.strip():
+            return []
+        node = self._tree(f"N{text}", code)
+        if not isinstance(node, Name):
+            raise self._fault("this assignment is not understood", code)
+        steps = [
+            step if isinstance(step, str) else tuple(self.value(item, code) for item in step) for step in node.path
+        ]
+        return [step for step in steps if step != ()]
+
+    def _set(self, name: str, path: list[object], value: Value, code: str, at: int) -> None:
+        """Give a variable a value, and take notice of one that a motion depends on."""
+        try:
+            self.memory.assign(name, path, value)
+        except ExpressionError as error:
+            raise self._fault(f"this is not understood: {error}", code) from error
+        if name in _FRAMES:
+            self._take_frame(name, f"{self.module.file.name}:{self.line}:{at + 1}")
+        elif name == "$VEL":
+            self._speed_set = True
+
+    def _take_frame(self, name: str, where: str) -> None:
+        value = self.memory.system[name]
+        self.frames.take(_FRAMES[name], value, where)
+        cell = self.frames.krl_cell
+        if name == "$BASE" and cell is not None and is_frame(value) and cell.is_part_frame(matrix_of(value)):  # type: ignore[arg-type]
+            self.memory.system[name] = StoredFrame("BASE_DATA", cell.base_number, cell.T_part)
+
+    def _declaration(self, code: str) -> None:
+        """``DECL INT N, M``; a value behind ``=`` is given each time the routine runs."""
+        text = code.strip()
+        if (signal := SIGNAL.fullmatch(code)) is not None:
+            self.memory.declare(signal[1], "SIGNAL")
+            return
+        if text.upper().startswith("IMPORT"):
+            match = IMPORT.fullmatch(code)
+            if match is not None:
+                module = match[2].rstrip("/").rsplit("/", 1)[-1].upper()
+                self.memory.imports(match[1].upper(), (module, match[3].upper()))
+            return
+        match = DECLARED.fullmatch(code)
+        if match is None:
+            return
+        kind = (match["type"] or "").upper()
+        rest = match["rest"] or ""
+        self.memory.declare(match["name"], kind)
+        if rest.startswith("="):
+            path = self._path(match["index"] or "", code)
+            self._set(match["name"].upper(), path, self._expression(rest[1:], code), code, match.start("rest") + 1)
+        else:
+            for part in rest.split(","):
+                name = key_of(part).split("[")[0]
+                if name and not name[0].isdigit():
+                    self.memory.declare(name, kind)
+
+    # ---- values that a motion needs --------------------------------------------------------------------------
+
+    def speed(self, value: Value, code: str) -> float:
+        """A path speed with the program's override, m/s.
+
+        Raises:
+            ProgramError: It is not known, or out of range.
+        """
+        where = self.at(code)
+        given = known(value, "the path speed", where, text=code, hint="Write $VEL.CP= with the number, in m/s")
+        if not is_number(given) or not 0.0 < given <= LARGEST_VELOCITY:  # type: ignore[operator]
             raise self._fault(
                 "the path speed is no number in range", code,
-                limit=f"$VEL.CP above 0, at most {_LARGEST_VELOCITY:g} m/s",
+                limit=f"$VEL.CP above 0, at most {LARGEST_VELOCITY:g} m/s",
                 hint="Write the number itself, in m/s",
             )  # fmt: skip
-        return value
+        return float(given) * self.override(code)  # type: ignore[arg-type]
 
-    def _frame(self, code: str) -> bool:
-        if (match := form.MODE.fullmatch(code)) is not None:
-            if match[1].upper() == "TCP":
+    def override(self, code: str) -> float:
+        """Share of the programmed speed that $OV_PRO leaves.
+
+        Raises:
+            ProgramError: It is not known.
+        """
+        where = self.at(code)
+        for name, least in (("$RED_VEL", 100), ("$OV_PRO", 1)):
+            value = known(
+                self.memory.system[name],
+                f"the override {name}",
+                where,
+                text=code,
+                hint=f"Leave {name} as the operator sets it",
+            )
+            if not is_number(value) or not least <= value <= 100:  # type: ignore[operator]
                 raise self._fault(
-                    "the robot holds the part against a tool that stands ($IPO_MODE=#TCP), which is not read", code,
-                    limit="$IPO_MODE=#BASE", hint="Give the G-code that it was made from",
-                )  # fmt: skip
-            return True
-        match = form.FRAME.fullmatch(code)
-        if match is None:
-            return False
-        self._refuse_in_flow(code, f"${match[1].upper()} is set")
-        self._set_frame(match[1].upper(), match[2], match.start(2), code)
-        return True
+                    f"the override {name} is not in range", code, limit=f"{least} .. 100 %", hint=f"Leave {name} out"
+                )
+        return float(self.memory.system["$OV_PRO"]) / 100.0  # type: ignore[arg-type]
 
-    def _set_frame(self, word: str, text: str, start: int, code: str) -> None:
-        where = f"{self.name}:{self.line}:{start + 1}"
-        if (number := form.BY_NUMBER.fullmatch(text)) is not None and number[1].upper() == word:
-            (self.frames.set_tool_data if word == "TOOL" else self.frames.set_base_data)(int(number[2]), where)
-        elif text.startswith("{"):
-            parts, close = components(self.lines[self.line - 1], start, f"{self.name}:{self.line}")
-            if code[close + 1 :].strip():
-                raise self._fault("computed frames are not read", code, hint="Write the frame itself")
-            (self.frames.set_tool if word == "TOOL" else self.frames.set_base)(frame(parts), where)
-        elif (named := self.named.get(key_of(text))) is not None:
-            parts, _ = named.components(self.data_name)
-            (self.frames.set_tool if word == "TOOL" else self.frames.set_base)(frame(parts), where)
-        elif form.NO_FRAME.fullmatch(text):
-            (self.frames.set_tool if word == "TOOL" else self.frames.set_base)(np.eye(4), where)
-        else:
+    def active_speed(self, code: str) -> float:
+        """$VEL.CP with the override, m/s.
+
+        Raises:
+            ProgramError: The program has not set it, or it is not known.
+        """
+        speeds = self.memory.system.get("$VEL")
+        value = speeds.get("CP") if isinstance(speeds, dict) else speeds
+        if value is None:
             raise self._fault(
-                f"which frame ${word} gets is not known", code,
-                limit=f"{word}_DATA[n], a frame in braces, or a name of the .dat file", hint="Write the frame itself",
+                "a motion along the path before $VEL.CP is set", code, limit="$VEL.CP=0.025 (m/s)",
+                hint="Set it in the program: the speed decides about the force",
             )  # fmt: skip
+        return self.speed(value, code)
 
-    def _basic(self, code: str) -> bool:
-        if (match := form.ACTUAL.fullmatch(code)) is not None:
-            self._actual[match[1].upper()] = match[2].strip()
-            return True
+    def mode(self, name: str, code: str) -> str:
+        """A mode such as $ORI_TYPE.
+
+        Raises:
+            ProgramError: It is not known.
+        """
+        where = self.at(code)
+        value = known(self.memory.system.get(name, ""), name, where, text=code, hint=f"Set {name} itself")
+        return str(value)
+
+    # ---- bas.src ---------------------------------------------------------------------------------------------
+
+    def _basic(self, code: str) -> None:
         match = form.BASIC.fullmatch(code)
-        if match is None:
-            return False
-        word, argument = match[1].upper(), match[2] or ""
-        if word in form.BASIC_PASSED:
-            return True
-        self._refuse_in_flow(code, "speed or frames are set")
-        if word in ("VEL_CP", "CP_PARAMS"):
-            self._set_speed(argument, code)
-        elif word == "CP_DAT":
-            self._set_speed(str(self._component_of("LDAT_ACT", "VEL", code)), code)
-        elif word in ("TOOL", "BASE"):
-            number = number_of(argument)
-            if number is None or number != int(number):
-                raise self._fault(f"{word} needs a number", code, hint="Write the number itself")
-            self._set_frame(word, f"{word}_DATA[{int(number)}]", match.start(), code)
-        elif word not in ("FRAMES", "PTP_PARAMS"):
+        row = None if match is None else TABLE.find(f"BAS #{match[1].upper()}")
+        if match is None or row is None or row.treatment is Treatment.REFUSED:
+            word = "" if match is None else f" with #{match[1].upper()}"
             raise self._fault(
-                f"BAS with #{word} is not read", code,
+                f"BAS{word} is not read", code,
                 limit="INITMOV VEL_CP CP_PARAMS PTP_PARAMS CP_DAT PTP_DAT TOOL BASE FRAMES VEL_PTP ACC_PTP ACC_CP",
-                hint="Write out what it sets",
+                hint="Write out what it sets" if row is None else row.remedy,
             )  # fmt: skip
-        if word in ("CP_PARAMS", "PTP_PARAMS", "FRAMES") and "FDAT_ACT" in self._actual:
-            self.frames.tool_known = self.frames.base_known = True
-            self._pending_frames = self._actual["FDAT_ACT"]
-        return True
+        if row.treatment is Treatment.NEUTRAL:
+            return
+        word, where = match[1].upper(), f"{self.module.file.name}:{self.line}"
+        if word == "INITMOV":
+            self._initialised(code, where)
+            return
+        if word in ("VEL_CP", "CP_PARAMS"):
+            self._set("$VEL", ["CP"], self._expression(match[2] or "", code), code, 0)
+        elif word in ("TOOL", "BASE"):
+            number = self._expression(match[2] or "", code)
+            self._numbered(word, number, code)
+        if word in ("CP_DAT", "CP_PARAMS"):
+            self._motion_data(code, whole=word == "CP_DAT")
+        if word in ("CP_PARAMS", "PTP_PARAMS", "FRAMES") and self.memory.declared("FDAT_ACT"):
+            self._frame_data(code)
 
-    def _require_frame_data(self, code: str) -> None:
-        """Check the frame data that BAS took, where a Cartesian motion uses them."""
-        if self._pending_frames:
-            self._actual["FDAT_ACT"] = self._pending_frames
-            self._pending_frames = ""
-            for word in ("TOOL", "BASE"):
-                number = int(self._component_of("FDAT_ACT", f"{word}_NO", code))
-                self._set_frame(word, f"{word}_DATA[{number}]", 0, code)
-
-    def _component_of(self, variable: str, component: str, code: str) -> float:
-        text = self._actual.get(variable, "")
-        if text.startswith("{"):
-            parts, _ = components(text, 0, f"{self.name}:{self.line}", mixed=True)
-        elif (named := self.named.get(key_of(text))) is not None:
-            parts, _ = named.components(self.data_name, mixed=True)
+    def _initialised(self, code: str, where: str) -> None:
+        """``BAS(#INITMOV,0)``: what bas.src resets."""
+        speed = self.memory.value_of("DEF_VEL_CP", ())
+        if isinstance(speed, Unknown):
+            speed = Unknown("BAS(#INITMOV,0) sets it to DEF_VEL_CP, which no data list of the folder gives", where)
+        self._set("$VEL", ["CP"], speed, code, 0)
+        self.memory.assign("$BASE", (), dict.fromkeys("XYZABC", 0.0))
+        if self.memory.doubt is None:
+            self.frames.reset_base(where)
         else:
-            parts = {}
-        if component not in parts:
+            self._take_frame("$BASE", where)
+        for name, value in (("$IPO_MODE", "#BASE"), ("$ORI_TYPE", "#VAR")):
+            self.memory.assign(name, (), value)
+
+    def _numbered(self, word: str, number: Value, code: str) -> None:
+        """$TOOL or $BASE by a number."""
+        name, value = f"${word}", number
+        if first_unknown(number) is None:
+            if not is_number(number) or number != int(number):  # type: ignore[call-overload]
+                raise self._fault(f"{word} needs a number", code, hint="Write the number itself")
+            value = self.memory.numbered(f"{word}_DATA", int(number))  # type: ignore[call-overload]
+        self._set(name, [], value, code, len(code) - len(code.lstrip()))
+
+    def _motion_data(self, code: str, *, whole: bool) -> None:
+        """Speed and kind of orientation of LDAT_ACT."""
+        data = self.memory.value_of("LDAT_ACT", ())
+        if whole:
+            speed = data.get("VEL") if isinstance(data, dict) else data
+            if speed is None:
+                speed = Unknown("LDAT_ACT has no VEL", self.memory.where())
+            self._set("$VEL", ["CP"], speed, code, 0)
+        kind = data.get("ORI_TYP") if isinstance(data, dict) else None
+        if kind is not None:
+            self.memory.assign("$ORI_TYPE", (), kind)
+
+    def _frame_data(self, code: str) -> None:
+        """Tool, base and interpolation mode of FDAT_ACT."""
+        data = self.memory.value_of("FDAT_ACT", ())
+        for word in ("TOOL", "BASE"):
+            number = data.get(f"{word}_NO") if isinstance(data, dict) else data
+            if number is None or (not isinstance(number, Unknown) and not is_number(number)):
+                number = Unknown(f"{word}_NO of FDAT_ACT is not given", self.memory.where())
+            self._numbered(word, number, code)
+        mode = data.get("IPO_FRAME") if isinstance(data, dict) else None
+        if mode is not None:
+            self.memory.assign("$IPO_MODE", (), mode)
+
+    # ---- calls -----------------------------------------------------------------------------------------------
+
+    def _call_statement(self, code: str) -> None:
+        """A subprogram of the job, or a routine of a library that the table names."""
+        try:
+            node, end = parse(code, GRAMMAR)
+        except ExpressionError as error:
+            node, end = self._with_gaps(code, error), len(code)
+        if not isinstance(node, Call) or code[end:].strip():
             raise self._fault(
-                f"{component} of {text or variable} is not known", code, limit="given in the .dat file beside the .src",
-                hint="Give .src and .dat together, or write the frame itself",
-            )  # fmt: skip
-        return parts[component].value
+                "an unknown statement", code, hint="docs/statements/krl.md lists what is read; post the path without it"
+            )
+        routine = self.job.routine(node.name, self.module, self.memory.where())
+        if routine is not None:
+            self._call(routine, node.arguments)
+            return
+        self._library(node.name, node.arguments)
 
-    def _spline_block(self, code: str) -> bool:
-        """SPLINE and ENDSPLINE; between them ``_spline`` is the speed of the block, 0 where it has none of its own."""
-        if (begins := form.SPLINE_BEGINS.fullmatch(code)) is not None:
-            if self._spline is not None or not form.WITH_OTHERS.fullmatch(begins[1]):
-                raise self._fault("this beginning of a spline block is not understood", code,
-                                  limit="SPLINE WITH $VEL.CP=0.02",
-                                  hint="Set speed and acceleration alone there")  # fmt: skip
-            self._refuse_in_flow(code, "a spline block")
-            velocity = form.WITH_VELOCITY.search(begins[1]) or form.WITH_VELOCITIES.search(begins[1])
-            if velocity is None and form.WITH_ANY_VELOCITY.search(begins[1]):
-                raise self._fault("the path speed of a spline block is no number", code,
-                                  limit="SPLINE WITH $VEL.CP=0.02", hint="Write the number itself, in m/s")  # fmt: skip
-            self._spline = 0.0 if velocity is None else self._in_range(velocity[1], code)
-            return True
-        if form.SPLINE_ENDS.fullmatch(code) is None:
-            return False
-        if self._spline is None:
-            raise self._fault("ENDSPLINE closes nothing", code, hint="The file may be damaged: post it again")
-        self._spline = None
-        return True
-
-    def _refuse_in_flow(self, code: str, what: str) -> None:
-        if self._flow:
-            word, line = self._flow[-1]
+    def _with_gaps(self, code: str, error: ExpressionError) -> Node:
+        """A call of a library whose arguments are not all given: ``VENDOR( , 3)``."""
+        match = form.CALL.fullmatch(code)
+        if match is None or (TABLE.find(match[1]) is None and match[1].upper() not in self.job.main.routines):
+            if match is not None:
+                raise self._unknown_call(match[1], code) from error
             raise self._fault(
-                f"{what} inside {word} (line {line}): whether and how often is not known", code,
-                limit="straight through, each line once", hint="Post the path without loops and conditions",
-            )  # fmt: skip
+                "an unknown statement", code, hint="docs/statements/krl.md lists what is read; post the path without it"
+            ) from error
+        return Call(match[1], (), {}, 0, len(code))
 
-    def _fault(self, what: str, code: str, **more: str) -> ProgramError:
-        column = len(code) - len(code.lstrip()) + 1
-        return ProgramError(what, where=f"{self.name}:{self.line}:{column}", value=code.strip()[:60], **more)
+    def _unknown_call(self, name: str, code: str) -> Exception:
+        return self._fault(
+            f"a subprogram is called, which may move the robot, and no file of the folder has {name}", code,
+            limit=f"DEF {name}( ) in the file, or {name}.src beside it; or a statement of [controller.spindle.krl]",
+            hint="Give its file too, or name the call in the table (m_codes) if it moves nothing",
+        )  # fmt: skip
+
+    def _is_library(self, name: str) -> bool:
+        row = TABLE.find(name)
+        return row is not None and row.treatment is not Treatment.EVALUATED
+
+    def _library(self, name: str, arguments: tuple[Node, ...] | list[Node]) -> Value:  # type: ignore[override]
+        row, code = TABLE.find(name), self._code
+        if row is None or row.treatment is Treatment.EVALUATED or not name[0].isalpha():
+            raise self._unknown_call(name, code)
+        if row.treatment is Treatment.REFUSED:
+            raise self._fault(f"{name}: {row.reason}", code, hint=row.remedy)
+        self._note(row.word.upper(), code)
+        unknown = Unknown(f"{name} gives it", self.memory.where())
+        for node in arguments:
+            if isinstance(node, Name) and not node.text.startswith("$") and self.memory.declared(node.text):
+                self.memory.forget(node.text, self._path(code[node.start : node.end][len(node.text) :], code), unknown)
+        return unknown
+
+    def _note(self, word: str, code: str) -> None:
+        """A statement that acts on the cell."""
+        raise NotImplementedError

@@ -1,22 +1,28 @@
-"""Read KUKA KRL programs strictly: what cannot be known exactly is refused with its line and what to do."""
+"""Read KUKA KRL jobs strictly: what cannot be known exactly is refused with its line and what to do."""
 
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
-
-import numpy as np
+from pathlib import Path, PurePath
+from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.krl.program import KrlProgram
-from counterflex.programs.krl.read.data_list import data_file_of, data_list
 from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.interpreter import Interpreter
+from counterflex.programs.krl.read.interpreter import Interpreter, orientations
+from counterflex.programs.krl.read.job import Job
 from counterflex.programs.program import KRL_DIALECT, TOOL_VECTOR
 from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import read_text
+
+_SUFFIXES: Final = (".src", ".dat")
+_WORD: Final = re.compile(r"[A-Za-z_$]\w*")
+_PUBLIC: Final = re.compile(
+    r"^\s*(?:DEFDAT\s+(?:\$CONFIG|\w+\s+PUBLIC)|GLOBAL\s+DEF(?:FCT)?)\b", re.IGNORECASE | re.MULTILINE
+)
 
 
 def read_krl(
@@ -25,21 +31,23 @@ def read_krl(
     name: str = "program.src",
     data: str | None = None,
     data_name: str = "program.dat",
+    folder: Mapping[str, str] | None = None,
     cell: KrlCell | None = None,
     complete: bool = True,
 ) -> KrlProgram:
-    """Execute a program's text and return the lines passed and the motions made.
+    """Execute a job's text and return the lines passed and the motions made.
 
-    Positions are of the tool tip in $BASE, which is the part frame; the tool axis and the rotation about it are those
+    Positions are of the tool tip in the part frame; the tool axis and the rotation about it are those
     of ``R = Rz(A) Ry(B) Rx(C)``. A program that keeps the tool along z of the part has motions without rotary angles;
     another one has the components of the tool axis there, see :data:`~counterflex.programs.program.TOOL_VECTOR`. The
     first Cartesian target is approached from wherever the robot is: it counts as reached by a rapid without length.
 
     Args:
-        text: The ``.src`` file.
+        text: The ``.src`` file of the main program.
         name: Its name, for errors.
-        data: The ``.dat`` file; None where there is none.
+        data: The ``.dat`` file of the same name; None where there is none.
         data_name: Its name, for errors.
+        folder: Text of the other files of its folder, by name: those that it calls and public data lists are read.
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
         complete: Refuse a text without END: it may have been cut off.
 
@@ -50,37 +58,37 @@ def read_krl(
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
             exactly.
     """
-    lines = _lines(text, name)
-    data_lines = None if data is None else _lines(data, data_name)
-    named = {} if data_lines is None else data_list(data_lines, data_name)
-    interpreter = Interpreter(name, lines, named, data_name if data is not None else "", cell, complete=complete)
+    others = {} if folder is None else folder
+    if data is not None:
+        same = Path(data_name).stem.upper() == Path(name).stem.upper()
+        others = {**others, data_name if same else f"{Path(name).stem}.dat": data}
+    job = Job(name, text, others)
+    interpreter = Interpreter(job, cell, complete=complete)
     interpreter.run()
-    rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
+    rotations = orientations(interpreter)
     leans = tilted(rotations)
+    main = job.main.file
     return KrlProgram(
         name=name,
         dialect=KRL_DIALECT,
-        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
-        newline=line_end(text),
+        lines=main.lines,
+        newline=main.newline,
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
         motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
-        straight=len({move.line for move in interpreter.moves}) == len(interpreter.moves),
-        data=None
-        if data is None or data_lines is None
-        else (*data_lines, *([""] if data.endswith(("\n", "\r")) else [])),
-        data_name=data_name if data is not None else "",
-        data_newline="\n" if data is None else line_end(data),
+        straight=len({(move.file, move.line) for move in interpreter.moves}) == len(interpreter.moves),
+        files=dict(job.files),
         moves=tuple(interpreter.moves),
         Rs_part_tcp=rotations,
         R_tcp_tool=interpreter.frames.R_tcp_tool,
-        extra=interpreter.extra_text,
+        extra=interpreter.targets.extra_text,
         acting=tuple(interpreter.acting),
         loose_triggers=interpreter.loose,
+        reads_position=interpreter.reads_position,
     )
 
 
 def read_krl_file(path: str | os.PathLike[str], *, cell: KrlCell | None = None, complete: bool = True) -> KrlProgram:
-    """Read a ``.src`` file, with the ``.dat`` file of the same name beside it.
+    """Read a ``.src`` file, with the ``.dat`` file of the same name and what it calls in its folder.
 
     Args:
         path: The ``.src`` file, UTF-8 or Latin-1.
@@ -91,44 +99,94 @@ def read_krl_file(path: str | os.PathLike[str], *, cell: KrlCell | None = None, 
         ProgramError: A file cannot be read, is no text, or is no program that can be executed exactly.
     """
     file = Path(path)
-    text, encoding = read_text(file)
-    listed = data_file_of(file)
-    data, data_encoding = (None, encoding) if listed is None else read_text(listed)
-    for encoded, of in ((encoding, file), (data_encoding, listed)):
-        if encoded == "utf-8-sig":
-            raise ProgramError(
-                "the file begins with a byte order mark, which no KUKA controller reads", where=str(of),
-                hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
-            )  # fmt: skip
-    if encoding != data_encoding and listed is not None:
+    text, encoding = _decoded(file)
+    folder = Folder(file, encoding)
+    program = read_krl(text, name=file.name, folder=folder, cell=cell, complete=complete)
+    if any(folder.encodings.get(name, encoding) != encoding for name in program.files):
+        folder = Folder(file, "latin-1", only=True)
+        text = file.read_bytes().decode("latin-1")
+        program = read_krl(text, name=file.name, folder=folder, cell=cell, complete=complete)
         encoding = "latin-1"
-        text, data = (one.read_bytes().decode(encoding) for one in (file, listed))
-    program = read_krl(
-        text,
-        name=file.name,
-        data=data,
-        data_name="" if listed is None else listed.name,
-        cell=cell,
-        complete=complete,
-    )
     return replace(program, encoding=encoding)
 
 
-def _lines(text: str, name: str) -> tuple[str, ...]:
-    """Lines of a file that can be put together again byte for byte.
+def job_files(path: Path) -> tuple[Path, ...]:
+    """Return the files of the folder that a program may use: those that it names, and public data lists.
 
-    Raises:
-        ProgramError: The file is empty or mixes line ends.
+    Args:
+        path: The ``.src`` file; where it cannot be read there are none.
     """
-    lines, newline = split_lines(text), line_end(text)
-    if not any(line.strip() for line in lines):
-        raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Post it again")
-    whole = newline.join(lines) + (newline if text.endswith(("\n", "\r")) else "")
-    if whole != text:
-        at = next((i for i, (a, b) in enumerate(zip(whole, text, strict=False)) if a != b), 0)
+    try:
+        text, encoding = _decoded(path)
+        folder = Folder(path, encoding)
+        found: dict[str, None] = {}
+        texts = [(path.stem, text)]
+        while texts:
+            stem, text = texts.pop()
+            words = {word.upper() for word in _WORD.findall(text)}
+            for name in folder:
+                own, suffix = PurePath(name).stem.upper(), PurePath(name).suffix.lower()
+                data = suffix == ".dat" and (own == stem.upper() or own in words)
+                if name not in found and (data or (suffix == ".src" and own in words) or _shares(folder[name], words)):
+                    found[name] = None
+                    texts.append((PurePath(name).stem, folder[name]))
+    except (OSError, ProgramError):
+        return ()
+    return tuple(path.parent / name for name in found)
+
+
+def _shares(text: str, words: set[str]) -> bool:
+    """Return whether a file gives one of these names to every program."""
+    if _PUBLIC.search(text) is None:
+        return False
+    return not words.isdisjoint(word.upper() for word in _WORD.findall(text))
+
+
+class Folder(Mapping[str, str]):
+    """Text of the ``.src`` and ``.dat`` files beside a program, read when it is asked for.
+
+    Args:
+        program: The file.
+        encoding: Of it.
+        only: Read all files in that encoding.
+
+    Attributes:
+        encodings: Of the files that were read.
+    """
+
+    def __init__(self, program: Path, encoding: str, *, only: bool = False) -> None:
+        self._folder, self._only = program.resolve().parent, encoding if only else ""
+        self._names = sorted(
+            file.name for file in self._folder.iterdir()
+            if file.suffix.lower() in _SUFFIXES and file.name != program.name and file.is_file()
+        )  # fmt: skip
+        self._texts: dict[str, str] = {}
+        self.encodings: dict[str, str] = {}
+
+    def __getitem__(self, name: str) -> str:
+        """Text of a file."""
+        if name not in self._texts:
+            file = self._folder / name
+            if self._only:
+                self._texts[name] = file.read_bytes().decode(self._only)
+            else:
+                self._texts[name], self.encodings[name] = _decoded(file)
+        return self._texts[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Names."""
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        """Number of files."""
+        return len(self._names)
+
+
+def _decoded(file: Path) -> tuple[str, str]:
+    text, encoding = read_text(file)
+    if encoding == "utf-8-sig":
         raise ProgramError(
-            "the file mixes line ends",
-            where=f"{name}:{text.count(chr(10), 0, at) + 1}",
-            hint="Save it with one kind of line ends (LF or CRLF)",
-        )
-    return lines
+            "the file begins with a byte order mark, which no KUKA controller reads", where=str(file),
+            hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
+        )  # fmt: skip
+    return text, encoding

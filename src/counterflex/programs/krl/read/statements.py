@@ -1,79 +1,109 @@
-"""Statements of KRL by what they are to a milling program: motions, frames, speeds, flow, and others."""
+"""Forms of KRL statements, and the word of the table that each one stands under."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from typing import Final
 
-from counterflex.programs.krl.read.literals import code_of
 from counterflex.programs.robot_text.process_words import NUMBER
 
 _I: Final = re.IGNORECASE
 NAME: Final = r"[A-Za-z$]\w*(?:\s*\[\s*\d+\s*\])?"
 HEADER: Final = re.compile(r"\s*&")
 ROUTINE: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*(?:\(.*\))?\s*", _I)
-FUNCTION: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEFFCT\s", _I)
-END: Final = re.compile(r"\s*END\s*", _I)
 MOTION: Final = re.compile(r"\s*(S?PTP|S?LIN|S?CIRC)(_REL)?(?=[\s{$]|$)", _I)
-SPLINE: Final = re.compile(r"\s*(PTP_SPLINE|SPL|TIME_BLOCK|CONST_VEL)\b", _I)
 SPLINE_BEGINS: Final = re.compile(r"\s*SPLINE\b(.*)", _I)
 SPLINE_ENDS: Final = re.compile(r"\s*ENDSPLINE\b\s*((?:C_(?:DIS|PTP|VEL|ORI|SPL)\s*)*)", _I)
-IN_SPLINE: Final = re.compile(
-    r"\s*(S?PTP|S?LIN|S?CIRC|SPL|SPLINE|PTP_SPLINE|ENDSPLINE|TIME_BLOCK|CONST_VEL|TRIGGER)\b", _I
-)
-WITH_VELOCITY: Final = re.compile(rf"\bWITH\b(?:.*,)?\s*\$VEL\.CP\s*=\s*({NUMBER})\s*(?:,|$)", _I)
-WITH_VELOCITIES: Final = re.compile(rf"\$VEL\s*=\s*\{{[^{{}}]*?\bCP\s+({NUMBER})\s*[,}}]", _I)
-WITH_ANY_VELOCITY: Final = re.compile(r"\$VEL\s*(?:=|\.\s*CP\b)", _I)
-WITH_OTHERS: Final = re.compile(r"\s*(?:WITH\s+\$(?:VEL|ACC|ORI_TYPE|GEAR_JERK|JERK|VEL_AXIS|ACC_AXIS)\b.*)?", _I)
+IN_SPLINE: Final = frozenset(
+    ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL", "SPLINE", "PTP_SPLINE", "ENDSPLINE", "SLIN_REL", "SCIRC_REL",
+     "SPL_REL", "TIME_BLOCK START", "TIME_BLOCK PART", "TIME_BLOCK END", "CONST_VEL START", "CONST_VEL END",
+     "TRIGGER WHEN DISTANCE", "TRIGGER WHEN PATH", "STOP WHEN PATH")
+)  # fmt: skip
+WITH_OTHERS: Final = re.compile(r"\s*(?:WITH\s+(\$(?:VEL|ACC|ORI_TYPE|GEAR_JERK|JERK|VEL_AXIS|ACC_AXIS)\b.*))?", _I)
 APPROXIMATION: Final = re.compile(r"\s*((?:C_(?:DIS|PTP|VEL|ORI|SPL)\s*)*)", _I)
-CIRCLE_ANGLE: Final = re.compile(rf"\s*,\s*CA\s+({NUMBER})\s*", _I)
-ANY_CIRCLE_ANGLE: Final = re.compile(r"\s*,\s*CA\b", _I)
-VELOCITY: Final = re.compile(r"\s*\$VEL\.CP\s*=\s*(.+?)\s*", _I)
-VELOCITIES: Final = re.compile(r"\s*\$VEL\s*=\s*(\{.*)", _I)
-FRAME: Final = re.compile(r"\s*\$(TOOL|BASE)\s*=\s*(.+?)\s*", _I)
-BY_NUMBER: Final = re.compile(r"(TOOL|BASE)_DATA\s*\[\s*(\d+)\s*\]", _I)
-NO_FRAME: Final = re.compile(r"\$?(NULLFRAME|WORLD)", _I)
-MODE: Final = re.compile(r"\s*\$IPO_MODE\s*=\s*#(\w+)\s*", _I)
-ACTUAL: Final = re.compile(rf"\s*([FLP]DAT_ACT)\s*=\s*({NAME}|\{{.*)\s*", _I)
-BASIC: Final = re.compile(r"\s*BAS\s*\(\s*#(\w+)\s*(?:,\s*(.*?)\s*)?\)\s*", _I)
-BASIC_PASSED: Final = frozenset(
-    ("INITMOV", "VEL_PTP", "ACC_PTP", "ACC_CP", "VEL_ORI", "ACC_ORI", "VEL_ORI1", "VEL_ORI2", "PTP_DAT", "OUT_WERKZEUG")
+CIRCLE_ANGLE: Final = re.compile(r"\s*,\s*CA\s+(.+?)\s*(?=C_(?:DIS|PTP|VEL|ORI|SPL)\b|\bWITH\b|$)", _I)
+CIRCLE_NUMBER: Final = re.compile(NUMBER)
+IN_TOOL: Final = re.compile(r"\s*#\s*(BASE|TOOL)\b", _I)
+ASSIGNMENT: Final = re.compile(
+    r"\s*(?P<name>[A-Za-z_$]\w*)(?P<path>(?:\s*\.\s*\w+|\s*\[[^\]=]*(?:\[[^\]]*\][^\]]*)*\])*)\s*=(?!=)\s*(?P<value>.*)",
+    _I,
 )
+CALL: Final = re.compile(r"\s*(\w+)\s*\((.*)\)\s*", _I)
+BASIC: Final = re.compile(r"\s*BAS\s*\(\s*#\s*(\w+)\s*(?:,\s*(.*?)\s*)?\)\s*", _I)
 WAIT_TIME: Final = re.compile(r"\s*WAIT\s+SEC\s+(.+?)\s*", _I)
 TRIGGER: Final = re.compile(r"\s*TRIGGER\s+WHEN\s+(.*?)\s+DO\s+(.*?)(?:\s+PRIO\s*=.*)?\s*", _I)
 AT_START: Final = re.compile(r"DISTANCE\s*=\s*0(\.0*)?\s+DELAY.*|PATH\s*=.*\bONSTART\b.*", _I)
-OPENS: Final = re.compile(r"\s*(IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b", _I)
-CLOSES: Final = re.compile(r"\s*(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b", _I)
-CLOSED_BY: Final = {
-    "IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "LOOP": "ENDLOOP", "REPEAT": "UNTIL", "SWITCH": "ENDSWITCH",
-}  # fmt: skip
-HALT: Final = re.compile(r"\s*HALT\s*", _I)
-BETWEEN: Final = re.compile(r"\s*(ELSE|CASE|DEFAULT|EXIT)\b", _I)
-JUMP: Final = re.compile(r"\s*(GOTO\b|RESUME\b|RETURN\b|\w+\s*:\s*$)", _I)
-PASSED: Final = re.compile(
-    r"\s*(?:DECL\b|(?:GLOBAL\s+)?(?:INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS|SIGNAL|STRUC|ENUM|FDAT|LDAT|PDAT)\s"
-    r"|EXT\b|EXTP\b|EXTFCT|IMPORT\b|GLOBAL\s+INTERRUPT\b|INTERRUPT\b|WAIT\s+FOR\b|WAIT\s*\(|HALT\s*$|CONTINUE\s*$"
-    r"|PULSE\s*\(|BRAKE\b|ANOUT\b|ANIN\b|SYN\s+(?:OUT|PULSE)\b|ON_ERROR|ASYPTP\b)",
-    _I,
-)
-ACTS: Final = re.compile(
-    r"\s*(?:\$(?:OUT|ANOUT|FLAG|CYCFLAG)\b|PULSE\b|WAIT\s+FOR\b|WAIT\s*\(|HALT\b|SYN\b|ANOUT\b|TRIGGER\b"
-    r"|(?:GLOBAL\s+)?INTERRUPT\b|BRAKE\b|ASYPTP\b|IF\b|SWITCH\b|FOR\b|WHILE\b|LOOP\b|REPEAT\b)",
-    _I,
-)
+INTERRUPT: Final = re.compile(r"\s*(?:GLOBAL\s+)?INTERRUPT\s+(?:WITH\s+.*?\s+)?DECL\s+.*?\bDO\s+(.*)", _I)
 STANDARD: Final = re.compile(r"\s*(?:GLOBAL\s+INTERRUPT\s+DECL\s+3\s+WHEN\s+\$STOPMESS\b|INTERRUPT\s+ON\s+3\s*$)", _I)
 """The stop interrupt that every KUKA program sets up."""
-ASSIGNMENT: Final = re.compile(rf"\s*({NAME})((?:\.\w+)*)\s*=.*", _I)
-AXES: Final = re.compile(rf"\s*{NAME}\s*=\s*\{{\s*(?:(?:E6)?AXIS\s*:)?\s*A[1-6]\b", _I)
-"""Axis angles that a name gets."""
-CALL: Final = re.compile(r"\s*(\w+)\s*\(.*\)\s*", _I)
-NO_ARGUMENTS: Final = re.compile(r"\s*\w+\s*\(\s*\)\s*", _I)
+FOR: Final = re.compile(r"\s*FOR\s+(\w+)\s*=\s*(.+?)\s+TO\s+(.+?)(?:\s+STEP\s+(.+?))?\s*", _I)
+CONDITION: Final = re.compile(r"\s*(?:IF\s*(.*?)\s*\bTHEN|(?:WHILE|UNTIL|SWITCH)\b\s*(.*))\s*", _I)
+CASE: Final = re.compile(r"\s*CASE\b\s*(.*)", _I)
+JUMP: Final = re.compile(r"\s*GOTO\s+(\w+)\s*", _I)
+LABEL: Final = re.compile(r"\s*(\w+)\s*:\s*", _I)
+RETURN: Final = re.compile(r"\s*RETURN\b\s*(.*?)\s*", _I)
+OPENS: Final = {
+    "IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "LOOP": "ENDLOOP", "REPEAT": "UNTIL", "SWITCH": "ENDSWITCH",
+}  # fmt: skip
+"""Word that closes each block."""
+LOOPS: Final = ("FOR", "WHILE", "LOOP", "REPEAT")
+
+_FIRST: Final = re.compile(r"\s*([A-Za-z_$]\w*)")
+_SECOND: Final = {
+    "WAIT": re.compile(r"\s*WAIT\s*(SEC|FOR|\()", _I),
+    "INTERRUPT": re.compile(r"\s*INTERRUPT\s+(?:WITH\s+.*?\s+)?(DECL|ON|OFF|ENABLE|DISABLE)\b", _I),
+    "TRIGGER": re.compile(r"\s*TRIGGER\s+(WHEN\s+(?:DISTANCE|PATH))\b", _I),
+    "SYN": re.compile(r"\s*SYN\s+(OUT|PULSE)\b", _I),
+    "TIME_BLOCK": re.compile(r"\s*TIME_BLOCK\s+(START|PART|END)\b", _I),
+    "CONST_VEL": re.compile(r"\s*CONST_VEL\s+(START|END)\b", _I),
+    "ANOUT": re.compile(r"\s*ANOUT\s+(ON|OFF)\b", _I),
+    "ANIN": re.compile(r"\s*ANIN\s+(ON|OFF)\b", _I),
+    "STOP": re.compile(r"\s*STOP\s+(WHEN\s+PATH)\b", _I),
+    "BAS": re.compile(r"\s*BAS\s*\(\s*(#\s*\w+)", _I),
+}  # fmt: skip
+_GLOBAL: Final = re.compile(r"\s*GLOBAL\b", _I)
+_DECLARES: Final = re.compile(
+    r"\s*(?:DECL\b|GLOBAL\b|CONST\b|[A-Za-z]\w*(?:\s*\[[\s\d,]*\])?\s+[A-Za-z$]\w*\s*(?:\[[\s\d,]*\])?\s*(?:,|=(?!=)|$))",
+    _I,
+)
+ASSIGNS: Final = "NAME ="
+DECLARES: Final = "DECL"
+LABELS: Final = "LABEL:"
+CALLS: Final = "NAME( )"
+_TYPES: Final = frozenset(
+    ("INT", "REAL", "BOOL", "CHAR", "FRAME", "POS", "E6POS", "AXIS", "E6AXIS", "FDAT", "LDAT", "PDAT")
+)
 
 
-def subprograms(lines: Sequence[str]) -> dict[str, int]:
-    """Lines (1-based) at which the routines of a file begin, by name in capitals, without the first one."""
-    heads = [
-        (match[1].upper(), at) for at, line in enumerate(lines, start=1) if (match := ROUTINE.fullmatch(code_of(line)))
-    ]
-    return dict(reversed(heads[1:]))
+def word_of(code: str, words: frozenset[str]) -> str:
+    """Return the word under which the table has a statement.
+
+    Args:
+        code: The statement without its comment.
+        words: All words of the table, in capitals.
+
+    Returns:
+        A word; empty where the statement has no known form. It need not be in the table.
+    """
+    match = _FIRST.match(code)
+    if match is None:
+        return ""
+    first = match[1].upper()
+    behind = code[match.end() :].lstrip()[:1]
+    if behind not in ("=", ".", "[") or first in ("IF", "WHILE", "UNTIL", "CASE"):
+        if first == "GLOBAL":
+            inner = _GLOBAL.sub("", code)
+            return DECLARES if _FIRST.match(inner) is None else word_of(inner, words)
+        if first in _SECOND:
+            second = _SECOND[first].match(code)
+            if second is not None:
+                return f"{first} {' '.join(second[1].split()).upper()}".replace(" (", " FOR").replace("# ", "#")
+        if first in words and not first.startswith("$") and first not in _TYPES:
+            return first
+    if ASSIGNMENT.match(code) is not None and not (behind.isalpha() or behind == "$"):
+        return first if first.startswith("$") else ASSIGNS
+    if first in _TYPES or _DECLARES.match(code) is not None:
+        return DECLARES
+    if LABEL.fullmatch(code) is not None:
+        return LABELS
+    return CALLS if CALL.fullmatch(code) is not None else ""

@@ -1,71 +1,69 @@
-"""Executes a RAPID program statement by statement: motions, frames, speeds, process words, calls of routines."""
+"""Executes a RAPID program: branches, loops, routines with arguments, data, and the statements of its table."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import contextlib
+import re
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import MM
+from counterflex.programs.expression import is_number
 from counterflex.programs.program import Block, Word
-from counterflex.programs.rapid.program import RapidMotion, RoutineCall
-from counterflex.programs.rapid.read import statements as form
-from counterflex.programs.rapid.read.data import DECLARATION, Data, rotation_of
+from counterflex.programs.rapid.program import RoutineCall
+from counterflex.programs.rapid.read.blocks import Simple
+from counterflex.programs.rapid.read.calls import Calls, Given
+from counterflex.programs.rapid.read.effects import EffectsOf, is_output, names_given
+from counterflex.programs.rapid.read.flow import WITHOUT, End, Flow, Jump, MayReturn, Return
 from counterflex.programs.rapid.read.frames import Frames, RapidCell
-from counterflex.programs.rapid.read.literals import Argument, arguments
-from counterflex.programs.rapid.read.routines import Routine, Routines
+from counterflex.programs.rapid.read.instructions import HANDLERS, Instructions
+from counterflex.programs.rapid.read.literals import arguments
+from counterflex.programs.rapid.read.memory import Memory, Reference
+from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Source, Statement, statements_of
 from counterflex.programs.rapid.read.targets import Targets
-from counterflex.programs.robot_text.execution import Execution
-from counterflex.programs.robot_text.process_words import ProcessWords
+from counterflex.programs.rapid.table import ACTS, FORMS, TABLE
+from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
+from counterflex.programs.statement_table import Treatment
+from counterflex.programs.unknown import Unknown, known
 
-_MOST: Final = 2_000_000
-"""Statements that are executed at most."""
+_MOST: Final = 500_000
+"""Statements that loops and routines may execute in addition to those of the text: seconds of computing time."""
 _DEEPEST: Final = 30
+_COMPUTED: Final = re.compile(r"-?\s*([A-Za-z]\w*)(?:\{[\w,]+\}|\.\w+)*(?:\s*[-+*/]\s*[\w.]+)?")
+"""An argument that may be a number: a name, and what is added to it."""
+_LONGEST: Final = 8
+"""Statements of a machine function at most, for those whose numbers are computed."""
+_ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*(?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:=", re.DOTALL)
 
 
-@dataclass
-class _Flow:
-    """Conditions and loops that are open."""
-
-    word: str
-    line: int
-
-
-class Interpreter(Execution):
+class Interpreter(Flow, Instructions, Calls):
     """State of the controller while a program runs.
 
     Args:
-        source: The module.
-        routines: Its routines.
-        data: What it declares.
+        source: Text of the modules.
+        modules: Their routines and data.
         cell: See :class:`RapidCell`.
         lines: Of the text, for the blocks.
-
-    Attributes:
-        moves: What stands behind each motion in the text.
-        calls: Executions of routines.
+        part_object: See :class:`Frames`.
     """
 
     def __init__(
-        self, source: Source, routines: Routines, data: Data, cell: RapidCell | None, lines: Sequence[str]
+        self, source: Source, modules: Modules, cell: RapidCell | None, lines: Sequence[str], part_object: str = ""
     ) -> None:
-        self.frames: Frames = Frames(cell, data)
+        self.source, self.modules, self.cell, self._lines = source, modules, cell, lines
+        self.memory = Memory(source, modules)
+        self.memory.evaluator = self
+        self.frames: Frames = Frames(cell, self.memory, part_object)
         super().__init__(self.frames)
-        self.source, self.routines, self._lines = source, routines, lines
-        self.targets = Targets(data, cell)
-        self.targets.assigned = self.frames.assigned
+        self.targets = Targets(self.memory, cell)
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code, statements_of)
-        self.moves: list[RapidMotion] = []
-        self.calls: list[RoutineCall] = []
-        self._away: int | None = None
-        self._running: list[str] = []
-        self._flow: list[_Flow] = []
-        self._count, self._call, self._ended = 0, -1, False
-        self._times: dict[str, int] = {}
+        self.effects = EffectsOf(modules, self._begins_function)
+        self._running: list[Routine] = []
+        self._most = _MOST + sum(len(r.statements) for module in modules.modules for r in module.routines.values())
+        self._count, self.main_line = 0, 1
+        self._seen: dict[int, int] = {}
 
     def run(self) -> None:
         """Execute the program.
@@ -73,265 +71,247 @@ class Interpreter(Execution):
         Raises:
             ProgramError: See :func:`~counterflex.programs.rapid.read.reader.read_rapid`.
         """
-        self._routine(self.routines.first(), (0, 0))
-        repeated = {name for name, times in self._times.items() if times > 1}
-        self.calls = [replace(call, repeated=call.routine.upper() in repeated) for call in self.calls]
+        with contextlib.suppress(End):
+            self.execute(self.modules.first(), {}, set(), (0, 0))
+        self.finish()
 
-    def _routine(self, routine: Routine, place: tuple[int, int]) -> None:
-        key = routine.name.upper()
-        if key in self._running or len(self._running) >= _DEEPEST:
+    # ---- routines --------------------------------------------------------------------------------------------
+
+    def execute(
+        self, routine: Routine, names: dict[str, Reference], absent: set[str], place: tuple[int, int]
+    ) -> object:
+        """Execute a routine with its arguments; returns its value, None of a PROC.
+
+        Raises:
+            ProgramError: Something in it is refused.
+        """
+        if len(self._running) >= _DEEPEST or (routine in self._running and not routine.parameters):
             raise ProgramError(
                 f"{routine.name} calls itself", where=self.source.place(place[0]), value=routine.name,
-                hint="Post the path without recursion",
+                limit=f"routines {_DEEPEST} deep", hint="Post the path without recursion",
             )  # fmt: skip
-        parent, flow = self._call, self._flow
+        parent, now = self._call, self.now
         self.calls.append(RoutineCall(routine.name, routine.start, routine.end, routine.place, parent, place))
-        self._times[key] = self._times.get(key, 0) + 1
-        self._call, self._flow = len(self.calls) - 1, []
-        self._running.append(key)
-        texts = [statement.code for statement in routine.statements]
-        at = 0
-        while at < len(routine.statements) and not self._ended:
-            statement = routine.statements[at]
-            if statement.structure and statement.word in form.HANDLERS:
-                break
-            self.targets.routine = routine.start
-            self._count += 1
-            if self._count > _MOST:
-                raise self._fault("the program is too long", statement, limit=f"{_MOST} statements")
-            at += self._executed(statement, texts, at)
-        self._running.pop()
-        if self._flow and not self._ended:
-            raise ProgramError(
-                f"{self._flow[-1].word} is not closed", where=f"{self.source.name}:{self._flow[-1].line}",
-                hint="The file may be cut off",
-            )  # fmt: skip
-        self._call, self._flow = parent, flow
+        self._call = len(self.calls) - 1
+        self._running.append(routine)
+        self.memory.enter(routine, names, absent)
+        value: object = None
+        try:
+            self.body(routine.tree)
+        except Return as result:
+            value = result.value
+        except MayReturn as may:
+            value = self._left_perhaps(routine, may)
+        except Jump as jump:
+            raise self.fault(
+                f"the label {jump.label.lower()} is not in the same part of the routine", jump.statement,
+                hint="The file may be damaged: post it again",
+            ) from None  # fmt: skip
+        finally:
+            self.memory.leave()
+            self._running.pop()
+        self._call, self.now = parent, now
+        return value
 
-    def _executed(self, statement: Statement, texts: Sequence[str], at: int) -> int:
+    def _left_perhaps(self, routine: Routine, may: MayReturn) -> object:
+        """A RETURN of which nobody knows whether it is executed: the rest of the routine is passed."""
+        effects = self.effects.of_routine(routine)
+        if len(self._running) == 1:
+            return None
+        if effects.matters is not None:
+            self.refuse_unknown(effects.matters, may.unknown, may.statement)
+        self.forget(effects, may.unknown)
+        return may.unknown
+
+    # ---- statements ------------------------------------------------------------------------------------------
+
+    def _begins_function(self, routine: Routine, tree: Simple) -> bool:
+        """Whether a machine function begins at a statement."""
+        if self.process is None or tree.statement.word in FORMS:
+            return False
+        texts, at = ([tree.statement.code], 0) if tree.guard is not None else (routine.texts, tree.index)
+        return self.process.find(texts, at, self.source.where(tree.statement.start)) is not None
+
+    def _function(self, tree: Simple) -> ProcessWord | None:
+        """The machine function that begins at a statement, its numbers written or computed.
+
+        Raises:
+            ProgramError: A number of it is not known.
+        """
+        if self.process is None or tree.statement.word in FORMS:
+            return None
+        texts, at = self._running[-1].texts, tree.index
+        if tree.guard is not None:
+            texts, at = [tree.statement.code], 0
+        where = self.source.where(tree.statement.start)
+        found = self.process.find(texts, at, where)
+        if found is not None or ":=" in tree.statement.code:
+            return found
+        lost: list[Unknown] = []
+        valued = [
+            *texts[:at],
+            *(self._with_values(text, lost) for text in texts[at : at + _LONGEST]),
+            *texts[at + _LONGEST :],
+        ]
+        found = None if valued == texts else self.process.find(valued, at, where)
+        if found is not None and lost:
+            known(lost[0], "a number of this machine function", where, text=tree.statement.code)
+        return found
+
+    def _with_values(self, text: str, lost: list[Unknown]) -> str:
+        """A statement with the numbers that its arguments stand for; an unknown one counts as 1, and is noted."""
+        head = re.match(r"\s*[A-Za-z]\w*\s+", text)
+        if head is None or ":=" in text:
+            return text
+        parts = []
+        for argument in arguments(text, head.end(), len(text)):
+            name = _COMPUTED.fullmatch(argument.text)
+            declared = name is not None and self.memory.find(name[1]) is not None
+            value = self.memory.evaluated(argument.text, self.now.start) if declared else None
+            if isinstance(value, Unknown):
+                lost.append(value)
+                value = 1
+            parts.append(f"{float(value):.9g}" if is_number(value) else argument.text)  # type: ignore[arg-type]
+        return head[0] + ",".join(parts)
+
+    def _executed(self, tree: Simple) -> int:
         """Execute a statement with its block; returns how many statements that were."""
+        statement = self.now = tree.statement
+        self.tick(statement)
+        self.guard = tree.guard
         self._words = []
         first, count, index = len(self.motions), 1, len(self._blocks)
-        before = self.modal("G1")
-        self._blocks.append(Block(statement.line, self._lines[statement.line - 1], (), before, first, 0))
-        function = None
-        if self.process is not None and not statement.structure:
-            function = self.process.find(texts, at, self.source.place(statement.start))
+        before, part = self.state("G1"), self.source.part(statement.start)
+        text, file = self._lines[part.first_line + statement.line - 1], "" if part.start == 0 else part.name
+        self.main_line = self.main_line if file else statement.line
+        self._blocks.append(Block(statement.line, text, (), before, first, 0, file=file))
+        function = self._function(tree)
         if function is not None:
-            self._refuse_in_flow(statement, "the spindle, coolant or tool is switched")
             self.do(function)
             count = function.lines
         else:
             self._statement(statement)
         if len(self._blocks) == index + 1:  # no call, whose statements have blocks of their own
             made = len(self.motions) - first
-            self._blocks[index] = replace(
-                self._blocks[index],
-                words=tuple(self._words),
-                modal=self.modal(self.motion_code(first)),
-                motion_count=made,
-            )
+            if made or self._words:
+                state = self.state(self.motion_code(first))
+                self._blocks[index] = Block(statement.line, text, tuple(self._words), state, first, made, file=file)
         return count
-
-    # ---- statements ------------------------------------------------------------------------------------------
 
     def _statement(self, statement: Statement) -> None:
         word = statement.word
-        if statement.structure:
-            self._structure(statement, word)
-        elif word in form.MOTIONS:
-            self._motion(statement, word)
-        elif word in form.BY_AXES:
-            self._refuse_in_flow(statement, "a motion")
-            self._away = statement.line
-        elif form.OTHER_MOTION.match(word):
-            raise self._fault(
-                f"{statement.code.split()[0]} is no motion that is read", statement, limit="MoveL MoveC MoveJ MoveAbsJ",
-                hint="Post the path with these, process signals as statements of their own",
-            )  # fmt: skip
-        elif word == "WAITTIME":
-            self._wait(statement)
-        elif word == "VELSET":
-            self._override(statement)
-        elif word in form.ENDS:
-            self._end(statement, word)
-        elif word in form.DISPLACES:
-            raise self._fault(
-                f"{word.capitalize()} displaces or softens every motion behind it, which is not read", statement,
-                hint="Write the displaced targets themselves",
-            )  # fmt: skip
-        else:
-            self._other(statement, word)
-
-    def _structure(self, statement: Statement, word: str) -> None:
-        if word in form.OPENS:
-            self._flow.append(_Flow(word, statement.line))
-            self.acting.append(statement.line)
-        elif word in form.OPENS.values():
-            if not self._flow or form.OPENS[self._flow[-1].word] != word:
-                raise self._fault(f"{word} closes nothing", statement, hint="The file may be damaged: post it again")
-            self._flow.pop()
-        elif word in form.BETWEEN:
-            if not self._flow:
-                raise self._fault("this belongs into IF or TEST", statement, hint="Post the program again")
-        else:
-            raise self._fault(
-                "labels and jumps are not read: what is executed would not be known", statement,
-                hint="Post the path without GOTO",
-            )  # fmt: skip
-
-    def _end(self, statement: Statement, word: str) -> None:
-        if word == "STOP":
-            if self._flow:
-                self.acting.append(statement.line)
-            else:
-                self._words.append(Word("M", 0.0, 0, 0))
-        elif self._flow and word != "GOTO":
-            self.acting.append(statement.line)
-        elif word == "EXIT":
-            self._ended = True
-        else:
-            raise self._fault(
-                f"{word} stands where it always acts: what is executed is not known", statement,
-                hint="Post the path straight through, without GOTO and RETURN",
-            )  # fmt: skip
-
-    def _override(self, statement: Statement) -> None:
-        match = form.SPEED_OVERRIDE.fullmatch(statement.code)
-        if match is None or float(match[1]) != 100.0 or float(match[2]) < 1000.0:
-            raise self._fault(
-                "VelSet changes the speed of every motion behind it", statement, limit="VelSet 100,5000",
-                hint="Write the speeds themselves: the force depends on them",
-            )  # fmt: skip
-
-    def _wait(self, statement: Statement) -> None:
-        match = form.WAIT_TIME.fullmatch(statement.code)
-        time_s = None if match is None else self.targets.data.number(match[1], self.targets.routine)
-        if match is None or time_s is None or match[1].strip().upper() in self.frames.assigned or time_s < 0.0:
-            if self._flow:
-                return
-            raise self._fault("the time of a wait is no number", statement, hint="Write the number itself, in s")
-        if not self._flow and self.dwell(len(self._blocks) - 1, time_s):
-            self.moves.append(
-                RapidMotion(statement.line, "WaitTime", self._call, statement.start, statement.end, np.eye(3))
-            )
-
-    def _other(self, statement: Statement, word: str) -> None:
-        code = statement.code
-        if DECLARATION.match(code):
+        if word in FORMS:
+            self.motion(statement, word)
             return
-        if (match := form.ASSIGNMENT.match(code)) is not None:
-            self.frames.assigned.add(match[1].upper())
-        elif form.COMPACT_IF.match(code):
-            if form.MOVES.search(code):
-                raise self._fault("a motion inside IF: whether it is made is not known", statement, hint=_STRAIGHT)
-            self.acting.append(statement.line)
-        elif word in form.ACTS:
-            self.acting.append(statement.line)
-        elif word in form.PASSED:
+        match = _ASSIGNMENT.match(statement.code)
+        if match is not None:
+            self._assign(statement, match)
             return
-        elif (match := form.CALL.fullmatch(code)) is not None and (routine := self.routines.find(match[1])) is not None:
-            self._refuse_in_flow(statement, "a routine is called")
-            if routine.arguments:
-                raise self._fault(
-                    f"{routine.name} has arguments: its targets are not known", statement, limit="PROC NAME()",
-                    hint="Post the path without arguments",
-                )  # fmt: skip
-            self._routine(routine, (statement.start, statement.start + len(match[1])))
-        elif form.CALL.match(code):
-            raise self._fault(
+        if word in LEAVING:
+            self._leave(statement, word)
+            return
+        if word.startswith("%") or word == "CALLBYVAR":
+            self._late(statement, word)
+            return
+        routine = self.modules.find(word, self._running[-1].module)
+        if routine is not None:
+            length = len(word)
+            given = Given.of_instruction(self.source.code, statement.start + length, statement.end)
+            self.call_routine(routine, given, (statement.start, statement.start + length))
+            return
+        self._instruction(statement, word)
+
+    def _instruction(self, statement: Statement, word: str) -> None:
+        row = TABLE.find(word)
+        if row is None:
+            raise self.fault(
                 "an instruction or routine that is not known, which may move the robot", statement,
-                limit="docs/rapid.md lists what is read; a PROC of this module; a statement of "
-                "[controller.spindle.rapid] in the cell file",
-                hint="Give one module with all its routines, or name the statement in the table (m_codes) if it moves "
-                "nothing",
+                limit="docs/statements/rapid.md lists what is read; a PROC of the modules of the folder; a statement "
+                "of [controller.spindle.rapid] in the cell file",
+                hint="Put the module with the routine into the folder of the program, or name the statement in the "
+                "table (m_codes) if it moves nothing",
             )  # fmt: skip
+        if row.treatment is Treatment.REFUSED:
+            raise self.fault(f"{row.word}: {row.reason}", statement, hint=row.remedy)
+        if word in ACTS:
+            self.acting.append(self.main_line)
+        handler = HANDLERS.get(word)
+        if handler is not None:
+            handler(self, statement, arguments(self.source.code, statement.start + len(word), statement.end))
+        for position, option, name in names_given(statement):
+            if is_output(word, position, option):
+                self._forget_output(name, row.word, statement)
+
+    def _forget_output(self, name: str, word: str, statement: Statement) -> None:
+        reference = self.memory.find(name)
+        if reference is not None:
+            self.memory.forget(reference, Unknown(f"{word} sets {name.lower()}", self.source.where(statement.start)))
+
+    def _assign(self, statement: Statement, match: re.Match[str]) -> None:
+        memory = self.memory
+        value = memory.evaluated(statement.code[match.end() :], statement.start + match.end())
+        target = memory.node(match[1], statement.start)
+        try:
+            reference = memory.reference(target)
+        except ValueError as fault:
+            raise self.fault(f"this cannot be assigned: {fault}", statement, hint="Check names and indices") from fault
+        if isinstance(value, Unknown) and not value.where:
+            value = Unknown(value.why, self.source.where(statement.start))
+        if reference is not None and reference.variable.name != "":
+            memory.assign(reference, value)
+
+    def _leave(self, statement: Statement, word: str) -> None:
+        if word == "RETURN":
+            text = statement.code[len("RETURN") :]
+            value = self.memory.evaluated(text, statement.start + len("RETURN")) if text.strip() else None
+            raise Return(value)
+        if word == "GOTO":
+            raise Jump(statement.code[len("GOTO") :].strip().upper(), statement)
+        if word in ("EXIT", "EXITCYCLE"):
+            raise End
+        if word == "STOP":
+            self._words.append(Word("M", 0.0, 0, 0))
+        elif word != "BREAK":
+            raise self.fault(
+                f"{word} stands where it always acts: the handler of errors decides what follows", statement,
+                hint="Post the path without it",
+            )  # fmt: skip
+
+    def _late(self, statement: Statement, word: str) -> None:
+        """A routine whose name is computed: ``%"part" + NumToStr(n,0)%``, ``CallByVar "part",n``."""
+        code, start = statement.code, statement.start
+        if word == "CALLBYVAR":
+            given = arguments(self.source.code, start + len(word), statement.end)
+            parts = [self.memory.evaluated(one.text, one.start) for one in given]
+            name = known(parts, "the routine", self.source.place(start), text=code, hint=WITHOUT)
+            text, behind = "".join(str(part) for part in name), len(code)
         else:
-            raise self._fault("an unknown statement", statement, hint="docs/rapid.md lists what is read")
-
-    # ---- motions ---------------------------------------------------------------------------------------------
-
-    def _motion(self, statement: Statement, word: str) -> None:
-        self._refuse_in_flow(statement, "a motion")
-        start = statement.start + len(word)
-        given = arguments(self.source.code, start, statement.end)
-        if not given[0].text and set(given[0].options) <= {"CONC"}:
-            given = given[1:]
-        if len(given) != form.MOTIONS[word]:
-            raise self._fault(
-                f"{statement.code[: len(word)]} has {form.MOTIONS[word]} arguments", statement,
-                limit="target, speed, zone, tool, separated by commas",
+            behind = code.find("%", 1) + 1
+            if behind <= 0:
+                raise self.fault("an unknown statement", statement, hint="docs/rapid.md lists what is read")
+            value = self.memory.evaluated(code[1 : behind - 1], start + 1)
+            text = str(known(value, "the routine", self.source.place(start), text=code, hint=WITHOUT))
+        routine = self.modules.find_late(text, self._running[-1].module)
+        if routine is None:
+            raise self.fault(
+                f"the routine {text} is not in the files of the program", statement,
+                hint="Put its module into the folder of the program, or name the modules in a .pgf",
             )  # fmt: skip
-        *points, speed, zone, tool = given
-        self._check_options((*points, zone, tool))
-        if self._away is not None and self.motions:
-            raise self._fault(
-                f"the robot comes from a place that is not known, by axes (line {self._away})", statement,
-                limit="MoveAbsJ before the first target and behind the last one",
-                hint="Give that place as a robtarget, or post each part as a program of its own",
-            )  # fmt: skip
-        frame = tool.options.get("WOBJ", ("wobj0", tool.start, tool.end))[0]
-        R_tcp_tool = self.frames.use(tool.text, frame, self.targets.routine, self.source.place(tool.start))
-        target = self.targets.target(points[-1])
-        auxiliary = self.targets.target(points[0]) if len(points) > 1 else None
-        at = self.targets.speed(speed)
-        self._away = None
-        self.straight(
-            len(self._blocks) - 1,
-            np.array(target.position_mm) * MM,
-            rotation_of(target.quat_wxyz) @ R_tcp_tool.T,
-            0.0 if word == "MOVEJ" else at.m_s,
-        )
-        if auxiliary is not None:
-            self.circle(
-                np.array(auxiliary.position_mm) * MM, lambda what, hint: self._fault(what, statement, hint=hint)
-            )
-        self._words += [Word(letter, value, 0, 0) for letter, value in zip("XYZ", target.position_mm, strict=True)]
-        exact = self.targets.exact(zone)
-        self.moves.append(
-            RapidMotion(
-                statement.line,
-                statement.code[: len(word)],
-                self._call,
-                statement.start,
-                statement.end,
-                R_tcp_tool,
-                target,
-                auxiliary,
-                (speed.start, speed.end),
-                at.value,
-                (zone.start, zone.behind),
-                exact,
-                (tool.start, statement.end),
-            )
-        )
+        given_here = Given.of_instruction(self.source.code, start + behind, statement.end)
+        self.call_routine(routine, given_here, (start, start + behind))
 
-    def _check_options(self, given: Sequence[Argument]) -> None:
-        """Refuse what options of targets, zone and tool would change."""
-        known: Mapping[int, frozenset[str]] = {
-            len(given) - 2: frozenset(("Z", "INPOS")), len(given) - 1: frozenset(("WOBJ", "TLOAD")),
-        }  # fmt: skip
-        for index, argument in enumerate(given):
-            for key, (_, start, _) in argument.options.items():
-                if key not in known.get(index, frozenset()):
-                    raise ProgramError(
-                        f"\\{key} is not read", where=self.source.place(start), value=argument.text[:60],
-                        limit="\\V of the speed, \\Z and \\Inpos of the zone, \\WObj and \\TLoad of the tool",
-                        hint="Post the path without it",
-                    )  # fmt: skip
-
-    # ---- faults ----------------------------------------------------------------------------------------------
-
-    def _refuse_in_flow(self, statement: Statement, what: str) -> None:
-        if self._flow:
-            raise self._fault(
-                f"{what} inside {self._flow[-1].word} (line {self._flow[-1].line}): whether and how often is not known",
-                statement, limit="straight through", hint=_STRAIGHT,
-            )  # fmt: skip
-
-    def _fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+    def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+        """Make an error of a statement."""
         value = " ".join(statement.code.split())[:60]
         return ProgramError(what, where=self.source.place(statement.start), value=value, **more)
 
 
-_STRAIGHT: Final = "Post the path without loops and conditions"
+LEAVING: Final = frozenset(("RETURN", "GOTO", "EXIT", "EXITCYCLE", "STOP", "BREAK", "RAISE", "RETRY", "TRYNEXT"))
+
+
+def replaced(calls: Sequence[RoutineCall]) -> list[RoutineCall]:
+    """Return the calls, with those of routines that are executed more than once marked."""
+    times: dict[str, int] = {}
+    for call in calls:
+        times[call.routine.upper()] = times.get(call.routine.upper(), 0) + 1
+    return [replace(call, repeated=times[call.routine.upper()] > 1) for call in calls]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,7 +11,7 @@ from counterflex.programs.robot_text.process_words import NUMBER
 
 _NUMBER: Final = re.compile(rf"\s*({NUMBER})\s*")
 _WORD: Final = re.compile(r'\s*("(?:[^"\n]|"")*"|[A-Za-z]\w*)\s*')
-_OPTION: Final = re.compile(r"\\\s*([A-Za-z]\w*)\s*(:=)?\s*")
+_OPTION: Final = re.compile(r"\\\s*([A-Za-z]\w*)\s*(:=|\?)?\s*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +76,60 @@ def aggregate(text: str, start: int, end: int) -> Aggregate | None:
             return None
         at += 1
     return None
+
+
+_PART: Final = r"(\[[^\[\]]*\]|[A-Za-z][\w.{}]*)"
+_VALUE: Final = rf"\s*({NUMBER})\s*"
+_ROBTARGET: Final = re.compile(
+    rf"\[\s*\[{','.join([_VALUE] * 3)}\]\s*,\s*\[{','.join([_VALUE] * 4)}\]\s*,\s*{_PART}\s*,\s*{_PART}\s*\]"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RobtargetLiteral:
+    """A robtarget whose position and orientation are written as numbers.
+
+    Attributes:
+        start: Index of its opening bracket.
+        end: Index behind its closing one.
+        numbers: Where its x, y, z, q1, q2, q3, q4 stand.
+        values: Those numbers.
+        rest: Text of configuration and external axes: numbers in brackets, or names.
+    """
+
+    start: int
+    end: int
+    numbers: tuple[tuple[int, int], ...]
+    values: tuple[float, ...]
+    rest: tuple[str, str]
+
+    def value(self, evaluated: Callable[[str], object]) -> list[object]:
+        """Return it as a list of lists.
+
+        Args:
+            evaluated: Gives the value of a text.
+        """
+        x, y, z, q1, q2, q3, q4 = self.values
+        return [[x, y, z], [q1, q2, q3, q4], *(numbers_of(text) or evaluated(text) for text in self.rest)]
+
+
+def robtarget_literal(code: str, start: int) -> RobtargetLiteral | None:
+    """Return the robtarget that begins at an index; None where none begins, or it is computed."""
+    match = _ROBTARGET.match(code, start)
+    if match is None:
+        return None
+    spans = tuple(match.span(group) for group in range(1, 8))
+    return RobtargetLiteral(
+        match.start(), match.end(), spans, tuple(map(float, match.groups()[:7])), (match[8], match[9])
+    )
+
+
+def numbers_of(text: str) -> list[object] | None:
+    """Return the numbers of ``[1,2,3]``; None where it holds anything else."""
+    try:
+        return [float(part) for part in text.strip()[1:-1].split(",")] if text.startswith("[") else None
+    except ValueError:
+        return None
 
 
 @dataclass(frozen=True, slots=True)

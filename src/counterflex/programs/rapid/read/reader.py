@@ -1,8 +1,9 @@
-"""Read ABB RAPID modules strictly: what cannot be known exactly is refused with its line and what to do."""
+"""Read ABB RAPID programs strictly: what cannot be known exactly is refused with its line and what to do."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,19 +13,23 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.program import RAPID_DIALECT, TOOL_VECTOR
 from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.rapid.read.data import Data
 from counterflex.programs.rapid.read.frames import RapidCell
-from counterflex.programs.rapid.read.interpreter import Interpreter
-from counterflex.programs.rapid.read.routines import Routines
-from counterflex.programs.rapid.read.scanner import Source
+from counterflex.programs.rapid.read.interpreter import Interpreter, replaced
+from counterflex.programs.rapid.read.job_files import joined, modules_of
+from counterflex.programs.rapid.read.routines import Modules
+from counterflex.programs.rapid.read.scanner import FilePart, Source
 from counterflex.programs.robot_text.axes import tilted, with_axes
-from counterflex.programs.source_text import read_text
 
 
 def read_rapid(
-    text: str, *, name: str = "program.mod", cell: RapidCell | None = None, complete: bool = True
+    text: str,
+    *,
+    name: str = "program.mod",
+    cell: RapidCell | None = None,
+    complete: bool = True,
+    parts: Sequence[FilePart] = (),
 ) -> RapidProgram:
-    """Execute a module's text and return the statements passed and the motions made.
+    """Execute the text of modules and return the statements passed and the motions made.
 
     Positions are of the tool tip in the work object, which is the part frame; the tool axis and the rotation about it
     are those of the quaternion. A program that keeps the tool along z of the part has motions without rotary angles;
@@ -32,10 +37,11 @@ def read_rapid(
     first target is approached from wherever the robot is: it counts as reached by a rapid without length.
 
     Args:
-        text: The module.
-        name: Its name, for errors.
+        text: The modules, one after the other; that of the program first.
+        name: File of the program, for errors.
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
         complete: Refuse a text without ENDMODULE: it may have been cut off.
+        parts: Place of each file in the text; none: it is one file.
 
     Returns:
         The program as executed: ``PROC main``, or the only routine that no other calls.
@@ -44,36 +50,42 @@ def read_rapid(
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
             exactly.
     """
-    source = Source(text, name)
-    statements = list(source.statements())
-    routines, data = Routines(source, statements, complete=complete), Data(source, statements)
+    source = Source(text, name, parts)
+    modules = Modules(source, complete=complete)
     lines = split_lines(text)
-    interpreter = Interpreter(source, routines, data, cell, lines)
+    interpreter = Interpreter(source, modules, cell, lines)
     interpreter.run()
+    if len(interpreter.frames.objects) > 1:  # without a cell: most motions are in the part frame
+        objects = interpreter.frames.objects
+        interpreter = Interpreter(source, modules, cell, lines, max(objects, key=lambda key: objects[key]))
+        interpreter.run()
     rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
     leans = tilted(rotations)
+    starts = [move.start for move in interpreter.moves]
+    main = text[: source.parts[0].end]
     return RapidProgram(
         name=name,
         dialect=RAPID_DIALECT,
-        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
-        newline=line_end(text),
+        lines=(*split_lines(main), "") if main.endswith(("\n", "\r")) else split_lines(main),
+        newline=line_end(main),
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
         motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
-        straight=not any(call.repeated for call in interpreter.calls),
+        straight=len(set(starts)) == len(starts),
         Rs_part_tcp=rotations,
         acting=tuple(sorted(set(interpreter.acting))),
         text=text,
+        files=tuple((part.name, part.start, part.end) for part in source.parts),
         moves=tuple(interpreter.moves),
-        calls=tuple(interpreter.calls),
-        declarations=routines.declarations,
-        names=data.names,
+        calls=tuple(replaced(interpreter.calls)),
+        declarations=modules.modules[0].declarations,
+        names=frozenset(name for module in modules.modules for name in (*module.data, *module.routines)),
     )
 
 
 def read_rapid_file(
     path: str | os.PathLike[str], *, cell: RapidCell | None = None, complete: bool = True
 ) -> RapidProgram:
-    """Read a module.
+    """Read a program: a module with those of its folder that it uses, or the modules of a ``.pgf``.
 
     Args:
         path: The file, UTF-8 or Latin-1.
@@ -81,13 +93,14 @@ def read_rapid_file(
         complete: Refuse a file without ENDMODULE.
 
     Raises:
-        ProgramError: The file cannot be read, is no text, or is no program that can be executed exactly.
+        ProgramError: A file cannot be read, is no text, or is no program that can be executed exactly.
     """
-    file = Path(path)
-    text, encoding = read_text(file)
+    files = modules_of(Path(path))
+    text, encoding, parts = joined(files)
     if encoding == "utf-8-sig":
         raise ProgramError(
-            "the file begins with a byte order mark, which not every controller reads", where=str(file),
+            "the file begins with a byte order mark, which not every controller reads", where=str(files[0]),
             hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
         )  # fmt: skip
-    return replace(read_rapid(text, name=file.name, cell=cell, complete=complete), encoding=encoding)
+    program = read_rapid(text, name=files[0].name, cell=cell, complete=complete, parts=parts)
+    return replace(program, encoding=encoding)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,6 +12,7 @@ from counterflex.core.errors import ProgramError
 
 _COMMENT: Final = re.compile(r'"(?:[^"\n]|"")*"|![^\r\n]*|%%%.*?%%%', re.DOTALL)
 _STRING: Final = re.compile(r'"(?:[^"\n]|"")*"')
+_WORD: Final = re.compile(r"[\w%]+")
 _I: Final = re.IGNORECASE
 _SCOPE: Final = r"(?:(?:LOCAL|TASK|GLOBAL)\s+)?"
 _STRUCTURE: Final = re.compile(
@@ -33,8 +34,9 @@ class Statement:
         start: Index of its first character in the text.
         end: Index behind its last one; of a statement that ends in a semicolon that of the semicolon.
         code: The text between, comments as blanks.
-        line: 1-based line of its first character.
+        line: 1-based line of its first character, in its file.
         structure: It opens or closes a part and has no semicolon.
+        word: Its first word, in capitals.
     """
 
     start: int
@@ -42,27 +44,42 @@ class Statement:
     code: str
     line: int
     structure: bool
+    word: str = ""
 
-    @property
-    def word(self) -> str:
-        """Its first word, in capitals."""
-        match = re.match(r"[\w%]+", self.code)
-        return "" if match is None else match[0].upper()
+
+@dataclass(frozen=True, slots=True)
+class FilePart:
+    """Place of a file in the joined text of a program.
+
+    Attributes:
+        name: Of the file.
+        start: Index of its first character.
+        end: Index behind its last one.
+        first_line: Number of lines before it.
+    """
+
+    name: str
+    start: int
+    end: int
+    first_line: int = 0
 
 
 class Source:
-    """Text of a module.
+    """Text of the modules of a program, one after the other.
 
     Args:
         text: As read.
         name: Of the file, for errors.
+        parts: Where each file stands in the text; none: it is one file.
 
     Attributes:
         code: The text with comments as blanks, as long as the text.
+        parts: As given.
     """
 
-    def __init__(self, text: str, name: str) -> None:
+    def __init__(self, text: str, name: str, parts: Sequence[FilePart] = ()) -> None:
         self.text, self.name = text, name
+        self.parts = tuple(parts) or (FilePart(name, 0, len(text)),)
         self.code = _COMMENT.sub(_blanked, text)
         self._bare = _STRING.sub(lambda match: f'"{"x" * (len(match[0]) - 2)}"', self.code)
         self._ends = [match.start() for match in re.finditer(r"\r\n|\n|\r", text)]
@@ -77,7 +94,18 @@ class Source:
         before = 0 if line == 1 else self._ends[line - 2]
         while before < len(self.text) and self.text[before] in "\r\n" and before < at:
             before += 1
-        return f"{self.name}:{line}:{at - before + 1}"
+        part = self.part(at)
+        return f"{part.name}:{line - part.first_line}:{at - before + 1}"
+
+    def where(self, at: int) -> str:
+        """``name:line`` of an index."""
+        return self.place(at).rsplit(":", 1)[0]
+
+    def part(self, at: int) -> FilePart:
+        """The file that an index is in."""
+        if len(self.parts) == 1:
+            return self.parts[0]
+        return next((part for part in reversed(self.parts) if part.start <= at), self.parts[0])
 
     def statements(self) -> Iterator[Statement]:
         """Statements in order.
@@ -102,7 +130,16 @@ class Source:
                         where=self.place(at), value=self.code[at:].strip().splitlines()[0][:60],
                         hint="Post the module again",
                     )  # fmt: skip
-            yield Statement(at, end, self.code[at:end], self.line(at), structure)
+            code = self.code[at:end]
+            first = _WORD.match(code)
+            yield Statement(
+                at,
+                end,
+                code,
+                self.line(at) - self.part(at).first_line,
+                structure,
+                "" if first is None else first[0].upper(),
+            )
             at = end
 
 

@@ -1,82 +1,64 @@
-"""Executes a VAL3 program line by line: motions, frames, speeds, process words."""
+"""Executes a VAL3 program line by line: values, branches, loops, calls, frames, speeds, process words."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Final, cast
 
 import numpy as np
 
-from counterflex.core.arrays import Float
-from counterflex.core.errors import ProgramError
-from counterflex.core.units import MM_PER_S
-from counterflex.programs.program import Block, Word
-from counterflex.programs.robot_text.cell import RobotTextCell
-from counterflex.programs.robot_text.execution import Execution
-from counterflex.programs.robot_text.process_words import NUMBER, ProcessWords
-from counterflex.programs.val3.program import Key, Span, Val3Motion, frame_of
-from counterflex.programs.val3.read import statements as form
-from counterflex.programs.val3.read.data_file import DataFile, key_of
+from counterflex.geometry import pose
+from counterflex.programs.expression import ExpressionError, Value, is_number
+from counterflex.programs.program import Word
+from counterflex.programs.robot_text.process_words import ProcessWords
+from counterflex.programs.statement_table import Treatment
+from counterflex.programs.unknown import Unknown, first_unknown, known
+from counterflex.programs.val3.read.application import Folder
+from counterflex.programs.val3.read.branches import assignment, hidden_effect, instruction, row_of
+from counterflex.programs.val3.read.flow import Flow
+from counterflex.programs.val3.read.motions import Val3Cell
+from counterflex.programs.val3.read.program_file import Routine, arguments, code_of
+from counterflex.programs.val3.read.store import Store
+from counterflex.programs.val3.read.table import ACTING
+from counterflex.programs.val3.read.values import FATHER, TRSF, trsf_of
 
-_FASTEST_MM_S: Final = 20_000.0
-"""A speed limit from here on limits nothing: the robot runs as fast as its axes."""
-_STRAIGHT: Final = "Post the path without loops, conditions and subprograms"
+__all__ = ["Interpreter", "Val3Cell"]
 
-
-@dataclass(frozen=True, kw_only=True)
-class Val3Cell(RobotTextCell):
-    """What must be known of a cell to read a VAL3 program for it.
-
-    Attributes:
-        tool_of_data: Number of the tool by the name of its tool variable (``tools.tooldata``).
-    """
-
-    tool_of_data: Mapping[str, int]
-
-
-@dataclass
-class _Spindle:
-    tool: int = 0
+_MOST: Final = 100_000
+"""Lines executed beyond ten times those written: a loop that never ends reaches it within seconds."""
+_MOST_IDLE: Final = 20_000
+"""Lines executed beyond those written without a motion between them."""
+_DEEPEST: Final = 40
+_LEAST_M: Final = 1e-6
+_FOREVER: Final = re.compile(r"(?:while\s*\(?\s*true|until\s*\(?\s*false)\s*\)?")
+_MOTION: Final = re.compile(r"(?:[A-Za-z_]\w*(?:\[\w+\])?\s*=\s*)?(movej|movel|movec)\s*\(")
 
 
-class Interpreter(Execution):
+class Interpreter(Flow):
     """State of the controller while a program runs.
 
     Args:
-        name: Of the program file, for errors.
-        lines: Of it.
-        first: 1-based number of the line behind ``begin``.
-        last: 1-based number of the line ``end``.
-        starts: Index of each line in the text.
-        data: The data file.
-        cell: What frames and process words are checked against; None takes every frame and knows no process words.
+        routine: The program.
+        folder: Programs that it can call.
+        store: Variables of its data file.
+        cell: What frames and process words are checked against; None takes the frame of the first point for the part
+            frame, and knows no process words.
 
     Attributes:
-        moves: What stands behind each motion in the text.
-        mentions: How often the code names each point.
+        runs: How often each motion's line runs, by file and line.
     """
 
-    def __init__(
-        self, name: str, lines: Sequence[str], first: int, last: int, starts: Sequence[int], data: DataFile,
-        cell: Val3Cell | None,
-    ) -> None:  # fmt: skip
-        self._spindle = _Spindle()
-        super().__init__(self._spindle)
-        self.name, self.lines, self.data, self.cell = name, lines, data, cell
-        self._first, self._last, self._starts = first, last, starts
+    def __init__(self, routine: Routine, folder: Folder, store: Store, cell: Val3Cell | None) -> None:
+        super().__init__(store, cell)
+        self.routine, self.folder, self.main = routine, folder, routine.name
         self.process = None if cell is None else ProcessWords(cell.functions, code_of)
-        self.moves: list[Val3Motion] = []
-        self.mentions: dict[Key, int] = {}
-        self.line = first
-        self._changed: set[str] = set()
-        self._speeds: dict[Key, float] = {}
-        self._settled = -1  # line of the waitEndMove() behind the last motion
-        self._away: int | None = None
-        self._flow: list[tuple[str, int]] = []
-        self._tools: dict[Key, Float] = {}
-        self._frames_seen: set[Key] = set()
+        self.depth, self._count = 0, 0
+        self._counted_at, self._moved = 0, -1
+        self.runs: Counter[tuple[str, int]] = Counter()
+        self._full: dict[str, tuple[list[str], dict[int, int], list[int]]] = {}
 
     def run(self) -> None:
         """Execute the program.
@@ -84,244 +66,299 @@ class Interpreter(Execution):
         Raises:
             ProgramError: See :func:`~counterflex.programs.val3.read.reader.read_val3`.
         """
-        numbers = range(self._first, self._last)
-        codes = {number: code_of(self.lines[number - 1]).strip() for number in numbers}
-        full = [number for number in numbers if codes[number]]
-        for code in codes.values():
-            for match in re.finditer(r"[A-Za-z_]\w*(?:\s*\[\s*\d+\s*\])?", code):
-                key = key_of(match[0])
-                if key is not None:
-                    self.mentions[key] = self.mentions.get(key, 0) + 1
-        texts = [self.lines[number - 1] for number in full]
-        passed = 0
-        for number in numbers:
-            self.line, self._words, first = number, [], len(self.motions)
-            self._blocks.append(Block(number, self.lines[number - 1], (), self.modal("G1"), first, 0))
-            if codes[number] and passed:
-                passed -= 1
-            elif codes[number]:
-                passed = self._executed(codes[number], texts, full.index(number)) - 1
-            self._blocks[-1] = replace(
-                self._blocks[-1], words=tuple(self._words), modal=self.modal(self.motion_code(first)),
-                motion_count=len(self.motions) - first,
+        scope = {}
+        for parameter in self.routine.parameters:
+            scope[parameter.name] = self.store.unknown_parameter(parameter)
+        self.store.scopes.append(scope | self.store.locals_of(self.routine))
+        self._run(self.routine)
+
+    def _run(self, routine: Routine) -> None:
+        self.depth += 1
+        passes: dict[int, tuple[int, int]] = {}
+        at = routine.first
+        while at < routine.last:
+            then = self._executed(routine, at)
+            if then <= at:
+                state = (self.store.version, then)
+                if passes.get(at) == state or self._never_left(routine, at):
+                    raise routine.fault(at, f"the program repeats from line {then + 1} on without end",
+                                        limit="a program that ends",
+                                        hint="Give the program of one part, without the loop around it")  # fmt: skip
+                passes[at] = state
+            at = then
+        self.depth -= 1
+
+    @staticmethod
+    def _never_left(routine: Routine, at: int) -> bool:
+        """Whether the condition of a loop is constant, and nothing within it ends the program."""
+        begin = routine.ends[at]
+        if _FOREVER.fullmatch(routine.codes[begin]) or _FOREVER.fullmatch(routine.codes[at]):
+            return not any(routine.codes[index].startswith("return") for index in range(min(begin, at), at))
+        return False
+
+    def _executed(self, routine: Routine, at: int) -> int:
+        """Execute a line; returns the index of the next one."""
+        self._count += 1
+        idle = self._count - self._counted_at if len(self.motions) == self._moved else 0
+        if not idle:
+            self._counted_at, self._moved = self._count, len(self.motions)
+        if self._count > _MOST + 10 * len(routine.lines) or idle > _MOST_IDLE + len(routine.lines):
+            raise routine.fault(at, "the program does not end within the lines that are executed",
+                                limit=f"{_MOST} lines, {_MOST_IDLE} of them without a motion",
+                                hint="Give the program of one part")  # fmt: skip
+        self.block(routine, at)
+        self.call_line = at + 1 if self.depth == 1 else self.call_line
+        code = routine.codes[at]
+        if not code:
+            return at + 1
+        block, first = len(self._blocks) - 1, len(self.motions)
+        self._words = []
+        then = self._machine_function(routine, at)
+        if then is None:
+            try:
+                then = self.statement(routine, at, code)
+            except (ExpressionError, RecursionError) as error:
+                what = "an expression is nested too deep" if isinstance(error, RecursionError) else str(error)
+                raise routine.fault(at, what, hint="The file may be damaged: post it again") from error
+        if len(self.motions) > first or self._words:
+            made = len(self._blocks) == block + 1
+            self._blocks[block] = replace(
+                self._blocks[block], words=tuple(self._words), motion_count=len(self.motions) - first if made else 0,
+                modal=self.modal(self.motion_code(first) if made else "G1"),
             )  # fmt: skip
-        if self._flow:
-            word, line = self._flow[-1]
-            raise ProgramError(f"{word} is not closed", where=f"{self.name}:{line}", hint="The file may be cut off")
+        return then
 
-    def _executed(self, code: str, texts: Sequence[str], at: int) -> int:
-        """Execute a statement; returns how many lines that were."""
-        where = f"{self.name}:{self.line}"
-        function = None if self.process is None else self.process.find(texts, at, where)
-        if function is None:
-            self._statement(code)
-            return 1
-        self._refuse_in_flow(code, "the spindle, coolant or tool is switched")
-        self.do(function)
-        return function.lines
-
-    # ---- statements ------------------------------------------------------------------------------------------
-
-    def _statement(self, code: str) -> None:
-        if (match := form.MOTION.match(code)) is not None:
-            self._refuse_in_flow(code, "a motion")
-            self._motion(code, match)
-        elif form.WAIT_END.fullmatch(code):
-            self._settled = self.line
-            if self.moves and self.moves[-1].point is not None:
-                self.moves[-1] = replace(self.moves[-1], exact=True)
-        elif (match := form.DELAY.fullmatch(code)) is not None:
-            self._delay(float(match[1]))
-        elif (match := form.SPEED.fullmatch(code)) is not None:
-            self._refuse_in_flow(code, "a speed is set")
-            key = key_of(match[1])
-            if key is not None:
-                self._speeds[key] = float(match[2])
-        elif not self._flow_statement(code) and not self._other(code):
-            raise self._fault("an unknown statement", code, hint="docs/val3.md lists what is read")
-
-    def _delay(self, time_s: float) -> None:
-        """A wait, where the robot has come to rest before it; else the program waits while the robot runs on."""
-        settled = self._settled > 0 and self._settled >= (self.moves[-1].line if self.moves else 0)
-        if settled and not self._flow and self.dwell(len(self._blocks) - 1, time_s):
-            at = self._settled
-            self.moves.append(Val3Motion(self.line, "delay", self._start(at), self._start(at), np.eye(3)))
-
-    def _flow_statement(self, code: str) -> bool:
-        if (match := form.CLOSES.match(code)) is not None:
-            if not self._flow or form.CLOSED_BY[self._flow[-1][0]] != match[1]:
-                raise self._fault(f"{match[1]} closes nothing", code, hint="The file may be damaged")
-            self._flow.pop()
-        elif (match := form.OPENS.match(code)) is not None:
-            self._flow.append((match[1], self.line))
-            self.acting.append(self.line)
-        elif form.BETWEEN.match(code):
-            if not self._flow:
-                raise self._fault("this belongs into if, switch or a loop", code, hint="The file may be damaged")
-        else:
-            return False
-        return True
-
-    def _other(self, code: str) -> bool:
-        if form.OTHER_MOTION.match(code) or form.SHIFTS.match(code):
-            raise self._fault("this changes where the robot goes, and is not read", code, limit="movej movel movec",
-                              hint="Post the path without it")  # fmt: skip
-        if form.CALL.match(code):
-            raise self._fault(
-                "a subprogram is called, which may move the robot", code,
-                limit="a statement of [controller.spindle.val3] in the cell file",
-                hint="Post the path as one program, or name the call in the table (m_codes) if it moves nothing",
-            )  # fmt: skip
-        if form.RETURN.match(code):
-            raise self._fault("return stands before the end: what is executed is not known", code, hint=_STRAIGHT)
-        if form.KEY.fullmatch(code) and not self._flow:
-            self._words.append(Word("M", 0.0, 0, 0))
-            return True
-        if form.OUTPUT.match(code) or form.ACTS.match(code):
-            self.acting.append(self.line)
-            return True
-        if (match := form.FIELD.match(code) or form.ASSIGNMENT.match(code)) is not None:
-            self._changed.add(match[1])
-            return True
-        return form.PASSED.match(code) is not None
-
-    # ---- motions ---------------------------------------------------------------------------------------------
-
-    def _motion(self, code: str, match: re.Match[str]) -> None:
-        word, line = match[1], self.lines[self.line - 1]
-        offset = self._start(self.line) + line.index(code)
-        close = code.rfind(")")
-        arguments = _arguments(code, match.end(), close)
-        if close < 0 or code[close + 1 :].strip() or len(arguments) != form.ARGUMENTS[word]:
-            raise self._fault(f"{word} has {form.ARGUMENTS[word]} arguments", code, limit="movel(point,tool,mdesc)")
-        *points, tool, speed = ((code[a:b].strip(), (offset + a, offset + b)) for a, b in arguments)
-        self._settled = -1
-        target = self._point(points[-1][0], code, word)
-        R_tcp_tool = self._tool(tool[0], code)
-        feed, exact, changed = self._speed(speed[0], code)
-        if target is None:
-            self._away = self.line
-            return
-        if self._away is not None and self.motions:
-            raise self._fault(
-                f"the robot comes from a place that is not known, by axes (line {self._away})", code,
-                limit="such places before the first target and behind the last one",
-                hint="Give that place as a point, or post each part as a program of its own",
-            )  # fmt: skip
-        self._away = None
-        key, T = target
-        self.straight(len(self._blocks) - 1, T[:3, 3], T[:3, :3] @ R_tcp_tool.T, 0.0 if word == "movej" else feed)
-        auxiliary = self._point(points[0][0], code, word) if word == "movec" else None
-        if auxiliary is not None:
-            self.circle(auxiliary[1][:3, 3], lambda what, hint: self._fault(what, code, hint=hint))
-            if self.motions[-1].kind == "arc" and self.motions[-1].feed_m_s <= 0.0:
-                raise self._fault("a circle without a speed limit of its mdesc", code, limit="tmax in mm/s")
-        self._words += [Word(c, float(v) * 1e3, 0, 0) for c, v in zip("XYZ", T[:3, 3], strict=True)]
-        speed_key = key_of(speed[0]) or ("", 0)
-        self.moves.append(Val3Motion(
-            self.line, word, offset + match.start(1), self._start(self.line), R_tcp_tool, key, points[-1][1],
-            None if auxiliary is None else auxiliary[0], points[0][1], tool[0], speed_key, speed[1], exact, changed,
-        ))  # fmt: skip
-
-    def _point(self, text: str, code: str, word: str) -> tuple[Key, Float] | None:
-        """A point of the data file and its pose (4, 4) m; None of one by axes."""
-        key = key_of(text)
-        if key is None:
-            raise self._fault("computed targets are not read", code, limit="a point of the data file, by its index",
-                              hint="Write the points themselves: appro and variable indices are computed")  # fmt: skip
-        if key[0] in self._changed:
-            raise self._fault(f"{key[0]} is computed by the program: such targets are not read", code,
-                              hint="Write the target itself")  # fmt: skip
-        data = self.data.variables.get(key[0])
-        if data is not None and data.kind.startswith("joint"):
-            if word != "movej":
-                raise self._fault("axis angles are no target of a path", code, limit="a pointRx")
+    def _machine_function(self, routine: Routine, at: int) -> int | None:
+        """Do what the cell file's table has at a line; returns the index behind it, None where it has nothing."""
+        if self.process is None:
             return None
-        value = self.data.value(key, "pointRx")
-        if value is None or value.data < 0:
-            raise self._fault(
-                f"where {text} is, is not known", code, limit="a pointRx of the data file with its numbers",
-                hint="Give .pgx and .dtx in one folder" + ("" if self.data.text else "; there is no .dtx beside it"),
+        if routine.name not in self._full:
+            full = [index for index in range(routine.first, routine.last) if routine.codes[index]]
+            self._full[routine.name] = (
+                [routine.lines[index] for index in full], {index: n for n, index in enumerate(full)}, full,
             )  # fmt: skip
-        father = key_of(value.attributes.get("fatherId", "world[0]"))
-        if self.cell is not None and father is not None and father not in self._frames_seen:
-            T = self.data.frame(father, "frame", "world", self._changed)
-            self.cell.refuse_other_part_frame(T, f"the frame {father[0]}", f"{self.name}:{self.line}")
-            self._frames_seen.add(father)
-        return key, frame_of(self.data.numbers(value))
+        texts, order, full = self._full[routine.name]
+        function = self.process.find(texts, order[at], f"{routine.name}:{at + 1}")
+        if function is None:
+            return None
+        self.do(function)
+        last = full[order[at] + function.lines - 1]
+        for index in range(at + 1, last + 1):
+            self.block(routine, index)
+        return last + 1
 
-    def _tool(self, text: str, code: str) -> Float:
-        """Orientation (3, 3) of a tool in the TCP frame of the cell; sets the tool in the spindle by its name."""
-        key = key_of(text)
-        if key is None:
-            raise self._fault("the tool is computed", code, limit="a tool of the data file")
-        cell = self.cell
-        if cell is None:
-            self._spindle.tool = self._spindle.tool or 1
-            return np.eye(3)
-        number = cell.tool_of_data.get(key[0], cell.tool_of_data.get(f"{key[0]}[{key[1]}]", 0))
-        self._spindle.tool = number or self._spindle.tool or cell.only_tool
-        if key not in self._tools:
-            if number and key[0] not in self.data.variables:
-                return np.eye(3)
-            T = self.data.frame(key, "tool", "flange", self._changed)
-            self._tools[key] = cell.R_tcp_tool(T, text, f"{self.name}:{self.line}")
-        return self._tools[key]
+    # ---- statements ----------------------------------------------------------------------------------------
 
-    def _speed(self, text: str, code: str) -> tuple[float, bool, bool]:
-        """Speed in m/s (0: as fast as the axes), whether it stops, whether the program changes the mdesc otherwise."""
-        key = key_of(text)
-        value = None if key is None else self.data.value(key, "mdesc")
-        if key is None or value is None:
-            raise self._fault(f"which speed {text} is, is not known", code, limit="an mdesc of the data file",
-                              hint="Write its numbers into the data file")  # fmt: skip
-        written = value.attributes.get("tmax", f"{_FASTEST_MM_S}").strip()
-        if not re.fullmatch(NUMBER, written):
-            raise self._fault("tmax of the mdesc is no number", code, limit="mm/s")
-        speed = self._speeds.get(key, float(written))
-        if not speed > 0.0:
-            raise self._fault("the speed is out of range", code, limit="above 0 mm/s")
-        feed = 0.0 if speed >= _FASTEST_MM_S else speed * MM_PER_S
-        return feed, value.attributes.get("blend", "off").strip().lower() == "off", key[0] in self._changed
+    def statement(self, routine: Routine, at: int, code: str) -> int:
+        """Execute a statement; returns the index of the next line."""
+        match = _MOTION.match(code)
+        if match is not None:
+            self.runs[routine.name, at] += 1
+            parts = assignment(code)
+            self.motion(routine, at, match[1], match.end())
+            if parts is not None:
+                self.put(routine, at, parts[0], Unknown("the number of a motion is the controller's"))
+            return at + 1
+        row = row_of(code)
+        if row is None:
+            raise routine.fault(at, "an unknown statement", limit="docs/statements/val3.md",
+                                hint="Name it in [controller.spindle.val3] (m_codes) of the cell file if it moves "
+                                "nothing, or post the path without it")  # fmt: skip
+        effect = hidden_effect(code) if row.word not in ("call", "taskCreate", "taskCreateSync") else ""
+        if effect:
+            raise routine.fault(at, f"{effect}() stands within an expression, and is not read there",
+                                limit=f"n={effect}(...)", hint="Write it on a line of its own")  # fmt: skip
+        if row.treatment is Treatment.REFUSED:
+            raise routine.fault(at, f"{row.word}: {row.reason}, which is not read", hint=row.remedy)
+        if row.word in ACTING:
+            self.act(routine, at)
+        handler = _HANDLERS.get(row.word)
+        if handler is not None:
+            return handler(self, routine, at)
+        if row.treatment is Treatment.NEUTRAL or row.word == "=":
+            self._assign(routine, at)
+        return at + 1
 
-    # ---- text ------------------------------------------------------------------------------------------------
+    def _assign(self, routine: Routine, at: int) -> None:
+        """Set a variable, or forget what an instruction of the controller gives back."""
+        code = routine.codes[at]
+        parts = assignment(code)
+        if parts is None:
+            return
+        right = instruction(parts[1])
+        if self.is_output(code, parts[0]) or (right is not None and right[0] in ACTING):
+            self.act(routine, at)
+        if not self.is_output(code, parts[0]):
+            self.put(routine, at, parts[0], self.value(routine, at, parts[1]))
 
-    def _start(self, line: int) -> int:
-        return self._starts[line - 1]
+    def _given(self, routine: Routine, at: int) -> tuple[str, list[str]]:
+        """Variable that takes the result of an instruction, and its arguments."""
+        code = routine.codes[at]
+        parts = assignment(code)
+        right = code if parts is None else parts[1]
+        found = instruction(right)
+        if found is None:
+            raise routine.fault(at, "an instruction is not closed", limit="name(...)", hint="Post the program again")
+        places = arguments(right, found[1], right.rfind(")"))
+        return "" if parts is None else parts[0], [right[a:b] for a, b in places if right[a:b]]
 
-    def _refuse_in_flow(self, code: str, what: str) -> None:
-        if self._flow:
-            word, line = self._flow[-1]
-            raise self._fault(
-                f"{what} inside {word} (line {line}): whether and how often is not known", code,
-                limit="straight through", hint=_STRAIGHT,
+    def do_wait_end(self, routine: Routine, at: int) -> int:
+        """The robot comes to rest."""
+        self.wait_end(routine, at)
+        return at + 1
+
+    def do_open(self, _: Routine, at: int) -> int:
+        """Open and close wait until the robot is at rest (VAL3 Reference manual, open)."""
+        if self.moves and self.moves[-1].T_father_tool is not None:
+            self.moves[-1] = replace(self.moves[-1], exact=True)
+        return at + 1
+
+    def do_delay(self, routine: Routine, at: int) -> int:
+        """A wait."""
+        _, given = self._given(routine, at)
+        time_s = self.value(routine, at, given[0]) if given else 0.0
+        if is_number(time_s):
+            self.wait(routine, at, float(cast("float", time_s)))
+        return at + 1
+
+    def do_get(self, routine: Routine, at: int) -> int:
+        """A stop until a key is pressed."""
+        self._words.append(Word("M", 0.0, 0, 0))
+        result, _ = self._given(routine, at)
+        if result:
+            self.put(routine, at, result, Unknown("a person presses a key (get)"))
+        return at + 1
+
+    def do_reset(self, routine: Routine, at: int) -> int:
+        """Refuse to cancel motions that are not finished."""
+        if self.settled is None:
+            raise routine.fault(at, "resetMotion() cancels motions that are not finished", limit="the robot at rest",
+                                hint="Put waitEndMove() before it")  # fmt: skip
+        return at + 1
+
+    def do_monitor_speed(self, routine: Routine, at: int) -> int:
+        """Refuse another factor of all speeds than 100 %."""
+        result, given = self._given(routine, at)
+        value = known(self.value(routine, at, given[0]) if given else None, "the monitor speed", routine.place(at),
+                      text=routine.codes[at], hint="Take setMonitorSpeed() out")  # fmt: skip
+        if value != 100.0:
+            raise routine.fault(
+                at, "setMonitorSpeed() changes the speed of every motion, in some operating modes of the controller "
+                "only: the speed is not known", limit="100", hint="Write the speeds themselves (tvel of the mdesc)",
             )  # fmt: skip
+        if result:
+            self.put(routine, at, result, Unknown("what setMonitorSpeed gives back is the controller's"))
+        return at + 1
 
-    def _fault(self, what: str, code: str, **more: str) -> ProgramError:
-        column = self.lines[self.line - 1].find(code) + 1
-        return ProgramError(what, where=f"{self.name}:{self.line}:{column}", value=code[:60], **more)
+    # ---- frames --------------------------------------------------------------------------------------------
+
+    def do_set_frame(self, routine: Routine, at: int) -> int:
+        """A frame from its origin, a point on x and a point of the xy plane (VAL3 Reference manual, setFrame)."""
+        result, given = self._given(routine, at)
+        if len(given) != 4:
+            raise routine.fault(at, "setFrame has 4 arguments", limit="setFrame(pO,pX,pXY,fFrame)")
+        values = [self.value(routine, at, one) for one in given]
+        code: Value = 0.0
+        unknown = first_unknown(values)
+        if unknown is None:
+            origin, on_x, in_xy = (self.store.place(one)[:3, 3] for one in values[:3])
+            x, y = on_x - origin, in_xy - origin
+            z = np.cross(x, y)
+            if min(np.linalg.norm(x), np.linalg.norm(z) ** 0.5) < _LEAST_M:
+                raise routine.fault(at, "the three points of setFrame lie on a line, or too close together")
+            axes = [x / np.linalg.norm(x), np.zeros(3), z / np.linalg.norm(z)]
+            axes[1] = np.cross(axes[2], axes[0])
+            T_world = pose.make(np.column_stack(axes), origin)
+            frame = cast("Mapping[str, Value]", values[3])
+            T_world_father = self.store.place({**frame, TRSF: trsf_of(np.eye(4))})
+            self.put(routine, at, f"{given[3]}.{TRSF}", trsf_of(pose.inverse(T_world_father) @ T_world))
+        else:
+            code = unknown
+            self.put(routine, at, given[3], Unknown(f"computed by setFrame: {unknown.why}", unknown.where))
+        if result:
+            self.put(routine, at, result, code)
+        return at + 1
+
+    def do_link(self, routine: Routine, at: int) -> int:
+        """Another father, the coordinates stay (VAL3 Reference manual, link)."""
+        _, given = self._given(routine, at)
+        try:
+            father = self.store.literal(given[1]) if len(given) == 2 else None
+            if father is None:
+                raise routine.fault(at, "link is not understood", limit="link(point,frame)")
+            found = self.store.literal(given[0])
+            value = None if found is None else found[1][0].get(found[0][1])
+        except ExpressionError as error:
+            raise routine.fault(at, str(error), limit="link(point,frame)") from error
+        if not isinstance(value, Mapping) or FATHER not in value:
+            raise routine.fault(at, "link changes what is no point, frame or tool that is known",
+                                limit="link(point,frame)", hint="Write the father into the data file")  # fmt: skip
+        self.put(routine, at, f"{given[0]}.{FATHER}", f"{father[0][0]}[{father[0][1]}]")
+        return at + 1
+
+    # ---- other programs ------------------------------------------------------------------------------------
+
+    def do_call(self, routine: Routine, at: int) -> int:
+        """Run a program of the application, or of a library."""
+        called = self.called(routine, at)
+        if called is None:
+            raise routine.fault(
+                at, "a subprogram is called, which may move the robot",
+                limit="a program of the folder, or a statement of [controller.spindle.val3] in the cell file",
+                hint="Put its .pgx beside the program, or name the call in the table (m_codes) if it moves nothing",
+            )  # fmt: skip
+        prefix, program, given = called
+        if self.depth >= _DEEPEST:
+            raise routine.fault(at, "programs call each other without end", limit=f"{_DEEPEST} calls within each other",
+                                hint="Post the path without recursion")  # fmt: skip
+        store, words = self.store, self._words
+        store.where = f"{routine.name}:{at + 1}"
+        try:
+            scope = store.enter(program, given)
+        except ExpressionError as error:
+            raise routine.fault(at, str(error), hint="The program was posted for other files") from error
+        outer, store.prefix = store.prefix, prefix
+        store.scopes.append(scope)
+        self._run(program)
+        store.scopes.pop()
+        store.prefix, self._words = outer, words
+        return at + 1
+
+    def do_task(self, routine: Routine, at: int) -> int:
+        """A program that runs beside this one: it must change nothing that matters."""
+        called = self.called(routine, at)
+        if called is None:
+            raise routine.fault(at, "another task is started, which may move the robot",
+                                limit="a program of the folder", hint="Put its .pgx beside the program")  # fmt: skip
+        task = Unknown(f"{called[1].name} runs beside the program", f"{routine.name}:{at + 1}")
+        self.pass_over(called[1], called[1].first, called[1].last, task, ("taskCreate", at + 1), 1)
+        return at + 1
+
+    def do_load(self, routine: Routine, at: int) -> int:
+        """Let an alias stand for a library."""
+        result, given = self._given(routine, at)
+        parts = assignment(routine.codes[at])
+        alias = (routine.codes[at] if parts is None else parts[1]).partition(":")[0].strip()
+        path = self.value(routine, at, given[0]) if given else Unknown("the library is not named")
+        path = known(path, "which library is loaded", routine.place(at), text=routine.codes[at],
+                     hint="Write its path")  # fmt: skip
+        loaded = self.folder.load(alias, str(path), self.store)
+        if result:
+            done: Value = 0.0 if loaded else Unknown(f"the library {path} does not lie beside the program")
+            self.put(routine, at, result, done)
+        return at + 1
 
 
-def code_of(line: str) -> str:
-    """The part of a line before its comment; ``//`` within quotes begins none."""
-    quoted = False
-    for index, character in enumerate(line):
-        if character == '"':
-            quoted = not quoted
-        elif character == "/" and not quoted and line[index : index + 2] == "//":
-            return line[:index]
-    return line
-
-
-def _arguments(code: str, start: int, end: int) -> list[Span]:
-    """Places of arguments: divided by commas outside of brackets, without blanks around them."""
-    out, depth, begin = [], 0, start
-    for at in range(start, max(end, start)):
-        depth += (code[at] in "([{") - (code[at] in ")]}")
-        if code[at] == "," and depth == 0:
-            out.append((begin, at))
-            begin = at + 1
-    out.append((begin, max(end, start)))
-    return [
-        (a + len(code[a:b]) - len(code[a:b].lstrip()), b - len(code[a:b]) + len(code[a:b].rstrip())) for a, b in out
-    ]
+_Handler = Callable[[Interpreter, Routine, int], int]
+_HANDLERS: Final[Mapping[str, _Handler]] = {
+    "waitEndMove": Interpreter.do_wait_end, "open": Interpreter.do_open, "close": Interpreter.do_open,
+    "delay": Interpreter.do_delay, "get": Interpreter.do_get, "resetMotion": Interpreter.do_reset,
+    "setMonitorSpeed": Interpreter.do_monitor_speed, "setFrame": Interpreter.do_set_frame,
+    "link": Interpreter.do_link, "call": Interpreter.do_call, "taskCreate": Interpreter.do_task,
+    "taskCreateSync": Interpreter.do_task, "libLoad": Interpreter.do_load, "if": Interpreter.do_if,
+    "elseIf": Interpreter.do_else, "else": Interpreter.do_else, "endIf": Interpreter.do_next,
+    "while": Interpreter.do_while, "endWhile": Interpreter.do_repeat, "do": Interpreter.do_next,
+    "until": Interpreter.do_until, "for": Interpreter.do_for, "endFor": Interpreter.do_end_for,
+    "switch": Interpreter.do_switch, "case": Interpreter.do_else, "default": Interpreter.do_else,
+    "break": Interpreter.do_break, "endSwitch": Interpreter.do_next, "return": Interpreter.do_return,
+}  # fmt: skip

@@ -14,12 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from counterflex.core.arrays import Bool, Float, Float32
+from counterflex.core.errors import SimulationError
 from counterflex.core.jit import kernel
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 
 UInt8 = npt.NDArray[np.uint8]
 STRETCHES: Final = 8
+"""Stretches that a column has room for at first."""
+MOST_STRETCHES: Final = 128
+"""Their number is held in 8 bits."""
 DISCS: Final = 32
 """Discs that stand for the rounded corner of a bull nose; each has its outline's radius at the middle."""
 _TINY_M: Final = 1.0e-9
@@ -36,8 +40,8 @@ class ColumnMaterial:
         x0_m: x of the centre of column [0, 0], m, part frame.
         y0_m: y of that centre, m.
         cell_m: Side of a column, m.
-        low: (ny, nx, 8) lower ends of the stretches, m, rising.
-        high: (ny, nx, 8) upper ends.
+        low: (ny, nx, layers) lower ends of the stretches, m, rising.
+        high: (ny, nx, layers) upper ends.
         held: (ny, nx) stretches in each column.
         bottom_m: Underside of the blank, m.
     """
@@ -58,6 +62,20 @@ class ColumnMaterial:
         low[..., 0], high[..., 0] = stock.bottom_m, stock.z
         held = (stock.z > stock.bottom_m + _TINY_M).astype(np.uint8)
         return cls(stock.x0_m, stock.y0_m, stock.cell_m, low, high, held, stock.bottom_m)
+
+    def make_room(self) -> None:
+        """Double the stretches that a column has room for.
+
+        Raises:
+            SimulationError: There are :data:`MOST_STRETCHES` already.
+        """
+        if self.low.shape[2] >= MOST_STRETCHES:
+            raise SimulationError(
+                "a column of the stock would hold too many stretches of material",
+                limit=str(MOST_STRETCHES),
+                hint="Turn the part frame so that z looks along most cuts",
+            )
+        self.low, self.high = (np.concatenate([ends, np.zeros_like(ends)], axis=2) for ends in (self.low, self.high))
 
     def tops(self) -> HeightMap:
         """The highest material of each column, as a height map."""
@@ -205,7 +223,7 @@ def place_tool(low: Float32, high: Float32, held: UInt8, grid: Float, tip: Float
     """Take away what lies within the tool; False where a column has no room for another stretch.
 
     Args:
-        low: (ny, nx, 8) m, changed.
+        low: (ny, nx, layers) m, changed.
         high: Same.
         held: (ny, nx), changed.
         grid: (3,) x0, y0, cell, m.

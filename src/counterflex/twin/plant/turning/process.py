@@ -8,14 +8,13 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import SimulationError
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.twin.plant.chip import HISTORY, OK
 from counterflex.twin.plant.process import PENDING, Process
 from counterflex.twin.plant.turning.chip_kernel import turned_wrench
-from counterflex.twin.plant.turning.column_material import STRETCHES, ColumnMaterial, outline_of, place_tool
+from counterflex.twin.plant.turning.column_material import ColumnMaterial, outline_of, place_tool
 from counterflex.twin.truth.truth import CuttingTruth
 
 STAMP_M: Final = 0.02 * MM
@@ -123,10 +122,6 @@ class TurningProcess(Process):
             share = (k + 1.0) / count
             axis = u + share * (v - u)
             axis /= np.linalg.norm(axis)
-            if not place_tool(*self._columns, a[:3] + share * (b[:3] - a[:3]), axis, self._parts):
-                raise SimulationError(
-                    "a column of the stock would hold too many stretches of material",
-                    where="part x {:.2f} y {:.2f} z {:.2f} mm".format(*(b[:3] / MM)),
-                    limit=str(STRETCHES),
-                    hint="Turn the part frame so that z looks along most cuts",
-                )
+            while not place_tool(*self._columns, a[:3] + share * (b[:3] - a[:3]), axis, self._parts):
+                self.material.make_room()
+                self._columns = (self.material.low, self.material.high, self.material.held, self.material.grid)

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.core import atomic
+from counterflex.core.next_command import next_command
 from counterflex.core.progress import Progress, in_parts
 from counterflex.validation.reproduce.papers.experiments import BENCHMARKS, EXPERIMENTS, Options
 from counterflex.validation.reproduce.papers.read import stored
@@ -43,7 +44,9 @@ def run_again(
     """
     options = Options(seeds, level, quick, workers)
     word = papers[0] if len(papers) == 1 else "all"
-    chosen = f" --seeds {seeds[0]}-{seeds[-1]} --level {level}" + (" --quick" if quick else "")
+    command = next_command(
+        f"reproduce {word}", long=True, seeds=f"{seeds[0]}-{seeds[-1]}", level=level, quick=quick, out="DIR"
+    )
     parts = in_parts(progress, {name: 1.0 for name in names if name in EXPERIMENTS} or {"nothing": 1.0})
     out = {}
     for name in names:
@@ -53,7 +56,6 @@ def run_again(
             continue
         results = EXPERIMENTS[name](folder / name, options, parts[name])
         cells = results.pop("cells", "no simulated cell")
-        command = f"counterflex reproduce {word} --long{chosen} --out DIR"
         out[name] = {"command": command, "cells": cells, "version": __version__, "results": results}
         atomic.write_text(folder / name / RESULT, text_of(out[name]))
     return out

@@ -1,6 +1,6 @@
-r"""Expressions of robot languages: parsed by a grammar of operators, evaluated with values that may be unknown.
+r"""Expressions of program languages: parsed by a grammar of operators, evaluated with values that may be unknown.
 
-KRL, RAPID and VAL3 differ in the spelling of operators, of aggregates (``{X 1, Y 2}``, ``[1, [2, 3]]``) and of options
+KRL, RAPID, VAL3 and Sinumerik differ in the spelling of operators, of aggregates (``{X 1, Y 2}``, ``[1, [2, 3]]``) and of options
 (``\Tool:=t``), not in structure. :func:`parse` makes a tree by precedence climbing; :func:`evaluate` computes it with
 the names and functions that a reader gives. A value is a number, truth value, string, mapping (record), list (array or
 aggregate) or :class:`~counterflex.programs.unknown.Unknown`.
@@ -43,8 +43,10 @@ class Grammar:
         name: Pattern of a name.
         number: Pattern of an unsigned number.
         aggregate: Opening and closing bracket of an aggregate.
+        index: Opening and closing bracket of indices behind a name.
         labelled: Items of an aggregate have a component's name before the value, ``{X 1.0}``.
-        enumeration: Pattern of a literal of an enumeration; its value is its text in capitals.
+        enumeration: Pattern of a literal of an enumeration; its value is its text in capitals without blanks.
+        numeral: Returns the value of a number by its text; None where ``number`` is a decimal number.
     """
 
     binary: Mapping[str, tuple[int, Operation]]
@@ -53,8 +55,10 @@ class Grammar:
     name: str = r"[A-Za-z_]\w*"
     number: str = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
     aggregate: str = "[]"
+    index: str = "[]"
     labelled: bool = False
     enumeration: str | None = None
+    numeral: Callable[[str], Value] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +123,13 @@ class Scope(Protocol):
         """Return the value of a function."""
 
 
+class ScopeOfReferences(Scope, Protocol):
+    """A scope whose functions may change their arguments."""
+
+    def call_node(self, node: Call) -> Value:
+        """Return the value of a function from its arguments as they are written."""
+
+
 _STRING: Final = r'"(?:[^"]|"")*"'
 
 
@@ -173,6 +184,9 @@ def evaluate(node: Node, grammar: Grammar, scope: Scope) -> Value:
         ]
         return scope.value_of(node.text, path)
     if isinstance(node, Call):
+        by_reference = getattr(scope, "call_node", None)
+        if by_reference is not None:
+            return by_reference(node)
         options = {key: None if item is None else evaluate(item, grammar, scope) for key, item in node.options.items()}
         return scope.call(node.name, [evaluate(item, grammar, scope) for item in node.arguments], options)
     if isinstance(node, Aggregate):
@@ -260,9 +274,9 @@ class _Parser:
         if (match := re.compile(_STRING).match(self.text, start)) is not None:
             value: Value = match[0][1:-1].replace('""', '"')
         elif (match := self._number.match(self.text, start)) is not None:
-            value = int(match[0]) if match[0].isdigit() else float(match[0])
+            value = (self.grammar.numeral or _decimal)(match[0])
         elif self._enumeration is not None and (match := self._enumeration.match(self.text, start)) is not None:
-            value = match[0].upper()
+            value = "".join(match[0].split()).upper()
         else:
             return None
         self.end = match.end()
@@ -281,7 +295,7 @@ class _Parser:
         path: list[tuple[Node, ...] | str] = []
         behind = self.end = match.end()
         while True:
-            if self._accepts("["):
+            if self._accepts(self.grammar.index[0]):
                 path.append(self._indices())
             elif (component := re.compile(rf"\s*\.\s*({self.grammar.name})").match(self.text, behind)) is not None:
                 self.end = component.end()
@@ -292,12 +306,12 @@ class _Parser:
             behind = self.end
 
     def _indices(self) -> tuple[Node, ...]:
-        if self._accepts("]"):
+        if self._accepts(self.grammar.index[1]):
             return ()
         items = [self.expression(0)]
         while self._accepts(","):
             items.append(self.expression(0))
-        self._require("]")
+        self._require(self.grammar.index[1])
         return tuple(items)
 
     def _call(self, name: str, start: int) -> Call:
@@ -311,7 +325,8 @@ class _Parser:
                 if match is None:
                     raise ExpressionError("the name of an option is missing", self.end)
                 self.end = match.end()
-                options[match[0].upper()] = self.expression(0) if self._accepts(":=") else None
+                given = self._accepts(":=") or self._accepts("?")
+                options[match[0].upper()] = self.expression(0) if given else None
             else:
                 arguments.append(self.expression(0))
         return Call(name, tuple(arguments), options, start, self.end)
@@ -326,7 +341,8 @@ class _Parser:
             label = None
             if self.grammar.labelled:
                 self._blanks()
-                match = re.compile(rf"({self.grammar.name})(?:\[\])?(?=\s*[^\s,}}:(\[.])").match(self.text, self.end)
+                labels = re.compile(rf"({self.grammar.name})(?![\w$])\s*(?:\[\s*\])?(?=\s*[^\s,}}:])")
+                match = labels.match(self.text, self.end)
                 if match is not None:
                     label, self.end = match[1].upper(), match.end()
             items.append((label, self.expression(0)))
@@ -337,6 +353,10 @@ class _Parser:
         if self.grammar.labelled:
             match = re.compile(rf"\s*{self.grammar.name}\s*:(?!=)").match(self.text, self.end)
             self.end = self.end if match is None else match.end()
+
+
+def _decimal(text: str) -> int | float:
+    return int(text) if text.isdigit() else float(text)
 
 
 def is_number(value: object) -> bool:

@@ -1,0 +1,94 @@
+"""Machine data of a KUKA controller (``$machine.dat``): where the robot stands, software limits, lengths, its name."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from counterflex.app.controller_import.frames import ControllerData
+from counterflex.app.controller_import.kuka import frame_of_text
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError
+from counterflex.core.units import DEG, MM
+from counterflex.programs.robot_text.process_words import NUMBER
+
+_HEAD: Final = re.compile(r"^\s*DEFDAT\s+\$MACHINE\b", re.IGNORECASE | re.MULTILINE)
+_OTHER: Final = re.compile(
+    r"^\s*DEFDAT\s+(\$(?:ROBCOR|CUSTOM|OPTION|ADVANCE|MSG_PAR)\w*)", re.IGNORECASE | re.MULTILINE
+)
+_ROOT: Final = re.compile(
+    r"^\s*(?:(?:DECL\s+)?(?:GLOBAL\s+)?FRAME\s+)?\$ROBROOT\s*=\s*(\{[^}]*\})", re.IGNORECASE | re.MULTILINE
+)
+_END: Final = re.compile(rf"^\s*\$SOFT([NP])_END\s*\[\s*([1-6])\s*\]\s*=\s*({NUMBER})", re.IGNORECASE | re.MULTILINE)
+_LENGTH: Final = re.compile(rf"^\s*\$LENGTH_(A)\s*=\s*({NUMBER})", re.IGNORECASE | re.MULTILINE)
+_NAME: Final = re.compile(r"^\s*\$TRAFONAME\s*\[\s*\]\s*=\s*\"([^\"]*)\"", re.IGNORECASE | re.MULTILINE)
+_ACCURATE: Final = re.compile(
+    r"^\s*\$(ABS_ACCUR\w*|DEFLECT\w*|PRO_I_?DENT\w*)\s*=\s*(\S+)", re.IGNORECASE | re.MULTILINE
+)
+
+
+def is_kuka_machine(text: str) -> bool:
+    """Return whether a text is a ``$machine.dat``."""
+    return _HEAD.search(text) is not None
+
+
+def other_kuka_data(text: str) -> str:
+    """Return the name of a data list of the controller that holds nothing for a cell file; empty where it is none."""
+    match = _OTHER.search(text)
+    return "" if match is None else match[1]
+
+
+def read_kuka_machine(text: str, where: str) -> ControllerData:
+    """Read ``$ROBROOT``, ``$SOFTN_END``, ``$SOFTP_END``, ``$LENGTH_A`` and ``$TRAFONAME``.
+
+    Args:
+        text: The file.
+        where: Its name, for errors.
+
+    Raises:
+        FileFormatError: ``$ROBROOT`` is damaged, or there twice.
+    """
+    out = ControllerData("KUKA")
+    roots = [match[1] for match in _ROOT.finditer(text)]
+    if len(roots) > 1:
+        raise FileFormatError("$ROBROOT is there twice", where=where, hint="Give the file as the controller saved it")
+    if roots:
+        out.T_world_base, out.root_known = frame_of_text(roots[0], f"{where}: $ROBROOT"), True
+    ends = {(match[1].upper(), int(match[2])): float(match[3]) * DEG for match in _END.finditer(text)}
+    for axis in range(1, 7):
+        if ("N", axis) in ends and ("P", axis) in ends:
+            out.limits_rad[axis - 1] = (ends["N", axis], ends["P", axis])
+    lengths = {match[1].upper(): float(match[2]) * MM for match in _LENGTH.finditer(text)}
+    if "A" in lengths:
+        out.lengths_m["a1"] = lengths["A"]
+    name = _NAME.search(text)
+    if name is not None:
+        out.model = name[1].strip().lstrip("#")
+    for match in _ACCURATE.finditer(text):
+        if match[2].upper() not in ("FALSE", "0", "0.0"):
+            out.notes.append(
+                f"${match[1]} is set: the arm is positively accurate by data on its RDC, which are not in these files "
+                "and not read: the robot is that of the catalogue; identify kinematics measures it"
+            )
+    rest = sorted({word.upper() for word in re.findall(r"^\s*(\$[A-Za-z_]+)", text, re.MULTILINE)} - _READ)
+    if rest:
+        out.notes.append(f"{where}: {len(rest)} other machine data are not read ({', '.join(rest[:4])} ...)")
+    return out
+
+
+_READ: Final = frozenset(("$ROBROOT", "$SOFTN_END", "$SOFTP_END", "$LENGTH_A", "$TRAFONAME"))
+
+
+def limits_off(limits: dict[int, tuple[float, float]], known: Float) -> list[str]:
+    """Notes where software limits of the controller are not those of the catalogue, rad; ``known`` (6, 2)."""
+    out = []
+    for axis, (low, high) in sorted(limits.items()):
+        if abs(low - known[axis, 0]) > _SAME_RAD or abs(high - known[axis, 1]) > _SAME_RAD:
+            out.append(
+                f"software limits of axis {axis + 1} are {low / DEG:g} to {high / DEG:g} deg, the catalogue has "
+                f"{known[axis, 0] / DEG:g} to {known[axis, 1] / DEG:g}: they are not taken over"
+            )
+    return out
+
+
+_SAME_RAD: Final = 0.05 * DEG

@@ -1,0 +1,43 @@
+"""Commands that messages, reports and written files suggest, as they can be typed.
+
+Every suggested command that has options or arguments is made here. `tests/cli/test_suggested_commands.py` collects the
+calls and holds each against the command's own parser: name, options, number of arguments, and what may not be left out.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from typing import Final
+
+_PLACEHOLDER: Final = re.compile(r"[A-Z][A-Z0-9]*(?:\.\.\.)?|[\w.]+=[A-Z]+")
+"""A word that the user replaces: CELL, PROGRAM, RUN...; ``tool=N``."""
+
+
+def next_command(command: str, *values: object, **options: object) -> str:
+    """Return a command line, quoted for the shell.
+
+    Args:
+        command: Command and subcommand, ``"identify stiffness"``.
+        values: Arguments: files as the user gave them, or placeholders in capitals. None is left out.
+        options: By name, ``assume_class`` for ``--assume-class``; a name that Python keeps for itself ends in ``_``.
+            True is a flag, False and None are left out, a list or tuple repeats the option.
+
+    Returns:
+        ``counterflex prove part.ngc --cell "my cell.toml" --out proof``.
+    """
+    words = [*command.split(), *(word(value) for value in values if value is not None)]
+    for name, given in options.items():
+        option = f"--{name.strip('_').replace('_', '-')}"
+        for value in given if isinstance(given, (list, tuple)) else [given]:
+            if value is True:
+                words.append(option)
+            elif value is not None and value is not False:
+                words += [option, word(value)]
+    return " ".join(["counterflex", *words])
+
+
+def word(value: object) -> str:
+    """Return one word of a command line, quoted where the shell would take it apart."""
+    text = str(value)
+    return text if _PLACEHOLDER.fullmatch(text) else shlex.quote(text)

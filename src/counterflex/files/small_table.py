@@ -1,0 +1,88 @@
+"""Small tables that people write: a header and rows, separated by commas, semicolons or tabs.
+
+A spreadsheet saves what it calls CSV with the separators of its language: semicolons and decimal commas in most of
+Europe. Where the header has a semicolon or a tab, that is the separator, and a comma inside a number is its decimal
+mark.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+from typing import Final
+
+from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import missing_file
+from counterflex.files.foreign_file import of_bytes
+
+_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_GROUPED: Final = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+,\d+")
+
+
+def read_rows(path: str | Path) -> list[tuple[int, list[str]]]:
+    """Read the rows of a table; the first one is the header. Blank lines and lines that begin with # are left out.
+
+    Args:
+        path: The file, UTF-8.
+
+    Returns:
+        Number of the line and cells without blanks around them, decimal points in numbers.
+
+    Raises:
+        FileFormatError: The file cannot be read, or a row has decimal commas between commas.
+    """
+    file = Path(path)
+    try:
+        data = file.read_bytes()
+        text = data.decode("utf-8-sig")
+    except FileNotFoundError as fault:
+        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
+    except OSError as fault:
+        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    except UnicodeDecodeError as fault:
+        kind = of_bytes(data)
+        raise FileFormatError(
+            "cannot be read: not a text file in UTF-8", where=str(file), value=kind or str(fault)[:80],
+            hint="Save it as CSV, UTF-8",
+        ) from fault  # fmt: skip
+    return rows_of(text, str(file))
+
+
+def rows_of(text: str, where: str) -> list[tuple[int, list[str]]]:
+    """As :func:`read_rows`, of a text.
+
+    Args:
+        text: Of the file.
+        where: Its name, for errors.
+
+    Raises:
+        FileFormatError: A row has decimal commas between commas, or a number is grouped by points.
+    """
+    lines = text.splitlines()
+    header = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    separator = next((mark for mark in (";", "\t") if mark in header), ",")
+    out: list[tuple[int, list[str]]] = []
+    for number, row in enumerate(csv.reader(lines, delimiter=separator), start=1):
+        cells = [cell.strip() for cell in row]
+        if not any(cells) or cells[0].startswith("#"):
+            continue
+        if separator != ",":
+            cells = [_with_point(cell, f"{where}:{number}") for cell in cells]
+        elif out and len(cells) > len(out[0][1]):
+            raise FileFormatError(
+                "a row has more cells than the header", where=f"{where}:{number}", value=f"{len(cells)} cells",
+                limit=len(out[0][1]),
+                hint="With decimal commas, separate the columns by semicolons; or write decimal points",
+            )  # fmt: skip
+        out.append((number, cells))
+    return out
+
+
+def _with_point(cell: str, where: str) -> str:
+    if _GROUPED.fullmatch(cell):
+        raise FileFormatError(
+            "a number is grouped by points", where=where, value=cell, limit=cell.replace(".", ""),
+            hint="Save the table without thousands separators",
+        )  # fmt: skip
+    return cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell

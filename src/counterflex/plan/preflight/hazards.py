@@ -1,0 +1,168 @@
+"""The table of hazards: every check of a preflight, what it compares, and the keys of the cell file that it needs.
+
+This table is the only list: a preflight has one row for each of its entries, in this order, and docs/preflight.md
+prints it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """One thing that can go wrong.
+
+    Attributes:
+        check: Name of the row.
+        value: What is compared.
+        limit: With what.
+        keys: Keys of the cell file that are read; without those marked ``!`` the hazard is not looked at.
+        beyond: Verdict beyond the limit.
+    """
+
+    check: str
+    value: str
+    limit: str
+    keys: tuple[str, ...]
+    beyond: str
+
+    @property
+    def read(self) -> tuple[str, ...]:
+        """Keys without their marks."""
+        return tuple(key.rstrip("!") for key in self.keys)
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Keys without which the hazard is not looked at."""
+        return tuple(key[:-1] for key in self.keys if key.endswith("!"))
+
+
+_RATES: Final = ("limits.joint_speed_deg_s!", "limits.joint_acceleration_deg_s2!")
+_BODIES: Final = ("limits.clearance_mm", "cell.body", "tools.overhang_mm", "part.stock")
+
+HAZARDS: Final = (
+    Hazard("reach", "reserve of the wrist centre before the arm is stretched or folded",
+           "0; scaled smallest singular value 0.005", ("robot", "part"), "fail"),
+    Hazard("joint limits", "smallest distance of an axis to its limit", "`limits.joint_margin_deg`",
+           ("limits.joint_margin_deg",), "fail"),
+    Hazard("wrist singularity", "smallest angle between axes 4 and 6", "`limits.wrist_singularity_deg`",
+           ("limits.wrist_singularity_deg",), "fail"),
+    Hazard("joint speed at feed", "axis nearest to its limit", "the key, or the catalogue", (_RATES[0],), "fail"),
+    Hazard("joint speed in rapids", "axis nearest to its limit", "the key, or the catalogue",
+           (_RATES[0], "controller.rapid_mm_s"), "warning: the controller slows down or stops"),
+    Hazard("joint acceleration at feed", "axis nearest to its limit", "the key, or the catalogue", (_RATES[1],),
+           "warning: the controller slows down"),
+    Hazard("path speed held", "lowest path speed in the cut, and share of the cut below the programmed one",
+           "5 % of the cutting path", ("controller.acceleration_mm_s2", "controller.blending_mm",
+                                       "limits.orientation_speed_deg_s"), "warning"),
+    Hazard("cable wind-up, axis 4", "largest angle from 0 deg, where cables lie straight", "the key",
+           ("limits.cable_axis4_deg!",), "fail"),
+    Hazard("cable wind-up, axis 6", "largest angle from 0 deg, where cables lie straight", "the key",
+           ("limits.cable_axis6_deg!",), "fail"),
+    Hazard("robot and spindle to surroundings",
+           "smallest distance of bodies; of the stock, what is not machined away yet", "`limits.clearance_mm`", _BODIES,
+           "warning; fail on contact"),
+    Hazard("tool to surroundings", "likewise, without the stock, which it cuts", "0", _BODIES[1:],
+           "warning; fail deeper than 1 mm: a cut through the part goes a little into its support"),
+    Hazard("tool holder to stock and surroundings",
+           "distance of the tool's holder contour to the machined stock and the surroundings", "0",
+           ("tools.holder_mm!", "cell.body"), "fail"),
+    Hazard("spindle to arm", "what the flange carries, to foot, column, link arm, elbow, forearm",
+           "`limits.clearance_mm`", ("limits.clearance_mm", "cell.body"), "warning; fail on contact"),
+    Hazard("first motion", "height of the end of the first motion over the blank; the way to it is not known",
+           "0; not in the blank", ("part.stock",), "fail in the blank; warning beside it below its top"),
+    Hazard("rapids into the stock", "volume that the worst rapid removes", "0", ("part.stock",), "fail"),
+    Hazard("tool change", "height of the tool over the blank at a tool change", "0", ("part.stock",),
+           "fail in the blank"),
+    Hazard("end of the program", "height of the tool over the blank at the end", "0; spindle stopped",
+           ("part.stock",), "fail in the cut; warning without a retract, or with the spindle on"),
+    Hazard("tool length offset", "number of the offset (H) at feed", "that of the tool", ("tools.number",), "warning"),
+    Hazard("work offset", "work offsets (G54 ...) in use", "those whose place is known: G54, G10, `--parameters`", (),
+           "not looked at"),
+    Hazard("removed material", "volume that each tool removes at feed", "more than 0", ("part.stock", "tools"),
+           "warning"),
+    Hazard("spindle in the cut", "cuts with the spindle off, reversed (M4), or stopped before the retract", "none",
+           ("tools.spindle_rpm",), "fail"),
+    Hazard("spindle speed", "highest and lowest speed", "the keys",
+           ("process_limits.spindle_min_rpm", "process_limits.spindle_max_rpm!", "tools.max_rpm"),
+           "fail above; warning below"),
+    Hazard("spindle torque", "largest mean torque of a tooth period", "the key, at its speed",
+           ("process_limits.spindle_torque_nm!", "process_limits.spindle_torque_curve_rpm_nm"), "fail"),
+    Hazard("spindle power", "largest mean power", "the key", ("process_limits.spindle_power_w!",), "fail"),
+    Hazard("cutting force", "largest mean force on the tool", "the key", ("process_limits.force_n!",), "fail"),
+    Hazard("torque of the axes", "cutting torque on the axis nearest to its limit", "the key",
+           ("process_limits.axis_torque_nm!",), "fail"),
+    Hazard("tool bending", "bending of the tool at its tip under the mean force", "the key",
+           ("process_limits.tool_bending_um!", "tools.overhang_mm!", "tools.modulus_gpa"), "warning"),
+    Hazard("deflection", "deflection square to the path under the mean force", "the key",
+           ("process_limits.deflection_um!",), "warning"),
+    Hazard("correction", "correction that the deflection asks for", "the keys",
+           ("limits.correction_mm", "limits.correction_deg"), "warning: compensate refuses"),
+    Hazard("acceleration on arcs", "acceleration of the tool on arcs at feed", "the key",
+           ("process_limits.acceleration_mm_s2!",), "warning"),
+    Hazard("depth of cut to flutes", "depth that the removed volume has at least", "the key, 5 % more",
+           ("tools.flute_length_mm",), "fail: above the flutes the shank rubs"),
+    Hazard("feed per tooth", "largest and smallest feed per tooth in the cut",
+           "the key; without it assumed 5 um to 2.5 % of the diameter", ("tools.feed_per_tooth_mm",),
+           "fail above the key; warning below it, and where it is assumed"),
+    Hazard("cutting speed", "largest and smallest cutting speed at the diameter", "the key",
+           ("tools.cutting_speed_m_min!",), "warning"),
+    Hazard("chip thickness", "share of the force from mean chips outside the range of the cutting constants", "2 %",
+           ("material.chip_min_um", "material.chip_max_um", "material.allow_extrapolation"),
+           "warning: compensate refuses"),
+    Hazard("plunging", "steepest descent into material under the centre of the mill",
+           "`tools.ramp_deg` (10 deg) for a mill that does not cut at its centre",
+           ("tools.centre_cutting!", "tools.ramp_deg"), "fail"),
+    Hazard("coolant", "cuts with coolant on and off", "the key", ("tools.coolant!",), "warning"),
+    Hazard("reversals in the cut", "largest lost motion at the tool where an axis turns round in the cut",
+           "`limits.reversal_error_um`", ("robot.play!", "limits.reversal_error_um"), "warning"),
+    Hazard("unloadings in the cut", "likewise where the torque of a drive changes its sign",
+           "`limits.reversal_error_um`", ("robot.play!", "limits.reversal_error_um"), "warning"),
+    Hazard("block time at feed", "time of the shortest block at its feed",
+           "`controller.least_block_ms`, else `cycle_ms`",
+           ("controller.least_block_ms", "controller.cycle_ms"), "warning"),
+    Hazard("look-ahead", "smallest share of the feed that the controller can hold", "100 %",
+           ("controller.look_ahead_blocks!",), "warning"),
+    Hazard("approximation to points", "half of the shorter block beside a corner",
+           "distance at which its rounding begins: that of the program, else the key", ("controller.blending_mm",),
+           "warning: the controller shortens it and slows down"),
+    Hazard("corner error of the approximation", "how far a rounding passes its corner", "the key",
+           ("limits.corner_error_um!",), "warning"),
+    Hazard("program size", "motions", "those of one file of the language", ("controller.spindle",),
+           "warning; ok where the writer divides it"),
+    Hazard("program name", "characters", "those of the language", ("controller.spindle",), "warning"),
+    Hazard("line length", "characters of a program that is run as it stands", "those of the language", (), "warning"),
+)  # fmt: skip
+
+
+def complete(rows: Iterable[Row], reasons: dict[str, str]) -> tuple[Row, ...]:
+    """One row for each hazard, in the order of the table.
+
+    Args:
+        rows: What was found; every check is one of the table.
+        reasons: Why hazards without a row were not looked at, by check; ``""`` is the reason of all others.
+
+    Raises:
+        KeyError: A row of a check that is not in the table.
+    """
+    found = {hazard.check: list[Row]() for hazard in HAZARDS}
+    for row in rows:
+        found[row.check].append(row)
+    out: list[Row] = []
+    for check, given in found.items():
+        out += given or [Row(check, NOT_LOOKED_AT, what=reasons.get(check, reasons.get("", "")))]
+    return tuple(out)
+
+
+def as_table() -> str:
+    """The table of hazards as docs/preflight.md prints it, in Markdown."""
+    lines = ["| check | value | limit | keys of the cell file | beyond the limit |", "|---|---|---|---|---|"]
+    for hazard in HAZARDS:
+        keys = ", ".join(f"**`{key[:-1]}`**" if key.endswith("!") else f"`{key}`" for key in hazard.keys)
+        lines.append(f"| {hazard.check} | {hazard.value} | {hazard.limit} | {keys} | {hazard.beyond} |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,372 @@
+"""Map between the joint angles of the model and the axes that a robot controller shows.
+
+The model is a serial chain: angle 3 is that between upper arm and forearm. A controller may count otherwise. With the
+angles ``q`` of the model and the axes ``j`` of the controller (pendant, programs, telegrams, data sheet)::
+
+    j = A q + z                                   A: signs, and the coupling of axis 3 to axis 2; z: zeros
+    j3 = q3 + k (q2 - q2_upright)                 axis 3 counted from the horizontal, k = sign2 * sign3
+
+The table :data:`MAKERS` holds for each maker the signs and zeros of its six-axis arms, whether axis 3 is counted from
+the horizontal, and where the world frame of its controller lies. Lengths are those of
+:class:`~counterflex.robot.model.description.Opw`; ``theta`` is zero where the arm stands upright.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol, get_args
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, as_float, frozen
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG
+from counterflex.geometry import pose
+
+MakerName = Literal["kuka", "abb", "fanuc", "staubli"]
+Axis3 = Literal["upper_arm", "horizontal"]
+MAKER_NAMES: Final[tuple[MakerName, ...]] = get_args(MakerName)
+_SAME_RAD: Final = 1e-6
+_ROD_LIMIT_RAD: Final = -75.0 * DEG
+"""Lower limit of axis 3 that tells ABB arms apart: -70 deg or above with a parallel rod, -100 or below without."""
+_TURN: Final = 2.0 * math.pi
+_NO_BETWEEN: Final = (
+    "limits of axis 3 against the upper arm are not stated and not looked at: axis_3_to_upper_arm_deg in "
+    "[robot.controller_axes]"
+)
+
+
+class Shape(Protocol):
+    """What of :class:`~counterflex.robot.model.description.Opw` decides how axes are counted."""
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """Of the angles: ``theta = sign q - offset``."""
+
+    @property
+    def offsets_rad(self) -> tuple[float, ...]:
+        """See ``signs``."""
+
+    @property
+    def c1_m(self) -> float:
+        """Height of axis 2 above the base plate, m."""
+
+
+@dataclass(frozen=True)
+class Maker:
+    """Convention of the six-axis arms of a maker.
+
+    Attributes:
+        title: Name for people.
+        language: Dialect of its programs.
+        signs: Of the axes against ``theta``: ``theta = sign j - offset``.
+        offsets_deg: See ``signs``.
+        axis_3: What axis 3 is counted from; None where it depends on the arm.
+        world: Height of the origin of its world: ``floor`` is the base plate, ``axis 2`` that axis, both on axis 1.
+        source: Where the convention is stated.
+    """
+
+    title: str
+    language: str
+    signs: tuple[int, ...]
+    offsets_deg: tuple[float, ...]
+    axis_3: Axis3 | None
+    world: Literal["floor", "axis 2"]
+    source: str
+
+
+MAKERS: Final[dict[MakerName, Maker]] = {
+    "kuka": Maker(
+        "KUKA", "krl", (-1, 1, 1, -1, 1, -1), (0.0, -90.0, 0.0, 0.0, 0.0, 0.0), "upper_arm", "floor",
+        "data sheets: A1 0, A2 -90, A3 90 is upper arm upright, forearm level; $ROBROOT on the base plate",
+    ),
+    "abb": Maker(
+        "ABB", "rapid", (1, 1, 1, 1, 1, 1), (0.0, 0.0, -90.0, 0.0, 0.0, 0.0), None, "floor",
+        "product specifications; with a parallel rod axis 3 is the forearm against the horizontal "
+        "(ROS-Industrial abb_driver, J23_coupled: IRB 1400, 2400, 4400, 5400, 6400)",
+    ),
+    "fanuc": Maker(
+        "FANUC", "fanuc", (1, 1, -1, -1, -1, -1), (0.0, 0.0, -90.0, 0.0, 0.0, -180.0), "horizontal", "axis 2",
+        "Operator's manual, J2/J3 interaction; world at the crossing of J1 and the height of J2",
+    ),
+    "staubli": Maker(
+        "Staubli", "val3", (1, 1, 1, 1, 1, 1), (0.0,) * 6, "upper_arm", "axis 2",
+        "pose shown on the pendant of an RX160, reached within 0.1 mm (tests/references/controller_arms.py)",
+    ),
+}  # fmt: skip
+"""Conventions by maker."""
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerAxes:
+    """The axes of a robot as its controller shows them.
+
+    Attributes:
+        maker: Of the controller; None where it is not known.
+        matrix: (6, 6) A of the module.
+        zero_rad: (6,) z of the module.
+        limits_rad: (6, 2) lower and upper limit of the controller's axes; None: those of the model.
+        world_m: Height of the origin of the controller's world above the base plate, on axis 1.
+        assumed: What was taken without being said, one sentence; empty where nothing was.
+        axis_2_m: Height of axis 2 above the base plate.
+        between_known: The limits of the angle between upper arm and forearm are stated; they matter where axis 3 is
+            counted from the horizontal.
+    """
+
+    maker: MakerName | None = None
+    matrix: Float | None = None
+    zero_rad: Float | None = None
+    limits_rad: Float | None = None
+    world_m: float = 0.0
+    assumed: str = ""
+    axis_2_m: float = 0.0
+    between_known: bool = False
+
+    @property
+    def coupled(self) -> bool:
+        """True where an axis depends on two angles of the model."""
+        return self.matrix is not None and bool(np.count_nonzero(self.matrix) > 6)
+
+    @property
+    def zero(self) -> Float:
+        """(6,) rad, the controller's axes where all angles of the model are zero."""
+        return np.zeros(6) if self.zero_rad is None else self.zero_rad
+
+    def shown(self, q: Float) -> Float:
+        """Axes of the controller. ``q`` (..., 6) rad of the model -> (..., 6) rad."""
+        if self.matrix is None:
+            return np.asarray(q, dtype=np.float64)
+        out: Float = np.asarray(q, dtype=np.float64) @ self.matrix.T + self.zero
+        return out
+
+    def model(self, axes_rad: Float) -> Float:
+        """Angles of the model; the inverse of :meth:`shown`."""
+        if self.matrix is None:
+            return np.asarray(axes_rad, dtype=np.float64)
+        free = np.asarray(axes_rad, dtype=np.float64) - self.zero
+        out: Float = free @ np.linalg.inv(self.matrix).T
+        return out
+
+    def shown_change(self, change: Float) -> Float:
+        """Change, speed or acceleration of the controller's axes for that of the model. (..., 6) -> (..., 6)."""
+        out: Float = np.asarray(change, dtype=np.float64) if self.matrix is None else np.asarray(change) @ self.matrix.T
+        return out
+
+    def model_change(self, change: Float) -> Float:
+        """Change of the model's angles for that of the controller's axes; the inverse of :meth:`shown_change`."""
+        if self.matrix is None:
+            return np.asarray(change, dtype=np.float64)
+        out: Float = np.asarray(change, dtype=np.float64) @ np.linalg.inv(self.matrix).T
+        return out
+
+    @property
+    def T_base_world(self) -> Float:
+        """(4, 4) m, the controller's world in the base plate's frame."""
+        return pose.make(p=np.array([0.0, 0.0, self.world_m]))
+
+    def in_world(self, T_base_a: Float) -> Float:
+        """(..., 4, 4) m, a frame given in the base as the controller gives it, in its world."""
+        out: Float = np.array(T_base_a, dtype=np.float64)
+        out[..., 2, 3] -= self.world_m
+        return out
+
+    def in_base(self, T_world_a: Float) -> Float:
+        """(..., 4, 4) m, a frame of the controller's world in the base; the inverse of :meth:`in_world`."""
+        out: Float = np.array(T_world_a, dtype=np.float64)
+        out[..., 2, 3] += self.world_m
+        return out
+
+    def model_limits(self, q3_limits_rad: Float | None = None) -> Float:
+        """(6, 2) smallest box of the model's angles that holds every pose within the limits of the controller's axes.
+
+        Args:
+            q3_limits_rad: (2,) limits of the angle between upper arm and forearm, where they are known.
+        """
+        if self.limits_rad is None:
+            raise InputError("the axes have no limits of their own")
+        free = self.limits_rad - self.zero[:, None]
+        back = np.eye(6) if self.matrix is None else np.linalg.inv(self.matrix)
+        ends = back[:, :, None] * free[None, :, :]
+        box = np.stack([ends.min(axis=2).sum(axis=1), ends.max(axis=2).sum(axis=1)], axis=1)
+        if q3_limits_rad is not None:
+            box[2] = [max(box[2, 0], q3_limits_rad[0]), min(box[2, 1], q3_limits_rad[1])]
+        return frozen(box)
+
+
+AS_MODEL: Final = ControllerAxes()
+"""Axes that are the angles of the model, of a controller that is not known."""
+
+
+def room(axes: ControllerAxes, joint_limits_rad: Float, q: Float) -> Float:
+    """Distance of every axis from its nearer limit; negative outside.
+
+    Args:
+        axes: Of the controller.
+        joint_limits_rad: (6, 2) limits of the model's angles.
+        q: (..., 6) rad of the model.
+
+    Returns:
+        (..., 6) rad. Where axis 3 is coupled, the smaller of the distances of the controller's axis and of the angle
+        between the arms.
+    """
+    own: Float = np.minimum(q - joint_limits_rad[:, 0], joint_limits_rad[:, 1] - q)
+    if not axes.coupled or axes.limits_rad is None:
+        return own
+    shown = axes.shown(q)
+    return np.minimum(own, np.minimum(shown - axes.limits_rad[:, 0], axes.limits_rad[:, 1] - shown))
+
+
+def coupled_inside(axes: ControllerAxes, joint_limits_rad: Float, q: Float, margin_rad: float = 0.0) -> Bool:
+    """(...,) True where the coupled axis 3 keeps its margin; always where axes are not coupled. ``q`` (..., 6) rad."""
+    if not axes.coupled:
+        return np.ones(np.shape(q)[:-1], dtype=np.bool_)
+    out: Bool = room(axes, joint_limits_rad, q)[..., 2] >= margin_rad
+    return out
+
+
+def shown_limits(axes: ControllerAxes, joint_limits_rad: Float) -> Float:
+    """(6, 2) limits as the controller states them, lower and upper, rad."""
+    if axes.limits_rad is not None:
+        return axes.limits_rad
+    if axes.matrix is None:
+        return joint_limits_rad
+    return np.sort(axes.shown(joint_limits_rad.T).T, axis=1)
+
+
+def maker_of(signs: tuple[int, ...], offsets_rad: tuple[float, ...]) -> MakerName | None:
+    """Maker whose arms have these signs and zeros; None where there is none."""
+    for name, maker in MAKERS.items():
+        off = np.array(offsets_rad) - np.array(maker.offsets_deg) * DEG
+        if tuple(signs) == maker.signs and np.all(np.abs(off) < _SAME_RAD):
+            return name
+    return None
+
+
+def from_geometry(
+    maker: MakerName,
+    signs: tuple[int, ...],
+    offsets_rad: tuple[float, ...],
+    c1_m: float,
+    axis_3: Axis3 | None = None,
+    limits_rad: Float | None = None,
+) -> ControllerAxes:
+    """Axes that a maker's controller shows for an arm of known geometry, whatever signs and zeros describe the arm.
+
+    Args:
+        maker: Of the controller.
+        signs: Of the model's angles: ``theta = sign q - offset``.
+        offsets_rad: See ``signs``.
+        c1_m: Height of axis 2 above the base plate, m.
+        axis_3: What axis 3 is counted from; None is the maker's rule.
+        limits_rad: (6, 2) limits of the controller's axes, or None.
+    """
+    rule = MAKERS[maker]
+    s, o = np.array(signs, dtype=np.float64), np.array(offsets_rad)
+    sm, om = np.array(rule.signs, dtype=np.float64), np.array(rule.offsets_deg) * DEG
+    assumed, counted = "", axis_3 or rule.axis_3
+    if counted is None:
+        counted = "upper_arm"
+        assumed = (
+            "axis 3 is taken to be counted from the upper arm, as ABB does for arms without a parallel rod; say "
+            "robot.controller_axes.axis_3_from in the cell file"
+        )
+    C, upright = np.eye(6), np.zeros(6)
+    if counted == "horizontal":
+        C[2, 1] = sm[1] * sm[2]
+        upright[2] = -C[2, 1] * sm[1] * om[1]
+    matrix = C * (sm * s)[None, :]
+    zero = C @ (sm * (om - o)) + upright
+    return ControllerAxes(
+        maker=maker,
+        matrix=None if np.array_equal(matrix, np.eye(6)) and not np.any(np.abs(zero) > 0.0) else frozen(matrix),
+        zero_rad=None if not np.any(np.abs(zero) > 0.0) else frozen(zero),
+        limits_rad=None if limits_rad is None else frozen(as_float("limits of the axes", limits_rad, (6, 2))),
+        world_m=c1_m if rule.world == "axis 2" else 0.0,
+        assumed=assumed,
+        axis_2_m=c1_m,
+    )
+
+
+def looks_rodded(limits_rad: Float) -> bool:
+    """True where the range of axis 3 is that of an ABB arm with a parallel rod."""
+    return bool(limits_rad[2, 0] > _ROD_LIMIT_RAD)
+
+
+def wrapped(axes_rad: Float) -> Float:
+    """Axes within half a turn. (..., 6) rad."""
+    out: Float = axes_rad - _TURN * np.round(axes_rad / _TURN)
+    return out
+
+
+def from_signs(
+    maker: MakerName,
+    signs: tuple[int, ...],
+    zeros_rad: tuple[float, ...],
+    axis_2_m: float,
+    axis_3: Axis3 | None = None,
+    limits_rad: Float | None = None,
+) -> ControllerAxes:
+    """Axes of an arm whose model says only how its angles are counted: ``j = sign q + zero``, then the coupling.
+
+    Args:
+        maker: Of the controller.
+        signs: Of the controller's axes against the model's angles, +1 or -1.
+        zeros_rad: Of the controller's axes where the model's angles are zero.
+        axis_2_m: Height of axis 2 above the base plate, m.
+        axis_3: See :func:`from_geometry`.
+        limits_rad: See there.
+    """
+    rule = MAKERS[maker]
+    om = np.array(rule.offsets_deg) * DEG
+    offsets = tuple(float(value) for value in om - np.array(rule.signs) * np.array(zeros_rad))
+    model_signs = tuple(int(a * b) for a, b in zip(signs, rule.signs, strict=True))
+    return from_geometry(maker, model_signs, offsets, axis_2_m, axis_3, limits_rad)
+
+
+def in_language(
+    axes: ControllerAxes, opw: Shape | None, limits_rad: Float, language: str, where: str
+) -> tuple[ControllerAxes, tuple[str, ...]]:
+    """Axes of a robot as a controller that runs programs of a language shows them.
+
+    Args:
+        axes: Of the robot.
+        opw: Its closed-form geometry, or None.
+        limits_rad: (6, 2) limits of the model's angles.
+        language: Dialect of the program.
+        where: The cell file, for messages.
+
+    Returns:
+        The axes, and what was taken without being said, one sentence each.
+
+    Raises:
+        InputError: Nothing says how the controller counts the axes of this robot.
+    """
+    maker = next(name for name in MAKER_NAMES if MAKERS[name].language == language)
+    title = MAKERS[maker].title
+    if axes.maker == maker:
+        if axes.assumed and looks_rodded(shown_limits(axes, limits_rad)):
+            low, high = shown_limits(axes, limits_rad)[2] / DEG
+            raise InputError(
+                "axis 3 has the range of an arm with a parallel rod, and nothing says what it is counted from",
+                where=f"{where}: robot", value=f"{low:g} to {high:g} deg", limit='"horizontal" or "upper_arm"',
+                hint='Say axis_3_from in [robot.controller_axes]: "horizontal" for IRB 1400, 2400, 4400, 6400',
+            )  # fmt: skip
+        open_limit = axes.coupled and not axes.between_known
+        return axes, (*((axes.assumed,) if axes.assumed else ()), *((_NO_BETWEEN,) if open_limit else ()))
+    if opw is None and axes.maker is None and axes.assumed:
+        return from_signs(maker, (1,) * 6, (0.0,) * 6, axes.axis_2_m), (axes.assumed,)
+    if opw is None or (axes.maker is None and axes.matrix is None and not opw_known(opw)):
+        raise InputError(
+            f"how the {title} controller counts the axes of this robot is not known",
+            where=f"{where}: robot", value=f"maker {axes.maker or 'not said'}", limit=", ".join(MAKER_NAMES),
+            hint=f'Say maker = "{maker}" in [robot.controller_axes], and signs and zeros_deg where they differ',
+        )  # fmt: skip
+    remark = f"the robot is no {title}" if axes.maker else f"signs and zeros of the robot are not those of {title}"
+    made = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, MAKERS[maker].axis_3 or "upper_arm")
+    return made, (f"{remark}: axes and world are those of an arm of this geometry on a controller of {title}",)
+
+
+def opw_known(opw: Shape) -> bool:
+    """True where signs and zeros of a geometry are those of a maker."""
+    return maker_of(opw.signs, opw.offsets_rad) is not None
