@@ -63,10 +63,15 @@ def test_the_orientation_of_a_tilted_program_is_printed(name: str, counterflex: 
     assert (cut["tool_i"] == "") == name.endswith(".ngc")  # rotary words mean nothing without their machine
 
 
-@pytest.mark.parametrize("name", ["groove.src", "groove.mod", "groove.ls", "groove.pgx"])
-def test_robot_programs_print_how_they_hold_the_tool(name: str, counterflex: Any) -> None:
+@pytest.mark.parametrize(("language", "ending"), [("krl", "src"), ("rapid", "mod"), ("fanuc", "ls"), ("val3", "pgx")])
+def test_robot_programs_print_how_they_hold_the_tool(
+    language: str, ending: str, folder: Path, counterflex: Any
+) -> None:
     cell = str(EXAMPLES / "cells" / "kr300_d16_small.toml")
-    found = rows(counterflex("path", str(EXAMPLES / "programs" / name), "--cell", cell))
-    for row in found:
+    groove = str(EXAMPLES / "programs" / "groove.ngc")
+    made = counterflex("convert", groove, "--to", language, "--cell", cell, "--out", "made")
+    assert made.status == 0, made.err
+    program = next(file for file in (folder / "made").rglob(f"*.{ending}") if file.stem.lower() == "groove")
+    for row in rows(counterflex("path", str(program), "--cell", cell)):
         assert [float(row[key]) for key in ("tool_i", "tool_j", "tool_k")] == pytest.approx([0.0, 0.0, 1.0], abs=1e-4)
         assert row["tool_turn_deg"]

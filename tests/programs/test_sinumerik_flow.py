@@ -233,7 +233,7 @@ def test_mcall_acts_behind_each_motion_until_it_ends(tmp_path: Path) -> None:
     ],
 )
 def test_flow_that_is_wrong(text: str, match: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("counterflex.programs.gcode.sinumerik.reader.MOST_STEPS", 1000)
+    monkeypatch.setattr("counterflex.programs.gcode.sinumerik.run.MOST_STEPS", 1000)
     with pytest.raises(ProgramError, match=match) as caught:
         read(f"{HEAD}{text}M30\n")
     assert str(caught.value.where).startswith("part.mpf:")

@@ -89,7 +89,7 @@ def check(
         tables.limits.preflight(tables.controller, cell.robot),
         machining_of(cell),
         coarse_bodies(job, cell, stock),
-        as_written(job, cell, language, known_offsets=reading.parameters is not None),
+        as_written(job, cell, language, known_offsets=reading.parameters is not None or bool(cell.work_offsets)),
         parts[CHECKING],
     )
     rows = [shown(row, result, job, cell) for row in result.rows]
@@ -127,7 +127,7 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
         job: The program.
         cell: Its cell.
         language: See :func:`check`.
-        known_offsets: A parameter file gives the work offsets.
+        known_offsets: A parameter file or the cell file gives the work offsets.
     """
     said, program = stated(job.program, known_offsets), job.program
     silent_spindle = said.robot and not any(motion.spindle_rad_s for motion in program.motions)

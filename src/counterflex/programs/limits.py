@@ -113,6 +113,16 @@ LINUXCNC_RADIUS_RELATIVE: Final = 1e-3
 LINUXCNC_RADIUS_LARGEST_M: Final = 0.5e-3
 """m. Largest difference of the radii at the start and end of an arc in any case (LinuxCNC, G2/G3)."""
 
+WORDS_OF_M: Final[dict[int, str]] = {
+    19: "RPQ",
+    **dict.fromkeys((48, 49, 50, 51, 52, 53, 62, 63, 64, 65), "P"),
+    61: "Q",
+    66: "PELQ",
+    **dict.fromkeys((67, 68), "EQ"),
+    **dict.fromkeys((97, 98), "PL"),
+}
+"""Words that an M-code of G-code takes, by its number."""
+
 _WORDS: Final = """
 ABS ACCESS ACOS ALIAS AND ATAN2 BACKWARD BAS BEGIN BOOL BRAKE BREAK CASE CELL CHAR CIRC CONFDATA CONNECT CONST
 CONTINUE COS DECL DEF DEFAULT DEFDAT DEFFCT DELAY DISABLE DIV DO ELSE ELSEIF ENABLE END ENDDAT ENDFCT ENDFOR ENDFUNC

@@ -18,6 +18,8 @@ from counterflex.programs.simplify import simplify
 MOST_CHANGE: Final = 2.0
 """Largest factor, up or down. Steeper pieces take a correction back while the tool hardly moves: no chip depends on
 their feed."""
+LEAST_FEED_CHANGE: Final = 0.01
+"""Change of feed that is worth a word."""
 
 
 def feed_factor(nominal_m: Float, commanded_m: Float) -> Float:

@@ -35,4 +35,4 @@ NEUTRAL_M: Final = frozenset(
 )
 """M codes of AUXFUN that move nothing."""
 TURNS: Final = {"CLW": 1, "FWD": 1, "CCLW": -1, "REV": -1, "OFF": 0, "ORIENT": 0, "LOCK": 0}
-"""Sense of the spindle; without a word it is clockwise."""
+"""Sense of the spindle; clockwise where none is named."""

@@ -15,10 +15,9 @@ from counterflex.programs.apt import tool_on_circle
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, written_turn
 from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
-from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
 from counterflex.programs.gcode.write.writer import GcodeText, header_lines
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.motion_rows import feed_factor, motion_rows, written_error
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, feed_factor, motion_rows, written_error
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
 from counterflex.programs.rotary.poses import CommandedWords
 

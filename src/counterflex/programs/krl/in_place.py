@@ -9,7 +9,6 @@ from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.programs.compensated import CompensatedPath, mark
-from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.krl.edits import Edits, Values, spelled, target_edits, target_text
 from counterflex.programs.krl.program import LETTERS, KrlMotion, KrlProgram, Target
@@ -17,7 +16,7 @@ from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.literals import code_of
 from counterflex.programs.krl.written_values import WrittenValues
 from counterflex.programs.limits import KRL
-from counterflex.programs.motion_rows import MotionRows
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, MotionRows
 from counterflex.programs.robot_text.circle_fit import FittedCircle
 from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
 

@@ -13,8 +13,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import MM, UM
 from counterflex.geometry import rotation
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode.write.machine import LEAST_FEED_CHANGE
-from counterflex.programs.motion_rows import feed_factor, motion_rows, written_error
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, feed_factor, motion_rows, written_error
 from counterflex.programs.program import Motion
 from counterflex.programs.robot_text.chosen_points import fine_rows
 from counterflex.programs.robot_text.circle_fit import FittedCircle, fitted_circle

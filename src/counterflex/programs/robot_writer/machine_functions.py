@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.gcode.read.codes import WORDS_OF_M
+from counterflex.programs.limits import WORDS_OF_M
 from counterflex.programs.program import Block
 from counterflex.programs.robot_writer.statement_forms import FORMS, Dialect
 

@@ -46,15 +46,6 @@ TAKEN_BY_G: Final = {
 }
 """Letters of the words that belong to a neutral G code."""
 
-WORDS_OF_M: Final[dict[int, str]] = {
-    19: "RPQ",
-    **{_tenths(code.word) // 10: code.takes for code in M_CODES if code.takes},
-    61: "Q",
-    66: "PELQ",
-    97: "PL",
-    98: "PL",
-}
-"""Words that an M-code takes, by its number."""
 AXES: Final = "XYZABC"
 CYCLES: Final = frozenset((730, 810, 820, 830, 850, 860, 890))
 TAKES_AXES: Final = frozenset((100, 280, 300, 520, 920))

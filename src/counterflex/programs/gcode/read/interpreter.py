@@ -9,13 +9,14 @@ from typing import Final
 from counterflex.core.units import MINUTE, RPM
 from counterflex.programs.endless import LoopWatch, frozen
 from counterflex.programs.gcode.read.block import BlockWords
+from counterflex.programs.gcode.read.canned_cycles import CycleMaker
 from counterflex.programs.gcode.read.codes import TAKES_AXES, code_name
 from counterflex.programs.gcode.read.expression import NamedParameter
 from counterflex.programs.gcode.read.flow import Source
 from counterflex.programs.gcode.read.jumps import FlowRunner, Include, Place
 from counterflex.programs.gcode.read.macro_flow import MacroFlow
 from counterflex.programs.gcode.read.modes import apply_modes, apply_offsets, apply_rates
-from counterflex.programs.gcode.read.motion import FARTHEST_M, MotionMaker, point, radians
+from counterflex.programs.gcode.read.motion import FARTHEST_M, point, radians
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain
 from counterflex.programs.gcode.read.state import State
@@ -57,7 +58,7 @@ class Interpreter(FlowRunner):
         self._block_delete = block_delete
         self._complete = complete
         self._plain = plain
-        self._maker = MotionMaker(state, self._parameters, machine.known, machine.listed)
+        self._maker = CycleMaker(state, self._parameters, machine.known, machine.listed)
         self._modals: dict[Modal, Modal] = {}
         self._modal = state.modal()
         self._ended = False

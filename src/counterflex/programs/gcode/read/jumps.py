@@ -197,8 +197,8 @@ class FlowRunner:
                 return place, entry
         if self._includes is not None:
             if label not in self._included:
-                found = self._includes(label)
-                self._included[label] = None if found is None else Source(found[0], split_lines(found[1]))
+                file = self._includes(label)
+                self._included[label] = None if file is None else Source(file[0], split_lines(file[1]))
             included = self._included[label]
             if included is not None:
                 entry = self._entry(included, label, modern)

@@ -173,8 +173,8 @@ def library_of(programs: dict[str, Source], folder: Path | None) -> Library:
         if name not in known and folder is not None:
             for file in sorted(folder.iterdir(), key=lambda file: file.suffix.lower() != ".spf"):
                 if file.stem.upper() == name and file.suffix.lower() in (".spf", ".mpf"):
-                    found = programs_of(file.name, read_text(file)[0])
-                    known[name] = found.get(name, next(iter(found.values())))
+                    programs_there = programs_of(file.name, read_text(file)[0])
+                    known[name] = programs_there.get(name, next(iter(programs_there.values())))
                     break
         return known.get(name)
 

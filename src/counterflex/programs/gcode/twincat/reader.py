@@ -13,7 +13,7 @@ from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
 from counterflex.programs.gcode.read.scanner import error_at
-from counterflex.programs.gcode.sinumerik.reader import Run
+from counterflex.programs.gcode.sinumerik.run import Run
 from counterflex.programs.gcode.sinumerik.scanner import Line
 from counterflex.programs.gcode.sinumerik.source import programs_of
 from counterflex.programs.gcode.twincat.words import TWINCAT

@@ -13,14 +13,12 @@ from counterflex.core.units import INCH
 from counterflex.programs.gcode.write.spelling import SPELLINGS, Spell
 from counterflex.programs.gcode.write.turn_words import TurnWords
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, number
-from counterflex.programs.motion_rows import MotionRows
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, MotionRows
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program, Word
 
 MOTION_CODES: Final = frozenset(
     (0.0, 1.0, 2.0, 3.0, 33.0, 38.2, 38.3, 38.4, 38.5, 73.0, 76.0, 80.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 87.0, 88.0)
 ) | {89.0}
-LEAST_FEED_CHANGE: Final = 0.01
-"""Change of feed that is worth a word."""
 _STOPS: Final = frozenset((0.0, 1.0, 2.0, 17.0, 30.0, 60.0))
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from counterflex.programs.gcode.read.codes import TAKEN_BY_G, WORDS_OF_M
+from counterflex.programs.gcode.read.codes import TAKEN_BY_G
 from counterflex.programs.gcode.write.spelling import SPELLINGS, Spell
+from counterflex.programs.limits import WORDS_OF_M
 from counterflex.programs.program import Block, Word
 
 AXES = "XYZ"
