@@ -31,8 +31,8 @@ _CONTACT_M3: Final = 1e-12
 _STANDING_RAD_S: Final = 1000.0
 """Spindle speed with which a cut is computed where the program states none: only its volumes count then."""
 _OF_VOLUME: Final = (
-    "rapids into the stock", tool_use.REMOVED, "depth of cut to flutes", spindle.IN_CUT, tool_use.PLUNGING,
-    tool_use.COOLANT, moves.END,
+    "rapids into the stock", tool_use.REMOVED, "depth of cut to flutes", spindle.IN_CUT, spindle.STANDS,
+    tool_use.PLUNGING, tool_use.COOLANT, moves.END,
 )  # fmt: skip
 _OF_FORCE: Final = (
     *(limit.check for limit in demands.LIMITS), demands.CORRECTION, demands.CHIP, tool_use.FEED_PER_TOOTH,
@@ -157,7 +157,8 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
         moves.end_row(path, made.result.volume_m3 > _CONTACT_M3, blank, maybe, written.stated.spindle_on_at_end),
         tool_use.removed_row(path, volume, moves.gap(blank, path.p_part_tcp[path.kind == FEED], radius)),
         spindle.in_cut_row(path, contact, by_person),
-        flute_row(path, volume, {n: cutter_of(n) for n in used}),
+        spindle.standing_row(path, contact),
+        flute_row(path, volume, made.result.axial_depth_m, {n: cutter_of(n) for n in used}, blank.cell_m),
         tool_use.plunge_row(path, volume, contact, cutter_of, tools),
         tool_use.coolant_row(path, contact, written.stated.coolant[path.motion], tools),
     ]
