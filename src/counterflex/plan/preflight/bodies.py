@@ -364,6 +364,11 @@ def _cuts(first: Body, second: Body) -> bool:
     return first.cuts and second.name == STOCK
 
 
+def holds_stock(first: Body, second: Body) -> bool:
+    """Whether a pair is the holder of a tool and the blank: no posture changes how they stand to each other."""
+    return any(a.tool is not None and not a.cuts and b.name == STOCK for a, b in ((first, second), (second, first)))
+
+
 def tool_of(first: Body, second: Body) -> int | None:
     """Number of the tool in a pair of bodies, or None."""
     return first.tool if first.tool is not None else second.tool

@@ -107,7 +107,7 @@ HAZARDS: Final = (
     Hazard("acceleration on arcs", "acceleration of the tool on arcs at feed", "the key",
            ("process_limits.acceleration_mm_s2!",), "warning"),
     Hazard("depth of cut to flutes",
-           "depth that the removed volume has at least, or that is engaged over more than 3 columns", "the key, 5 % more",
+           "least depth of the removed volume, or the engaged one over 3 columns of the stock", "the key + 5 %",
            ("tools.flute_length_mm",), "fail: above the flutes the shank rubs"),
     Hazard("feed per tooth", "largest and smallest feed per tooth in the cut",
            "the key; without it assumed 5 um to 2.5 % of the diameter", ("tools.feed_per_tooth_mm",),
