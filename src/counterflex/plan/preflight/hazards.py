@@ -146,17 +146,17 @@ def complete(rows: Iterable[Row], reasons: dict[str, str]) -> tuple[Row, ...]:
     """One row for each hazard, in the order of the table.
 
     Args:
-        rows: What was found; every check is one of the table.
+        rows: Of the checks that were made; every check is one of the table.
         reasons: Why hazards without a row were not looked at, by check; ``""`` is the reason of all others.
 
     Raises:
         KeyError: A row of a check that is not in the table.
     """
-    found = {hazard.check: list[Row]() for hazard in HAZARDS}
+    given_rows = {hazard.check: list[Row]() for hazard in HAZARDS}
     for row in rows:
-        found[row.check].append(row)
+        given_rows[row.check].append(row)
     out: list[Row] = []
-    for check, given in found.items():
+    for check, given in given_rows.items():
         out += given or [Row(check, NOT_LOOKED_AT, what=reasons.get(check, reasons.get("", "")))]
     return tuple(out)
 

@@ -15,7 +15,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
-from counterflex.plan.feed_limits import asked
+from counterflex.plan.feed_limits import cut_demand
 from counterflex.plan.inputs import Inputs, Setting
 from counterflex.plan.preflight.process import demands, moves, spindle, tool_use
 from counterflex.plan.preflight.process.offsets import length_row, work_row
@@ -193,9 +193,9 @@ def demanded(
     contact = made.forced[: len(q)]
     wrench = at_points(made.result.w_tcp_part, made.forced)[: len(q)]
     inputs = Inputs(path, path.motion, made.blank, setting, q)
-    wanted = asked(inputs, UndisturbedCut(made.result, contact, contact, wrench), machining.limits_of)
-    rows = demands.demand_rows(wanted, path.tool, path.spindle_rad_s, machining.limits_of, machining.rigid)
-    return [*rows, demands.correction_row(wanted, bounds, machining.rigid)]
+    demand = cut_demand(inputs, UndisturbedCut(made.result, contact, contact, wrench), machining.limits_of)
+    rows = demands.demand_rows(demand, path.tool, path.spindle_rad_s, machining.limits_of, machining.rigid)
+    return [*rows, demands.correction_row(demand, bounds, machining.rigid)]
 
 
 def _maybe(cutter_of: Callable[[int], Cutter]) -> Callable[[int], Cutter | None]:
