@@ -6,7 +6,7 @@ import re
 from abc import abstractmethod
 from typing import Final, cast
 
-from counterflex.programs.expression import is_number
+from counterflex.programs.expression import Value, is_number
 from counterflex.programs.fanuc.read.branches import Branches, Step, divided
 from counterflex.programs.fanuc.read.listing import Statement
 from counterflex.programs.fanuc.read.motion_form import MOTION
@@ -118,37 +118,35 @@ class Flow(Branches):
             raise fault(
                 step.routine.listing, step.statement, "SELECT is not understood", limit="SELECT R[1]=1,CALL PART"
             )
-        value, case, index, chosen = self.value(step.routine, step.statement, match[1]), match[2], step.at, ""
-        unknown = value if isinstance(value, Unknown) else None
-        end = step.at + 1
-        while end < len(step.routine.texts) and (
-            not step.routine.texts[end]
-            or step.routine.texts[end][:1] == "="
-            or step.routine.texts[end][:5].upper() == "ELSE,"
-        ):
-            end += 1
-        while end > step.at + 1 and not step.routine.texts[end - 1]:
-            end -= 1
-        for index in range(step.at, end):
-            case = match[2] if index == step.at else step.routine.texts[index]
-            label, _, action = case.partition(",")
-            if unknown is None and label.strip() and not chosen:
-                fits = label.strip().upper() == "ELSE" or (
-                    self.value(step.routine, step.statement, label.strip()[1:]) == value
-                )
-                chosen = action.strip() if fits else ""
-            elif unknown is not None and action.strip():
-                self._action(
-                    step.routine,
-                    index,
-                    step.routine.statements[index],
-                    action.strip(),
-                    Unknown(unknown.why, unknown.where or f"{step.routine.name}:{step.statement.line}"),
-                )
+        value = self.value(step.routine, step.statement, match[1])
+        end = _select_end(step)
+        cases = [match[2], *step.routine.texts[step.at + 1 : end]]
+        if isinstance(value, Unknown):
+            condition = Unknown(value.why, value.where or f"{step.routine.name}:{step.statement.line}")
+            for index, case in enumerate(cases, start=step.at):
+                action = case.partition(",")[2].strip()
+                if action:
+                    self._action(step.routine, index, step.routine.statements[index], action, condition)
+            return end
+        chosen = next((case.partition(",")[2].strip() for case in cases if self._fits(step, case, value)), "")
         if not chosen:
             return end
         then = self.statement(step.routine, step.at, step.statement, chosen)
         return end if then == step.at + 1 else then
+
+    def _fits(self, step: Step, case: str, value: Value) -> bool:
+        """Whether a branch of SELECT is for a value."""
+        label = case.partition(",")[0].strip()
+        if not label or label.upper() == "ELSE":
+            return bool(label)
+        own = known(
+            self.value(step.routine, step.statement, label[1:]),
+            "a value of SELECT",
+            step.routine.listing.place(step.statement.start),
+            text=case,
+            hint="Write the number itself",
+        )
+        return own == value
 
     def do_case(self, step: Step) -> int:
         """Refuse a branch of SELECT that stands alone."""
@@ -202,3 +200,13 @@ class Flow(Branches):
     def _abort(self, step: Step) -> int:
         self._ended = True
         return step.at + 1
+
+
+def _select_end(step: Step) -> int:
+    """Index behind the last branch of SELECT."""
+    texts = step.routine.texts
+    end = last = step.at + 1
+    while end < len(texts) and (not texts[end] or texts[end][:1] == "=" or texts[end][:5].upper() == "ELSE,"):
+        end += 1
+        last = end if texts[end - 1] else last
+    return last

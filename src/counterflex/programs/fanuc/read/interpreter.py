@@ -9,6 +9,7 @@ from typing import Final, cast
 
 import numpy as np
 
+from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.fanuc.program import FanucMotion
@@ -123,8 +124,10 @@ class Interpreter(Flow):
         else:
             try:
                 then = self.statement(routine, at, statement, text)
-            except (ExpressionError, RecursionError) as error:
-                what = "an expression is nested too deep" if isinstance(error, RecursionError) else str(error)
+            except ProgramError:
+                raise
+            except (ValueError, TypeError, OverflowError, RecursionError) as error:
+                what = str(error) if isinstance(error, ExpressionError) else "a value does not fit this statement"
                 raise fault(routine.listing, statement, what, hint="The file may be damaged: post it again") from error
         if len(self.motions) > first or self._words:
             made = len(self._blocks) == block + 1

@@ -10,6 +10,7 @@ from typing import Final, cast
 
 import numpy as np
 
+from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.program import Word
@@ -117,8 +118,10 @@ class Interpreter(Flow):
         if then is None:
             try:
                 then = self.statement(routine, at, code)
-            except (ExpressionError, RecursionError) as error:
-                what = "an expression is nested too deep" if isinstance(error, RecursionError) else str(error)
+            except ProgramError:
+                raise
+            except (ValueError, TypeError, OverflowError, RecursionError) as error:
+                what = str(error) if isinstance(error, ExpressionError) else "a value does not fit this statement"
                 raise routine.fault(at, what, hint="The file may be damaged: post it again") from error
         if len(self.motions) > first or self._words:
             made = len(self._blocks) == block + 1
