@@ -293,6 +293,18 @@ def test_constant_orientation_keeps_that_of_the_start() -> None:
     assert "turns with the circle" in refusal(f"{FIRST}$ORI_TYPE=#CONSTANT\nCIRC {{X 5,Y 5}},{{X 10,Y 0}}")
 
 
+def test_modes_of_a_with_clause_hold_for_its_motion_or_block_alone() -> None:
+    held, free = "LIN {X 50,Y 0,Z 10,A 0,B 20,C 180}\n", "LIN {X 70,B 0}\nLIN {X 80,B 20}\n"
+    block = f"SPLINE WITH $VEL.CP=0.03, $ORI_TYPE=#CONSTANT\nS{held}ENDSPLINE\n"
+    for with_ in (block, "SLIN {X 50,B 20} WITH $ORI_TYPE=#CONSTANT\n"):
+        made = job(FIRST + with_ + free)
+        assert made.Rs_part_tcp is not None
+        turned = [round(math.degrees(math.acos(-float(R[2, 2])))) for R in made.Rs_part_tcp]
+        assert turned == [0, 0, 0, 20]
+    assert made.motions[-1].feed_m_s == 0.02
+    assert "TOOL_DATA[9]" in refusal(f"{FIRST}SPLINE WITH $VEL.CP=0.03, $TOOL=TOOL_DATA[9]\nS{held}", at=cell())
+
+
 def test_initmov_resets_base_and_speed() -> None:
     assert "before it sets the base again" in refusal("BAS(#INITMOV,0)\n" + FIRST)
     again = "BAS(#INITMOV,0)\nBAS(#BASE,1)\n"

@@ -9,9 +9,13 @@ import pytest
 from tests.programs.test_krl_in_place import corrected, read_back
 
 from counterflex.geometry import pose
+from counterflex.path.toolpath import tool_orientation
+from counterflex.programs.compensated import tool_path
+from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.krl.in_place import write_krl_in_place
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.reader import job_files, read_krl_file
+from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 FOLDER = Path(__file__).parent / "krl_forms"
@@ -58,3 +62,24 @@ def test_forms_are_compensated_in_place(name: str) -> None:
     assert text.moved_motions
     back = read_back(text, made)
     np.testing.assert_allclose(back.motions[-1].p_end, compensated.p_part_command[-1], atol=2e-7)
+
+
+def test_parts_that_counterflex_writes_are_one_program(tmp_path: Path) -> None:
+    """A path cut into files of three points: read as one program, compensated, and read again."""
+    gcode = read_gcode("G21 G90 G17\nT1 M6\nM3 S9000\nG0 X0 Y0 Z20\n" + "".join(
+        f"G1 X{x} Y{x % 3} Z-2 F600\n" for x in range(1, 11)
+    ) + "M5\nM30\n")  # fmt: skip
+    path = tool_path(gcode)
+    Ts = pose.make(tool_orientation(path.axis_part, 0.0), path.p_part_tcp)
+    settings = KrlSettings(name="part", start_axes_rad=[0.0] * 6, points_per_file=3)
+    files = KrlWriter(gcode, path, Ts, settings, block_lines=CELL.functions.lines).text().files
+    assert len([name for name in files if name.endswith(".src")]) > 3
+    for name, content in files.items():
+        (tmp_path / name).write_text(content)
+    made = read_krl_file(tmp_path / "part.src", cell=CELL)
+    np.testing.assert_allclose(made.motions[-1].p_end, path.p_part_tcp[-1], atol=1e-7)
+    assert {file.name for file in job_files(tmp_path / "part.src")} | {"part.src"} == set(files)
+    compensated = corrected(made, 1e-4, 4.0)
+    text = write_krl_in_place(made, compensated, cycle_s=1e-4)
+    assert set(text.files) == set(files)
+    np.testing.assert_allclose(read_back(text, made).motions[-1].p_end, compensated.p_part_command[-1], atol=2e-7)

@@ -15,7 +15,7 @@ from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.job import Job, Routine
 from counterflex.programs.krl.read.literals import code_of, number_of
-from counterflex.programs.krl.read.motions import MOTIONS, Motions
+from counterflex.programs.krl.read.motions import MOTIONS, Held, Motions
 from counterflex.programs.krl.read.name_uses import with_shared
 from counterflex.programs.krl.read.table import ACTING, TABLE
 from counterflex.programs.krl.read.values import Value
@@ -40,6 +40,7 @@ class Interpreter(Motions):
         self.process = None if cell is None else ProcessWords(cell.functions, code_of)
         self._statements_of: dict[str, tuple[list[str], list[int]]] = {}
         self._swallow = 0
+        self._outside: Held | None = None
 
     def run(self) -> None:
         """Execute the main routine; then the uses of each name are known."""
@@ -151,8 +152,8 @@ class Interpreter(Motions):
             ) from fault  # fmt: skip
         self._in_spline, self._spline = True, None
         if clause is not None:
-            if "ORI_TYPE" in clause.values:
-                self._with_values(clause, code)
+            self._outside = self._held_modes()
+            self._with_values(clause, code)
             if clause.speed is not None:
                 self._spline = self._expression(code[slice(*clause.speed)], code)
                 self.speed(known(self._spline, "the path speed of a spline block", self.at(code), text=code), code)
@@ -163,6 +164,9 @@ class Interpreter(Motions):
         if form.SPLINE_ENDS.fullmatch(code) is None:
             raise self._fault("this is not understood behind ENDSPLINE", code, limit="C_SPL")
         self._in_spline, self._spline = False, None
+        if self._outside is not None:
+            self._restore_modes(self._outside)
+            self._outside = None
 
     # ---- waits, triggers, interrupts -------------------------------------------------------------------------
 

@@ -64,6 +64,7 @@ class Memory:
         self.position: Callable[[str], Value] = lambda _: Unknown("the place of the robot is not known", where())
         self._lists: dict[str, dict[str, Variable]] = {}
         self._stored: dict[tuple[str, int], Value] = {}
+        self._given: set[tuple[str, int]] = set()
         self._global: dict[str, Variable] = {}
         self.functions: Callable[[str, Sequence[Value]], Value] = lambda name, _: Unknown(name, where())
         routine = next(iter(job.main.routines.values()), None)
@@ -363,13 +364,15 @@ class Memory:
             return
         if rest:
             before = self.stored_frame(name, index[0])
-            if isinstance(before, StoredFrame):
+            if (name, index[0]) not in self._given:
                 value = Unknown(
                     f"the program changes {name}[{index[0]}], and the controller keeps such a change from run to run",
                     self.where(),
                 )
             else:
                 value = self._with_component(before, rest, value)
+        else:
+            self._given.add((name, index[0]))
         self._stored[name, index[0]] = value
 
     def _with_component(self, before: Value, path: Path, value: Value) -> Value:

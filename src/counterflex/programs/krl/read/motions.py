@@ -28,6 +28,10 @@ MOTIONS: Final = frozenset(
 _WITH_MODES: Final = {"TOOL": "$TOOL", "BASE": "$BASE", "IPO_MODE": "$IPO_MODE", "ORI_TYPE": "$ORI_TYPE"}
 
 
+Held = tuple[dict[str, Value], tuple[object, ...]]
+"""Modes by name, and the state of the frames."""
+
+
 @dataclass
 class _Active:
     """Frames and modes while no value changes: ``changes`` of the memory, see :class:`KrlMotion` for the others.
@@ -117,11 +121,19 @@ class Motions(Modes):
         if clause is None:
             self._cartesian(read, code, start)
             return
-        modes = {name: self.memory.system.get(name) for name in _WITH_MODES.values()}
-        frames = self.frames.state()
+        held = self._held_modes()
         self._with_values(clause, code)
         self._cartesian(read, code, start)
+        self._restore_modes(held)
+
+    def _held_modes(self) -> Held:
+        """Frames and modes before a ``WITH``, which :meth:`_restore_modes` takes."""
+        return {name: self.memory.system.get(name) for name in _WITH_MODES.values()}, self.frames.state()
+
+    def _restore_modes(self, held: Held) -> None:
+        modes, frames = held
         self.memory.system |= modes
+        self.memory.changes += 1
         tool = self.frames.tool
         self.frames.restore(frames)
         self.frames.tool = tool
