@@ -21,6 +21,7 @@ from counterflex.programs.unknown import known
 
 _UNIT: Final = 1e-3
 _KEPT: Final = 1000
+_LARGEST_MM: Final = 1e6
 _FORM: Final = {
     "tooldata": "[TRUE,[[x,y,z],[q1,q2,q3,q4]],[...]]",
     "wobjdata": '[FALSE,TRUE,"",[[x,y,z],[q1,q2,q3,q4]],[[0,0,0],[1,0,0,0]]]',
@@ -197,7 +198,7 @@ def _frame(value: object) -> Float | None:
     if not isinstance(value, list) or len(value) != 2 or [len(part) for part in value] != [3, 4]:
         return None
     p, q = value
-    if not all(map(is_number, [*p, *q])) or abs(math.hypot(*q) - 1.0) > _UNIT:
+    if not all(map(is_number, [*p, *q])) or not max(map(abs, p)) <= _LARGEST_MM or abs(math.hypot(*q) - 1.0) > _UNIT:
         return None
     return pose.make(matrix(q), np.array(p, dtype=float) * MM)
 

@@ -23,12 +23,12 @@ from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Source, Statement, statements_of
 from counterflex.programs.rapid.read.targets import Targets
 from counterflex.programs.rapid.table import ACTS, FORMS, TABLE
-from counterflex.programs.robot_text.expression import is_number
+from counterflex.programs.robot_text.expression import ExpressionError, is_number
 from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known
 
-_MOST: Final = 500_000
+_MOST: Final = 200_000
 """Statements that loops and routines may execute in addition to those of the text: seconds of computing time."""
 _DEEPEST: Final = 30
 _COMPUTED: Final = re.compile(r"-?\s*([A-Za-z]\w*)(?:\{[\w,]+\}|\.\w+)*(?:\s*[-+*/]\s*[\w.]+)?")
@@ -190,7 +190,13 @@ class Interpreter(Flow, Instructions, Calls):
             self.do(function)
             count = function.lines
         else:
-            self._statement(statement)
+            try:
+                self._statement(statement)
+            except ExpressionError as fault:
+                raise self.fault(
+                    f"this cannot be evaluated: {fault}", self.now, limit="values that fit together",
+                    hint="Check types, indices and sizes",
+                ) from fault  # fmt: skip
         if len(self._blocks) == index + 1:  # no call, whose statements have blocks of their own
             made = len(self.motions) - first
             if made or self._words:

@@ -204,8 +204,8 @@ class Targets:
         p, q, conf, external = parts
         if not all(map(is_number, [*p, *q])) or max(map(abs, p)) > _LARGEST_MM or abs(math.hypot(*q) - 1.0) > _UNIT:
             self._refuse(p, q, argument)
-        rest = "" if first_unknown(conf) else f"{_text(conf)},{_text(external)}"
         self.check_external(external, argument.start)
+        rest = "" if first_unknown(conf) else f"{_text(conf)},{_text(external)}"
         return RapidTarget(
             argument.start, argument.end, "", (0, 0), (), (float(p[0]), float(p[1]), float(p[2])),
             (float(q[0]), float(q[1]), float(q[2]), float(q[3])), turned=True, rest=rest,
