@@ -1,4 +1,4 @@
-"""What the cell says of tools and work objects, and the checks of those of a RAPID program against it."""
+"""Tools and work objects of the cell, and the checks of those of a RAPID program against them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FORM: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class RapidCell(RobotTextCell):
-    """What must be known of a cell to read a RAPID program for it.
+    """Data of a cell that a RAPID program is held against.
 
     Attributes:
         tool_of_data: Number of the tool by the name of its tooldata in capitals (``tools.tooldata``).
@@ -165,7 +165,7 @@ class Frames:
         return pose.inverse(part_values[1]) @ values[1]
 
     def _declared(self, text: str, kind: str, where: str) -> tuple[bool, Float] | None:
-        """Whether the robot holds it, and its frame (4, 4) m; None where the program does not declare it."""
+        """Return whether the robot holds it, and its frame (4, 4) m; None where the program does not declare it."""
         node = self.memory.node(text, 0)
         reference = self.memory.reference(node)
         if reference is None:

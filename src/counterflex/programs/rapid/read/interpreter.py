@@ -126,7 +126,7 @@ class Interpreter(Flow, Instructions, Calls):
     # ---- statements ------------------------------------------------------------------------------------------
 
     def _begins_function(self, routine: Routine, tree: Simple) -> bool:
-        """Whether a machine function begins at a statement."""
+        """Return whether a machine function begins at a statement."""
         if self.process is None or tree.statement.word in FORMS:
             return False
         texts, at = ([tree.statement.code], 0) if tree.guard is not None else (routine.texts, tree.index)
