@@ -38,7 +38,7 @@ class Form:
 
     @property
     def plain(self) -> bool:
-        """Whether it has target, speed, zone and tool alone."""
+        """Return whether it has target, speed, zone and tool alone."""
         return self.points == 1 and not self.triggers and not self.behind
 
 

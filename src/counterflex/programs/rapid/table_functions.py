@@ -88,6 +88,6 @@ REQUESTS: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
         ),
     ),
 )  # fmt: skip
-"""What they ask for, and a sample call of each: their value is unknown."""
+"""Subject of the request, and a sample call of each: their value is unknown."""
 NOT_COMPUTED: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = ()
 """Reason, remedy and sample calls."""

@@ -161,7 +161,7 @@ class Calls:
             start = self.now.start + max(at, 0)
             return self.call_routine(routine, Given.of_function(node), (start, start + len(name)))
         if name == "PRESENT":
-            first = node.arguments[0]
+            first = node.arguments[0] if node.arguments else None
             return isinstance(first, Name) and first.text.upper() not in self.memory.frames[-1].absent
         values = [evaluate(item, GRAMMAR, self) for item in node.arguments]
         options = {key: True if item is None else evaluate(item, GRAMMAR, self) for key, item in node.options.items()}

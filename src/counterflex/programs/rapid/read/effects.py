@@ -23,7 +23,7 @@ _CONNECT: Final = re.compile(r"CONNECT\s+(\w+)\s+WITH\s+(\w+)\s*", re.IGNORECASE
 
 @dataclass
 class Effects:
-    """What statements do.
+    """Effects of statements on the path and on data.
 
     Attributes:
         matters: The first one that moves, or changes how later ones move; None where there is none.

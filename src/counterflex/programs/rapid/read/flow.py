@@ -144,7 +144,7 @@ class Flow(ABC):
                 return
 
     def _verdict(self, conditions: Sequence[Node], compares: bool, value: object, statement: Statement) -> object:
-        """Whether a branch is executed: True, False or Unknown."""
+        """Return whether a branch is executed: True, False or Unknown."""
         unknown: Unknown | None = None
         for condition in conditions:
             given = self._decided(condition, statement)

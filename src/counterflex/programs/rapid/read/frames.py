@@ -1,4 +1,4 @@
-"""What the cell says of tools and work objects, and the checks of those of a RAPID program against it."""
+"""Tools and work objects of the cell, and the checks of those of a RAPID program against them."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from counterflex.programs.unknown import known
 
 _UNIT: Final = 1e-3
 _KEPT: Final = 1000
+_LARGEST_MM: Final = 1e6
 _FORM: Final = {
     "tooldata": "[TRUE,[[x,y,z],[q1,q2,q3,q4]],[...]]",
     "wobjdata": '[FALSE,TRUE,"",[[x,y,z],[q1,q2,q3,q4]],[[0,0,0],[1,0,0,0]]]',
@@ -29,7 +30,7 @@ _FORM: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class RapidCell(RobotTextCell):
-    """What must be known of a cell to read a RAPID program for it.
+    """Data of a cell that a RAPID program is held against.
 
     Attributes:
         tool_of_data: Number of the tool by the name of its tooldata in capitals (``tools.tooldata``).
@@ -164,7 +165,7 @@ class Frames:
         return pose.inverse(part_values[1]) @ values[1]
 
     def _declared(self, text: str, kind: str, where: str) -> tuple[bool, Float] | None:
-        """Whether the robot holds it, and its frame (4, 4) m; None where the program does not declare it."""
+        """Return whether the robot holds it, and its frame (4, 4) m; None where the program does not declare it."""
         node = self.memory.node(text, 0)
         reference = self.memory.reference(node)
         if reference is None:
@@ -197,7 +198,7 @@ def _frame(value: object) -> Float | None:
     if not isinstance(value, list) or len(value) != 2 or [len(part) for part in value] != [3, 4]:
         return None
     p, q = value
-    if not all(map(is_number, [*p, *q])) or abs(math.hypot(*q) - 1.0) > _UNIT:
+    if not all(map(is_number, [*p, *q])) or not max(map(abs, p)) <= _LARGEST_MM or abs(math.hypot(*q) - 1.0) > _UNIT:
         return None
     return pose.make(matrix(q), np.array(p, dtype=float) * MM)
 

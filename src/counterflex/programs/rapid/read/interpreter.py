@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.expression import is_number
+from counterflex.programs.expression import ExpressionError, is_number
 from counterflex.programs.program import Block, Word
 from counterflex.programs.rapid.program import RoutineCall
 from counterflex.programs.rapid.read.blocks import Simple
@@ -28,7 +28,7 @@ from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWo
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known
 
-_MOST: Final = 500_000
+_MOST: Final = 200_000
 """Statements that loops and routines may execute in addition to those of the text: seconds of computing time."""
 _DEEPEST: Final = 30
 _COMPUTED: Final = re.compile(r"-?\s*([A-Za-z]\w*)(?:\{[\w,]+\}|\.\w+)*(?:\s*[-+*/]\s*[\w.]+)?")
@@ -126,7 +126,7 @@ class Interpreter(Flow, Instructions, Calls):
     # ---- statements ------------------------------------------------------------------------------------------
 
     def _begins_function(self, routine: Routine, tree: Simple) -> bool:
-        """Whether a machine function begins at a statement."""
+        """Return whether a machine function begins at a statement."""
         if self.process is None or tree.statement.word in FORMS:
             return False
         texts, at = ([tree.statement.code], 0) if tree.guard is not None else (routine.texts, tree.index)
@@ -190,7 +190,13 @@ class Interpreter(Flow, Instructions, Calls):
             self.do(function)
             count = function.lines
         else:
-            self._statement(statement)
+            try:
+                self._statement(statement)
+            except ExpressionError as fault:
+                raise self.fault(
+                    f"this cannot be evaluated: {fault}", self.now, limit="values that fit together",
+                    hint="Check types, indices and sizes",
+                ) from fault  # fmt: skip
         if len(self._blocks) == index + 1:  # no call, whose statements have blocks of their own
             made = len(self.motions) - first
             if made or self._words:

@@ -47,6 +47,7 @@ class Variable:
         assigned: The program has given it a value.
         volatile: An interrupt may change it at any time.
         copied: Of an argument by value, the data that it is a copy of.
+        element_of: The array of an element whose index is not known; assigned to, the whole array is unknown.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Variable:
     assigned: bool = False
     volatile: Unknown | None = None
     copied: Reference | None = None
+    element_of: Reference | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,7 +311,7 @@ class Memory:
         path = reference.path
         for index, size in zip(indices, dims, strict=True):
             if isinstance(index, Unknown):
-                lost = Variable(name, reference.kind, (), index)
+                lost = Variable(name, reference.kind, (), index, element_of=reference)
                 return Reference(lost, (), reference.kind)
             if not is_number(index) or not 1 <= index <= size or index != int(index):
                 raise ExpressionError(f"{name} has elements 1 to {size}, {index} is none of them")
@@ -332,12 +334,17 @@ class Memory:
 
     def assign(self, reference: Reference, value: object) -> None:
         """Give data another value."""
+        array = reference.variable.element_of
+        if array is not None and isinstance(reference.variable.value, Unknown):
+            self.forget(array, reference.variable.value)
+            return
         self.stamp += 1
         reference.variable.assigned = True
         self._put(reference, copy_of(value))
 
     def forget(self, reference: Reference, unknown: Unknown) -> None:
         """Make data unknown."""
+        reference = reference.variable.element_of or reference
         self.stamp += 1
         self._put(reference, unknown)
 

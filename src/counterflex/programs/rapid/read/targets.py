@@ -177,7 +177,7 @@ class Targets:
 
     @cached_property
     def _mentioned(self) -> dict[str, int]:
-        """How often each name stands in the code, beside its size (Dim)."""
+        """Return the number of mentions of each name in the code, without its size (Dim)."""
         return Counter(word.upper() for word in re.findall(r"[A-Za-z]\w*", _SIZE.sub(" ", self.source.code)))
 
     def _written(self, literal: RobtargetLiteral, argument: Argument) -> RapidTarget:
@@ -204,8 +204,10 @@ class Targets:
         p, q, conf, external = parts
         if not all(map(is_number, [*p, *q])) or max(map(abs, p)) > _LARGEST_MM or abs(math.hypot(*q) - 1.0) > _UNIT:
             self._refuse(p, q, argument)
-        rest = "" if first_unknown(conf) else f"{_text(conf)},{_text(external)}"
         self.check_external(external, argument.start)
+        if not all(is_number(part) or isinstance(part, Unknown) for part in [*conf, *external]):
+            raise self._fault("this is no robtarget", argument, limit="numbers", hint="Write the target itself")
+        rest = "" if first_unknown(conf) else f"{_text(conf)},{_text(external)}"
         return RapidTarget(
             argument.start, argument.end, "", (0, 0), (), (float(p[0]), float(p[1]), float(p[2])),
             (float(q[0]), float(q[1]), float(q[2]), float(q[3])), turned=True, rest=rest,
