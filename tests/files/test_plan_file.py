@@ -15,9 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.plan_file import KIND, LAYOUT, MEASURED, VERSION, read_plan, write_plan
+from counterflex.files.plan_file import KIND, LAYOUT, MEASURED, VERSION, plan_table, read_plan, write_plan
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.plan import Plan, job_hash
+from counterflex.robot.model.controller_axes import MAKERS, from_geometry
 
 ABOUT = {"program": "part.ngc", "cell": "a cell"}
 
@@ -151,3 +152,14 @@ def test_missing_and_damaged_files(tmp_path: Path) -> None:
         read_plan(tmp_path / "plan.parquet")
     with pytest.raises(FileFormatError, match=r"no such file. Did you mean plan.parquet\?"):
         read_plan(tmp_path / "plans.parquet")
+
+
+def test_a_plan_file_shows_the_axes_of_the_controller(tmp_path: Path) -> None:
+    plan = a_plan(5, 3)
+    axes = from_geometry("fanuc", MAKERS["fanuc"].signs, (0.0, 0.0, -np.pi / 2, 0.0, 0.0, -np.pi), 0.67)
+    write_plan(tmp_path / "plan.parquet", plan, {}, axes)
+    shown = plan_table(plan, axes)
+    np.testing.assert_allclose(shown["q3_deg"].to_numpy(), np.degrees(plan.q[:, 2] - plan.q[:, 1]), rtol=1e-12)
+    back, about = read_plan(tmp_path / "plan.parquet")
+    np.testing.assert_allclose(back.q, plan.q, rtol=1e-12)
+    assert about["job_hash"] == job_hash(plan)

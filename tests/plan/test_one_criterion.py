@@ -152,4 +152,4 @@ def test_one_damping_is_assumed_and_its_interval_is_stated(cell_of: Callable[...
     assert damping.origin == ASSUMED
     tapped = Damping.of(0.04)
     assert (tapped.low, tapped.ratio, tapped.high) == (0.04, 0.04, 0.04)
-    assert Damping.of(0.04, given=0.2).ratio == 0.2
+    assert Damping.of(0.04, stated_ratio=0.2).ratio == 0.2

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from counterflex.app import conversion
-from counterflex.core.errors import ProgramError
+from counterflex.app.robot_programs import companions
+from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose
 from counterflex.programs.fanuc.in_place import write_fanuc_in_place
@@ -155,6 +156,8 @@ PASSED = {
     "wait in a loop": (("LBL[5]", "DO[1]=ON", "IF DI[1]=OFF,JMP LBL[5]", "L P[2] 9mm/sec FINE"), [(10, 0, 0, 9)]),
     "timeout": (("WAIT DI[1]=ON TIMEOUT,LBL[9]", "L P[2] 9mm/sec FINE", "END", "LBL[9]", "UALM[1]", "ABORT"),
                 [(10, 0, 0, 9)]),
+    "waiting again": (("LBL[1]", "WAIT (DI[1]) TIMEOUT,LBL[5]", "L P[2] 9mm/sec FINE", "END", "LBL[5]", "R[9]=R[9]+1",
+                       "JMP LBL[1]"), [(10, 0, 0, 9)]),
     "outputs": (("IF (DI[1]) THEN", "DO[1]=ON", "R[9]=3", "ELSE", "MESSAGE[x]", "ENDIF", "L P[2] 9mm/sec FINE"),
                 [(10, 0, 0, 9)]),
     "home of the controller": (("L P[2] 9mm/sec FINE", "J PR[1:HOME] 20% FINE"), [(10, 0, 0, 9)]),
@@ -282,6 +285,23 @@ def test_programs_of_the_folder_are_called_with_arguments(tmp_path: Path) -> Non
     assert list(program.listings) == ["main.ls", "CUT.ls"]
 
 
+def test_the_form_of_a_plug_in_is_read(tmp_path: Path) -> None:
+    """Lines without numbers, a main program without /POS that calls parts, axes first, CNT with decimals."""
+    main = '/PROG job\n/ATTR\nCOMMENT = "Fanuc LS code" ;\n/MN\n: UTOOL_NUM=1 ;\n! Tool 1 ;\n: UFRAME_NUM=1 ;\n'
+    main += ": CALL job_000 ;\n: CALL job_001 ;\n/END\n"
+    axes = ", ".join(f"J{n}  =  {n}.000 deg" for n in range(1, 7))
+    first = "/PROG job_000\n/ATTR\n/MN\n:J P[9] 10% FINE ;\n:J P[1] 10% CNT0.5 ;\n:L P[2] 50mm/sec CNT0.5  ;\n/POS\n"
+    first += f"P[9]{{\n   GP1:\n    UF : 1, UT : 1,\n   {axes}\n}};\n{POINTS}/END\n"
+    second = f"/PROG job_001\n/ATTR\n/MN\n:DO[1]=ON ;\n:L P[3] 50mm/sec FINE  ;\n/POS\n{POINTS}/END\n"
+    path = job(tmp_path, job=main, job_000=first, job_001=second)
+    program = read_fanuc_file(path)
+    assert ends(program) == [(10, 0, 0, 50), (20, 0, 0, 50)]
+    text = write_fanuc_in_place(program, corrected(program, 200.0 * UM, 3.0), tolerance_m=5.0 * UM, cycle_s=1e-4)
+    for name, content in text.files.items():
+        (tmp_path / name).write_text(content)
+    assert len(read_fanuc_file(path).motions) == len(program.motions) + text.vertices_added
+
+
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     part = listing("L P[2] 9mm/sec FINE", entries=POINTS)
     main = job(tmp_path, main=listing(*HEAD, "CALL CUT", entries=POINTS), CUT=part, cut=part)
@@ -310,6 +330,7 @@ def test_what_is_converted_in_parts_reads_back_and_is_corrected_in_its_files(tmp
     main = out / "long.ls"
     program = read_fanuc_file(main)
     assert len(program.listings) == 4
+    assert [file.name for file in companions(main)] == [name for name in program.listings if name != "long.ls"]
     whole = np.array([(n, n % 3, 34.0) for n in range(1, 31)])
     np.testing.assert_allclose(np.array([m.p_end for m in program.motions])[-31:-1] / MM, whole, atol=1e-3)
     compensated = corrected(program, 200.0 * UM, 9.0)
@@ -322,6 +343,19 @@ def test_what_is_converted_in_parts_reads_back_and_is_corrected_in_its_files(tmp
     reached = np.array([motion.p_end for motion in back.motions])
     fed = np.array([motion.kind == "feed" for motion in program.motions])[compensated.path.motion]
     assert gap_to_polyline(compensated.p_part_command[fed], reached) < 5.1 * UM
+
+
+def test_a_loop_is_written_out_in_its_own_language(tmp_path: Path) -> None:
+    """The remedy that is printed for instructions that run more than once."""
+    shop = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
+    lines = ("!change to tool T1", "PAUSE", *HEAD, "FOR R[1]=2 TO 4", "L P[R[1]] 20mm/sec FINE", "ENDFOR")
+    main = job(tmp_path, turns=listing(*lines, entries=POINTS))
+    conversion.run(main, shop, tmp_path / "flat", "fanuc")
+    flat = read_fanuc_file(tmp_path / "flat" / "turns.ls")
+    assert flat.straight
+    assert ends(flat)[-3:] == [(10, 0, 0, 20), (20, 0, 0, 20), (30, 10, 0, 20)]
+    with pytest.raises(InputError, match="in that language already"):
+        conversion.run(tmp_path / "flat" / "turns.ls", shop, tmp_path / "again", "fanuc")
 
 
 def test_a_computed_target_is_written_out_without_its_offset() -> None:

@@ -91,7 +91,11 @@ CASES = {
     "no such parameter": ("G0 X#9999", "2:5: no such parameter; got #9999"),
     "system parameter": ("#5221 = 3", "2:1: the parameter belongs to the machine; got #5221"),
     "assignment without value": ("#3", "2:3: = is expected after a parameter; got 'end of line'"),
-    "endless loop": ("o1 while [1]\no1 endwhile", "the program does not end within the step limit; got 1000 lines"),
+    "endless loop": ("o1 while [1]\no1 endwhile", "2:1: the program never ends: this line is reached again"),
+    "long loop": (
+        "#1=0\no1 while [#1 lt 9999]\n#1=[#1+1]\no1 endwhile",
+        "the program does not end within the step limit; got 1000 lines",
+    ),
     "endless M99": ("M99", "2:1: M99 outside a subprogram runs the program for ever"),
     "endless recursion": ("o1 sub\no1 call\no1 endsub\no1 call", "3:1: subroutines call each other too deeply"),
     "missing sub": ("o<drill> call [1]", "2:1: the subroutine is not defined; got Odrill"),

@@ -20,12 +20,12 @@ CELL = KrlCell(
     T_flange_tcp=pose.make(None, np.array([0.0, 0.0, 0.2])), T_base_part=pose.make(None, np.array([1.35, -0.03, 1.0])),
     functions=MachineFunctions("krl", {3: [], 5: [], 6: []}),
 )  # fmt: skip
-LEVELS = [
+LEVELS: list[list[tuple[float, float, float]]] = [
     [(0, 0, 14.5), (0, 0, 9.5), (0, 0, 8.5), (0, 0, 19.5 - depth), (50, 0, 19.5 - depth), (50, 0, 49.5)]
     for depth in (1.5, 3.0)
 ]
 """Of each pass of the milling cell's job: its base lies 0.5 mm below the part frame."""
-ENDS_MM = {
+ENDS_MM: dict[str, list[tuple[float, float, float]]] = {
     "robodk/rdk.src": [(0, 0, 50), (0, 0, 10), (50, 0, 10), (50, 20, 10)],
     "kuka_prc/prc.src": [(0, 0, 50), (0, 0, 10), (50, 0, 10)],
     "robots_plug-in/rob_KR.SRC": [(0, 0, 50), (0, 0, 10), (50, 0, 10), (50, 0, 10)],
@@ -34,8 +34,8 @@ ENDS_MM = {
     "milling_cell/job.src": [(0, 0, 59.5), *LEVELS[0], *LEVELS[1], (50, 0, 49.5)],
 }
 FEEDS = {
-    "robodk/rdk.src": {0.02}, "kuka_prc/prc.src": {0.25}, "robots_plug-in/rob_KR.SRC": {0.025}, "sprutcam/sp.src": {0.02},
-    "inline_forms/inl.src": {0.02}, "milling_cell/job.src": {0.1, 0.02},
+    "robodk/rdk.src": {0.02}, "kuka_prc/prc.src": {0.25}, "robots_plug-in/rob_KR.SRC": {0.025},
+    "sprutcam/sp.src": {0.02}, "inline_forms/inl.src": {0.02}, "milling_cell/job.src": {0.1, 0.02},
 }  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from counterflex.app import conversion
+from counterflex.app.robot_programs import companions
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose
@@ -273,6 +274,8 @@ def test_what_is_converted_in_parts_reads_back_and_is_corrected_in_its_files(tmp
     conversion.run(source, shop, out, "val3", points_per_file=12)
     made = read_val3_file(out / "long.pgx")
     assert len(made.sources) == 4
+    parts = [name for name in made.sources if name != "long.pgx"]
+    assert [file.name for file in companions(out / "long.pgx")] == ["long.dtx", *parts]
     whole = np.array([(n, n % 3, 34.0) for n in range(1, 31)])
     np.testing.assert_allclose(np.array([m.p_end for m in made.motions])[-31:-1] / MM, whole, atol=1e-3)
     compensated = corrected(made, 200.0 * UM, 9.0)
@@ -283,6 +286,15 @@ def test_what_is_converted_in_parts_reads_back_and_is_corrected_in_its_files(tmp
     reached = np.array([motion.p_end for motion in read_val3_file(out / "long.pgx").motions])
     fed = np.array([motion.kind == "feed" for motion in made.motions])[compensated.path.motion]
     assert gap_to_polyline(compensated.p_part_command[fed], reached) < 5.1 * UM
+
+
+def test_speeds_that_the_program_changes() -> None:
+    """A monitor speed and a computed tvel: the force depends on them, so they are refused."""
+    lines = ("setMonitorSpeed(30)", to("p[1]"))
+    with pytest.raises(ProgramError, match=r"part.pgx:6:3: setMonitorSpeed"):
+        read(*lines)
+    with pytest.raises(ProgramError, match=r"part.pgx:7:3: the speed of a motion .mRun\[1\]. is not known: nSpeed"):
+        read("mRun[1].tvel=nSpeed", "nI=movel(p[1],tMill[0],mRun[1])")
 
 
 def test_a_computed_target_is_written_as_a_point() -> None:

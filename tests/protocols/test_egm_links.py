@@ -29,6 +29,7 @@ from counterflex.protocols.abb_egm.telegram import (
     write_guidance,
     write_robot,
 )
+from counterflex.robot.model.controller_axes import from_geometry
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.abb_egm import EgmContext, FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
@@ -129,6 +130,18 @@ def test_a_correction_in_part_axes_goes_out_in_path_axes_without_its_part_along_
         np.testing.assert_allclose(sent, [0.0, correction[:3] @ left, correction[2]], atol=1e-12)
         back = sent[1] * left + sent[2] * np.array([0.0, 0.0, 1.0])
         np.testing.assert_allclose(back, correction[:3] - direction * (correction[:3] @ direction), atol=1e-12)
+
+
+def test_axes_of_an_arm_with_a_parallel_rod_become_angles_of_the_model() -> None:
+    rod = from_geometry("abb", (1,) * 6, (0.0, 0.0, -np.pi / 2, 0.0, 0.0, 0.0), 0.6, "horizontal")
+    link = EgmPathLink(port=0, axes=rod)
+    with joined(link) as controller:
+        nominal, q = np.zeros(12), np.zeros(6)
+        controller.send(robot(0, (0, 0, 0)))
+        assert link.wait(1.0)
+        link.fill(nominal, q)
+        np.testing.assert_allclose(q, Q - np.array([0.0, 0.0, Q[1], 0.0, 0.0, 0.0]), atol=1e-12)
+        np.testing.assert_allclose(FakeEgm(EgmContext(axes=rod)).context.axes.shown(q), Q, atol=1e-12)
 
 
 def test_the_newest_message_is_answered_and_gaps_are_counted() -> None:

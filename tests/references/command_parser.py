@@ -83,8 +83,8 @@ def _of_command_line(rest: list[str], place: int, command: Any) -> bool:
     """Whether a word belongs to the line: an option, its value, a file, a placeholder; a word of prose ends it."""
     if _WORD.fullmatch(rest[place]):
         return True
-    if rest[place + 1 : place + 2] and rest[place + 1].startswith("-"):
-        return True  # a recipe in front of its options
+    if place == 0 and len(rest) > 1 and _WORD.fullmatch(rest[1]):
+        return True  # a recipe in front of its files and options
     before = rest[place - 1] if place else ""
     flags = {name for p in command.params if getattr(p, "is_flag", False) for name in (*p.opts, *p.secondary_opts)}
     return before.startswith("-") and before not in flags

@@ -214,7 +214,11 @@ def fanuc_start(files: Mapping[str, str]) -> Start:
     joints = [float(re.search(rf"J{i} = {_N} deg", held[1])[1]) for i in range(1, 7)]  # type: ignore[index]
     x, y, z = (float(re.search(rf"\b{c} = {_N} mm", there[1])[1]) for c in "XYZ")  # type: ignore[index]
     w, p, r = (float(re.search(rf"\b{c} = {_N} deg", there[1])[1]) for c in "WPR")  # type: ignore[index]
-    return Start(np.array(joints), shift(x, y, z) @ fixed_xyz(w, p, r))
+    remarks = " ".join(re.findall(r"^\s*\d+:\s*!(.*?) ;$", next(iter(files.values())), re.MULTILINE))
+    stated = re.findall(" ".join(rf"{c} {_N}" for c in "XYZWPR"), remarks)
+    frames = [shift(*map(float, one[:3])) @ fixed_xyz(*map(float, one[3:])) for one in stated]
+    part, tool = frames if len(frames) == 2 else (None, None)
+    return Start(np.array(joints), shift(x, y, z) @ fixed_xyz(w, p, r), part, tool)
 
 
 def val3_start(files: Mapping[str, str]) -> Start:

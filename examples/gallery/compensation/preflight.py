@@ -28,8 +28,8 @@ cell_file = folder / "cell-small.toml"
 # The groove where the part stands
 # --------------------------------
 #
-# One row per check, with the worst place of the program. ``unknown`` names the key of the cell file that is missing;
-# the value is there all the same.
+# One row per hazard, with the worst place of the program. ``not looked at`` names the key of the cell file that is
+# missing; the value is there all the same.
 
 checks = cf.preflight(folder / "groove.ngc", cell_file)
 print(checks.group_by("verdict").len().sort("verdict"))
@@ -37,10 +37,10 @@ columns = ("check", "verdict", "value", "limit", "unit", "line")
 checks.select(columns)
 
 # %%
-# What is unknown
-# ---------------
+# What is not looked at
+# ---------------------
 
-for row in checks.filter(pl.col("verdict") == "unknown").iter_rows(named=True):
+for row in checks.filter(pl.col("verdict") == "not looked at").iter_rows(named=True):
     print(f"{row['check']}: {row['missing']}")
 
 # %%

@@ -197,7 +197,7 @@ def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
         raise ProgramError(
             "the tool is tilted, and this command takes programs with the tool along z of the part only",
             where=f"{program.name}:{program.blocks[program.motions[path.motion[tilted[0]]].block].line}",
-            hint="compensate, simulate, evaluate, prove, preflight, plan posture take tilted cuts (docs/programs.md)",
+            hint="compensate, simulate, evaluate, prove, preflight and plan take tilted cuts (docs/programs.md)",
         )
     tilt = np.where(path.kind == FEED, np.arccos(np.clip(path.axis_part[:, 2], -1.0, 1.0)), 0.0)
     for number in np.unique(path.tool[tilt > tolerance_rad]):

@@ -91,6 +91,7 @@ def robot_of(cell: Cell, setting: Setting) -> RobotHere:
         bounds.joint_accelerations_rad_s2,
         bounds.acceleration_m_s2,
         bounds.cables_rad,
+        setting.T_base_tcp,
     )
 
 
@@ -128,7 +129,7 @@ def posture_of(
     parts[READING](0.0)
     cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
-    setting, path = setting_of(cell), job.machined
+    setting, path = setting_of(cell, part_may_be_held=True), job.machined
     line: Int = job.line_of_motion[path.motion]
     with faults_in(job):
         cut = loaded_path(path, line, cell.stock(), setting, surface, parts[CUTTING])

@@ -129,13 +129,13 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
         language: See :func:`check`.
         known_offsets: A parameter file or the cell file gives the work offsets.
     """
-    said, program = stated(job.program, known_offsets), job.program
-    silent_spindle = said.robot and not any(motion.spindle_rad_s for motion in program.motions)
-    wired = said.robot and bool(getattr(cell.tables.controller.spindle, program.dialect).clockwise)
+    remarks, program = stated(job.program, known_offsets), job.program
+    silent_spindle = remarks.robot and not any(motion.spindle_rad_s for motion in program.motions)
+    wired = remarks.robot and bool(getattr(cell.tables.controller.spindle, program.dialect).clockwise)
     end = int(np.flatnonzero(job.path.motion == job.path.motion[0])[-1])
     known = bool(np.all(job.path.p_part_tcp[end, 2] == job.sampled.p_part_tcp[end, 2]))
     return AsWritten(
-        approximation_m(program), program_size(job, cell, language), said, known, silent_spindle and not wired
+        approximation_m(program), program_size(job, cell, language), remarks, known, silent_spindle and not wired
     )
 
 

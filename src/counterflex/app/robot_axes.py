@@ -45,8 +45,8 @@ def axes_of_posture(cell: Cell, language: str, q: Float) -> list[float]:
 def in_world(cell: Cell, language: str, T_base_a: Float) -> Float:
     """(4, 4) m, a frame given in the robot's base as a controller gives it: in its world.
 
-    The world of a FANUC or Staubli controller lies at the height of axis 2, the one of a KUKA or ABB controller on the
-    base plate; ``[controller.robot_in_world]`` says where the robot stands in it.
+    The world of a FANUC or Staubli robot lies at the height of axis 2, the one of a KUKA or ABB robot on the base
+    plate; ``[controller.robot_in_world]`` says where the robot stands in it.
 
     Raises:
         InputError: The world depends on the robot, and nothing says how: see :func:`axes_in`.

@@ -38,7 +38,7 @@ class Printed:
 def everything_is_text() -> Iterator[None]:
     """Let standard output and standard error show control characters while the block runs."""
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = Printed(before[0]), Printed(before[1])  # type: ignore[assignment]
+    sys.stdout, sys.stderr = Printed(before[0]), Printed(before[1])
     try:
         yield
     finally:

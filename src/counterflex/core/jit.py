@@ -186,6 +186,10 @@ class _SharedCache(FunctionCache):  # type: ignore[misc]
             result = super().load_overload(sig, target_context)
         return result
 
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):  # a full disk: what cannot be kept is compiled again next time
+            super().save_overload(sig, data)
+
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]
     """A compiled function that is compiled for the stated signatures when it is first needed, and for no other type."""

@@ -52,14 +52,14 @@ class Damping:
             )
 
     @classmethod
-    def of(cls, measured: float | None, given: float | None = None) -> Damping:
+    def of(cls, measured: float | None, stated_ratio: float | None = None) -> Damping:
         """The ratio that the user gives, otherwise that of a tap test, otherwise the assumed one.
 
         Args:
             measured: Of a tap test, or None.
-            given: By the user, or None.
+            stated_ratio: By the user, or None.
         """
-        for ratio, origin in ((given, GIVEN), (measured, TAP_TEST)):
+        for ratio, origin in ((stated_ratio, GIVEN), (measured, TAP_TEST)):
             if ratio is not None:
                 return cls(ratio, ratio, ratio, origin)
         return cls(ASSUMED_DAMPING, *DAMPING_INTERVAL, ASSUMED)

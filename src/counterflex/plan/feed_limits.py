@@ -83,14 +83,14 @@ def known(limits: ProcessLimits) -> bool:
     bends = limits.bending_m is not None and limits.overhang_m is not None
     return (
         bends
-        or bool(limits.torque_curve)
+        or bool(limits.torque_by_speed)
         or limits.axis_torque_nm is not None
         or any(limit is not None for limit in some)
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class CutDemand:
     """What a cut asks of spindle, tool and robot, row by row; 0 where nothing is cut.
 
     Attributes:
@@ -102,7 +102,7 @@ class Asked:
     displacement_part: Float
 
 
-def asked(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> Asked:
+def cut_demand(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> CutDemand:
     """Return what a cut asks for at every row: forces, torques, power, bending, deflection, acceleration.
 
     Args:
@@ -131,7 +131,7 @@ def asked(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], Proces
     values["deflection"] = np.linalg.norm(across(bent[:, :3], path.p_part_tcp), axis=1)
     values = {name: np.where(cut.contact, value, 0.0) for name, value in values.items()}
     values[ACCELERATION] = path.feed_m_s**2 * curvature(path)
-    return Asked(values, np.where(cut.contact[:, None], bent, 0.0))
+    return CutDemand(values, np.where(cut.contact[:, None], bent, 0.0))
 
 
 def uses(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> dict[str, Float]:
@@ -145,7 +145,7 @@ def uses(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], Process
     Returns:
         By name, (n,); 0 where nothing is cut (but for the acceleration).
     """
-    values, path = asked(inputs, cut, limits_of).values, inputs.path
+    values, path = cut_demand(inputs, cut, limits_of).values, inputs.path
     known_limits = limits_by_name(limits_of(int(path.tool[-1])), path.spindle_rad_s)
     if not values["tool bending"].any():
         known_limits.pop("tool bending", None)
@@ -153,7 +153,7 @@ def uses(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], Process
 
 
 def limits_by_name(limits: ProcessLimits, spindle_rad_s: Float) -> dict[str, Float | float]:
-    """Limits that are known, by the names of :func:`asked`.
+    """Limits that are known, by the names of :func:`cut_demand`.
 
     Args:
         limits: Of spindle, tool and robot.

@@ -32,7 +32,7 @@ class ProcessLimits:
         spindle_max_rad_s: Highest speed.
         power_w: Of the spindle, continuous, at the tool.
         torque_nm: Of the spindle, continuous.
-        torque_curve: The same by its speed: rows of rad/s, N m, rising; straight between them, constant beyond them.
+        torque_by_speed: The same by its speed: rows of rad/s, N m, rising; straight between them, constant beyond them.
         force_n: Largest mean force on the tool.
         axis_torque_nm: (6,) largest torque that the process may put on each axis of the robot.
         bending_m: Largest elastic bending of the tool at its tip.
@@ -53,15 +53,15 @@ class ProcessLimits:
     modulus_pa: float = CARBIDE_PA
     deflection_m: float | None = None
     acceleration_m_s2: float | None = None
-    torque_curve: tuple[tuple[float, float], ...] = ()
+    torque_by_speed: tuple[tuple[float, float], ...] = ()
 
     def torque_at(self, spindle_rad_s: Float) -> Float | None:
         """Largest torque (n,) N m of the spindle at speeds (n,) rad/s; None where it is not known."""
-        if self.torque_nm is None and not self.torque_curve:
+        if self.torque_nm is None and not self.torque_by_speed:
             return None
         out: Float = np.full(np.shape(spindle_rad_s), np.inf if self.torque_nm is None else self.torque_nm)
-        if self.torque_curve:
-            speeds, torques = zip(*self.torque_curve, strict=True)
+        if self.torque_by_speed:
+            speeds, torques = zip(*self.torque_by_speed, strict=True)
             out = np.minimum(out, np.interp(np.abs(spindle_rad_s), speeds, torques))
         return out
 

@@ -23,16 +23,16 @@ SWINGS: Final = 0.3
 model in motion leaves less than a tenth of the deflection where it does not swing."""
 
 
-def chattering(loaded: LoadedRobot, remaining: Float, cut_of_row: Int) -> Bool:
+def chattering(loaded: LoadedRobot, deviation: Float, cut_of_row: Int) -> Bool:
     """(n,) rows of cuts that chatter in a trial.
 
     Args:
         loaded: The robot under load.
-        remaining: (n, 6) m, rad, deviation that the trial leaves.
+        deviation: (n, 6) m, rad, that the trial leaves.
         cut_of_row: (n,) number of the cut of each row, from 0.
     """
     p, contact = loaded.inputs.path.p_part_tcp, loaded.cut.contact
-    left, bend = (np.sum(across(d[:, :3], p) ** 2, axis=1) for d in (remaining, loaded.deflection_part))
+    left, bend = (np.sum(across(d[:, :3], p) ** 2, axis=1) for d in (deviation, loaded.deflection_part))
     count = int(cut_of_row[-1]) + 1
     sums = [np.bincount(cut_of_row, np.where(contact, square, 0.0), count) for square in (left, bend)]
     out = np.zeros(count, dtype=np.bool_)

@@ -1,9 +1,9 @@
 r"""Expressions of program languages: parsed by a grammar of operators, evaluated with values that may be unknown.
 
-KRL, RAPID, VAL3 and Sinumerik differ in the spelling of operators, of aggregates (``{X 1, Y 2}``, ``[1, [2, 3]]``) and of options
-(``\Tool:=t``), not in structure. :func:`parse` makes a tree by precedence climbing; :func:`evaluate` computes it with
-the names and functions that a reader gives. A value is a number, truth value, string, mapping (record), list (array or
-aggregate) or :class:`~counterflex.programs.unknown.Unknown`.
+KRL, RAPID, VAL3 and Sinumerik differ in the spelling of operators, of aggregates (``{X 1, Y 2}``, ``[1, [2, 3]]``) and
+of options (``\Tool:=t``), not in structure. :func:`parse` makes a tree by precedence climbing; :func:`evaluate`
+computes it with the names and functions of a reader. A value is a number, truth value, string, mapping (record), list
+(array or aggregate) or :class:`~counterflex.programs.unknown.Unknown`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, Protocol
 
 from counterflex.programs.unknown import first_unknown
@@ -59,6 +60,12 @@ class Grammar:
     labelled: bool = False
     enumeration: str | None = None
     numeral: Callable[[str], Value] | None = None
+
+    @cached_property
+    def operator(self) -> re.Pattern[str]:
+        """Pattern of an operator, the longer ones first."""
+        words = sorted({*self.binary, *self.unary}, key=len, reverse=True)
+        return re.compile("|".join(re.escape(w) + (r"\b" if w[-1].isalnum() else "") for w in words), re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,10 +226,7 @@ class _Parser:
 
     def __init__(self, text: str, grammar: Grammar, start: int) -> None:
         self.text, self.grammar, self.end = text, grammar, start
-        words = sorted({*grammar.binary, *grammar.unary}, key=len, reverse=True)
-        self._operator = re.compile(
-            "|".join(re.escape(w) + (r"\b" if w[-1].isalnum() else "") for w in words), re.IGNORECASE
-        )
+        self._operator = grammar.operator
         self._name, self._number = re.compile(grammar.name), re.compile(grammar.number)
         self._enumeration = None if grammar.enumeration is None else re.compile(grammar.enumeration)
 

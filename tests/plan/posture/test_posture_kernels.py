@@ -77,7 +77,7 @@ def test_burdens_are_torque_and_lever_of_the_axes() -> None:
     q = rng.uniform([-1, -2, 0, -2, -2, -2], [1, -1, 2, 2, 2, 2], (20, 1, 6))
     w, normals = rng.normal(size=(20, 6)) * 100.0, np.tile(np.eye(3)[:2], (20, 1, 1))
     torque, gain = np.zeros((20, 1, 6)), np.zeros((20, 1, 6))
-    burdens(chain.compact, q, w, normals, torque, gain)
+    burdens(chain.compact, q, w[:, None], normals[:, None], np.zeros((0, 3)), torque, gain)
     np.testing.assert_allclose(torque[:, 0], axis_torque(chain, q[:, 0], w), rtol=1e-9, atol=1e-6)
     J = jacobian(chain, q[:, 0])
     np.testing.assert_allclose(gain[:, 0], np.linalg.norm(J[:, :2], axis=1), rtol=1e-12)

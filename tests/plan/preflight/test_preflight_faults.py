@@ -149,6 +149,16 @@ FAULTS = {
         "reversals in the cut", changed("G1 X52 F1500\n", "G1 X25 F1500\nG1 Y19\nG1 X5\n"), WARNS,
         cell={"robot": {"play": [{"axis": axis, "dead_band_half_urad": 100.0} for axis in range(1, 7)]}},
     ),
+    "dwell in the cut": Fault(
+        "standing in the cut", changed("G1 X52 F1500", "G1 X20 F1500\nG4 P2\nG1 X52"), WARNS
+    ),
+    "side of the cut deeper than the flutes": Fault(
+        "depth of cut to flutes", changed(CUT, "G0 X-12 Y-6\nG0 Z42\nG1 Z2 F3000\nG1 X52 F800\n"),
+        tool={"holder_mm": [[60, 18], [100, 50]]},
+    ),
+    "no spindle after the tool change": Fault(
+        "spindle in the cut", changed(END, "G0 Z60\nM6 T2\nG43 H2\nG0 X-12\nG1 Z34 F1200\nG1 X52\n" + END)
+    ),
     "spindle left on": Fault("end of the program", changed("M5\nM30\n", "%\n", "%\n" + CLEAN), WARNS),
 }  # fmt: skip
 

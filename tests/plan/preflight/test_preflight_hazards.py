@@ -49,7 +49,7 @@ TABLES: dict[str, type[Table]] = {
 OF_PROCESS = {
     "spindle_min_rad_s": "process_limits.spindle_min_rpm", "spindle_max_rad_s": "process_limits.spindle_max_rpm",
     "power_w": "process_limits.spindle_power_w", "torque_nm": "process_limits.spindle_torque_nm",
-    "torque_curve": "process_limits.spindle_torque_curve_rpm_nm", "force_n": "process_limits.force_n",
+    "torque_by_speed": "process_limits.spindle_torque_curve_rpm_nm", "force_n": "process_limits.force_n",
     "axis_torque_nm": "process_limits.axis_torque_nm", "bending_m": "process_limits.tool_bending_um",
     "overhang_m": "tools.overhang_mm", "modulus_pa": "tools.modulus_gpa",
     "deflection_m": "process_limits.deflection_um", "acceleration_m_s2": "process_limits.acceleration_mm_s2",

@@ -42,7 +42,7 @@ def stepped() -> HeightMap:
 
 def to_stock(body: Body, T: Float, stock: HeightMap) -> float:
     grid = np.array([stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m])
-    planes = np.zeros((0, 4)) if body.planes is None else body.planes
+    planes = np.zeros((0, 4)) if body.faces is None else body.faces
     size = np.array([*body.size_m, 0.0, 0.0][:3])
     return stock_distance(SHAPES[body.shape], size, planes, T, stock.z, stock.tops, grid, np.zeros(3), FAR_M)
 

@@ -249,6 +249,8 @@ def _fanuc(order: WritingOrder) -> Written:
         name=routine_name(Path(job.program.name).stem),
         start_axes_rad=start,
         configuration=fanuc_configuration(branch_of(cell.controller_chain, plan.q[0]), start),
+        T_world_part=part_in_world(cell, "fanuc"),
+        T_flange_tcp=cell.controller_chain.T_flange_tcp,
         tool=controller.tool_number,
         base=controller.base_number,
         rapid_m_s=controller.rapid_m_s,

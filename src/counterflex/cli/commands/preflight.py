@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -12,6 +12,8 @@ from counterflex.cli.commands.program import CellFile, Dialect, Parameters, With
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.programs.limits import BY_ENDING
 from counterflex.programs.robot_writer.statement_forms import FORMS
+
+_ORDER: Final = ("fail", "warning", "ok")
 
 
 def register(app: typer.Typer) -> None:
@@ -77,6 +79,7 @@ def preflight(
 
 def _show(summary: dict[str, Any]) -> None:
     looked_at = [row for row in summary["checks"] if row["verdict"] != "not looked at"]
+    looked_at.sort(key=lambda row: _ORDER.index(row["verdict"]))
     rows = [
         [
             row["check"],
@@ -101,7 +104,7 @@ def _show(summary: dict[str, Any]) -> None:
         typer.echo(f"  {row['check']}: {_needs(row)}")
     counts = summary["counts"]
     passed = f"{counts['not looked at']} not looked at, {counts['ok']} ok"
-    typer.echo(f"{counts['fail']} fail, {counts['warning']} warnings, {passed}")
+    typer.echo(f"{counts['fail']} fail, {counts['warning']} warning, {passed}")
 
 
 def _needs(row: dict[str, Any]) -> str:

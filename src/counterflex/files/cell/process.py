@@ -57,7 +57,7 @@ class ProcessLimitsTable(Table):
             spindle_max_rad_s=_scaled(self.spindle_max_rpm, RPM),
             power_w=self.spindle_power_w,
             torque_nm=self.spindle_torque_nm,
-            torque_curve=tuple((rpm * RPM, torque) for rpm, torque in self.spindle_torque_curve_rpm_nm),
+            torque_by_speed=tuple((rpm * RPM, torque) for rpm, torque in self.spindle_torque_curve_rpm_nm),
             force_n=self.force_n,
             axis_torque_nm=None if self.axis_torque_nm is None else np.array(self.axis_torque_nm),
             bending_m=_scaled(self.tool_bending_um, UM),

@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.plan.posture.survey import RobotHere
-from counterflex.plan.preflight.bodies import Body, pairs, tool_of
+from counterflex.plan.preflight.bodies import Body, holds_stock, pairs, tool_of
 from counterflex.plan.preflight.collision import Closest, Scene, at_least, closest, poses
 
 PLACES: Final = 12
@@ -48,6 +48,7 @@ class Surroundings:
         return [
             (a, b, self.clearance_m if tool_of(self.bodies[a], self.bodies[b]) is None else 0.0)
             for a, b in (*inner, *outer)
+            if not holds_stock(self.bodies[a], self.bodies[b])
         ]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.inputs import Setting, solve_joints
+from counterflex.plan.inputs import Setting, part_compliance, solve_joints
 from counterflex.plan.posture.clearance import Surroundings
 from counterflex.plan.posture.cut_path import CutPath
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
@@ -85,9 +85,15 @@ def held(task: Task, setting: Setting) -> Held:
     """
     path, cut, robot = task.path, task.cut, task.robot
     joints = solve_joints(path, task.line, setting)
-    points = base_points(cut, robot.T_base_part, np.array([0, len(path) - 1]))
-    size, q, cutting = np.zeros(len(path)), np.ascontiguousarray(joints.q), cut.weight_m > 0.0
-    deflection_sizes(robot.chain.compact, q, points.w, points.normals, size, 0, len(path))
+    q, cutting = np.ascontiguousarray(joints.q), cut.weight_m > 0.0
+    relative = setting.relative_motion(path)
+    w = relative.load(cut.w_tcp_part)
+    if setting.T_base_tcp is None:
+        points, size = base_points(cut, robot.T_base_part, np.array([0, len(path) - 1])), np.zeros(len(path))
+        deflection_sizes(robot.chain.compact, q, points.w, points.normals, size, 0, len(path))
+    else:
+        bent = (part_compliance(setting, relative, q) @ cut.w_tcp_part[..., None])[:, :3, 0]
+        size = np.linalg.norm(np.einsum("nki,ni->nk", cut.normals_part, bent), axis=1)
     size[~cutting] = 0.0
     share = 0.0
     if cutting.any():
@@ -100,8 +106,8 @@ def held(task: Task, setting: Setting) -> Held:
         size,
         share,
         float(size.max(initial=0.0)),
-        len(reversals(robot.chain, q, points.w, cutting)),
-        len(unloadings(robot.chain, q, points.w, cutting)),
+        len(reversals(robot.chain, q, w, cutting)),
+        len(unloadings(robot.chain, q, w, cutting)),
         float(joints.limit_margin_rad.min()),
         float(np.arcsin(min(1.0, float(joints.wrist.min())))),
     )

@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import ModelError
 from counterflex.core.progress import Progress, silent
-from counterflex.geometry import pose
+from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import tool_orientation
 from counterflex.plan.inputs import Limits
 from counterflex.plan.posture.branches_kernel import SLOTS, arm_record
@@ -32,12 +32,14 @@ class RobotHere:
     Attributes:
         chain: Elastic chain as it is known to be.
         controller_chain: Geometry as the controller has it; its angles are what is commanded.
-        T_base_part: (4, 4) pose of the part.
+        T_base_part: (4, 4) pose of the part; says nothing where the robot carries it.
         limits: Margins to joint limits and wrist singularity.
         joint_speeds_rad_s: (6,) largest speeds, or None where they are not known.
         joint_accelerations_rad_s2: (6,) of the drives, or None where they are not known.
         acceleration_m_s2: With which the controller changes the speed of the tool.
         cables_rad: By axis 0..5 the largest angle from 0 that its cables allow, where known.
+        T_base_tcp: (4, 4) tool frame of a spindle that stands, against which the robot holds the part; None: it holds
+            the tool.
     """
 
     chain: ElasticChain
@@ -48,6 +50,7 @@ class RobotHere:
     joint_accelerations_rad_s2: Float | None = None
     acceleration_m_s2: float = 1.0
     cables_rad: Mapping[int, float] = field(default_factory=dict)
+    T_base_tcp: Float | None = None
 
     @property
     def joint_limits_rad(self) -> Float:
@@ -81,7 +84,6 @@ class RobotHere:
             )
         return Grid(
             arm_record(chain.opw),
-            np.ascontiguousarray(pose.inverse(chain.T_flange_tcp)),
             np.cos(rotations_rad),
             np.sin(rotations_rad),
             self.joint_limits_rad,
@@ -108,7 +110,51 @@ def base_points(path: CutPath, T_base_part: Float, rows: Int) -> Points:
         np.ascontiguousarray(path.normals_part @ R.T),
         np.ascontiguousarray(path.weight_m),
         np.ascontiguousarray(fractions(path.time_s, rows)),
+        np.eye(4)[None],
+        0,
     )
+
+
+def hand_points(path: CutPath, robot: RobotHere, rows: Int) -> Points:
+    """The path in base axes at rotation 0, with the flange of a robot that carries the tool or the part.
+
+    Where it carries the part, the load is that on the hand: the opposite of that on the tool.
+    """
+    T_flange_hand = robot.controller_chain.T_flange_tcp
+    if robot.T_base_tcp is None:
+        return base_points(path, robot.T_base_part, rows)._replace(
+            T_tcp_flange=np.ascontiguousarray(pose.inverse(T_flange_hand)[None])
+        )
+    T_base_tcp, n = robot.T_base_tcp, len(path)
+    upright = pose.make(tool_orientation(path.axis_part, 0.0), path.p_part)
+    Rs_base_part = T_base_tcp[:3, :3] @ np.swapaxes(upright[:, :3, :3], 1, 2)
+    w = np.einsum("nij,nhj->nhi", Rs_base_part, path.w_tcp_part.reshape(-1, 2, 3)).reshape(-1, 6)
+    return Points(
+        np.ascontiguousarray(np.tile(T_base_tcp[:3, 3], (n, 1))),
+        np.ascontiguousarray(np.tile(T_base_tcp[:3, 0], (n, 1))),
+        np.ascontiguousarray(np.tile(T_base_tcp[:3, 2], (n, 1))),
+        np.ascontiguousarray(-w),
+        np.ascontiguousarray(np.einsum("nij,nkj->nki", Rs_base_part, path.normals_part)),
+        np.ascontiguousarray(path.weight_m),
+        np.ascontiguousarray(fractions(path.time_s, rows)),
+        np.ascontiguousarray(pose.inverse(T_flange_hand @ upright)),
+        1,
+    )
+
+
+def load_by_rotation(points: Points, rows: Int, rotations_rad: Float) -> tuple[Float, Float]:
+    """Load and directions at rows of a path by the rotation about the tool axis.
+
+    Returns:
+        (m, r, 6) and (m, r, k, 3) base axes; r = 1 where the robot carries the tool, which then says nothing.
+    """
+    w, normals = points.w[rows][:, None], points.normals[rows][:, None]
+    if points.part_carried == 0:
+        return np.ascontiguousarray(w), np.ascontiguousarray(normals)
+    turns = rotation.exp(rotations_rad[:, None] * points.z[0])  # the part turns the other way: about z, not -z
+    both = np.einsum("rij,mhj->mrhi", turns, w.reshape(len(rows), 2, 3)).reshape(len(rows), len(turns), 6)
+    out = np.einsum("rij,mkj->mrki", turns, normals[:, 0])
+    return np.ascontiguousarray(both), np.ascontiguousarray(out)
 
 
 def survey_path(
@@ -132,7 +178,7 @@ def survey_path(
     Raises:
         ModelError: The robot has no closed-form geometry.
     """
-    grid, points = robot.grid(rotations_rad), base_points(path, robot.T_base_part, rows)
+    grid, points = robot.grid(rotations_rad), hand_points(path, robot, rows)
     m, r, n = len(rows) - 1, len(rotations_rad), len(path)
     survey = Survey(
         np.zeros((m, r, SLOTS)),

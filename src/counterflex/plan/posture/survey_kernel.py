@@ -41,6 +41,10 @@ class Points(NamedTuple):
         normals: (n, k, 3) directions that matter.
         weight: (n,) m, length that the point stands for; 0 where the deflection does not count.
         fraction: (n,) how far the point lies along its edge, 0 to 1.
+        T_tcp_flange: (1, 4, 4) flange in the tool frame where the robot carries the tool; (n, 4, 4) in that at
+            rotation 0 where it carries the part.
+        part_carried: 1 where the robot carries the part against a tool that stands. Then the part turns about the tool
+            axis the other way, load and directions with it, and the tip is a point of the part.
     """
 
     p: Float
@@ -50,6 +54,8 @@ class Points(NamedTuple):
     normals: Float
     weight: Float
     fraction: Float
+    T_tcp_flange: Float
+    part_carried: int
 
 
 class Grid(NamedTuple):
@@ -57,7 +63,6 @@ class Grid(NamedTuple):
 
     Attributes:
         arms: (1,) ARM geometry.
-        T_tcp_flange: (4, 4) flange in the tool frame.
         cosine: (r,) of the rotations about the tool axis.
         sine: (r,) likewise.
         limits: (6, 2) rad, with the margins taken off.
@@ -65,7 +70,6 @@ class Grid(NamedTuple):
     """
 
     arms: Records
-    T_tcp_flange: Float
     cosine: Float
     sine: Float
     limits: Float
@@ -100,11 +104,12 @@ _POINTS = bundle(
     normals="float64[:, :, ::1]",
     weight="float64[::1]",
     fraction="float64[::1]",
+    T_tcp_flange="float64[:, :, ::1]",
+    part_carried="int64",
 )
 _GRID = bundle(
     Grid,
     arms=numba.from_dtype(ARM)[::1],
-    T_tcp_flange="float64[:, ::1]",
     cosine="float64[::1]",
     sine="float64[::1]",
     limits="float64[:, ::1]",
@@ -163,7 +168,9 @@ def flange_at(grid: Grid, points: Points, row: int, turn: int, R: Float, wrist: 
         R: (9,) rotation of the flange in the base, written.
         wrist: (3,) m, written.
     """
-    T, c, s = grid.T_tcp_flange, grid.cosine[turn], grid.sine[turn]
+    T, c, s = points.T_tcp_flange[0], grid.cosine[turn], grid.sine[turn]
+    if points.part_carried != 0:
+        T, s = points.T_tcp_flange[row], -s
     x0, z, p = points.x[row], points.z[row], points.p[row]
     # right-handed about the axis from tip to spindle, -z:  x = c x0 + s (-z) x x0,  y = z x x
     vx = c * x0[0] - s * (z[1] * x0[2] - z[2] * x0[1])
@@ -178,6 +185,15 @@ def flange_at(grid: Grid, points: Points, row: int, turn: int, R: Float, wrist: 
     wrist[0] = p[0] + vx * T[0, 3] + ux * T[1, 3] + z[0] * T[2, 3] - back * R[2]
     wrist[1] = p[1] + vy * T[0, 3] + uy * T[1, 3] + z[1] * T[2, 3] - back * R[5]
     wrist[2] = p[2] + vz * T[0, 3] + uz * T[1, 3] + z[2] * T[2, 3] - back * R[8]
+
+
+@kernel("void(float64[::1], float64[::1], float64, float64, float64[::1])")
+def turned_about(v: Float, z: Float, c: float, s: float, out: Float) -> None:
+    """Turn a vector about the axis from tip to spindle, -z, by an angle of cosine c and sine s."""
+    along = v[0] * z[0] + v[1] * z[1] + v[2] * z[2]
+    out[0] = c * v[0] - s * (z[1] * v[2] - z[2] * v[1]) + (1.0 - c) * along * z[0]
+    out[1] = c * v[1] - s * (z[2] * v[0] - z[0] * v[2]) + (1.0 - c) * along * z[1]
+    out[2] = c * v[2] - s * (z[0] * v[1] - z[1] * v[0]) + (1.0 - c) * along * z[2]
 
 
 @kernel(
@@ -206,6 +222,8 @@ def survey_edges(
     frame, delta, trig = np.empty((m + 1, 12)), np.zeros((m, 6)), np.empty(12)
     R, wrist, q = np.empty(9), np.empty(3), np.empty((SLOTS, 6))
     arm = grid.arms[0]
+    carried, count = points.part_carried != 0, points.normals.shape[1]
+    w, normals = np.empty(6), np.empty((count, 3))
     for e in range(first, last):
         begin = 0 if e == 0 else stations[e] + 1
         for row in range(begin, stations[e + 1] + 1):
@@ -214,6 +232,14 @@ def survey_edges(
             least = math.inf
             for turn in range(len(grid.cosine)):
                 flange_at(grid, points, row, turn, R, wrist)
+                w[:] = points.w[row]
+                normals[:] = points.normals[row]
+                if carried and weight > 0.0:
+                    z, c, s = points.z[row], grid.cosine[turn], -grid.sine[turn]
+                    turned_about(points.w[row, :3], z, c, s, w[:3])
+                    turned_about(points.w[row, 3:], z, c, s, w[3:])
+                    for k in range(count):
+                        turned_about(points.normals[row, k], z, c, s, normals[k])
                 branch_angles(grid.arms, R, wrist, q)
                 for slot in range(SLOTS):
                     fault = within(arm, grid, q[slot])
@@ -232,9 +258,11 @@ def survey_edges(
                         continue
                     joint_trig(q[slot], trig)
                     chain_pass(chain, trig, delta, 0, frame)
+                    if carried:
+                        frame[m, 9:12] = points.p[row]
                     square = 0.0
-                    for k in range(points.normals.shape[1]):
-                        along = deflection_along(chain, frame, q[slot], points.w[row], points.normals[row, k])
+                    for k in range(count):
+                        along = deflection_along(chain, frame, q[slot], w, normals[k])
                         square += along * along
                     least = min(least, math.sqrt(square))
                     cost = weight * square * square

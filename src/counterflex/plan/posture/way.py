@@ -14,7 +14,7 @@ from counterflex.core.units import DEG
 from counterflex.plan.posture.branches_kernel import SLOTS
 from counterflex.plan.posture.burden_kernel import burdens
 from counterflex.plan.posture.cut_path import CutPath, in_contact
-from counterflex.plan.posture.survey import RobotHere, base_points
+from counterflex.plan.posture.survey import RobotHere, hand_points, load_by_rotation
 from counterflex.plan.posture.survey_kernel import POWER, Survey
 from counterflex.plan.posture.walk_kernel import PER_ROTATION, TURNS, Edges, Rules, walk
 from counterflex.robot.model.opw import TURN
@@ -111,8 +111,9 @@ def best_way(
     scale = least_cost(path, survey) or 1.0
     m, r = survey.early.shape[:2]
     states = r * PER_ROTATION
-    points, contact = base_points(path, robot.T_base_part, rows), in_contact(path, rows)
-    w, normals = np.ascontiguousarray(points.w[rows]), np.ascontiguousarray(points.normals[rows])
+    points, contact = hand_points(path, robot, rows), in_contact(path, rows)
+    w, normals = load_by_rotation(points, rows, TURN * np.arange(r) / r)
+    tips = np.ascontiguousarray(points.p[rows] if points.part_carried else np.empty((0, 3)))
     weight = np.diff(np.cumsum(path.weight_m)[rows])
     after = np.append(weight, weight[-1:])
     speed = np.full(6, np.inf) if robot.joint_speeds_rad_s is None else np.array(robot.joint_speeds_rad_s)
@@ -123,7 +124,7 @@ def best_way(
     def one(slot: int) -> tuple[float, int, Way | None]:
         q = np.ascontiguousarray(survey.q[:, :, slot])
         torque, gain = np.zeros((m + 1, r, 6)), np.zeros((m + 1, r, 6))
-        burdens(robot.chain.compact, q, w, normals, torque, gain)
+        burdens(robot.chain.compact, q, w, normals, tips, torque, gain)
         cost = weights.reversals * after[:, None, None] * (gain * lost) ** POWER / scale
         early, late = (np.ascontiguousarray(part[:, :, slot] / scale) for part in (survey.early, survey.late))
         edges = Edges(early, late, q, cost, torque, contact, duration, steps)

@@ -68,7 +68,7 @@ class Body:
         surrounds: Belongs to the surroundings; False for bodies of the robot.
         cuts: It removes what it meets of the stock.
         vertices_m: (k, 3) m, corners of the convex hull of a mesh, from its centre.
-        planes: (f, 4) outward normals and offsets of its faces: ``n p + d <= 0`` inside.
+        faces: (f, 4) outward normals and offsets of its faces: ``n p + d <= 0`` inside.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Body:
     surrounds: bool = field(default=False)
     cuts: bool = False
     vertices_m: Float | None = None
-    planes: Float | None = None
+    faces: Float | None = None
 
     @property
     def link(self) -> int:
@@ -144,11 +144,11 @@ def hull(name: str, frame: str, T_frame_mesh: Float, points_m: Float, *, surroun
     """
     low, high = points_m.min(axis=0), points_m.max(axis=0)
     centre = 0.5 * (low + high)
-    found = ConvexHull(points_m - centre)
+    shape_hull = ConvexHull(points_m - centre)
     T = T_frame_mesh @ pose.make(p=centre)
     half = tuple((0.5 * (high - low)).tolist())
-    corners: Float = (points_m - centre)[found.vertices]
-    return Body(name, frame, "mesh", T, half, False, None, surrounds, vertices_m=corners, planes=found.equations)
+    corners: Float = (points_m - centre)[shape_hull.vertices]
+    return Body(name, frame, "mesh", T, half, False, None, surrounds, vertices_m=corners, faces=shape_hull.equations)
 
 
 def holder(number: int, outline_m: Sequence[tuple[float, float]]) -> list[Body]:
@@ -362,6 +362,11 @@ def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int
 
 def _cuts(first: Body, second: Body) -> bool:
     return first.cuts and second.name == STOCK
+
+
+def holds_stock(first: Body, second: Body) -> bool:
+    """Whether a pair is the holder of a tool and the blank: no posture changes how they stand to each other."""
+    return any(a.tool is not None and not a.cuts and b.name == STOCK for a, b in ((first, second), (second, first)))
 
 
 def tool_of(first: Body, second: Body) -> int | None:

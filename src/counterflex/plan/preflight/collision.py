@@ -319,14 +319,16 @@ class LeftOver:
             return -np.inf
         other = pair[0] if pair[1] == self._box else pair[1]
         T_frame_box = self._bodies[self._box].T_frame_body
-        T_base_stock = Ts_base_body[self._box] @ pose.inverse(T_frame_box)
-        T_stock_body = pose.inverse(T_base_stock) @ Ts_base_body[other]
+        T_base_box = Ts_base_body[self._box]
+        T_base_frame = T_base_box @ pose.inverse(T_frame_box)
+        T_base_body = Ts_base_body[other]
+        T_frame_body = pose.inverse(T_base_frame) @ T_base_body
         most_m = min(most_m, self.near_m)
-        before = self._stock.distance(self._bodies[other], T_stock_body, most_m)
+        before = self._stock.distance(self._bodies[other], T_frame_body, most_m)
         if before >= min(least_m, most_m):
             return before
         self._stock.cut_to(row)
-        return self._stock.distance(self._bodies[other], T_stock_body, most_m)
+        return self._stock.distance(self._bodies[other], T_frame_body, most_m)
 
 
 def collision_rows(

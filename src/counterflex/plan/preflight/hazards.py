@@ -50,6 +50,9 @@ HAZARDS: Final = (
            "0; scaled smallest singular value 0.005", ("robot", "part"), "fail"),
     Hazard("joint limits", "smallest distance of an axis to its limit", "`limits.joint_margin_deg`",
            ("limits.joint_margin_deg",), "fail"),
+    Hazard("axis 3 against the upper arm",
+           "angle between the arms, where the controller counts axis 3 from the horizontal",
+           "the key; one of the joint limits", ("robot.controller_axes.axis_3_to_upper_arm_deg!",), "fail"),
     Hazard("wrist singularity", "smallest angle between axes 4 and 6", "`limits.wrist_singularity_deg`",
            ("limits.wrist_singularity_deg",), "fail"),
     Hazard("joint speed at feed", "axis nearest to its limit", "the key, or the catalogue", (_RATES[0],), "fail"),
@@ -88,6 +91,7 @@ HAZARDS: Final = (
            "warning"),
     Hazard("spindle in the cut", "cuts with the spindle off, reversed (M4), or stopped before the retract", "none",
            ("tools.spindle_rpm",), "fail"),
+    Hazard("standing in the cut", "longest dwell of the tool in the material", "1 s", ("part.stock",), "warning"),
     Hazard("spindle speed", "highest and lowest speed", "the keys",
            ("process_limits.spindle_min_rpm", "process_limits.spindle_max_rpm!", "tools.max_rpm"),
            "fail above; warning below"),
@@ -105,7 +109,8 @@ HAZARDS: Final = (
            ("limits.correction_mm", "limits.correction_deg"), "warning: compensate refuses"),
     Hazard("acceleration on arcs", "acceleration of the tool on arcs at feed", "the key",
            ("process_limits.acceleration_mm_s2!",), "warning"),
-    Hazard("depth of cut to flutes", "depth that the removed volume has at least", "the key, 5 % more",
+    Hazard("depth of cut to flutes",
+           "least depth of the removed volume, or the engaged one over 3 columns of the stock", "the key + 5 %",
            ("tools.flute_length_mm",), "fail: above the flutes the shank rubs"),
     Hazard("feed per tooth", "largest and smallest feed per tooth in the cut",
            "the key; without it assumed 5 um to 2.5 % of the diameter", ("tools.feed_per_tooth_mm",),
@@ -144,17 +149,17 @@ def complete(rows: Iterable[Row], reasons: dict[str, str]) -> tuple[Row, ...]:
     """One row for each hazard, in the order of the table.
 
     Args:
-        rows: What was found; every check is one of the table.
+        rows: Of the checks that were made; every check is one of the table.
         reasons: Why hazards without a row were not looked at, by check; ``""`` is the reason of all others.
 
     Raises:
         KeyError: A row of a check that is not in the table.
     """
-    found = {hazard.check: list[Row]() for hazard in HAZARDS}
+    given_rows = {hazard.check: list[Row]() for hazard in HAZARDS}
     for row in rows:
-        found[row.check].append(row)
+        given_rows[row.check].append(row)
     out: list[Row] = []
-    for check, given in found.items():
+    for check, given in given_rows.items():
         out += given or [Row(check, NOT_LOOKED_AT, what=reasons.get(check, reasons.get("", "")))]
     return tuple(out)
 

@@ -10,6 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row, worst_of_axes
+from counterflex.robot.model.controller_axes import ControllerAxes
 
 _TURN: Final = "Turn the tool about its axis (counterflex plan posture), or move the part"
 _SMOOTH: Final = 2.0 * math.sin(math.radians(1.5))
@@ -17,6 +18,7 @@ _SMOOTH: Final = 2.0 * math.sin(math.radians(1.5))
 CABLE_AXES: Final = (3, 5)
 """Axes 4 and 6: they turn by most, and hoses to the spindle are twisted by them."""
 SPEED_KEY: Final = "limits.joint_speed_deg_s"
+BETWEEN_KEY: Final = "robot.controller_axes.axis_3_to_upper_arm_deg"
 ACCELERATION_KEY: Final = "limits.joint_acceleration_deg_s2"
 
 
@@ -39,6 +41,20 @@ def limit_row(margin_rad: Float, least_rad: float) -> Row:
         f"axis {axis + 1}" + (" is out of its range" if worst < 0.0 else ""),
         advice="" if worst >= least_rad else f"{_TURN}, or choose another branch (posture)",
     )
+
+
+def between_row(axes: ControllerAxes) -> Row:
+    """Return the row of the angle between the arms: it has limits of its own where axis 3 counts from the horizontal.
+
+    Args:
+        axes: Of the controller.
+    """
+    check = "axis 3 against the upper arm"
+    if not axes.coupled:
+        return Row(check, "ok", what="the controller counts axis 3 from it")
+    if axes.between_known:
+        return Row(check, "ok", what="one of the joint limits")
+    return Row(check, NOT_LOOKED_AT, what="its limits are not stated", missing=BETWEEN_KEY)
 
 
 def wrist_row(wrist: Float, least_rad: float) -> Row:

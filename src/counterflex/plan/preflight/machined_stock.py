@@ -86,7 +86,7 @@ class MachinedStock:
         stock = self._coarse
         grid = np.array([stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m])
         size = np.array([*body.size_m, 0.0, 0.0][:3])
-        planes = np.zeros((0, 4)) if body.planes is None else np.ascontiguousarray(body.planes)
+        planes = np.zeros((0, 4)) if body.faces is None else np.ascontiguousarray(body.faces)
         pose_of = np.ascontiguousarray(T_stock_body, dtype=np.float64)
         return stock_distance(SHAPES[body.shape], size, planes, pose_of, stock.z, stock.tops, grid, np.zeros(3), most_m)
 

@@ -139,6 +139,7 @@ def preflight(
         turns, load_rows = _loads(made, q, setting, bounds, machining)
         along = _along(first, q, setting, bounds, written, turns, cutting[:reached])
         rows += _joint_rows(first, solution, margin, along, bounds, "cutting path" if cuts else "path at feed")
+        rows.append(joint_checks.between_row(setting.controller_chain.axes))
         rows += collision_rows(
             setting.controller_chain, bodies, q, fine.tool[:reached], setting.T_base_part, bounds.clearance_m,
             parts[COLLISION], None if made.result is None else lambda: MachinedStock(made.turning, stock, setting),

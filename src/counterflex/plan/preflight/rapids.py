@@ -19,6 +19,8 @@ STEP_M: Final = 5.0 * MM
 """Longest step of a rapid that is looked at."""
 DEPTH_SHARE: Final = 0.05
 """By that much the depth from a volume on a grid may be off."""
+WIDE_GRAINS: Final = 3.0
+"""Columns of the stock that a cut is at least wide to have an engaged depth of its own."""
 LEAST_M3: Final = 1e-2 * MM**3
 """Less is the grain of the stock."""
 
@@ -52,15 +54,20 @@ def rapid_row(path: ToolPath, volume_m3: Float) -> Row:
     )
 
 
-def flute_row(path: ToolPath, volume_m3: Float, cutters: Mapping[int, Cutter]) -> Row:
+def flute_row(
+    path: ToolPath, volume_m3: Float, axial_depth_m: Float, cutters: Mapping[int, Cutter], grain_m: float
+) -> Row:
     """The cut that is deepest for the flutes of its tool; above them the shank would rub.
 
-    The depth is the least that the removed volume allows (:func:`counterflex.plan.undisturbed_cut.least_depth`).
+    The depth is the least that the removed volume allows (:func:`counterflex.plan.undisturbed_cut.least_depth`), or the
+    engaged one where the cut is wider than the grain of the stock: beside a wall that stands, single columns are cut.
 
     Args:
         path: n rows.
         volume_m3: (n,) removed on the way to each row.
+        axial_depth_m: (n,) largest engaged axial depth.
         cutters: By tool number; all that cut.
+        grain_m: Side of a column of the stock.
     """
     name = "depth of cut to flutes"
     feed = path.kind == FEED
@@ -70,6 +77,10 @@ def flute_row(path: ToolPath, volume_m3: Float, cutters: Mapping[int, Cutter]) -
     tools = [cutters.get(number, some) for number in path.tool.tolist()]
     diameter, flutes = np.array([c.diameter_m for c in tools]), np.array([c.flute_length_m for c in tools])
     depth = least_depth(path, volume_m3, diameter, np.where(np.isfinite(flutes), flutes, 0.0))
+    step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
+    way = np.linalg.norm(step - np.sum(step * path.axis_part, axis=1)[:, None] * path.axis_part, axis=1)
+    wide = feed & (volume_m3 > WIDE_GRAINS * grain_m * axial_depth_m * way) & (way > 0.0)
+    depth = np.maximum(depth, np.where(wide, axial_depth_m, 0.0))
     row = int(np.argmax(depth / flutes))
     deep = depth[row] > (1.0 + DEPTH_SHARE) * flutes[row]
     return Row(

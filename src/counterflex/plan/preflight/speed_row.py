@@ -44,6 +44,8 @@ _LISTED: Final = 3
 QUIET_SHARE: Final = 0.05
 """Share of the cutting path below the programmed speed from which on a warning is given: entries and single corners of
 a clean program stay below it (0.5 to 3.5 % in the examples), and the cut changes along few millimetres only."""
+QUIET_M: Final = 2.0 * MM
+"""Way below the programmed speed that is no warning, however short the cut is: the bottom of a drilled hole."""
 
 
 def slower(held: HeldSpeed) -> Bool:
@@ -119,7 +121,7 @@ def speed_row(held: HeldSpeed, cutting: Bool, bounds: Bounds, path_name: str = "
     speed = speed_in_cut(held, cutting)
     if speed is None:
         return Row(SPEED_CHECK, "ok", what="nothing is cut")
-    slow = speed.share > QUIET_SHARE
+    slow = speed.share > QUIET_SHARE and speed.slower_m > QUIET_M
     listed = ", ".join(f"{text} {share / PERCENT:.0f} %" for text, _, share in speed.causes[:_LISTED])
     what = f"on all of {speed.cut_m / MM:.0f} mm"
     if speed.causes:

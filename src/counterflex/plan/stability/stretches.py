@@ -108,9 +108,9 @@ def stretches_of(
         begin, end = first + 1, last + 1
         part = share_of(progress, begin / len(path), end / len(path))
         contact = engaged.contact(begin, end, cutter, top_m, part)
-        found = list(_collected(path, begin, contact, engaged, cutter, max(LENGTH_M, CELLS * stock.cell_m)))
-        _check_spindle(path, np.array([piece.row for piece in found], dtype=np.int64))
-        out += [piece for piece in found if piece.feed_per_tooth_m > 0.0]
+        pieces = list(_collected(path, begin, contact, engaged, cutter, max(LENGTH_M, CELLS * stock.cell_m)))
+        _check_spindle(path, np.array([piece.row for piece in pieces], dtype=np.int64))
+        out += [piece for piece in pieces if piece.feed_per_tooth_m > 0.0]
         part(1.0)
     return out
 

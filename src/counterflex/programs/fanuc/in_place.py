@@ -115,7 +115,10 @@ class _InPlace(InPlace):
             if edits.changed or name == self.program.name:
                 head = "".join(f"{newline}    :  !{line} ;" for line in remarks(messages))
                 edits.spans.insert(edits.listing.main, head)
-                edits.spans.insert(edits.listing.behind, "".join(f"{newline}{entry}" for entry in edits.entries))
+                entries = "".join(f"{newline}{entry}" for entry in edits.entries)
+                if entries and not edits.listing.has_positions:
+                    entries = f"/POS{entries}{newline}"
+                edits.spans.insert(edits.listing.behind, entries)
             out[name] = edits.spans.applied(edits.listing.text)
         return out
 

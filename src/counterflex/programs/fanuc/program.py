@@ -135,7 +135,8 @@ class FanucListing:
         positions: Entries of ``/POS`` by number.
         mentions: How often the code names each of them.
         main: Index behind the line ``/MN``.
-        behind: Index behind the last entry of ``/POS``, where further ones are put.
+        behind: Index behind the last entry of ``/POS``, where further ones are put; without that part before /END.
+        has_positions: There is a part ``/POS``.
     """
 
     text: str
@@ -143,6 +144,7 @@ class FanucListing:
     mentions: Mapping[int, int]
     main: int
     behind: int
+    has_positions: bool = True
 
 
 @dataclass(frozen=True, slots=True)

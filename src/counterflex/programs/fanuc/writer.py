@@ -9,7 +9,8 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import DEG, MM_PER_S
+from counterflex.core.units import DEG, MM, MM_PER_S
+from counterflex.programs.fanuc.program import wpr_of
 from counterflex.programs.fanuc.spelling import remarks, short, values_text
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import FANUC, check_name
@@ -33,6 +34,8 @@ class FanucSettings(RobotSettings):
         cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
         points_per_file: See there.
         tool_data: Number of UTOOL by number of the tool in the program.
+        T_world_part: (4, 4) m, what the UFRAME must be on the controller, stated as a remark; None states nothing.
+        T_flange_tcp: (4, 4) m, likewise of the first UTOOL.
     """
 
     tool: int = 1
@@ -43,6 +46,8 @@ class FanucSettings(RobotSettings):
     cycle_s: float = 0.008
     points_per_file: int = FANUC.points_per_file
     tool_data: Mapping[int, int] = field(default_factory=dict)
+    T_world_part: Float | None = None
+    T_flange_tcp: Float | None = None
 
     def check(self) -> None:
         """Check ranges.
@@ -154,9 +159,22 @@ class FanucWriter(RobotWriter[FanucSettings]):
         """Where the program comes from, first tool, frames, start posture."""
         settings = self.settings
         return [
-            *self.origin(), *lead, *fanuc_frames(settings, self.first_tool),
+            *self.origin(), *self._stated(), *lead, *fanuc_frames(settings, self.first_tool),
             fanuc_joint_motion(settings, self.first_tool),
         ]  # fmt: skip
+
+    def _stated(self) -> list[str]:
+        """Remarks of what the frames, which the program names by number, must be on the controller."""
+        settings, out = self.settings, []
+        for name, T in (
+            (f"UFRAME {settings.base} in the world", settings.T_world_part),
+            (f"UTOOL {settings.tool_of(self.first_tool)}", settings.T_flange_tcp),
+        ):
+            if T is not None:
+                values = [*(T[:3, 3] / MM), *wpr_of(T[:3, :3])]
+                texts = [f"{c} {number(float(v), 3)}" for c, v in zip("XYZWPR", values, strict=True)]
+                out += [f"! {name}", *(f"! {a} {b}" for a, b in zip(texts[::2], texts[1::2], strict=True))]
+        return out
 
     def call(self, part: str) -> str:
         """Call of a part."""

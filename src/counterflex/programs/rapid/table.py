@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from counterflex.programs.rapid.table_functions import ASKED, COMPUTED, NOT_COMPUTED
+from counterflex.programs.rapid.table_functions import COMPUTED, NOT_COMPUTED, REQUESTS
 from counterflex.programs.rapid.table_neutral import NEUTRAL_GROUPS
 from counterflex.programs.rapid.table_refused import REFUSED_GROUPS
 from counterflex.programs.statement_table import Statement, StatementTable, Treatment
@@ -53,7 +53,8 @@ FORMS: Final[dict[str, Form]] = {
     "MOVEJSYNC": Form(by_axes=True, behind=1, routine=True),
     "MOVECSYNC": Form(2, behind=1, routine=True, straight="MoveLSync"),
     "TRIGGL": Form(triggers=1, straight="TriggL"), "TRIGGJ": Form(by_axes=True, triggers=1),
-    "TRIGGC": Form(2, triggers=1, straight="TriggL"),
+    "TRIGGC": Form(2, triggers=1, straight="TriggL"), "TRIGGLIOS": Form(straight="TriggLIOs"),
+    "TRIGGJIOS": Form(by_axes=True), "TRIGGABSJ": Form(by_axes=True, triggers=1),
 }  # fmt: skip
 """Motions that are evaluated, by name in capitals."""
 SETS_MOTION: Final = frozenset(
@@ -132,6 +133,9 @@ _EVALUATED: Final = (
     ("TriggL", "MoveL; carries its triggers", "TriggL p10,v20,trigg1,z1,tool0;"),
     ("TriggJ", "MoveJ; carries its triggers", "TriggJ p10,v20,trigg1,z1,tool0;"),
     ("TriggC", "MoveC; carries its triggers", "TriggC p10,p20,v20,trigg1,z1,tool0;"),
+    ("TriggLIOs", "MoveL; carries its triggers", "TriggLIOs p10,v20\\TriggData1:=trigg1,z1,tool0;"),
+    ("TriggJIOs", "MoveJ; carries its triggers", "TriggJIOs p10,v20\\TriggData1:=trigg1,z1,tool0;"),
+    ("TriggAbsJ", "MoveAbsJ; carries its triggers", "TriggAbsJ j10,v20,trigg1,z1,tool0;"),
     ("WaitTime", "dwell", "WaitTime 0.5;"), ("VelSet", "override and largest speed", "VelSet 50,800;"),
     ("SpeedRefresh", "100 alone; others act in the middle of a motion", "SpeedRefresh 100;"),
     ("PDispSet", "displacement of the targets behind it", "PDispSet [[0,0,1],[1,0,0,0]];"),
@@ -155,7 +159,7 @@ def _rows() -> Iterator[Statement]:
             yield Statement(_word(sample), Treatment.REFUSED, reason, remedy, (sample,))
     for calls in COMPUTED:
         yield Statement(_word(calls), Treatment.EVALUATED, "function: computed", samples=(f"any:={calls};",))
-    for reason, samples in ASKED:
+    for reason, samples in REQUESTS:
         for calls in samples:
             yield Statement(
                 _word(calls),

@@ -15,7 +15,7 @@ COMPUTED: Final = (
     "StrMatch(s,1,\"a\")", "BitAnd(b,1)", "BitOr(b,1)", "BitXOr(b,1)", "BitLSh(b,1)", "BitRSh(b,1)", "BitCheck(b,1)",
     "Present(opt1)",
 )  # fmt: skip
-ASKED: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
+REQUESTS: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
     (
         "where the robot stands",
         (

@@ -114,8 +114,7 @@ REFUSED_GROUPS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
             "DispL p10,v250,bead1,z10,tool0;", "DispC p10,p20,v250,bead1,z10,tool0;", "PaintL p10,v100,z10,tool0;",
             "PaintC p10,p20,v100,z10,tool0;", "NutL p10,v100,gun1,tool0;", "NutJ p10,v100,gun1,tool0;",
             "CapL p10,v100,cap1,z10,tool0;", "CapC p10,p20,v100,cap1,z10,tool0;", "ArcMoveExtJ j10,v100,fine;",
-            "TriggLIOs p10,v100,z10,tool0;", "TriggJIOs p10,v100,z10,tool0;", "TriggAbsJ j10,v100,trigg1,z10,tool0;",
-            "MovePnP p10,p20,v100,z10,tool0;",
+                        "MovePnP p10,p20,v100,z10,tool0;",
         ),
     ),
     (

@@ -63,11 +63,13 @@ def preflight_page(data: PreflightData) -> str:
         for verdict in ("fail", "warning", "not looked at")
     }
     verdict = (
-        f"{count['fail']} checks fail: the program is not to be run on this cell as it is."
+        f"{count['fail']} check{'s fail' if count['fail'] > 1 else ' fails'}: the program is not to be run on this "
+        "cell as it is."
         if data.failed
         else "No hard check fails."
     )
-    verdict += f" {count['warning']} warnings; {count['not looked at']} hazards are not looked at."
+    warnings = f"{count['warning']} warning{'' if count['warning'] == 1 else 's'}"
+    verdict += f" {warnings}; {count['not looked at']} hazards are not looked at."
     return render("preflight.html.j2", figures, [], data=data, verdict=verdict, drawn=list(figures))
 
 

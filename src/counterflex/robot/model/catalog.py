@@ -31,6 +31,7 @@ from counterflex.robot.model.controller_axes import (
     Axis3,
     ControllerAxes,
     from_geometry,
+    maker_of,
 )
 from counterflex.robot.model.description import Counterbalance, Opw, Robot, Segment
 from counterflex.robot.model.opw_chain import Element, from_opw
@@ -303,7 +304,9 @@ def load(name: str) -> Robot:
 
 
 def _controller_axes(e: CatalogEntry, opw: Opw, limits_rad: Float) -> ControllerAxes:
-    maker = next((name for name in MAKER_NAMES if MAKERS[name].title == e.manufacturer), None)
+    title = e.manufacturer.casefold()
+    maker = next((name for name in MAKER_NAMES if MAKERS[name].title.casefold() == title), None)
+    maker = maker or maker_of(opw.signs, opw.offsets_rad)
     if maker is None:
         return AS_MODEL
     axis_3 = e.axis_3_from or MAKERS[maker].axis_3 or "upper_arm"

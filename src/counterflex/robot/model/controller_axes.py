@@ -14,7 +14,7 @@ the horizontal, and where the world frame of its controller lies. Lengths are th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, Protocol, get_args
 
 import numpy as np
@@ -337,7 +337,8 @@ def in_language(
         where: The cell file, for messages.
 
     Returns:
-        The axes, and what was taken without being said, one sentence each.
+        The axes, and what was taken without being said, one sentence each. The world of a robot of another maker lies
+        at axis 2 only where both makers have it there.
 
     Raises:
         InputError: Nothing says how the controller counts the axes of this robot.
@@ -364,7 +365,12 @@ def in_language(
         )  # fmt: skip
     remark = f"the robot is no {title}" if axes.maker else f"signs and zeros of the robot are not those of {title}"
     made = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, MAKERS[maker].axis_3 or "upper_arm")
-    return made, (f"{remark}: axes and world are those of an arm of this geometry on a controller of {title}",)
+    high = MAKERS[maker].world == "axis 2"
+    world_m = axes.world_m if high else 0.0
+    plate = "; frames in its world are given from the base plate" if high and world_m == 0.0 else ""
+    return replace(made, world_m=world_m), (
+        f"{remark}: axes are those of an arm of this geometry on a controller of {title}{plate}",
+    )
 
 
 def opw_known(opw: Shape) -> bool:

@@ -15,7 +15,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
-from counterflex.plan.feed_limits import asked
+from counterflex.plan.feed_limits import cut_demand
 from counterflex.plan.inputs import Inputs, Setting
 from counterflex.plan.preflight.process import demands, moves, spindle, tool_use
 from counterflex.plan.preflight.process.offsets import length_row, work_row
@@ -31,8 +31,8 @@ _CONTACT_M3: Final = 1e-12
 _STANDING_RAD_S: Final = 1000.0
 """Spindle speed with which a cut is computed where the program states none: only its volumes count then."""
 _OF_VOLUME: Final = (
-    "rapids into the stock", tool_use.REMOVED, "depth of cut to flutes", spindle.IN_CUT, tool_use.PLUNGING,
-    tool_use.COOLANT, moves.END,
+    "rapids into the stock", tool_use.REMOVED, "depth of cut to flutes", spindle.IN_CUT, spindle.STANDS,
+    tool_use.PLUNGING, tool_use.COOLANT, moves.END,
 )  # fmt: skip
 _OF_FORCE: Final = (
     *(limit.check for limit in demands.LIMITS), demands.CORRECTION, demands.CHIP, tool_use.FEED_PER_TOOTH,
@@ -157,7 +157,8 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
         moves.end_row(path, made.result.volume_m3 > _CONTACT_M3, blank, maybe, written.stated.spindle_on_at_end),
         tool_use.removed_row(path, volume, moves.gap(blank, path.p_part_tcp[path.kind == FEED], radius)),
         spindle.in_cut_row(path, contact, by_person),
-        flute_row(path, volume, {n: cutter_of(n) for n in used}),
+        spindle.standing_row(path, contact),
+        flute_row(path, volume, made.result.axial_depth_m, {n: cutter_of(n) for n in used}, blank.cell_m),
         tool_use.plunge_row(path, volume, contact, cutter_of, tools),
         tool_use.coolant_row(path, contact, written.stated.coolant[path.motion], tools),
     ]
@@ -192,9 +193,9 @@ def demanded(
     contact = made.forced[: len(q)]
     wrench = at_points(made.result.w_tcp_part, made.forced)[: len(q)]
     inputs = Inputs(path, path.motion, made.blank, setting, q)
-    wanted = asked(inputs, UndisturbedCut(made.result, contact, contact, wrench), machining.limits_of)
-    rows = demands.demand_rows(wanted, path.tool, path.spindle_rad_s, machining.limits_of, machining.rigid)
-    return [*rows, demands.correction_row(wanted, bounds, machining.rigid)]
+    demand = cut_demand(inputs, UndisturbedCut(made.result, contact, contact, wrench), machining.limits_of)
+    rows = demands.demand_rows(demand, path.tool, path.spindle_rad_s, machining.limits_of, machining.rigid)
+    return [*rows, demands.correction_row(demand, bounds, machining.rigid)]
 
 
 def _maybe(cutter_of: Callable[[int], Cutter]) -> Callable[[int], Cutter | None]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.plan.cut import Cut
-from counterflex.plan.feed_limits import ACCELERATION, Asked, limits_by_name
+from counterflex.plan.feed_limits import ACCELERATION, CutDemand, limits_by_name
 from counterflex.plan.plan import impulse_share
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row, Verdict
 from counterflex.plan.process_limits import ProcessLimits
@@ -54,12 +54,12 @@ _SLACK: Final = 1.0 + 1e-6
 
 
 def demand_rows(
-    asked: Asked, tool: Int, spindle_rad_s: Float, limits_of: Callable[[int], ProcessLimits], rigid: str
+    demand: CutDemand, tool: Int, spindle_rad_s: Float, limits_of: Callable[[int], ProcessLimits], rigid: str
 ) -> list[Row]:
     """One row for each limit of the process: what is asked for where it is nearest to the limit.
 
     Args:
-        asked: By the cut, n rows.
+        demand: By the cut, n rows.
         tool: (n,) number of the tool.
         spindle_rad_s: (n,).
         limits_of: Gives the limits for a tool number.
@@ -69,7 +69,7 @@ def demand_rows(
     tables = {n: limits_by_name(limits_of(n), spindle_rad_s) for n in numbers}
     rows = []
     for limit in LIMITS:
-        values = np.stack([asked.values[name] for name in limit.names])
+        values = np.stack([demand.values[name] for name in limit.names])
         bounds = np.full_like(values, np.inf)
         for k, name in enumerate(limit.names):
             for n, table in tables.items():
@@ -106,21 +106,21 @@ def _short_of(tool: Int, limits_of: Callable[[int], ProcessLimits]) -> str:
     return f"overhang of {', '.join(lacking)} not known" if lacking else ""
 
 
-def correction_row(asked: Asked, bounds: Bounds, rigid: str) -> Row:
+def correction_row(demand: CutDemand, bounds: Bounds, rigid: str) -> Row:
     """The largest deflection, of which compensation corrects at most ``limits.correction_mm``.
 
     Args:
-        asked: By the cut.
+        demand: By the cut.
         bounds: Of corrections.
         rigid: See :func:`demand_rows`.
     """
-    size = np.linalg.norm(asked.displacement_part[:, :3], axis=1)
+    size = np.linalg.norm(demand.displacement_part[:, :3], axis=1)
     row = int(np.argmax(size))
     value, limit = float(size[row]), bounds.correction_m
     if rigid:
         text = f"stiffness of {rigid} not known"
         return Row(CORRECTION, NOT_LOOKED_AT, value, limit, "m", row, text, "robot.elastic")
-    turn = np.linalg.norm(asked.displacement_part[:, 3:], axis=1)
+    turn = np.linalg.norm(demand.displacement_part[:, 3:], axis=1)
     if value <= limit and turn.max() > bounds.correction_rad:
         row = int(np.argmax(turn))
         text = "the tool tilts by more than compensation corrects"

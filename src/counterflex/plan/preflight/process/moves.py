@@ -82,9 +82,9 @@ def gap(stock: HeightMap, points: Float, radius_m: float) -> float:
     low = np.array([stock.x0_m - half, stock.y0_m - half])
     high = low + np.array([nx, ny]) * stock.cell_m
     side = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)
-    beside = np.maximum(np.linalg.norm(side, axis=1) - radius_m, 0.0)
+    sideways = np.maximum(np.linalg.norm(side, axis=1) - radius_m, 0.0)
     above = np.maximum(points[:, 2] - float(stock.z.max()), 0.0)
-    return float(np.min(np.hypot(beside, above), initial=np.inf))
+    return float(np.min(np.hypot(sideways, above), initial=np.inf))
 
 
 def first_row(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter | None], height_known: bool) -> Row:
@@ -101,7 +101,7 @@ def first_row(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutte
     row = int(np.flatnonzero(path.motion == path.motion[0])[-1])
     p, axis = path.p_part_tcp[row], path.axis_part[row]
     numbers = [int(path.tool[row]), *path.tool[path.tool != 0][:1].tolist()]
-    cutter = next((found for n in numbers if (found := cutter_of(n)) is not None), None)
+    cutter = next((match for n in numbers if (match := cutter_of(n)) is not None), None)
     over = float(p[2] - stock.z.max())
     if cutter is None:
         return Row(FIRST, NOT_LOOKED_AT, point=row, what="no tool is selected yet", missing="tools")

@@ -16,6 +16,9 @@ from counterflex.plan.process_limits import ProcessLimits
 
 IN_CUT: Final = "spindle in the cut"
 SPEED: Final = "spindle speed"
+STANDS: Final = "standing in the cut"
+LONGEST_S: Final = 1.0
+"""Longest dwell in the cut: a drilling cycle stays for some turns, 0.5 s at most; a mill that stays longer rubs."""
 SPEED_KEY: Final = "tools.spindle_rpm"
 _SLACK: Final = 1.0 + 1e-6
 _ADVICE: Final = "Start the spindle (M3 S...) before the first cut, and stop it after the retract"
@@ -69,6 +72,24 @@ def in_cut_row(path: ToolPath, contact: Bool, by_person: bool) -> Row:
         if np.any(rows):
             return Row(IN_CUT, "fail", float(rows.sum()), 0.0, "", int(np.argmax(rows)), what, advice=_ADVICE)
     return Row(IN_CUT, "ok", 0.0, 0.0, what="clockwise in every cut" if np.any(contact) else "nothing is cut")
+
+
+def standing_row(path: ToolPath, contact: Bool) -> Row:
+    """Return the longest time for which the tool stands in the material that it has cut.
+
+    Args:
+        path: n rows.
+        contact: (n,) segments at feed that remove material.
+    """
+    step = np.diff(path.time_s, prepend=path.time_s[:1])
+    moves = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1) > 0.0
+    dwell = np.where(engaged(path, contact) & ~moves, step, 0.0)
+    row = int(np.argmax(dwell))
+    if dwell[row] == 0.0:
+        return Row(STANDS, "ok", 0.0, LONGEST_S, "s")
+    long = dwell[row] > LONGEST_S
+    return Row(STANDS, "warning" if long else "ok", float(dwell[row]), LONGEST_S, "s", row, "dwell in the material",
+               advice="Dwell outside of the material: the edges rub" if long else "")  # fmt: skip
 
 
 def speed_row(

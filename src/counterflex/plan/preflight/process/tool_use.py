@@ -192,13 +192,13 @@ def coolant_row(path: ToolPath, contact: Bool, coolant: Int, tools: Mapping[int,
         tools: By number.
     """
     numbers = np.unique(path.tool[contact]).tolist()
-    wanted = {n: tools.get(n, ToolBounds()).coolant for n in numbers}
-    lacking = [f"T{n}" for n, want in wanted.items() if want is None]
+    required = {n: tools.get(n, ToolBounds()).coolant for n in numbers}
+    lacking = [f"T{n}" for n, want in required.items() if want is None]
     if not numbers:
         return Row(COOLANT, "ok", what="nothing is cut")
     if lacking:
         return Row(COOLANT, NOT_LOOKED_AT, what=", ".join(lacking), missing="tools.coolant")
-    want = np.array([int(bool(wanted.get(n))) for n in path.tool.tolist()])
+    want = np.array([int(bool(required.get(n))) for n in path.tool.tolist()])
     wrong = contact & (np.maximum(coolant, 0) != want)
     if not np.any(wrong):
         return Row(COOLANT, "ok", 0.0, 0.0, what="as the tools need it")

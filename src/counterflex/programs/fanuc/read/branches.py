@@ -147,7 +147,7 @@ class Branches(MotionExecution):
         if target is None:
             raise fault(routine.listing, statement, f"there is no LBL[{number}]", hint="The file may be damaged")
         self.act(routine, statement)
-        if self.gives_up(routine, number):
+        if self.gives_up(routine, number) or self._waits_on(routine, number, at, condition):
             return at + 1
         if target > at:
             self.pass_over(routine, at + 1, target, condition, opening)
@@ -179,6 +179,31 @@ class Branches(MotionExecution):
             elif row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, *_HARMLESS):
                 return False
         return alarm and at is not None and at >= len(routine.texts) and self.depth == 1
+
+    def _waits_on(self, routine: Routine, number: int, back: int, condition: Unknown) -> bool:
+        """Whether a label leads back to a statement with nothing but signals, waits and registers on the way."""
+        at, seen, jumps = routine.labels.get(number), list[int](), 0
+        while at is not None and at != back and at < len(routine.texts) and jumps < _DEEPEST:
+            row = row_of(routine.texts[at]) if routine.texts[at] else None
+            if row is not None and row.word == "JMP":
+                jump = _LABEL.match(routine.texts[at])
+                at, jumps = (None if jump is None else routine.labels.get(int(jump[1]))), jumps + 1
+                continue
+            if MOTION.match(routine.texts[at]) or (
+                routine.texts[at] and (row is None or (
+                    row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, "LBL[]", "PAUSE", "WAIT")
+                ))
+            ):  # fmt: skip
+                return False
+            seen.append(at)
+            at += 1
+        if at != back:
+            return False
+        for index in seen:
+            row = row_of(routine.texts[index]) if routine.texts[index] else None
+            if row is not None and row.word in ASSIGNED:
+                self._forget_assigned(routine, routine.statements[index], routine.texts[index], condition)
+        return True
 
     def act(self, routine: Routine, statement: Statement) -> None:
         """Remember a statement that acts on the cell: its line in the main program, or that of the call."""

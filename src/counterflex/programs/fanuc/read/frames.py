@@ -129,7 +129,7 @@ class Frames(NumberedFrames):
         value = self.values.frames.get((word, number))
         if value is None:
             return None
-        known(value, f"the frame {word}[{number}]", where, hint=_SET_IT)
+        known(value, f"the frame {word}[{number}]", where, text=f"{word}_NUM={number}", hint=_SET_IT)
         return matrix_of(value, f"{word}[{number}]", where)
 
     def value_in_world(self, word: str, number: int) -> Float | None:

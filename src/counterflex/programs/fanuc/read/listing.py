@@ -56,6 +56,7 @@ class Listing:
     Attributes:
         main: Index behind the line ``/MN``.
         behind: Index behind the last position.
+        has_positions: There is a part /POS.
         moves_arm: It may move group 1 (DEFAULT_GROUP).
 
     Raises:
@@ -81,7 +82,7 @@ class Listing:
                 "the file does not begin with /PROG", where=f"{name}:1:1", value=text.strip().splitlines()[0][:60],
                 limit="/PROG NAME", hint="Give the listing (.ls); compiled programs (.tp) are not read",
             )  # fmt: skip
-        for key in ("MN", *(("POS", "END") if complete else ())):
+        for key in ("MN", *(("END",) if complete else ())):
             if key not in parts:
                 raise ProgramError(
                     f"the listing has no /{key}: it may be cut off", where=f"{name}:{len(self._ends) or 1}",
@@ -93,7 +94,8 @@ class Listing:
         self.main = parts["MN"].end()
         self._main_end = stop.get("MN", len(text))
         self._positions = (parts["POS"].end(), stop.get("POS", len(text))) if "POS" in parts else (len(text),) * 2
-        self.behind = self._positions[0]
+        self.behind = self._positions[0] if "POS" in parts or "END" not in parts else parts["END"].start()
+        self.has_positions = "POS" in parts
         self.ended = "END" in parts
         about = text[parts["PROG"].end() : parts["MN"].start()]
         group = _DEFAULT_GROUP.search(about)

@@ -26,7 +26,9 @@ _SPEED: Final = re.compile(
 )
 UNITS: Final = {"mm/sec": MM_PER_S, "cm/min": 10.0 * MM_PER_S / 60.0, "inch/min": 25.4 * MM_PER_S / 60.0}
 """Speeds along the path, m/s."""
-_TERMINATION: Final = re.compile(rf"\s*(FINE|CNT\s*(?:\d+|{_REGISTER})|CD\s*\d+|CR\s*\d+(?:\.\d+)?)(?![A-Za-z0-9])", _I)
+_TERMINATION: Final = re.compile(
+    rf"\s*(FINE|CNT\s*(?:\d+(?:\.\d+)?|{_REGISTER})|CD\s*\d+|CR\s*\d+(?:\.\d+)?)(?![A-Za-z0-9])", _I
+)
 _NUMBER_OR_REGISTER: Final = rf"(?:\d+|{_REGISTER})"
 _PR: Final = r"PR\s*\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
 _OPTION: Final = re.compile(

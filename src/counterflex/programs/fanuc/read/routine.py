@@ -75,7 +75,7 @@ class Routine:
             for match in POSITION.finditer(statement.code):
                 mentions[int(match[1])] = mentions.get(int(match[1]), 0) + 1
         listing = self.listing
-        return FanucListing(listing.text, self.positions, mentions, listing.main, listing.behind)
+        return FanucListing(listing.text, self.positions, mentions, listing.main, listing.behind, listing.has_positions)
 
     def _match_blocks(self) -> None:
         open_blocks: list[tuple[str, int]] = []
@@ -150,15 +150,15 @@ def listings_beside(program: Path) -> list[Path]:
 
 def job_files(program: Path) -> tuple[Path, ...]:
     """Return the listings of a program's folder that it names in CALL or RUN, and those that they name."""
-    beside = {file.stem.upper(): file for file in listings_beside(program)}
-    found: dict[str, Path] = {}
+    listings = {file.stem.upper(): file for file in listings_beside(program)}
+    reached: dict[str, Path] = {}
     open_files = [program]
     while open_files:
         file = open_files.pop()
         text = file.read_bytes().decode("latin-1") if file.is_file() else ""
         for match in _CALLED.finditer(text):
             name = match[1].upper()
-            if name in beside and name not in found:
-                found[name] = beside[name]
-                open_files.append(beside[name])
-    return tuple(found[name] for name in sorted(found))
+            if name in listings and name not in reached:
+                reached[name] = listings[name]
+                open_files.append(listings[name])
+    return tuple(reached[name] for name in sorted(reached))

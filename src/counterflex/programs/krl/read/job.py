@@ -211,7 +211,7 @@ class Job:
         out: dict[str, list[str]] = {}
         for name in self.folder:
             if name.lower().endswith(".src"):
-                for match in _GLOBAL_DEF.finditer(self.folder[name]):
+                for match in _GLOBAL_DEF.finditer(text_in(self.folder, name)):
                     out.setdefault(match[1].upper(), []).append(name)
         return out
 
@@ -219,7 +219,7 @@ class Job:
     def _public_names(self) -> dict[str, list[DataList]]:
         out: dict[str, list[DataList]] = {}
         for name in self.folder:
-            text = self.folder[name] if name.lower().endswith(".dat") else ""
+            text = text_in(self.folder, name) if name.lower().endswith(".dat") else ""
             if _PUBLIC.search(text) is None:
                 continue
             known = name in self.files
@@ -246,6 +246,14 @@ class Job:
             f"several files have {name}, so which one is meant is not known", where=where,
             value=", ".join(sorted(places)[:4]), hint="Leave one of them in the folder of the program",
         )  # fmt: skip
+
+
+def text_in(folder: Mapping[str, str], name: str) -> str:
+    """Return the text of a file that may belong to the job; of one that is no text, nothing."""
+    try:
+        return folder[name]
+    except (ProgramError, OSError):
+        return ""
 
 
 def krl_file(name: str, text: str) -> KrlFile:

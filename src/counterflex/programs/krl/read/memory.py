@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.errors import ProgramError
@@ -13,7 +12,7 @@ from counterflex.programs.expression import ExpressionError, Node, evaluate
 from counterflex.programs.krl.program import LETTERS
 from counterflex.programs.krl.read.data_list import DataList, Named
 from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.job import Job, Module, Routine
+from counterflex.programs.krl.read.job import Job
 from counterflex.programs.krl.read.literals import simple_record
 from counterflex.programs.krl.read.values import (
     FUNCTIONS,
@@ -25,10 +24,9 @@ from counterflex.programs.krl.read.values import (
     matrix_of,
     tree,
 )  # fmt: skip
+from counterflex.programs.krl.read.variables import Activation, Path, Variable, same_value, split
 from counterflex.programs.unknown import Unknown, first_unknown
 
-Path = Sequence[object]
-"""Components as strings, indices as tuples of values."""
 STORED: Final = ("BASE_DATA", "TOOL_DATA")
 _RECORDS: Final = ("$VEL", "$ACC", "$APO", "$JERK")
 _OF_FORMS: Final = {
@@ -36,45 +34,6 @@ _OF_FORMS: Final = {
     "SBASE2": ("BASE_NO", "BASE_DATA"), "SIPO_MODE": ("IPO_FRAME", None), "SORI_TYP": ("ORI_TYP", None),
 }  # fmt: skip
 """Component of the frame or motion data that a function takes, and the frame with its number."""
-
-
-@dataclass
-class Variable:
-    """A variable.
-
-    Attributes:
-        kind: Its type in capitals; empty where it is not declared.
-        initial: Initial values of a data list that are still there, by index; ``()`` of one that is no array.
-        values: Values by index.
-    """
-
-    kind: str = ""
-    initial: dict[tuple[int, ...], Named] = field(default_factory=dict)
-    values: dict[tuple[int, ...], Value] = field(default_factory=dict)
-
-
-@dataclass
-class Activation:
-    """A routine that runs.
-
-    Attributes:
-        routine: It.
-        local: Its variables by name in capitals.
-        references: Parameters by reference: the activation, name and path that they stand for.
-        passes: Number of changed values when a pass of a loop began, by its line; of a GOTO by its negative line.
-        counters: Last value and step of FOR loops, by line.
-    """
-
-    routine: Routine
-    local: dict[str, Variable] = field(default_factory=dict)
-    references: dict[str, tuple[Activation, str, Path]] = field(default_factory=dict)
-    passes: dict[int, int] = field(default_factory=dict)
-    counters: dict[int, tuple[float, float]] = field(default_factory=dict)
-
-    @property
-    def module(self) -> Module:
-        """Its file."""
-        return self.routine.module
 
 
 class Memory:
@@ -172,7 +131,7 @@ class Memory:
             return Unknown(f"{name} is not declared in the files of the job", self.where())
         if variable.kind == "SIGNAL":
             return Unknown(f"{name} is an input or output", self.where())
-        index, rest = _split(path)
+        index, rest = split(path)
         if isinstance(index, Unknown):
             return index
         return self._walk(name, self._element(variable, name, index), rest)
@@ -226,7 +185,7 @@ class Memory:
             return self._walk(name, self.system[name], path)
         variable = self._public(name)
         if variable is not None:
-            index, rest = _split(path)
+            index, rest = split(path)
             return index if isinstance(index, Unknown) else self._walk(name, self._element(variable, name, index), rest)
         return Unknown(f"{name} is a value of the controller", self.where())
 
@@ -239,7 +198,7 @@ class Memory:
         return self._stored[name, number]
 
     def _stored_frame(self, name: str, path: Path) -> Value:
-        index, _ = _split(path)
+        index, _ = split(path)
         if isinstance(index, Unknown):
             return index
         return self.stored_frame(name, index[0]) if len(index) == 1 else Unknown(f"{name} has one index", self.where())
@@ -361,7 +320,7 @@ class Memory:
         if self.doubt is not None:
             if self.interrupts:
                 self.volatile[name] = self.doubt
-            elif _equal(self._value(at, name, path), value):
+            elif same_value(self._value(at, name, path), value):
                 return
             value = Unknown(f"whether it is set is not known: {self.doubt}", self.where())
         self.changes += 1
@@ -375,7 +334,7 @@ class Memory:
         variable = self._declared(at, name)
         if variable is None:
             variable = self._global[name] = Variable()
-        index, rest = _split(path)
+        index, rest = split(path)
         if isinstance(index, Unknown):
             variable.initial.clear()
             variable.values = dict.fromkeys(variable.values, index)
@@ -398,7 +357,7 @@ class Memory:
         self.system[name] = value
 
     def _assign_stored(self, name: str, path: Path, value: Value) -> None:
-        index, rest = _split(path)
+        index, rest = split(path)
         if isinstance(index, Unknown) or len(index) != 1:
             self._stored = {key: Unknown(f"which {name} is set is not known", self.where()) for key in self._stored}
             return
@@ -435,23 +394,3 @@ class Memory:
         doubt, self.doubt = self.doubt, None
         self.assign(name, path, unknown)
         self.doubt = doubt
-
-
-def _split(path: Path) -> tuple[tuple[int, ...] | Unknown, Path]:
-    """Index of an array at the head of a path, and what follows."""
-    if not path or isinstance(path[0], str):
-        return (), path
-    index: list[int] = []
-    for item in path[0] if isinstance(path[0], tuple) else ():
-        if isinstance(item, Unknown):
-            return item, path[1:]
-        if isinstance(item, bool) or not isinstance(item, int | float) or not abs(item) < 1e9:
-            raise ExpressionError("an index is no number in range")
-        index.append(round(item))
-    return tuple(index), path[1:]
-
-
-def _equal(before: Value, value: Value) -> bool:
-    if isinstance(before, Unknown) or isinstance(value, Unknown) or isinstance(before, StoredFrame):
-        return before is value
-    return before == value

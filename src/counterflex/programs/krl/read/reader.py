@@ -13,7 +13,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.interpreter import Interpreter, orientations
-from counterflex.programs.krl.read.job import Job
+from counterflex.programs.krl.read.job import Job, text_in
 from counterflex.programs.program import KRL_DIALECT, TOOL_VECTOR
 from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import read_text
@@ -81,7 +81,7 @@ def read_krl(
         Rs_part_tcp=rotations,
         R_tcp_tool=interpreter.frames.R_tcp_tool,
         extra=interpreter.targets.extra_text,
-        acting=tuple(interpreter.acting),
+        acting=tuple(dict.fromkeys(interpreter.acting)),
         loose_triggers=interpreter.loose,
         reads_position=interpreter.reads_position,
     )
@@ -119,20 +119,20 @@ def job_files(path: Path) -> tuple[Path, ...]:
     try:
         text, encoding = _decoded(path)
         folder = Folder(path, encoding)
-        found: dict[str, None] = {}
+        taken: dict[str, None] = {}
         texts = [(path.stem, text)]
         while texts:
             stem, text = texts.pop()
             words = {word.upper() for word in _WORD.findall(text)}
             for name in folder:
                 own, suffix = PurePath(name).stem.upper(), PurePath(name).suffix.lower()
-                data = suffix == ".dat" and (own == stem.upper() or own in words)
-                if name not in found and (data or (suffix == ".src" and own in words) or _shares(folder[name], words)):
-                    found[name] = None
-                    texts.append((PurePath(name).stem, folder[name]))
+                names_it = own in words or (suffix == ".dat" and own == stem.upper())
+                if name not in taken and (names_it or _shares(text_in(folder, name), words)):
+                    taken[name] = None
+                    texts.append((PurePath(name).stem, text_in(folder, name)))
     except (OSError, ProgramError):
         return ()
-    return tuple(path.parent / name for name in found)
+    return tuple(path.parent / name for name in taken)
 
 
 def _shares(text: str, words: set[str]) -> bool:

@@ -30,7 +30,7 @@ ASSIGNMENT: Final = re.compile(
 )
 CALL: Final = re.compile(r"\s*(\w+)\s*\((.*)\)\s*", _I)
 BASIC: Final = re.compile(r"\s*BAS\s*\(\s*#\s*(\w+)\s*(?:,\s*(.*?)\s*)?\)\s*", _I)
-WAIT_TIME: Final = re.compile(r"\s*WAIT\s+SEC\s+(.+?)\s*", _I)
+WAIT_TIME: Final = re.compile(r"\s*WAIT\s+SEC\b\s*(.+?)\s*", _I)
 TRIGGER: Final = re.compile(r"\s*TRIGGER\s+WHEN\s+(.*?)\s+DO\s+(.*?)(?:\s+PRIO\s*=.*)?\s*", _I)
 AT_START: Final = re.compile(r"DISTANCE\s*=\s*0(\.0*)?\s+DELAY.*|PATH\s*=.*\bONSTART\b.*", _I)
 INTERRUPT: Final = re.compile(r"\s*(?:GLOBAL\s+)?INTERRUPT\s+(?:WITH\s+.*?\s+)?DECL\s+.*?\bDO\s+(.*)", _I)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -31,7 +30,6 @@ from counterflex.programs.robot_text.cell import ExternalAxes
 from counterflex.programs.robot_text.execution import arc_through
 from counterflex.programs.unknown import Unknown, known
 
-_MENTION: Final = re.compile(r"([A-Za-z$]\w*)(\s*\[[^\]]*\])?")
 _BLANKS: Final = re.compile(r"\s*")
 _COMMA: Final = re.compile(r"\s*,")
 _OF_CONTROLLER: Final = re.compile(r"\$(AXIS|POS)_(ACT|RET|INT|FOR|BACK)\w*|X?HOME\d*|XSTART|\$H_POS", re.IGNORECASE)
@@ -72,7 +70,6 @@ class Targets:
         self.memory, self._evaluate = memory, evaluate
         self.module: Module = memory.job.main
         self.line = 0
-        self._mentioned: Counter[tuple[str, str]] | None = None
         self._external: dict[str, Component] = {}
         self._external_axes = ExternalAxes(cell)
         self._angles: list[float] | None = None
@@ -132,7 +129,7 @@ class Targets:
             clause=clause,
         ), place  # fmt: skip
 
-    def relative(self, code: str, start: int, at: int, word: str, here: Float) -> tuple[KrlMotion, Place]:
+    def relative(self, code: str, start: int, at: int, word: str, T_base_tool: Float) -> tuple[KrlMotion, Place]:
         """A motion by an amount: ``LIN_REL {Z 10} #BASE``.
 
         Args:
@@ -140,7 +137,7 @@ class Targets:
             start: Index of its word.
             at: Index behind its word.
             word: Without ``_REL``.
-            here: (4, 4) m, the tool in the active base.
+            T_base_tool: (4, 4) m, where the tool is.
 
         Raises:
             ProgramError: The amount is not known, or what it means is not.
@@ -164,7 +161,7 @@ class Targets:
                 hint="Post absolute targets",
             )  # fmt: skip
         change = pose.make(rotation.from_zyx(np.array(shift[3:]) * DEG), np.array(shift[:3]) * MM)
-        T = here @ change if in_tool else change @ here
+        T = T_base_tool @ change if in_tool else change @ T_base_tool
         values = [*(T[:3, 3] / MM), *(rotation.to_zyx(T[:3, :3]) / DEG)]
         parts = {letter: Component(float(v), 0, 0) for letter, v in zip(LETTERS, values, strict=True)}
         target = self._computed(parts, "", start, end, code)
@@ -295,38 +292,15 @@ class Targets:
                 raise self._fault("a motion without a target", code, at, hint="The line may be cut off") from error
             raise self._fault(f"a target is not understood: {error}", code, error.at) from error
 
-    def shared(self, move: KrlMotion) -> bool:
-        """Return whether the name of a target is used elsewhere in the job too."""
-        target = move.target
-        if target is None or not target.in_data:
-            return False
-        counts = self._mentions()
-        name, _, index = "".join(target.name.split()).upper().partition("[")
-        if not index:
-            return counts[name, ""] > 1
-        if index[:-1].isdigit():
-            return counts[name, index] + counts[name, "?"] + counts[name, ""] > 1
-        return sum(count for (other, _), count in counts.items() if other == name) > 1
-
-    def _mentions(self) -> Counter[tuple[str, str]]:
-        """How often each name stands in the programs of the job, with its index, or ``?`` for a computed one."""
-        if self._mentioned is None:
-            counts: Counter[tuple[str, str]] = Counter()
-            for module in self.memory.job.modules():
-                for code in module.codes:
-                    for name, index in _MENTION.findall(code):
-                        inside = "".join(index.split())[1:-1]
-                        known = f"{inside}]" if inside.isdigit() else "?" if inside else ""
-                        counts[name.upper(), known] += 1
-            self._mentioned = counts
-        return self._mentioned
-
     # ---- places ----------------------------------------------------------------------------------------------
 
     def here(self, before: Motion, T_part_base: Float | None) -> Float:
         """(4, 4) m, the tool in a base, where a motion ended."""
         T_part_tool = pose.make(self._R_part_tool, np.asarray(before.p_end))
-        return T_part_tool if T_part_base is None else pose.inverse(T_part_base) @ T_part_tool
+        if T_part_base is None:
+            return T_part_tool
+        T_base_part = pose.inverse(T_part_base)
+        return T_base_part @ T_part_tool
 
     def made(
         self, read: KrlMotion, before: Motion | None, R_tcp_tool: Float, T_part_base: Float | None, *, holds: bool
@@ -350,12 +324,12 @@ class Targets:
         if holds and held is not None:
             angles = held
         self._angles = angles
-        R_part_tool: Float = rotation.from_zyx(np.array(angles) * DEG)
+        R_base_tool: Float = rotation.from_zyx(np.array(angles) * DEG)
+        R_part_tool = R_base_tool
         if T_part_base is not None:
-            p = T_part_base[:3, :3] @ p + T_part_base[:3, 3]
-            R_part_tool = T_part_base[:3, :3] @ R_part_tool
-            if auxiliary is not None:
-                auxiliary = T_part_base[:3, :3] @ auxiliary + T_part_base[:3, 3]
+            R_part_base, p_part_base = T_part_base[:3, :3], T_part_base[:3, 3]
+            p, R_part_tool = R_part_base @ p + p_part_base, R_part_base @ R_base_tool
+            auxiliary = None if auxiliary is None else R_part_base @ auxiliary + p_part_base
         self._R_part_tool = R_part_tool
         literal = not target.in_data and not target.computed
         words = tuple(

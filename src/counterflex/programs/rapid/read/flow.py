@@ -9,6 +9,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.expression import Node, is_number
+from counterflex.programs.program import Motion
 from counterflex.programs.rapid.read.blocks import Choice, Label, Loop, Simple, Tree
 from counterflex.programs.rapid.read.effects import Effects, EffectsOf
 from counterflex.programs.rapid.read.memory import Memory, Reference, Variable
@@ -19,6 +20,8 @@ from counterflex.programs.unknown import Unknown
 
 _NEAR: Final = 1e-5
 """Share of the step of FOR within which its end may or may not be reached: num has 24 bits."""
+_STILL: Final = 100_000
+"""Statements without a motion, at most: a second or two of computing time."""
 WITHOUT: Final = "Post the path without this condition, or give its value in the text"
 
 
@@ -61,6 +64,9 @@ class Flow(ABC):
     _seen: dict[int, int]
     _count: int
     _most: int
+    _still: int
+    _made: int
+    motions: list[Motion]
 
     @abstractmethod
     def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
@@ -271,9 +277,13 @@ class Flow(ABC):
     def tick(self, statement: Statement) -> None:
         """Count a statement, and refuse a program that does not end."""
         self._count += 1
-        if self._count > self._most:
+        if len(self.motions) != self._made:
+            self._made, self._still = len(self.motions), 0
+        self._still += 1
+        if self._count > self._most or self._still > _STILL:
             raise self.fault(
-                "the program is too long, or does not end", statement, limit=f"{self._most} statements",
+                "the program is too long, or does not end", statement,
+                limit=f"{self._most} statements, {_STILL} without a motion",
                 hint="Post the path without this loop",
             )  # fmt: skip
 

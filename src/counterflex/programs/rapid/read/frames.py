@@ -107,8 +107,8 @@ class Frames:
 
     def _name(self, text: str) -> str:
         """Name of the data that a text stands for, in capitals: of an argument that of the caller."""
-        found = self.memory.find(text) if text.isidentifier() else None
-        return text.upper() if found is None else found.variable.name.upper()
+        data = self.memory.find(text) if text.isidentifier() else None
+        return text.upper() if data is None else data.variable.name.upper()
 
     def _tool(self, text: str, where: str) -> tuple[int, Float]:
         cell = self.cell

@@ -62,7 +62,7 @@ class Interpreter(Flow, Instructions, Calls):
         self.effects = EffectsOf(modules, self._begins_function)
         self._running: list[Routine] = []
         self._most = _MOST + sum(len(r.statements) for module in modules.modules for r in module.routines.values())
-        self._count, self.main_line = 0, 1
+        self._count, self._still, self._made, self.main_line = 0, 0, 0, 1
         self._seen: dict[int, int] = {}
 
     def run(self) -> None:
@@ -144,19 +144,19 @@ class Interpreter(Flow, Instructions, Calls):
         if tree.guard is not None:
             texts, at = [tree.statement.code], 0
         where = self.source.where(tree.statement.start)
-        found = self.process.find(texts, at, where)
-        if found is not None or ":=" in tree.statement.code:
-            return found
+        function = self.process.find(texts, at, where)
+        if function is not None or ":=" in tree.statement.code:
+            return function
         lost: list[Unknown] = []
         valued = [
             *texts[:at],
             *(self._with_values(text, lost) for text in texts[at : at + _LONGEST]),
             *texts[at + _LONGEST :],
         ]
-        found = None if valued == texts else self.process.find(valued, at, where)
-        if found is not None and lost:
+        function = None if valued == texts else self.process.find(valued, at, where)
+        if function is not None and lost:
             known(lost[0], "a number of this machine function", where, text=tree.statement.code)
-        return found
+        return function
 
     def _with_values(self, text: str, lost: list[Unknown]) -> str:
         """A statement with the numbers that its arguments stand for; an unknown one counts as 1, and is noted."""

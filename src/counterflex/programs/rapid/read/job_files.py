@@ -109,18 +109,18 @@ def _listed(file: Path) -> list[Path]:
             "the program list names no module", where=str(file), limit="<Module>NAME.mod</Module>",
             hint="Save the program again, or give the module itself",
         )  # fmt: skip
-    return [_beside(file, name) for name in names]
+    return [_listed_file(file, name) for name in names]
 
 
-def _beside(file: Path, name: str) -> Path:
+def _listed_file(file: Path, name: str) -> Path:
     last = re.split(r"[/\\:]", name)[-1]
-    found = next((path for path in _folder(file) if path.name.upper() == last.upper()), None)
-    if found is None:
+    match = next((path for path in _folder(file) if path.name.upper() == last.upper()), None)
+    if match is None:
         raise ProgramError(
             "a module of the program is missing", where=str(file), value=last, limit="a file in the same folder",
             hint="Put it beside the program list",
         )  # fmt: skip
-    return found
+    return match
 
 
 def _folder(file: Path) -> list[Path]:
@@ -175,12 +175,12 @@ def _closure(file: Path) -> list[Path]:
         for path in _folder(file)
         if path.suffix.lower() in MODULES and path.name != file.name and path.stat().st_size < _LARGEST
     ]
-    if not candidates or not _wanted(first):
+    if not candidates or not _required(first):
         return [file]
     return [one.file for one in _grown([first], [_index(path) for path in candidates])]
 
 
-def _wanted(index: _Index) -> frozenset[str]:
+def _required(index: _Index) -> frozenset[str]:
     return (index.used | index.late) - index.own
 
 
@@ -192,7 +192,7 @@ def _grown(chosen: list[_Index], candidates: list[_Index]) -> list[_Index]:
         fitting = [one for one in others if not (one.routines | one.data) & taken]
         added: list[_Index] = []
         for asking in chosen:
-            for name in sorted(_wanted(asking) - taken):
+            for name in sorted(_required(asking) - taken):
                 added += _holder(name, asking, fitting)
             named = asking.loaded | asking.late
             added += [one for one in others if one.file.name.upper() in named or one.module in named]

@@ -135,9 +135,9 @@ class Memory:
         """Return the data that a name stands for, as the routine that is executed sees it."""
         key = name.upper()
         if self.frames:
-            found = self.frames[-1].names.get(key)
-            if found is not None:
-                return found
+            data = self.frames[-1].names.get(key)
+            if data is not None:
+                return data
             module = self.frames[-1].routine.module
         else:
             module = self.modules.modules[0]
@@ -294,10 +294,10 @@ class Memory:
         """
         for step in path:
             if isinstance(step, str):
-                found = None if reference.dims else self.types.component(reference.kind, step)
-                if found is None:
+                data = None if reference.dims else self.types.component(reference.kind, step)
+                if data is None:
                     raise ExpressionError(f"{reference.variable.name} has no component {step}")
-                reference = Reference(reference.variable, (*reference.path, found[0]), found[1])
+                reference = Reference(reference.variable, (*reference.path, data[0]), data[1])
             else:
                 reference = self._element(reference, step)
         return reference
@@ -320,15 +320,15 @@ class Memory:
         """Return the data that a name with indices and components stands for; None where it is declared nowhere."""
         if not isinstance(node, Name) or self.evaluator is None:
             return None
-        found = self.find(node.text)
-        if found is None:
+        data = self.find(node.text)
+        if data is None:
             return None
         evaluator = self.evaluator
         path = [
             step if isinstance(step, str) else tuple(evaluate(index, GRAMMAR, evaluator) for index in step)
             for step in node.path
         ]
-        return self.part(found, path)
+        return self.part(data, path)
 
     def assign(self, reference: Reference, value: object) -> None:
         """Give data another value."""

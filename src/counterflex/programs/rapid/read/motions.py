@@ -38,6 +38,7 @@ _PLAIN: Final = re.compile(
 )
 """A straight motion without other options: the form of nearly all of them, read at once."""
 _TRIGGERS: Final = frozenset(f"T{number}" for number in range(2, 9))
+_SPEED_OPTIONS: Final = frozenset(("V", "T", "TRIGGDATA1", "TRIGGDATA2", "TRIGGDATA3"))
 _LEAST_M: Final = 1e-9
 _AXES: Final = 6
 
@@ -111,7 +112,7 @@ class Motions(Execution):
             ProgramError: Something about it is not known.
         """
         form = FORMS[word]
-        if word in ("MOVEABSJ", "MOVEEXTJ"):
+        if word in ("MOVEABSJ", "TRIGGABSJ", "MOVEEXTJ"):
             self._by_axes(statement, word)
             return
         points, speed, zone, tool = self._arguments(statement, form)
@@ -176,7 +177,7 @@ class Motions(Execution):
         speed, zone, tool = rest[0], rest[1 + form.triggers], rest[2 + form.triggers]
         triggers = rest[1 : 1 + form.triggers]
         self._check_options([*points, *triggers], frozenset() if not triggers else _TRIGGERS)
-        self._check_options([speed], frozenset(("V", "T")))
+        self._check_options([speed], _SPEED_OPTIONS)
         self._check_options([zone], frozenset(("Z", "INPOS")))
         self._check_options([tool], frozenset(("WOBJ", "TLOAD")))
         if form.routine:

@@ -298,15 +298,15 @@ class Modules:
         whole = [routine for routines in by_name.values() for routine in routines]
         if any("%" in s.code or s.word == "CALLBYVAR" for routine in whole for s in routine.statements):
             return whole
-        found, waiting = [], [self.first()]
+        reached, waiting = [], [self.first()]
         while waiting:
             routine = waiting.pop()
-            if routine in found:
+            if routine in reached:
                 continue
-            found.append(routine)
+            reached.append(routine)
             names = {word.upper() for s in routine.statements for word in _WORDS.findall(s.code)}
             waiting += [other for name in names & by_name.keys() for other in by_name[name]]
-        return found
+        return reached
 
     def find_late(self, name: str, module: Module) -> Routine | None:
         """A routine by a name at run time, which may name its module too: ``part_1:main``."""

@@ -1,4 +1,4 @@
-"""Programs and libraries of a VAL3 application: what a program can call, found in its folder."""
+"""Programs and libraries of a VAL3 application: what a program can call, reached in its folder."""
 
 from __future__ import annotations
 
@@ -99,14 +99,14 @@ class Folder:
 def job_files(program: Path) -> tuple[Path, ...]:
     """Return the data file of a program, and the programs of its folder that it calls, and those that they call."""
     data = data_file_of(program)
-    found: dict[str, Path] = {}
+    reached: dict[str, Path] = {}
     open_files = [program]
     while open_files:
         file = open_files.pop()
         text = file.read_bytes().decode("latin-1") if file.is_file() else ""
         for match in _CALLED.finditer(text):
             called = program.with_name(f"{match[1]}{program.suffix}")
-            if called != program and match[1] not in found and called.is_file():
-                found[match[1]] = called
+            if called != program and match[1] not in reached and called.is_file():
+                reached[match[1]] = called
                 open_files.append(called)
-    return (*(() if data is None else (data,)), *(found[name] for name in sorted(found)))
+    return (*(() if data is None else (data,)), *(reached[name] for name in sorted(reached)))

@@ -169,10 +169,10 @@ class Branches(MotionExecution):
             raise routine.fault(at, "the call is not understood", limit="call part(1)")
         alias, _, name = match[1].rpartition(":")
         prefix = f"{alias}:" if alias else self.store.prefix
-        found = self.folder.find(prefix, name, self.store, lambda what, hint: routine.fault(at, what, hint=hint))
+        program = self.folder.find(prefix, name, self.store, lambda what, hint: routine.fault(at, what, hint=hint))
         places = arguments(code, match.end(), code.rfind(")"))
         given = [code[a:b] for a, b in places if code[a:b]]
-        return None if found is None else (prefix, found, given)
+        return None if program is None else (prefix, program, given)
 
     def act(self, routine: Routine, at: int) -> None:
         """Remember a line that acts on the cell: in the main program, or that of the call."""

@@ -196,10 +196,10 @@ class Interpreter(Flow):
         code = routine.codes[at]
         parts = assignment(code)
         right = code if parts is None else parts[1]
-        found = instruction(right)
-        if found is None:
+        literal = instruction(right)
+        if literal is None:
             raise routine.fault(at, "an instruction is not closed", limit="name(...)", hint="Post the program again")
-        places = arguments(right, found[1], right.rfind(")"))
+        places = arguments(right, literal[1], right.rfind(")"))
         return "" if parts is None else parts[0], [right[a:b] for a, b in places if right[a:b]]
 
     def do_wait_end(self, routine: Routine, at: int) -> int:
@@ -286,8 +286,8 @@ class Interpreter(Flow):
             father = self.store.literal(given[1]) if len(given) == 2 else None
             if father is None:
                 raise routine.fault(at, "link is not understood", limit="link(point,frame)")
-            found = self.store.literal(given[0])
-            value = None if found is None else found[1][0].get(found[0][1])
+            literal = self.store.literal(given[0])
+            value = None if literal is None else literal[1][0].get(literal[0][1])
         except ExpressionError as error:
             raise routine.fault(at, str(error), limit="link(point,frame)") from error
         if not isinstance(value, Mapping) or FATHER not in value:

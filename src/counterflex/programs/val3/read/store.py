@@ -118,17 +118,17 @@ class Store:
 
     def bound_or_new(self, name: str) -> Bound:
         """Return the variable of a name; one that no file declares has no known value until it is set."""
-        found = self.bound(name)
-        if found is None:
+        variable = self.bound(name)
+        if variable is None:
             unknown = Unknown(f"{name} is in no data file of the application")
             self.globals[name] = Cells(name, "?", 1, {0: unknown})
-            found = self.globals[name], 0
-        return found
+            variable = self.globals[name], 0
+        return variable
 
     def is_signal(self, name: str) -> bool:
         """Whether a name is an input or output."""
-        found = self.bound(name)
-        return found is not None and found[0].kind in SIGNALS
+        variable = self.bound(name)
+        return variable is not None and variable[0].kind in SIGNALS
 
     # ---- read ----------------------------------------------------------------------------------------------
 
@@ -149,19 +149,19 @@ class Store:
         return node
 
     def _size(self, match: re.Match[str]) -> str:
-        found = self.bound(match[1])
-        return match[0] if found is None else f"{found[0].size - found[1]}"
+        variable = self.bound(match[1])
+        return match[0] if variable is None else f"{variable[0].size - variable[1]}"
 
     def value_of(self, name: str, path: Sequence[object]) -> Value:
         """Return the value of a variable, element or component."""
         if not path and name in WORDS and self.bound(name) is None:
             return name
-        found, index, components = self._resolved(name, path)
-        if found is None:
+        variable, index, components = self._resolved(name, path)
+        if variable is None:
             return Unknown(f"{name} is in no data file of the application", self.where)
         if isinstance(index, Unknown):
             return index
-        cells = found[0]
+        cells = variable[0]
         if cells.kind in SIGNALS:
             return Unknown(f"{name} is a signal", self.where)
         self.reads[cells.name, index] += 1
@@ -187,7 +187,7 @@ class Store:
         return Unknown(value.why, value.where or self.where) if isinstance(value, Unknown) else value
 
     def _resolved(self, name: str, path: Sequence[object]) -> tuple[Bound | None, int | Unknown, list[str]]:
-        found = self.bound(name)
+        variable = self.bound(name)
         index: int | Unknown = 0
         rest = list(path)
         if rest and isinstance(rest[0], tuple):
@@ -196,11 +196,11 @@ class Store:
         components = [step for step in rest if isinstance(step, str)]
         if len(components) != len(rest):
             index = Unknown(f"{name}: tables within components are not read", self.where)
-        if found is not None and isinstance(index, int):
-            index += found[1]
+        if variable is not None and isinstance(index, int):
+            index += variable[1]
         if isinstance(index, Unknown) and not index.where:
             index = Unknown(index.why, self.where)
-        return found, index, components
+        return variable, index, components
 
     def literal(self, text: str) -> tuple[Key, Bound] | None:
         """Return the element that an argument names, where it is nothing but a variable, with its index known.
@@ -210,18 +210,18 @@ class Store:
         """
         plain = _PLAIN.fullmatch(text)
         if plain is not None:  # most points of a program: no parsing
-            found = self.bound(plain[1])
-            return None if found is None else ((found[0].name, int(plain[2] or 0) + found[1]), found)
+            variable = self.bound(plain[1])
+            return None if variable is None else ((variable[0].name, int(plain[2] or 0) + variable[1]), variable)
         node = self.parsed(text)
         if not isinstance(node, Name):
             return None
         path = [
             step if isinstance(step, str) else tuple(evaluate(one, GRAMMAR, self) for one in step) for step in node.path
         ]
-        found, index, components = self._resolved(node.text, path)
-        if found is None or components or isinstance(index, Unknown):
+        variable, index, components = self._resolved(node.text, path)
+        if variable is None or components or isinstance(index, Unknown):
             return None
-        return (found[0].name, index), found
+        return (variable[0].name, index), variable
 
     def place(self, value: Value) -> Float:
         """Return (4, 4) m of a point or frame in the world, of a tool in the flange.
@@ -235,10 +235,10 @@ class Store:
             if not isinstance(value, Mapping) or FATHER not in value:
                 return T
             father = str(known(value[FATHER], "the frame that a place is in", self.where))
-            found = self.frame(father)
-            if found is None:
+            variable = self.frame(father)
+            if variable is None:
                 return T
-            value = found
+            value = variable
             T = matrix(value) @ T
         raise ProgramError("frames that are each other's fathers", where=self.where, value=str(value)[:60],
                            hint="The data file may be damaged")  # fmt: skip
@@ -273,10 +273,10 @@ class Store:
             step if isinstance(step, str) else tuple(evaluate(one, GRAMMAR, self) for one in step) for step in node.path
         ]
         self.bound_or_new(node.text)
-        found, index, components = self._resolved(node.text, path)
-        if found is None:
+        variable, index, components = self._resolved(node.text, path)
+        if variable is None:
             return
-        cells = found[0]
+        cells = variable[0]
         if isinstance(value, Unknown):
             value = Unknown(value.why, value.where or self.where)
         if isinstance(index, Unknown):
@@ -313,8 +313,8 @@ class Store:
         for parameter, text in zip(routine.parameters, given, strict=True):
             literal = self.literal(text) if parameter.reference else None
             if literal is not None:
-                (_, index), found = literal
-                scope[parameter.name] = (found[0], index)
+                (_, index), variable = literal
+                scope[parameter.name] = (variable[0], index)
                 continue
             scope[parameter.name] = (Cells("", parameter.kind, 1, {0: as_stored(
                 default_of(parameter.kind), self.evaluate(text)

@@ -30,7 +30,7 @@ _MOTIONS: Final = (
     *_rows(_R, "the path is changed while it runs", "alter(tShift) ; alterBegin(fPart,tShift) ; alterEnd() ; "
            "alterMovej(p[0],tMill,mRun) ; alterMovel(p[0],tMill,mRun) ; alterMovec(p[0],p[1],tMill,mRun) ; "
            "alterStopTime(0.1)", _POST),
-    *_rows(_R, "the robot gives way to forces", "movejf(j,tMill,mRun) ; movelf(p[0],tMill,mRun) ; "
+    *_rows(_R, "the robot yields to forces", "movejf(j,tMill,mRun) ; movelf(p[0],tMill,mRun) ; "
            "movef(p[0],tMill,mRun)", _POST),
     *_rows(_R, "motions are held back until restartMove", "stopMove()", _POST),
 )  # fmt: skip

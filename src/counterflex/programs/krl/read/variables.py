@@ -1,0 +1,86 @@
+"""Variables of a KRL program, the routine that sees them, and paths to their components and elements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from counterflex.programs.expression import ExpressionError
+from counterflex.programs.krl.read.data_list import Named
+from counterflex.programs.krl.read.job import Module, Routine
+from counterflex.programs.krl.read.values import (
+    StoredFrame,
+    Value,
+)  # fmt: skip
+from counterflex.programs.unknown import Unknown
+
+Path = Sequence[object]
+"""Components as strings, indices as tuples of values."""
+STORED: Final = ("BASE_DATA", "TOOL_DATA")
+_RECORDS: Final = ("$VEL", "$ACC", "$APO", "$JERK")
+_OF_FORMS: Final = {
+    "STOOL": ("TOOL_NO", "TOOL_DATA"), "STOOL2": ("TOOL_NO", "TOOL_DATA"), "SBASE": ("BASE_NO", "BASE_DATA"),
+    "SBASE2": ("BASE_NO", "BASE_DATA"), "SIPO_MODE": ("IPO_FRAME", None), "SORI_TYP": ("ORI_TYP", None),
+}  # fmt: skip
+"""Component of the frame or motion data that a function takes, and the frame with its number."""
+
+
+@dataclass
+class Variable:
+    """A variable.
+
+    Attributes:
+        kind: Its type in capitals; empty where it is not declared.
+        initial: Initial values of a data list that are still there, by index; ``()`` of one that is no array.
+        values: Values by index.
+    """
+
+    kind: str = ""
+    initial: dict[tuple[int, ...], Named] = field(default_factory=dict)
+    values: dict[tuple[int, ...], Value] = field(default_factory=dict)
+
+
+@dataclass
+class Activation:
+    """A routine that runs.
+
+    Attributes:
+        routine: It.
+        local: Its variables by name in capitals.
+        references: Parameters by reference: the activation, name and path that they stand for.
+        passes: Number of changed values when a pass of a loop began, by its line; of a GOTO by its negative line.
+        counters: Last value and step of FOR loops, by line.
+    """
+
+    routine: Routine
+    local: dict[str, Variable] = field(default_factory=dict)
+    references: dict[str, tuple[Activation, str, Path]] = field(default_factory=dict)
+    passes: dict[int, int] = field(default_factory=dict)
+    counters: dict[int, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def module(self) -> Module:
+        """Its file."""
+        return self.routine.module
+
+
+def split(path: Path) -> tuple[tuple[int, ...] | Unknown, Path]:
+    """Index of an array at the head of a path, and what follows."""
+    if not path or isinstance(path[0], str):
+        return (), path
+    index: list[int] = []
+    for item in path[0] if isinstance(path[0], tuple) else ():
+        if isinstance(item, Unknown):
+            return item, path[1:]
+        if isinstance(item, bool) or not isinstance(item, int | float) or not abs(item) < 1e9:
+            raise ExpressionError("an index is no number in range")
+        index.append(round(item))
+    return tuple(index), path[1:]
+
+
+def same_value(before: Value, value: Value) -> bool:
+    """Return whether two values are known to be the same."""
+    if isinstance(before, Unknown) or isinstance(value, Unknown) or isinstance(before, StoredFrame):
+        return before is value
+    return before == value
