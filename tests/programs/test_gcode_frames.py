@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
+from counterflex.path.toolpath import FEED
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import write_gcode
@@ -126,18 +127,27 @@ def test_what_controllers_do_not_agree_in_is_refused(line: str, match: str) -> N
     assert caught.value.hint
 
 
-def test_a_rotated_program_is_written_back_in_its_own_words() -> None:
-    program = read(f"{HEAD}G68 X10 Y0 R30\n{BODY}G69\nG0 X0 Y0\nM2\n")
+@pytest.mark.parametrize("absolute", [False, True])
+def test_a_rotated_program_is_written_back_in_its_own_words(absolute: bool) -> None:
+    body = BODY.replace("I5 J0", "I32 J4").replace("I-2 J1", "I35 J5") if absolute else BODY
+    mode = "G90.1\n" if absolute else ""
+    program = read(f"{HEAD}{mode}G52 X3\nG68 X10 Y0 R30\n{body}G69\nG0 X0 Y0\nM2\n")
     path = tool_path(program, step_m=1e-3)
-    shift = np.where((path.feed_m_s > 0.0)[:, None], [0.1 * MM, 0.2 * MM, 0.0], 0.0)
+    shift = np.where((path.kind == FEED)[:, None], [0.1 * MM, 0.2 * MM, 0.0], 0.0)
     commanded = CompensatedPath.from_correction(path, shift)
     written = write_gcode(program, commanded, tolerance_m=5e-6)
     assert "G68 X10 Y0 R30" in written.text
     again = read(written.text)
-    fed = [index for index, motion in enumerate(again.motions) if motion.kind == "arc"]
-    assert fed
-    ends = path.p_part_tcp[path.motion == 3][-1] + [0.1 * MM, 0.2 * MM, 0.0]
-    assert min(float(np.linalg.norm(motion.p_end - ends)) for motion in again.motions) < 1e-6
+    centres = [m.p_centre for m in again.motions if m.p_centre is not None]
+    moved = np.array([0.1 * MM, 0.2 * MM, 0.0])
+    for motion in program.motions:
+        if motion.kind not in ("feed", "arc"):
+            continue
+        goal = np.add(motion.p_end, moved)
+        assert min(float(np.linalg.norm(m.p_end - goal)) for m in again.motions) < 2e-7
+        if motion.p_centre is not None and abs(motion.turn_rad) < 6.0:
+            middle = np.add(motion.p_centre, moved)
+            assert min(float(np.linalg.norm((centre - middle)[:2])) for centre in centres) < 2e-5
 
 
 @pytest.mark.parametrize("frame", ["G51.1 X10\nG0 X20 Y3\nG1 X22", "G16\nG0 X20 Y3\nG1 X22 Y3"])

@@ -96,6 +96,13 @@ def test_a_cut_at_a_height_that_is_not_known_is_refused_and_listed() -> None:
     assert rows["x_mm"].to_list() == [0.0, 10.0]
 
 
+@pytest.mark.parametrize("line", ["G1 Z-1", "G1 X5 Y5 Z-1", "G1 X5"])
+def test_a_cut_does_not_begin_at_a_place_that_is_not_known(line: str) -> None:
+    """Else the first rapid would run at the depth of the cut, where the tool never was."""
+    with pytest.raises(ProgramError, match=r"3:1: a feed motion while it is not known where the tool is along Z"):
+        read(f"G21 G90 F600\nG0 X0 Y0\n{line}\nM2\n")
+
+
 @pytest.mark.parametrize("home", ["G53 G0 Z0", "G91 G28 Z0\nG90", "G91 G30 Z0\nG90"])
 def test_a_list_of_motions_has_no_number_for_a_place_of_the_machine(home: str) -> None:
     text = f"{HEAD}G0 X72\n{home}\nG0 X1 Y1\nZ5\nG1 Z-1\nM2\n"

@@ -121,8 +121,16 @@ def require_linuxcnc(program: Program, command: str) -> None:
     """Refuse a program that a command cannot change, because it writes G-code as LinuxCNC reads it.
 
     Raises:
-        ProgramError: It is in another language.
+        ProgramError: It is in another language, or rotates, mirrors or scales its coordinates.
     """
+    turned = next((b for b in program.blocks if b.modal.R_part_work is not None or b.modal.not_written), None)
+    if turned is not None:
+        raise ProgramError(
+            f"{command} writes moves along the axes of the part, and this program turns its coordinates",
+            where=f"{Path(program.name).name}:{turned.line}",
+            value=turned.text.strip()[:40],
+            hint="Post it without G68, G51.1 and G16",
+        )
     if program.dialect != LINUXCNC:
         raise ProgramError(
             f"{command} writes G-code as LinuxCNC reads it",

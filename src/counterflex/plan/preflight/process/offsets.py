@@ -63,4 +63,6 @@ def work_row(path: ToolPath, stated: Stated) -> Row:
     name = stated.offsets[unknown[0]]
     row = int(np.argmax(used == unknown[0]))
     text = f"{name} is taken as the zero of the part; where it lies is not known"
-    return Row(WORK, NOT_LOOKED_AT, point=row, what=text, missing=f"--parameters, or G10 L2, with {name}")
+    return Row(
+        WORK, NOT_LOOKED_AT, point=row, what=text, missing=f"part.work_offsets_mm, --parameters or G10 L2 with {name}"
+    )

@@ -144,7 +144,7 @@ class MotionMaker:
             self._append("rapid", target)
             return
         if not self._listed:
-            self._require_axes(block, self._state.unknown, "a feed motion")
+            self._require_axes(block, before | self._state.unknown, "a feed motion")
         start = self._state.position
         if self._state.feed_mode == 93:
             self._require_axes(block, before, "a motion in inverse time (G93)")

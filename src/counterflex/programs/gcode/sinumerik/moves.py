@@ -205,12 +205,12 @@ class MoveMaker:
         """Execute G0 or G1."""
         self.require_place(block)
         state = self._state
+        if not rapid and not self._listed:
+            self._require_axes(block, "a feed motion")
         p_end, angles = self.target(block), self._angles(block)
         if rapid:
             self._append(number, "rapid", p_end, angles)
             return
-        if not self._listed:
-            self._require_axes(block, "a feed motion")
         turned = math.dist(state.angles, angles) / DEG
         self._append(number, "feed", p_end, angles, self._feed(block, math.dist(state.p_part, p_end), turned))
 

@@ -171,8 +171,9 @@ def _arc_words(
         machine.radius_replaced += 1
     words: dict[str, str] = {}
     rounded: list[float] = []
+    zero = work_axes(modal, np.array(modal.p_part_origin))
     for axis, requested in zip(axes[:2], piece.centre, strict=True):
-        base = modal.p_part_origin[axis] if modal.arc_absolute else float(here[axis])
+        base = float(zero[axis] if modal.arc_absolute else here[axis])
         value = round((requested - base) / unit, digits)
         words["IJK"[axis]] = number(value, digits)
         rounded.append(base + value * unit)
