@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from counterflex.app import preflight as job
 from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.inputs import read_job
+from counterflex.core.errors import FileFormatError
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
 
@@ -65,3 +67,19 @@ def test_bodies_of_the_part_stand_where_they_are_whatever_the_tool_is_tilted(tmp
         T_base_plane, T_plane_body = tilted.T_base_part, after.T_frame_body
         T_base_part, T_part_body = cell.T_base_part, before.T_frame_body
         assert T_base_plane @ T_plane_body == pytest.approx(T_base_part @ T_part_body)
+
+
+def test_a_mesh_beside_the_part_is_hit_where_its_box_is(tmp_path: Path) -> None:
+    """A pillar as an STL mesh and as a box of the same size and place; a file that is not there is refused."""
+    trimesh.creation.box(extents=(20, 20, 400)).export(tmp_path / "pillar.stl")
+    place = '\n[[cell.body]]\nname = "pillar"\nframe = "part"\nx_mm = 20\ny_mm = {y}\nshape = '
+    text = SMALL.read_text(encoding="utf-8")
+    row = {}
+    for y in (60, 250):
+        for shape in ('"mesh"\nstl = "pillar.stl"\n', '"box"\nsize_mm = [20, 20, 400]\n'):
+            checks = checked(tmp_path, text + place.format(y=y) + shape)["checks"]
+            row[y, shape[1:4]] = next(r for r in checks if r["check"] == "robot and spindle to surroundings")
+    assert row[60, "mes"]["verdict"] == row[60, "box"]["verdict"] == "fail"
+    assert row[250, "mes"]["value"] == pytest.approx(row[250, "box"]["value"], abs=0.05)
+    with pytest.raises(FileFormatError, match="no such file"):
+        checked(tmp_path, text + place.format(y=60) + '"mesh"\nstl = "absent.stl"\n')

@@ -41,7 +41,8 @@ def convex_pieces(path: Path) -> list[Float]:
     import trimesh  # heavy
 
     try:
-        mesh: Any = trimesh.load_mesh(path, file_type="stl")
+        with path.open("rb") as stream:
+            mesh: Any = trimesh.load_mesh(stream, file_type="stl")
         empty = len(mesh.faces) == 0
     except FileNotFoundError as fault:
         raise FileFormatError("cannot read a body: no such file", where=str(path), hint=missing_file(path)) from fault

@@ -19,8 +19,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.plan.preflight.bodies import STOCK, Body, joint_offsets, pairs, tool_of
-from counterflex.plan.preflight.machined_stock import MachinedStock
+from counterflex.plan.preflight.bodies import Body, joint_offsets, pairs, tool_of
+from counterflex.plan.preflight.machined_stock import LeftOver, MachinedStock
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 
@@ -286,49 +286,6 @@ def _next(moved: Float, tool: Int, row: int, free_m: float) -> int:
     following = max(following, row + 1)
     change = np.flatnonzero(tool[row + 1 : following] != tool[row])
     return row + 1 + int(change[0]) if len(change) else following
-
-
-class LeftOver:
-    """What is left of the blank along the path, in place of its box.
-
-    Args:
-        stock: The stock while the program is cut.
-        bodies: The bodies; one of them is the blank's box.
-        near_m: Pairs with the box that come nearer are compared with what is left.
-    """
-
-    def __init__(self, stock: MachinedStock, bodies: Sequence[Body], near_m: float) -> None:
-        self.near_m, self.grain_m = near_m, stock.cell_m
-        self._stock, self._bodies = stock, bodies
-        self._box = next((k for k, body in enumerate(bodies) if body.name == STOCK and body.assumed), -1)
-
-    def distance(self, pair: tuple[int, int], row: int, Ts_base_body: Float, most_m: float, least_m: float) -> float:
-        """Signed distance of a pair at a row, m; minus infinity where it is not one with the blank.
-
-        The stock only shrinks: a distance to what was left at an earlier row is no larger than the true one, and is
-        returned where it is no new least distance.
-
-        Args:
-            pair: Indices of the bodies.
-            row: Of the path, rising from call to call.
-            Ts_base_body: (k, 4, 4) m, poses of all bodies.
-            most_m: Distances from here on need not be told apart.
-            least_m: Least distance of the rows before.
-        """
-        if self._box not in pair:
-            return -np.inf
-        other = pair[0] if pair[1] == self._box else pair[1]
-        T_frame_box = self._bodies[self._box].T_frame_body
-        T_base_box = Ts_base_body[self._box]
-        T_base_frame = T_base_box @ pose.inverse(T_frame_box)
-        T_base_body = Ts_base_body[other]
-        T_frame_body = pose.inverse(T_base_frame) @ T_base_body
-        most_m = min(most_m, self.near_m)
-        before = self._stock.distance(self._bodies[other], T_frame_body, most_m)
-        if before >= min(least_m, most_m):
-            return before
-        self._stock.cut_to(row)
-        return self._stock.distance(self._bodies[other], T_frame_body, most_m)
 
 
 def collision_rows(

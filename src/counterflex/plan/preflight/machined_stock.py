@@ -9,6 +9,7 @@ overhang counts as filled.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -17,12 +18,13 @@ from counterflex.core.arrays import Float
 from counterflex.core.progress import silent
 from counterflex.core.units import MM
 from counterflex.cutting.stock import BLOCK_COLUMNS, HeightMap
+from counterflex.geometry import pose
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.cut import any_tilted, cut
 from counterflex.plan.cut_kernel_arrays import CutPath, CutRows
 from counterflex.plan.elastic_motion import STILL
 from counterflex.plan.inputs import Setting
-from counterflex.plan.preflight.bodies import Body
+from counterflex.plan.preflight.bodies import STOCK, Body
 from counterflex.plan.preflight.column_distance_kernel import BOX, CAPSULE, CYLINDER, MESH, stock_distance
 from counterflex.plan.turning_cut.cut import TurningCut
 
@@ -87,8 +89,51 @@ class MachinedStock:
         grid = np.array([stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m])
         size = np.array([*body.size_m, 0.0, 0.0][:3])
         planes = np.zeros((0, 4)) if body.faces is None else np.ascontiguousarray(body.faces)
-        pose_of = np.ascontiguousarray(T_stock_body, dtype=np.float64)
-        return stock_distance(SHAPES[body.shape], size, planes, pose_of, stock.z, stock.tops, grid, np.zeros(3), most_m)
+        T_frame = np.ascontiguousarray(T_stock_body, dtype=np.float64)
+        return stock_distance(SHAPES[body.shape], size, planes, T_frame, stock.z, stock.tops, grid, np.zeros(3), most_m)
+
+
+class LeftOver:
+    """What is left of the blank along the path, in place of its box.
+
+    Args:
+        stock: The stock while the program is cut.
+        bodies: The bodies; one of them is the blank's box.
+        near_m: Pairs with the box that come nearer are compared with what is left.
+    """
+
+    def __init__(self, stock: MachinedStock, bodies: Sequence[Body], near_m: float) -> None:
+        self.near_m, self.grain_m = near_m, stock.cell_m
+        self._stock, self._bodies = stock, bodies
+        self._box = next((k for k, body in enumerate(bodies) if body.name == STOCK and body.assumed), -1)
+
+    def distance(self, pair: tuple[int, int], row: int, Ts_base_body: Float, most_m: float, least_m: float) -> float:
+        """Signed distance of a pair at a row, m; minus infinity where it is not one with the blank.
+
+        The stock only shrinks: a distance to what was left at an earlier row is no larger than the true one, and is
+        returned where it is no new least distance.
+
+        Args:
+            pair: Indices of the bodies.
+            row: Of the path, rising from call to call.
+            Ts_base_body: (k, 4, 4) m, poses of all bodies.
+            most_m: Distances from here on need not be told apart.
+            least_m: Least distance of the rows before.
+        """
+        if self._box not in pair:
+            return -np.inf
+        other = pair[0] if pair[1] == self._box else pair[1]
+        T_frame_box = self._bodies[self._box].T_frame_body
+        T_base_box = Ts_base_body[self._box]
+        T_base_frame = T_base_box @ pose.inverse(T_frame_box)
+        T_base_body = Ts_base_body[other]
+        T_frame_body = pose.inverse(T_base_frame) @ T_base_body
+        most_m = min(most_m, self.near_m)
+        before = self._stock.distance(self._bodies[other], T_frame_body, most_m)
+        if before >= min(least_m, most_m):
+            return before
+        self._stock.cut_to(row)
+        return self._stock.distance(self._bodies[other], T_frame_body, most_m)
 
 
 def coarse(stock: HeightMap) -> HeightMap:
