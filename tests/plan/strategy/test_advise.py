@@ -151,7 +151,7 @@ def test_a_mode_magnifies_as_an_oscillator() -> None:
 def test_modes_together_move_the_tip_as_the_elastic_equations_do(place: Place, cell_of: Callable[..., Cell]) -> None:
     """Off resonance, hardly damped: ``n' J (K - w^2 M)^-1 J' n`` of the chain over ``n' C n``, all modes taken."""
     chain, R = place.chain, place.to_part[:3, :3].T
-    to_part = np.kron(np.eye(2), R.T)
+    to_part = np.asarray(np.kron(np.eye(2), R.T), dtype=np.float64)
     swing = swing_of(chain, Q, to_part, place.compliance_part, place.normal_part, 1e-6, None)
     M, stiffness, J, _ = matrices(chain, Q)
     springs = np.isfinite(stiffness)
