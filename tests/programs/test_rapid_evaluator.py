@@ -369,6 +369,15 @@ def test_only_what_the_program_may_execute_makes_persistent_data_unknown() -> No
         read(f"{at('depth')}calibrate;", declared, unused)
 
 
+def test_persistent_data_is_known_where_every_run_is_the_same() -> None:
+    """Set to a number behind its first use, the second run is as the first if that number is the declared one."""
+    declared = "PERS num depth:=3;"
+    assert ends(read(f"{at('depth')}depth:=5-2;\n{at('depth')}", declared)) == [[3, 0, 0], [3, 0, 0]]
+    for change in ("depth:=4;", "depth:=depth+1;", "Incr depth;"):
+        with pytest.raises(ProgramError, match="what the last run left"):
+            read(f"{at('depth')}{change}\n", declared)
+
+
 def test_many_points_of_an_array_take_no_longer_each() -> None:
     """The array is divided once, not for each point: 1500 points of one loop."""
     points = ",".join(f"[[{i},0,0],[0,1,0,0],{REST}]" for i in range(1500))

@@ -29,6 +29,7 @@ _PENDING: Final = object()
 _ASSIGNED: Final = re.compile(r"([A-Za-z]\w*)((?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:=")
 _CHANGED_BY: Final = re.compile(r"(?:Incr|Decr|Add|Clear|BitSet|BitClear)\s+([A-Za-z]\w*)", re.IGNORECASE)
 _SCALARS: Final = frozenset(("num", "dnum", "bool", "string"))
+LAST_RUN: Final = "what the last run left"
 _LARGEST_ARRAY: Final = 1_000_000
 
 
@@ -104,6 +105,8 @@ class Memory:
         frames: Routines that are executed, the innermost last.
         stamp: Number of changes of data so far.
         deciding: A condition is evaluated: persistent data that a person or another task may have set is unknown.
+        kept_from: Values with which persistent data begins that the program changes, by the place of its declaration;
+            data without a value there begins as declared. None: all such data is unknown.
     """
 
     def __init__(self, source: Source, modules: Modules) -> None:
@@ -112,6 +115,7 @@ class Memory:
         self.frames: list[Frame] = []
         self.stamp = 0
         self.deciding = False
+        self.kept_from: Mapping[int, object] | None = None
         self.evaluator: ScopeOfReferences | None = None
         self._nodes: dict[str, Node] = {}
         self._own: dict[int, dict[str, Variable]] = {}
@@ -175,9 +179,12 @@ class Memory:
 
     def _forget_kept(self, variable: Variable, declared: Declared) -> None:
         """Make the parts of persistent data unknown that the program changes: they keep what the last run left."""
+        if self.kept_from is not None:
+            variable.value = copy_of(self.kept_from.get(declared.start, variable.value))
+            return
         for names in self._kept.get(declared.name.upper(), ()):
             why = Unknown(
-                f"{declared.name} is PERS and the program changes it, so it begins with what the last run left",
+                f"{declared.name} is PERS and the program changes it, so it begins with {LAST_RUN}",
                 self.source.where(declared.start),
             )
             reference = Reference(variable, (), variable.kind, variable.dims)
@@ -187,6 +194,15 @@ class Memory:
                     break
                 reference = Reference(variable, (*reference.path, part[0]), part[1])
             self._put(reference, why)
+
+    def kept(self) -> dict[int, object]:
+        """Return the values that persistent data has now which the program changes, by the place of its declaration."""
+        data = [variable for own in self._own.values() for variable in own.values() if variable.persistent]
+        return {
+            variable.declared.start: variable.value
+            for variable in data
+            if variable.declared is not None and variable.value is not _PENDING and variable.name.upper() in self._kept
+        }
 
     def declared_value(self, declared: Declared, dims: Sequence[int]) -> object:
         """Return the initial value of a declaration."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.rapid.read.interpreter import Interpreter, replaced
 from counterflex.programs.rapid.read.job_files import joined, modules_of
+from counterflex.programs.rapid.read.memory import LAST_RUN
 from counterflex.programs.rapid.read.routines import Modules
 from counterflex.programs.rapid.read.scanner import FilePart, Source
 from counterflex.programs.robot_text.axes import tilted, with_axes
@@ -52,13 +53,7 @@ def read_rapid(
     """
     source = Source(text, name, parts)
     modules = Modules(source, complete=complete)
-    lines = split_lines(text)
-    interpreter = Interpreter(source, modules, cell, lines)
-    interpreter.run()
-    if len(interpreter.frames.objects) > 1:  # without a cell: most motions are in the part frame
-        objects = interpreter.frames.objects
-        interpreter = Interpreter(source, modules, cell, lines, max(objects, key=lambda key: objects[key]))
-        interpreter.run()
+    interpreter = _executed(source, modules, cell)
     rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
     leans = tilted(rotations)
     starts = [move.start for move in interpreter.moves]
@@ -80,6 +75,54 @@ def read_rapid(
         declarations=modules.modules[0].declarations,
         names=frozenset(name for module in modules.modules for name in (*module.data, *module.routines)),
     )
+
+
+def _executed(source: Source, modules: Modules, cell: RapidCell | None) -> Interpreter:
+    """Return the program as executed.
+
+    Persistent data that it changes begins with what the last run left. If that matters, the program is executed from
+    the declared values, and again from what this run leaves: it is known if both runs do the same and leave the same.
+
+    Raises:
+        ProgramError: See :func:`read_rapid`.
+    """
+    try:
+        return _run(source, modules, cell, None)
+    except ProgramError as fault:
+        if LAST_RUN not in str(fault):
+            raise
+        try:
+            first = _run(source, modules, cell, {})
+            left = first.memory.kept()
+            again = _run(source, modules, cell, left)
+        except ProgramError:
+            raise fault from None
+        if not left or again.memory.kept() != left or not _same(first, again):
+            raise
+        return first
+
+
+def _same(one: Interpreter, other: Interpreter) -> bool:
+    """Return whether two runs make the same motions."""
+    return len(one.motions) == len(other.motions) and all(
+        (a.kind, a.feed_m_s, a.turn_rad, a.duration_s, a.tool, a.spindle_rad_s, *a.p_end, *R.flat)
+        == (b.kind, b.feed_m_s, b.turn_rad, b.duration_s, b.tool, b.spindle_rad_s, *b.p_end, *S.flat)
+        for a, b, R, S in zip(one.motions, other.motions, one.rotations, other.rotations, strict=True)
+    )
+
+
+def _run(
+    source: Source, modules: Modules, cell: RapidCell | None, kept_from: Mapping[int, object] | None
+) -> Interpreter:
+    lines, part_object = split_lines(source.text), ""
+    while True:
+        interpreter = Interpreter(source, modules, cell, lines, part_object)
+        interpreter.memory.kept_from = kept_from
+        interpreter.run()
+        objects = interpreter.frames.objects
+        if len(objects) < 2 or part_object:
+            return interpreter
+        part_object = max(objects, key=lambda key: objects[key])  # without a cell: most motions are in the part frame
 
 
 def read_rapid_file(
