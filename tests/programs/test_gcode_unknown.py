@@ -221,6 +221,14 @@ def test_jumps_and_loops_of_fanuc_macros(text: str, last: list[int]) -> None:
     assert ends(read(f"{HEAD}{text}M30\n"))[-1] == last
 
 
+def test_loops_beside_values_that_are_not_known() -> None:
+    loop = "#100=#5063\n#1=0\no1 while [#1 LT 20]\n#1=[#1 + 1]\no1 endwhile\nG1 X#1\n"
+    assert ends(read(f"{HEAD}{loop}M2\n"))[-1] == [20, 0, 5]
+    for endless in ("o1 while [1]\no1 endwhile", "N5 GOTO 5", "#1=0\nN5 #1=[#1 + 1]\nGOTO 5"):
+        with pytest.raises(ProgramError, match="the program (never ends|does not end)"):
+            read(f"{HEAD}#100=#5063\n{endless}\nM2\n")
+
+
 @pytest.mark.parametrize(
     ("line", "match"),
     [

@@ -9,7 +9,7 @@ length. A loop whose state changes for ever (a counter that only grows) is found
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import Any, Final
 
 MOST_REPEATED: Final = 200_000
@@ -74,5 +74,7 @@ def frozen(value: object) -> object:
     if isinstance(value, (tuple, list)):
         return [frozen(item) for item in value]
     if is_dataclass(value) and not isinstance(value, type):
-        return [type(value).__name__, frozen(vars(value))]
+        return [type(value).__name__, *(frozen(getattr(value, item.name)) for item in fields(value))]
+    if isinstance(value, (set, frozenset)):
+        return frozenset(value)
     return id(value)

@@ -176,6 +176,13 @@ class Variables:
             return Unknown(f"the control computes it ({name.upper()})", self.where)
         return first_unknown(list(arguments)) or float(function(*map(number, arguments)))
 
+    def memory(self) -> object:
+        """Return all values."""
+        return [
+            {str(key): value for key, value in self._shared.items()},
+            [list(level.items()) for level in self.levels],
+        ]
+
     def evaluate(self, text: str, start: int = 0) -> tuple[object, int]:
         """Return the value of the expression that begins at an index, and the index behind it.
 

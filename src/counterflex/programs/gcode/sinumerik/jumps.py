@@ -13,7 +13,6 @@ from counterflex.programs.gcode.sinumerik.scanner import value_at
 from counterflex.programs.gcode.sinumerik.source import Construct, Head, Library, Source, code_of
 from counterflex.programs.unknown import known
 
-MOST_STEPS: Final = 2_000_000
 _DEEPEST: Final = 16
 _JUMP: Final = re.compile(r"\b(GOTO[FBCS]?)\s+(\"?)(\w+)\2", re.IGNORECASE)
 _DECLARED: Final = re.compile(r"\s*([A-Z_]\w*)\s*(\[[^\]]*\])?\s*(=\s*)?", re.IGNORECASE)
@@ -81,6 +80,10 @@ class Flow:
     def fault(self, what: str, column: int = 0, value: object = None, hint: str | None = None) -> ProgramError:
         """Make an error on the line that is executed."""
         return error_at(self.source.name, self.index + 1, what, column, value, hint)
+
+    def memory(self) -> object:
+        """Return all values that decide how the program goes on."""
+        return [self.variables.memory(), self._loops, self._sections, [frame.repeats for frame in self.frames]]
 
     # Values ---------------------------------------------------------------------------------------------------------
 

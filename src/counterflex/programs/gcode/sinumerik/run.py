@@ -10,12 +10,13 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
+from counterflex.programs.endless import LoopWatch, frozen
 from counterflex.programs.gcode.read.flow import line_end
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.block import Block
 from counterflex.programs.gcode.sinumerik.cycles import Cycle, cycle_of
-from counterflex.programs.gcode.sinumerik.jumps import MOST_STEPS, Flow
+from counterflex.programs.gcode.sinumerik.jumps import Flow
 from counterflex.programs.gcode.sinumerik.moves import MoveMaker, frame_of
 from counterflex.programs.gcode.sinumerik.scanner import Line, Name, scan
 from counterflex.programs.gcode.sinumerik.source import Library, Source, head_of, no_library
@@ -53,6 +54,7 @@ class Run:
             start_known=machine.known,
             zeros={offset: np.array(zero[:3]) for offset, zero in machine.part_offsets.items()},
         )
+        self._watch = LoopWatch(self._everything)
         self._modals: dict[Modal, Modal] = {}
         self._modal: Cycle | Name | None = None
         self._modal_depth = 0
@@ -66,7 +68,7 @@ class Run:
         Raises:
             ProgramError: At the first line that cannot be executed exactly.
         """
-        steps, flow = 0, self.flow
+        flow = self.flow
         while True:
             flow.settle()
             if flow.index >= flow.source.last:
@@ -75,12 +77,28 @@ class Run:
                     return False
                 flow.index = flow.source.last - 1
                 raise flow.fault("a subprogram stops without M17 or RET", 0, None, "The file may be truncated")
-            steps += 1
-            if steps > MOST_STEPS:
-                raise flow.fault("the program does not end within the step limit", 0, f"{MOST_STEPS} lines executed",
-                                 "Look for an endless loop")  # fmt: skip
+            before = flow.source, flow.index
             if self._step():
                 return True
+            self._watch_jump(*before)
+
+    def _watch_jump(self, source: Source, index: int) -> None:
+        """Refuse a jump back that will be made for ever."""
+        flow = self.flow
+        if flow.source is source and flow.index > index:
+            return
+        back = index - flow.index + 1 if flow.source is source else 1
+        place = (id(flow.source), flow.index, len(flow.frames))
+        why = self._watch.jumped_back(place, back, len(self.maker.motions))
+        if why:
+            flow.index = min(flow.index, flow.source.last - 1)
+            raise flow.fault(why, 0, None, "Look at the condition of the loop and for the line that should change it")
+
+    def _everything(self) -> object:
+        """All that decides how the program goes on."""
+        state = {key: value for key, value in vars(self._state).items() if key != "line"}
+        arrays = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in state.items()}
+        return frozen([arrays, self.flow.memory(), str(self._modal)])
 
     def program(self, dialect: str, text: str) -> Program:
         """Return what was executed."""
