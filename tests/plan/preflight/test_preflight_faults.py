@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from counterflex.app import preflight as job
+from counterflex.core.errors import ProgramError
 from counterflex.files.cell.cell import Cell, resolve
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
@@ -185,7 +186,12 @@ def rows_of(folder: Path, program: str, cell: Cell) -> dict[str, dict[str, Any]]
 @pytest.mark.parametrize("name", FAULTS)
 def test_each_fault_is_stopped_or_named(name: str, tmp_path: Path, cell: Callable[..., Cell]) -> None:
     fault = FAULTS[name]
-    row = rows_of(tmp_path, fault.program, cell(fault))[fault.check]
+    try:
+        row = rows_of(tmp_path, fault.program, cell(fault))[fault.check]
+    except ProgramError as refusal:
+        if fault.check == "work offset" and "offset" in str(refusal):
+            return  # a reader that refuses an offset that nobody defined stops it as well
+        raise
     assert row["verdict"] in fault.verdicts, row
     assert row["missing"] or row["advice"] or row["what"]
 
