@@ -100,7 +100,7 @@ def test_a_coarser_path_names_place_and_remedy_and_the_remedy_works() -> None:
     (warning,) = result.warnings
     assert result.largest_position_error_m > 10 * UM
     assert result.largest_position_error_line == 3
-    found = re.search(r"line (\d+): .*F(\d+) there .*cycle_ms = ([\d.]+) .*--tolerance-um (\d+)", warning)
+    found = re.search(r"line (\d+): .*F(\d+) there .*cycle_ms = ([\d.]+) .*compensation.tolerance_um = (\d+)", warning)
     assert found is not None
     assert found[1] == "3"
     assert entry(height_mm=3.0, feed=float(found[2])).warnings == ()
