@@ -46,13 +46,13 @@ def require_of_cell(plan: Plan, about: Mapping[str, Any], cell: Cell, where: str
         return
     rows = np.unique(np.linspace(0, len(plan.path) - 1, _ROWS).astype(int))
     p_base = plan.path.p_part_tcp[rows] @ cell.T_base_part[:3, :3].T + cell.T_base_part[:3, 3]
-    apart = np.linalg.norm(forward(cell.controller_chain, plan.q[rows])[:, :3, 3] - p_base, axis=1)
-    row = int(np.argmax(apart))
-    if apart[row] > APART_M:
+    distance = np.linalg.norm(forward(cell.controller_chain, plan.q[rows])[:, :3, 3] - p_base, axis=1)
+    row = int(np.argmax(distance))
+    if distance[row] > APART_M:
         raise InputError(
             "the plan is of another cell: its joint angles put the tool elsewhere",
             where=f"{where}, line {int(plan.line[rows[row]])}",
-            value=f"{apart[row] / MM:.0f} mm away from its point",
+            value=f"{distance[row] / MM:.0f} mm away from its point",
             limit=f"at most {APART_M / MM:g} mm in {cell.path}",
             hint="Plan the program again with this cell file",
         )

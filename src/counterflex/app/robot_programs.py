@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.robot_axes import in_world, part_in_world
+from counterflex.app.robot_axes import in_world, part_in_world, tcp_of_axes
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM, RPM
@@ -29,7 +29,6 @@ from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.programs.val3.read.application import job_files as val3_job_files
 from counterflex.programs.val3.read.motions import Val3Cell
-from counterflex.robot.elasticity.chain import forward
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6
@@ -154,13 +153,13 @@ def _shared(cell: Cell, language: Dialect) -> dict[str, Any]:
         "T_base_part": part_in_world(replace(cell, R_part_plane=None), language),
         "functions": cell.machine_functions(language),
         "external_axes": {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
-        "tip_of_axes": None if cell.holds_part else lambda axes_deg: _tip_of_axes(cell, axes_deg),
+        "tip_of_axes": None if cell.holds_part else lambda axes_deg: _tip_of_axes(cell, language, axes_deg),
     }
 
 
-def _tip_of_axes(cell: Cell, axes_deg: Sequence[float]) -> Float:
+def _tip_of_axes(cell: Cell, language: str, axes_deg: Sequence[float]) -> Float:
     """Return (4, 4) m, the TCP frame in the part frame where the controller shows these axes."""
-    T_base_tcp = forward(cell.controller_chain, np.asarray(axes_deg, dtype=np.float64) * DEG)
+    T_base_tcp = tcp_of_axes(cell, language, np.asarray(axes_deg, dtype=np.float64) * DEG)
     out: Float = pose.inverse(replace(cell, R_part_plane=None).T_base_part) @ T_base_tcp
     return out
 

@@ -36,9 +36,9 @@ def system_fault(fault: BaseException) -> OSError | None:
     for _ in range(_MOST_LINKS):
         if link is None:
             return None
-        found = _of_one(link)
-        if found is not None and (not handled or found.errno in FULL):
-            return found
+        match = _of_one(link)
+        if match is not None and (not handled or match.errno in FULL):
+            return match
         if link.__cause__ is None and not link.__suppress_context__:
             link, handled = link.__context__, True
         else:

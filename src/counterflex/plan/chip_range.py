@@ -32,13 +32,13 @@ class Outside:
 
     Attributes:
         rows: (n,) True there.
-        uncertainty: (n,) distance between both readings of the force, as a share of the force; 0 inside the range.
+        row_share: (n,) distance between both readings of the force, as a share of the force; 0 inside the range.
         force_share: Share of the force impulse that comes from these rows.
         uncertain_share: Share of the force impulse that is uncertain.
     """
 
     rows: Bool
-    uncertainty: Float
+    row_share: Float
     force_share: float
     uncertain_share: float
 
@@ -78,11 +78,11 @@ def outside(law: ForceLaw, chip_m: Float, contact: Bool, w_tcp_part: Float, time
     return Outside(rows, share, impulse_share(w, time_s, rows), uncertain)
 
 
-def check(found: Outside, law: ForceLaw, chip_m: Float, row: int, where: str) -> None:
+def check(estimate: Outside, law: ForceLaw, chip_m: Float, row: int, where: str) -> None:
     """Refuse a program whose force is uncertain as a whole.
 
     Args:
-        found: Of :func:`outside`.
+        estimate: Of :func:`outside`.
         law: Force law with its range.
         chip_m: (n,) mean chip thickness.
         row: The row that is named.
@@ -91,14 +91,14 @@ def check(found: Outside, law: ForceLaw, chip_m: Float, row: int, where: str) ->
     Raises:
         ModelError: The uncertain share is above :data:`UNCERTAIN_SHARE`.
     """
-    if found.uncertain_share <= UNCERTAIN_SHARE:
+    if estimate.uncertain_share <= UNCERTAIN_SHARE:
         return
-    value, limit = told_apart(100.0 * found.uncertain_share, 100.0 * UNCERTAIN_SHARE)
+    value, limit = told_apart(100.0 * estimate.uncertain_share, 100.0 * UNCERTAIN_SHARE)
     raise ModelError(
         "the force comes from chips outside the range of the cutting constants and is uncertain",
         where=where,
         value=f"mean chip {chip_m[row] / MM:.3g} mm, {value} % of the force of the program uncertain",
         limit=f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm, or at most {limit} % uncertain",
         hint="Use constants measured at this feed, change the feed, or set material.allow_extrapolation = true",
-        share=found.force_share,
+        share=estimate.force_share,
     )

@@ -139,8 +139,8 @@ def undisturbed_cut(inputs: Inputs, progress: Progress) -> UndisturbedCut:
 def _check_chips(result: Cut, contact: Bool, inputs: Inputs) -> Bool:
     """Rows cut with a mean chip outside the law's range; refused where the force is uncertain as a whole."""
     path, law = inputs.path, inputs.setting.law
-    found = chip_range.outside(law, result.chip_m, contact, result.w_tcp_part, path.time_s)
+    estimate = chip_range.outside(law, result.chip_m, contact, result.w_tcp_part, path.time_s)
     if not inputs.setting.allow_extrapolation:
-        worst = int(np.argmax(found.uncertainty * np.linalg.norm(result.w_tcp_part[:, :3], axis=1)))
-        chip_range.check(found, law, result.chip_m, worst, place(path, inputs.line, worst))
-    return found.rows
+        worst = int(np.argmax(estimate.row_share * np.linalg.norm(result.w_tcp_part[:, :3], axis=1)))
+        chip_range.check(estimate, law, result.chip_m, worst, place(path, inputs.line, worst))
+    return estimate.rows

@@ -40,14 +40,14 @@ def extrapolation(plan: Plan, law: ForceLaw) -> dict[str, Any] | None:
     }
 
 
-def extrapolation_text(found: Mapping[str, Any] | None) -> str:
+def extrapolation_text(estimate: Mapping[str, Any] | None) -> str:
     """The same in words, with ``warning`` or ``note`` in front; empty where there is nothing to say."""
-    if not found:
+    if not estimate:
         return ""
-    low, high = found["range_mm"]
-    kind = "warning" if found["force_share"] > WARNED_SHARE else "note"
+    low, high = estimate["range_mm"]
+    kind = "warning" if estimate["force_share"] > WARNED_SHARE else "note"
     return (
-        f"{kind}: {100.0 * found['force_share']:.2g} % of the force comes from chips outside the range of the cutting "
-        f"constants ({low:g} to {high:g} mm); it may make the correction wrong by {found['effect_um']:.2g} um, most in "
-        f"line {found['line']} (mean chip {found['mean_chip_mm']:.3g} mm)"
+        f"{kind}: {100.0 * estimate['force_share']:.2g} % of the force comes from chips outside the range of the "
+        f"cutting constants ({low:g} to {high:g} mm); it may make the correction wrong by "
+        f"{estimate['effect_um']:.2g} um, most in line {estimate['line']} (mean chip {estimate['mean_chip_mm']:.3g} mm)"
     )

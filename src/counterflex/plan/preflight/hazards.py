@@ -117,7 +117,7 @@ HAZARDS: Final = (
            "fail above the key; warning below it, and where it is assumed"),
     Hazard("cutting speed", "largest and smallest cutting speed at the diameter", "the key",
            ("tools.cutting_speed_m_min!",), "warning"),
-    Hazard("chip thickness", "share of the force from mean chips outside the range of the cutting constants", "2 %",
+    Hazard("chip thickness", "share of the force that is uncertain, from mean chips outside the range of the cutting constants", "50 %",
            ("material.chip_min_um", "material.chip_max_um", "material.allow_extrapolation"),
            "warning: compensate refuses"),
     Hazard("plunging", "steepest descent into material under the centre of the mill",

@@ -170,7 +170,7 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
         *rows,
         tool_use.feed_row(path, made.result.feed_per_tooth_m, made.forced, cutter_of, tools),
         tool_use.speed_row(path, made.forced, cutter_of, tools),
-        demands.chip_row(made.result, made.forced, path.time_s, (setting.law.h_min_m, setting.law.h_max_m),
+        demands.chip_row(made.result, made.forced, path.time_s, setting.law,
                          setting.allow_extrapolation),
     ]  # fmt: skip
 

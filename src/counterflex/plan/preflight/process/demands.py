@@ -13,12 +13,13 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.units import UM
+from counterflex.cutting.coefficients import ForceLaw
+from counterflex.plan import chip_range
 from counterflex.plan.cut import Cut
 from counterflex.plan.feed_limits import ACCELERATION, CutDemand, limits_by_name
-from counterflex.plan.plan import impulse_share
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row, Verdict
 from counterflex.plan.process_limits import ProcessLimits
-from counterflex.plan.undisturbed_cut import EXTRAPOLATED_SHARE
 
 CHIP: Final = "chip thickness"
 CORRECTION: Final = "correction"
@@ -130,25 +131,26 @@ def correction_row(demand: CutDemand, bounds: Bounds, rigid: str) -> Row:
     return Row(CORRECTION, "warning" if over else "ok", value, limit, "m", row, text, advice=_SLOWER if over else "")
 
 
-def chip_row(cut: Cut, contact: Bool, time_s: Float, chip_range_m: tuple[float, float], extrapolates: bool) -> Row:
-    """Share of the force that comes from mean chips outside the range of the cutting constants.
+def chip_row(cut: Cut, contact: Bool, time_s: Float, law: ForceLaw, extrapolates: bool) -> Row:
+    """Return the share of the force that is uncertain because mean chips are outside the range of the constants.
 
     Args:
         cut: Of n rows.
         contact: (n,) rows that count.
         time_s: (n,).
-        chip_range_m: Least and largest chip for which the constants hold.
+        law: Force law with the range of its constants.
         extrapolates: The cell file accepts force from other chips.
     """
-    least, most = chip_range_m
-    outside = contact & ((cut.chip_m < least) | (cut.chip_m > most))
     if not np.any(contact):
         return Row(CHIP, "ok", what="nothing is cut")
-    share = impulse_share(np.where(contact[:, None], cut.w_tcp_part, 0.0), time_s, outside)
-    size = np.where(outside if np.any(outside) else contact, np.linalg.norm(cut.w_tcp_part[:, :3], axis=1), -1.0)
-    row = int(np.argmax(size))
-    what = f"mean chip {1e6 * cut.chip_m[row]:.1f} um, constants for {1e6 * least:g} to {1e6 * most:g} um"
-    over = share > EXTRAPOLATED_SHARE and not extrapolates
-    return Row(CHIP, "warning" if over else "ok", share, EXTRAPOLATED_SHARE, "share", row, what,
+    found = chip_range.outside(law, cut.chip_m, contact, cut.w_tcp_part, time_s)
+    size = found.row_share * np.linalg.norm(cut.w_tcp_part[:, :3], axis=1)
+    row = int(np.argmax(size if np.any(found.rows) else np.where(contact, cut.chip_m, -1.0)))
+    what = (
+        f"mean chip {cut.chip_m[row] / UM:.1f} um, constants for {law.h_min_m / UM:g} to {law.h_max_m / UM:g} um; "
+        f"{100.0 * found.force_share:.2g} % of the force outside"
+    )
+    over = found.uncertain_share > chip_range.UNCERTAIN_SHARE and not extrapolates
+    return Row(CHIP, "warning" if over else "ok", found.uncertain_share, chip_range.UNCERTAIN_SHARE, "share", row, what,
                advice="Use constants measured at this feed (counterflex identify cutting), or change the feed" if over
                else "")  # fmt: skip
