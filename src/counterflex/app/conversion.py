@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -30,7 +29,6 @@ from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.convert.check import refuse_other_path
 from counterflex.programs.convert.emitter import Emitter, Written
 from counterflex.programs.convert.fanuc import FanucEmitter
-from counterflex.programs.convert.joined import joined
 from counterflex.programs.convert.machine_languages import AptEmitter, GcodeEmitter, SinumerikEmitter, TwincatEmitter
 from counterflex.programs.convert.robot_languages import KrlEmitter, RapidEmitter
 from counterflex.programs.convert.rotary import with_tool_vectors
@@ -141,15 +139,9 @@ def orientations(program: Program, cell: Cell) -> Callable[[int], Float]:
 
 
 def _read_back(written: Written, dialect: str, cell: Cell, staging: Path) -> Program:
-    """What was written, read by the reader of its language; parts within the program that calls them."""
-    files = joined(written.files, dialect)
+    """Read what was written by the reader of its language, parts with the program that calls them."""
     robot = robot_cell(cell, dialect) if dialect in ROBOT_DIALECTS else None
-    if files == written.files:
-        return read_program_file(staging / next(iter(files)), dialect=dialect, cell=robot)
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in files.items():
-            atomic.write_bytes(Path(folder) / name, text.encode("ascii", errors="replace"))
-        return read_program_file(Path(folder) / next(iter(files)), dialect=dialect, cell=robot)
+    return read_program_file(staging / next(iter(written.files)), dialect=dialect, cell=robot)
 
 
 def _emitter(program: Program, cell: Cell, language: str, tolerance_m: float, points_per_file: int | None) -> Emitter:
