@@ -31,7 +31,7 @@ from counterflex.app import examples
 from counterflex.app.campaign import campaign
 from counterflex.app.compensation.languages import write
 from counterflex.app.inputs import Job, read_job, setting_of
-from counterflex.app.prediction_interval import intervals
+from counterflex.app.prediction_interval import foreseen
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import judge, reference_of
@@ -127,10 +127,10 @@ def one(name: str, family: str, seed: int, levels: list[str], out: str) -> list[
                 atomic.write_bytes(place / level / file, text.encode(own.program.encoding, errors="replace"))
             after = machined(read_job(place / level / program.name, cell), cell, truth, job)
             row = {"program": name, "family": family, "seed": seed, "level": level, **figures(before, after)}
-            if not exact:
+            if not exact and (found := foreseen(plan, known)) is not None:
                 row |= {
                     f"{variant}_interval_mm": [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
-                    for variant, i in intervals(plan, known).items()
+                    for variant, i in (("nominal", found.nominal), ("compensated", found.compensated))
                 }
             rows.append(row)
     return rows
