@@ -292,7 +292,12 @@ def test_rest_postures_around_the_path_are_no_motions_of_it() -> None:
 def test_between_cuts_every_stop_by_axes_is_a_motion_of_its_own_line() -> None:
     made = by_axes("J P[1] 20% FINE", "L P[2] 9mm/sec FINE", "J P[9] 10% FINE", "WAIT 1.5(sec)", "J P[9] 10% FINE",
                    "DO[1]=ON", "L P[3] 9mm/sec FINE")  # fmt: skip
-    assert [(m.kind, m.time_s) for m in made.motions[2:]] == [("rapid", 0), ("dwell", 1.5), ("rapid", 0), ("feed", 0)]
+    assert [(m.kind, m.duration_s) for m in made.motions[2:]] == [
+        ("rapid", 0),
+        ("dwell", 1.5),
+        ("rapid", 0),
+        ("feed", 0),
+    ]
     assert [move.word for move in made.moves] == ["J", "L", "J", "WAIT", "J", "L"]
     for index, (motion, move) in enumerate(zip(made.motions, made.moves, strict=True)):
         block = made.blocks[motion.block]
