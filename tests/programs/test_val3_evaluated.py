@@ -237,7 +237,6 @@ def test_rest_postures_around_the_path_are_no_motions_of_it() -> None:
 
 
 def test_between_cuts_every_stop_by_axes_is_a_motion_of_its_own_line() -> None:
-    """waitEndMove() behind a motion by axes says nothing of the one before it."""
     made = by_axes(HEAD, to("p[1]"), AWAY, "waitEndMove()", "delay(1.5)", AWAY, "diX=true", to("p[2]"))
     assert [(m.kind, m.duration_s) for m in made.motions[2:]] == [
         ("rapid", 0),
@@ -246,7 +245,6 @@ def test_between_cuts_every_stop_by_axes_is_a_motion_of_its_own_line() -> None:
         ("feed", 0),
     ]
     assert [move.word for move in made.moves] == ["movej", "movel", "movej", "delay", "movej", "movel"]
-    assert not made.moves[1].exact
     for index, (motion, move) in enumerate(zip(made.motions, made.moves, strict=True)):
         block = made.blocks[motion.block]
         assert block.line == move.line
