@@ -313,6 +313,28 @@ def test_where_the_robot_is_after_axes_is_not_known_to_inc() -> None:
         by_axes("J P[1] 20% FINE", "J P[9] 10% FINE", "L P[2] 9mm/sec FINE INC")
 
 
+@pytest.mark.parametrize("rail", ["E1= 100.0 mm", "J7= 100.0 mm"])
+@pytest.mark.parametrize("way", [("J P[8] 5% FINE",), ("PR[1]=P[8]", "J PR[1] 5% FINE")])
+def test_a_rail_moved_by_axes_between_cuts_is_refused(rail: str, way: tuple[str, ...]) -> None:
+    """Elsewhere the rest posture may have the rail anywhere: the robot does not cut there."""
+    T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
+    entries = POINTS + AWAY.replace("P[9]", "P[8]").replace("\tJ6= 6.0 deg", f"\tJ6= 6.0 deg,\n\t{rail}")
+    at = cell(tip_of_axes=lambda _: T, external_axes={1: 0.0})
+    around = listing(*HEAD, "L P[2] 9mm/sec FINE", *way, entries=entries)
+    assert len(read_fanuc(around, cell=at).motions) == 2
+    between = listing(*HEAD, "L P[2] 9mm/sec FINE", *way, "L P[3] 9mm/sec FINE", entries=entries)
+    with pytest.raises(ProgramError, match=r"external axis E1 .*got 100; expected 0"):
+        read_fanuc(between, cell=at)
+
+
+def test_an_axis_that_a_posture_leaves_out_is_not_taken_for_zero() -> None:
+    T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
+    entries = POINTS + AWAY.replace(",\n\tJ6= 6.0 deg", "")
+    text = listing(*HEAD, "L P[2] 9mm/sec FINE", "J P[9] 5% FINE", "L P[3] 9mm/sec FINE", entries=entries)
+    with pytest.raises(ProgramError, match=r"P\[9\] has no J1 to J6"):
+        read_fanuc(text, cell=cell(tip_of_axes=lambda _: T))
+
+
 # ---- a job of several files --------------------------------------------------------------------------------------
 
 

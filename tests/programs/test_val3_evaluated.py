@@ -252,6 +252,26 @@ def test_between_cuts_every_stop_by_axes_is_a_motion_of_its_own_line() -> None:
     assert sum(block.motion_count for block in made.blocks) == len(made.motions)
 
 
+@pytest.mark.parametrize(
+    ("before", "joint"),
+    [
+        ("jA=jA+{1,1,1,0,0,0}", "jA"),
+        ("", "{2,3,4,4,5,6}"),
+        ("jA={3,4,5,4,5,6}", "jA-{1,1,1,0,0,0}"),
+    ],
+)
+def test_joints_are_added_and_written_in_braces(before: str, joint: str) -> None:
+    asked: list[tuple[float, ...]] = []
+
+    def tip(axes_deg):  # type: ignore[no-untyped-def]
+        asked.append(tuple(axes_deg))
+        return pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
+
+    text = program(HEAD, *([before] if before else []), f"movej({joint},tMill,mRun)", to("p[1]"))
+    read_val3(text, data=files(), cell=cell(tip_of_axes=tip))
+    assert asked == [(2, 3, 4, 4, 5, 6)]
+
+
 # ---- a job of several files --------------------------------------------------------------------------------------
 
 

@@ -30,6 +30,7 @@ class Away(Generic[Move]):
         time_s: Of a wait; 0 of a motion.
         where: File and line.
         unknown: Why its end is not known, where its value is not.
+        check: Refuses axes beside those of the robot that stand elsewhere than in the cell file.
     """
 
     block: int
@@ -40,6 +41,7 @@ class Away(Generic[Move]):
     time_s: float = 0.0
     where: str = ""
     unknown: Unknown | None = None
+    check: Callable[[], None] | None = None
 
     def motion(self, before: Motion) -> Motion:
         """Return its motion from the end of the one before."""
@@ -65,7 +67,10 @@ class ExecutionByAxes(Execution, Generic[Move]):
         self.moves: list[Move] = []
         self.away: list[Away[Move]] = []
 
-    def leave(self, move: Move, T_part_tcp: Float | None, where: str, unknown: Unknown | None = None) -> None:
+    def leave(
+        self, move: Move, T_part_tcp: Float | None, where: str, unknown: Unknown | None = None,
+        check: Callable[[], None] | None = None,
+    ) -> None:  # fmt: skip
         """Remember a motion by axes; :meth:`arrive` makes it where the path goes on.
 
         Args:
@@ -73,9 +78,10 @@ class ExecutionByAxes(Execution, Generic[Move]):
             T_part_tcp: (4, 4) m, where it ends; None where that is not known.
             where: File and line.
             unknown: Why it is not known.
+            check: Called before it is made, see :class:`Away`.
         """
         self.away.append(Away(
-            len(self._blocks) - 1, move, T_part_tcp, self._rpm * RPM, self._in_spindle.tool, 0.0, where, unknown
+            len(self._blocks) - 1, move, T_part_tcp, self._rpm * RPM, self._in_spindle.tool, 0.0, where, unknown, check
         ))  # fmt: skip
 
     def rest(self, move: Move, time_s: float) -> bool:
@@ -105,6 +111,8 @@ class ExecutionByAxes(Execution, Generic[Move]):
         for one in away:
             if one.T_part_tcp is None and one.time_s <= 0.0:
                 raise refuse(one)
+            if one.check is not None:
+                one.check()
         made = {one.block: one for one in away}
         for index in range(away[0].block, len(self._blocks)):
             block = replace(self._blocks[index], first_motion=len(self.motions))

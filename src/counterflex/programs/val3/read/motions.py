@@ -23,7 +23,7 @@ from counterflex.programs.unknown import Unknown, first_unknown, known
 from counterflex.programs.val3.program import Key, Val3Motion
 from counterflex.programs.val3.read.program_file import Routine, arguments
 from counterflex.programs.val3.read.store import Store
-from counterflex.programs.val3.read.values import CONFIG, FATHER, JOINTS, SPEED_FIELDS, TRSF, matrix
+from counterflex.programs.val3.read.values import CONFIG, FATHER, JOINTS, SPEED_FIELDS, TRSF, joint_of, matrix
 
 _FASTEST_MM_S: Final = 20_000.0
 """A speed limit from here on limits nothing: the robot runs as fast as its axes."""
@@ -167,10 +167,11 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         if key is None or isinstance(value, Unknown):
             known(value, f"the place of {text}", where, text=routine.codes[at],
                   hint="Give .pgx and .dtx in one folder, or write the target itself")  # fmt: skip
-        if isinstance(value, Mapping) and "j1" in value:
+        joint = joint_of(value)
+        if joint is not None:
             if word != "movej":
                 raise routine.fault(at, "axis angles are no target of a path", limit="a pointRx")
-            return _Target(None, axes=tuple(float(cast("float", value[name])) for name in JOINTS))
+            return _Target(None, axes=tuple(float(cast("float", joint[name])) for name in JOINTS))
         if not isinstance(value, Mapping) or TRSF not in value or CONFIG not in value:
             raise routine.fault(at, f"{text} is no point", limit="a pointRx of the data file")
         father = str(value[FATHER])
