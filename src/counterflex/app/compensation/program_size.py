@@ -63,8 +63,6 @@ def language_of(job: Job, cell: Cell) -> str:
         return job.program.dialect
     robot, maker = cell.tables.robot, cell.nominal_robot.axes.maker
     stated = robot.controller_axes is not None and robot.controller_axes.maker is not None
-        robot.controller_axes is not None and robot.controller_axes.maker is not None
-    )
     if maker is not None and (stated or robot.catalog is not None):
         return MAKERS[maker].language
     tables = cell.tables.controller.spindle.model_fields_set & set(ROBOT_DIALECTS)
