@@ -287,6 +287,8 @@ def test_rest_postures_around_the_path_are_no_motions_of_it() -> None:
     for a, b in zip(rested.motions, plain.motions, strict=True):
         np.testing.assert_array_equal(a.p_start, b.p_start)
         np.testing.assert_array_equal(a.p_end, b.p_end)
+    assert plain.left_out == ()
+    assert [rested.lines[int(one.rpartition(":")[2]) - 1].count("J P[9]") for one in rested.left_out] == [1, 1, 1]
 
 
 def test_between_cuts_every_stop_by_axes_is_a_motion_of_its_own_line() -> None:

@@ -80,6 +80,7 @@ class ExecutionByAxes(Execution, Generic[Move]):
             unknown: Why it is not known.
             check: Called before it is made, see :class:`Away`.
         """
+        self.by_axes.append(len(self._blocks) - 1)
         self.away.append(Away(
             len(self._blocks) - 1, move, T_part_tcp, self._rpm * RPM, self._in_spindle.tool, 0.0, where, unknown, check
         ))  # fmt: skip
