@@ -95,10 +95,10 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         if T is None or (by_axes and word == "J"):
             self.leave(
                 self._record(form, target, through, routine, statement), T, where, target.unknown,
-                lambda: self.targets.refuse_moving(target.external, target.others, where),
+                lambda: self.targets.refuse_moving(target.external_axes, target.others, where),
             )  # fmt: skip
             return form.at_time
-        self.targets.refuse_moving(target.external, target.others, where)
+        self.targets.refuse_moving(target.external_axes, target.others, where)
         self.arrive(lambda away: self._refuse_away(away, routine, statement))
         R = T[:3, :3] if by_axes else T[:3, :3] @ self.frames.R_tcp_tool.T
         self._make(form, T, R, through, routine, statement)

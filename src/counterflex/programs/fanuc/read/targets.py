@@ -38,7 +38,7 @@ class Target:
         config: CONFIG.
         axes: Axes in deg of one that is given by them.
         unknown: Why it is not known.
-        external: External axes of one by axes, E1 to E3 (J7 to J9), by number: mm or deg.
+        external_axes: External axes of one by axes, E1 to E3 (J7 to J9), by number: mm or deg.
         others: Text of further motion groups of one by axes.
     """
 
@@ -48,7 +48,7 @@ class Target:
     config: str = ""
     axes: tuple[float, ...] = ()
     unknown: Unknown | None = None
-    external: tuple[tuple[int, float], ...] = ()
+    external_axes: tuple[tuple[int, float], ...] = ()
     others: str = ""
 
 
@@ -236,9 +236,9 @@ class Targets:
             )  # fmt: skip
         return own
 
-    def refuse_moving(self, external: tuple[tuple[int, float], ...], others: str, where: str) -> None:
+    def refuse_moving(self, external_axes: tuple[tuple[int, float], ...], others: str, where: str) -> None:
         """Refuse external axes, and further groups, that move."""
-        for number, value in external:
+        for number, value in external_axes:
             self._external.check(number, value, f"E{number}", where)
         self._others = self._others or others
         if others and others != self._others:
@@ -319,7 +319,7 @@ def _by_axes(values: Mapping[str, Value], computed: str, name: str, where: str) 
     external = tuple(
         (n, float(cast("float", values[key]))) for n in (1, 2, 3) for key in (f"E{n}", f"J{_AXES + n}") if key in values
     )
-    return Target(None, computed=computed, axes=axes, external=external)
+    return Target(None, computed=computed, axes=axes, external_axes=external)
 
 
 def _added(T: Float, value: Value, name: str, where: str) -> Float:
