@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, cast
 
 import numpy as np
@@ -48,7 +48,7 @@ class Target:
     config: str = ""
     axes: tuple[float, ...] = ()
     unknown: Unknown | None = None
-    external_axes: tuple[tuple[int, float], ...] = ()
+    external_axes: Mapping[int, float] = field(default_factory=dict)
     others: str = ""
 
 
@@ -225,7 +225,7 @@ class Targets:
                         hint="Write the number into the program: the controller's is not known",
                     )  # fmt: skip
         if position.external or position.others:
-            self.refuse_moving(tuple(position.external.items()), position.others, routine.listing.place(position.start))
+            self.refuse_moving(position.external, position.others, routine.listing.place(position.start))
 
     def _own_frame(self, active: int, own: int, word: str, position: FanucPosition, routine: Routine) -> int:
         if active >= 0:
@@ -236,9 +236,9 @@ class Targets:
             )  # fmt: skip
         return own
 
-    def refuse_moving(self, external_axes: tuple[tuple[int, float], ...], others: str, where: str) -> None:
+    def refuse_moving(self, external_axes: Mapping[int, float], others: str, where: str) -> None:
         """Refuse external axes, and further groups, that move."""
-        for number, value in external_axes:
+        for number, value in external_axes.items():
             self._external.check(number, value, f"E{number}", where)
         self._others = self._others or others
         if others and others != self._others:
@@ -316,9 +316,9 @@ def _by_axes(values: Mapping[str, Value], computed: str, name: str, where: str) 
     axes = tuple(float(cast("float", values[f"J{n}"])) for n in range(1, 7) if f"J{n}" in values)
     if len(axes) < _AXES:
         return Target(None, computed=computed, unknown=Unknown(f"{name} has no J1 to J6", where))
-    external = tuple(
-        (n, float(cast("float", values[key]))) for n in (1, 2, 3) for key in (f"E{n}", f"J{_AXES + n}") if key in values
-    )
+    external = {
+        n: float(cast("float", values[key])) for n in (1, 2, 3) for key in (f"E{n}", f"J{_AXES + n}") if key in values
+    }
     return Target(None, computed=computed, axes=axes, external_axes=external)
 
 
