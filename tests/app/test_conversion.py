@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from counterflex.app import conversion
+from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, Reading, machine_of
+from counterflex.app.robot_programs import robot_cell
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError, ProgramError
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.programs.convert.steps import Move, Process, steps
 from counterflex.programs.program import Program
+from counterflex.programs.reading import read_program_file
 from counterflex.programs.rotary.fitted import fitted
 from counterflex.programs.rotary.poses import Words, turned_path
 
@@ -328,3 +332,21 @@ def test_a_program_with_loops_is_written_out_in_its_own_language(shop: Path, tmp
     assert made.straight
     assert not wanted.straight
     np.testing.assert_allclose([m.p_end for m in made.motions], [m.p_end for m in wanted.motions], atol=1e-7)
+
+
+@pytest.mark.parametrize("language", ROBOTS)
+def test_start_postures_are_no_motions_of_the_path_and_are_named(language: str, tmp_path: Path) -> None:
+    """What compensate writes begins by axes: read with the robot known and without, it is the same path."""
+    cell_file = EXAMPLES / "cells" / "kr300_d16_small.toml"
+    cell = read_cell(cell_file)
+    made = compensate(EXAMPLES / "programs" / "groove.ngc", cell, language=language, predict=False)
+    for name, text in made.files.items():
+        (tmp_path / name).write_text(text, encoding="ascii")
+    main = tmp_path / next(iter(made.files))
+    held = robot_cell(cell, language)
+    known, unknown = (read_program_file(main, cell=one) for one in (held, replace(held, tip_of_axes=None)))
+    assert [motion.kind for motion in known.motions] == [motion.kind for motion in unknown.motions]
+    for a, b in zip(known.motions, unknown.motions, strict=True):
+        np.testing.assert_array_equal(a.p_end, b.p_end)
+    about = conversion.run(main, cell_file, tmp_path / "out", "gcode")
+    assert any("motions by axes before the path" in warning for warning in about["warnings"])

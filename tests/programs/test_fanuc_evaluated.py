@@ -268,6 +268,75 @@ def test_a_place_by_axes_between_cuts_follows_from_the_cell() -> None:
         read_fanuc(text)
 
 
+AWAY = "P[9]{\n   GP1:\n\tUF : 1, UT : 1,\n" + ",\n".join(f"\tJ{n}= {n}.0 deg" for n in range(1, 7)) + "\n};\n"
+
+
+def by_axes(*statements: str) -> FanucProgram:
+    """A program for a cell that knows where axes lead: P[9] to (500, 250, 125) mm."""
+    T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
+    text = listing(*HEAD[:2], *statements, entries=POINTS + AWAY)
+    return read_fanuc(text, cell=cell(tip_of_axes=lambda _: T))
+
+
+def test_rest_postures_around_the_path_are_no_motions_of_it() -> None:
+    """Before the first Cartesian target and behind the last one, waits there included."""
+    path = ("J P[1] 20% FINE", "L P[2] 9mm/sec FINE")
+    plain = by_axes(*path)
+    rested = by_axes("J P[9] 10% FINE", "WAIT 1.0(sec)", "J P[9] 10% FINE", *path, "J P[9] 10% FINE", "WAIT 2.0(sec)")
+    assert [m.kind for m in rested.motions] == [m.kind for m in plain.motions] == ["rapid", "feed"]
+    for a, b in zip(rested.motions, plain.motions, strict=True):
+        np.testing.assert_array_equal(a.p_start, b.p_start)
+        np.testing.assert_array_equal(a.p_end, b.p_end)
+    assert plain.left_out == ()
+    assert [rested.lines[int(one.rpartition(":")[2]) - 1].count("J P[9]") for one in rested.left_out] == [1, 1, 1]
+
+
+def test_between_cuts_every_stop_by_axes_is_a_motion_of_its_own_line() -> None:
+    made = by_axes("J P[1] 20% FINE", "L P[2] 9mm/sec FINE", "J P[9] 10% FINE", "WAIT 1.5(sec)", "J P[9] 10% FINE",
+                   "DO[1]=ON", "L P[3] 9mm/sec FINE")  # fmt: skip
+    assert [(m.kind, m.duration_s) for m in made.motions[2:]] == [
+        ("rapid", 0),
+        ("dwell", 1.5),
+        ("rapid", 0),
+        ("feed", 0),
+    ]
+    assert [move.word for move in made.moves] == ["J", "L", "J", "WAIT", "J", "L"]
+    for index, (motion, move) in enumerate(zip(made.motions, made.moves, strict=True)):
+        block = made.blocks[motion.block]
+        assert block.line == move.line
+        assert (block.first_motion, block.motion_count) == (index, 1)
+    firsts = [block.first_motion for block in made.blocks]
+    assert firsts == sorted(firsts)
+    assert sum(block.motion_count for block in made.blocks) == len(made.motions)
+
+
+def test_where_the_robot_is_after_axes_is_not_known_to_inc() -> None:
+    with pytest.raises(ProgramError, match="INC counts from"):
+        by_axes("J P[1] 20% FINE", "J P[9] 10% FINE", "L P[2] 9mm/sec FINE INC")
+
+
+@pytest.mark.parametrize("rail", ["E1= 100.0 mm", "J7= 100.0 mm"])
+@pytest.mark.parametrize("way", [("J P[8] 5% FINE",), ("PR[1]=P[8]", "J PR[1] 5% FINE")])
+def test_a_rail_moved_by_axes_between_cuts_is_refused(rail: str, way: tuple[str, ...]) -> None:
+    """Elsewhere the rest posture may have the rail anywhere: the robot does not cut there."""
+    T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
+    entries = POINTS + AWAY.replace("P[9]", "P[8]").replace("\tJ6= 6.0 deg", f"\tJ6= 6.0 deg,\n\t{rail}")
+    at = cell(tip_of_axes=lambda _: T, external_axes={1: 0.0})
+    around = listing(*HEAD, "L P[2] 9mm/sec FINE", *way, entries=entries)
+    assert len(read_fanuc(around, cell=at).motions) == 2
+    between = listing(*HEAD, "L P[2] 9mm/sec FINE", *way, "L P[3] 9mm/sec FINE", entries=entries)
+    with pytest.raises(ProgramError, match=r"external axis E1 .*got 100; expected 0"):
+        read_fanuc(between, cell=at)
+
+
+def test_an_axis_that_a_posture_leaves_out_is_not_taken_for_zero() -> None:
+    T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
+    entries = POINTS + AWAY.replace(",\n\tJ6= 6.0 deg", "")
+    text = listing(*HEAD, "L P[2] 9mm/sec FINE", "J P[9] 5% FINE", "L P[3] 9mm/sec FINE", entries=entries)
+    with pytest.raises(ProgramError, match=r"P\[9\] has no J1 to J6"):
+        read_fanuc(text, cell=cell(tip_of_axes=lambda _: T))
+
+
 # ---- a job of several files --------------------------------------------------------------------------------------
 
 

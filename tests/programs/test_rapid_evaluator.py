@@ -256,6 +256,15 @@ def test_axes_between_cuts_are_a_place_of_the_cell() -> None:
         read(body)
 
 
+def test_each_stop_by_axes_between_cuts_is_a_motion_and_one_behind_is_left_out() -> None:
+    rest = "MoveAbsJ [[30,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n"
+    body = f"{at('1')}\nMoveAbsJ j10,v100,fine,tool0;\n{rest}{at('20')}\n{rest}"
+    made = read(body, cell=cell_with_robot())
+    assert ends(made) == [[1, 0, 0], [10, 0, 0], [30, 0, 0], [20, 0, 0]]
+    texts = [made.lines[int(place.rpartition(":")[2]) - 1] for place in made.left_out]
+    assert [text.strip() for text in texts] == [rest.strip()]
+
+
 # ---- against Python ------------------------------------------------------------------------------------------------
 
 

@@ -217,6 +217,61 @@ def test_a_joint_between_cuts_follows_from_the_cell() -> None:
         read_val3(text, data=files())
 
 
+def by_axes(*lines: str) -> Val3Program:
+    """A program for a cell that knows where axes lead: jA to (500, 250, 125) mm."""
+    T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
+    return read_val3(program(*lines), data=files(), cell=cell(tip_of_axes=lambda _: T))
+
+
+AWAY = "movej(jA,tMill,mRun)"
+
+
+def test_rest_postures_around_the_path_are_no_motions_of_it() -> None:
+    """Before the first Cartesian target and behind the last one, waits there included."""
+    wait = ("waitEndMove()", "delay(1)")
+    plain, rested = by_axes(HEAD, to("p[1]")), by_axes(AWAY, *wait, AWAY, HEAD, to("p[1]"), AWAY, *wait)
+    assert [m.kind for m in rested.motions] == [m.kind for m in plain.motions] == ["rapid", "feed"]
+    for a, b in zip(rested.motions, plain.motions, strict=True):
+        np.testing.assert_array_equal(a.p_start, b.p_start)
+        np.testing.assert_array_equal(a.p_end, b.p_end)
+
+
+def test_between_cuts_every_stop_by_axes_is_a_motion_of_its_own_line() -> None:
+    made = by_axes(HEAD, to("p[1]"), AWAY, "waitEndMove()", "delay(1.5)", AWAY, "diX=true", to("p[2]"))
+    assert [(m.kind, m.duration_s) for m in made.motions[2:]] == [
+        ("rapid", 0),
+        ("dwell", 1.5),
+        ("rapid", 0),
+        ("feed", 0),
+    ]
+    assert [move.word for move in made.moves] == ["movej", "movel", "movej", "delay", "movej", "movel"]
+    for index, (motion, move) in enumerate(zip(made.motions, made.moves, strict=True)):
+        block = made.blocks[motion.block]
+        assert block.line == move.line
+        assert (block.first_motion, block.motion_count) == (index, 1)
+    assert sum(block.motion_count for block in made.blocks) == len(made.motions)
+
+
+@pytest.mark.parametrize(
+    ("before", "joint"),
+    [
+        ("jA=jA+{1,1,1,0,0,0}", "jA"),
+        ("", "{2,3,4,4,5,6}"),
+        ("jA={3,4,5,4,5,6}", "jA-{1,1,1,0,0,0}"),
+    ],
+)
+def test_joints_are_added_and_written_in_braces(before: str, joint: str) -> None:
+    asked: list[tuple[float, ...]] = []
+
+    def tip(axes_deg):  # type: ignore[no-untyped-def]
+        asked.append(tuple(axes_deg))
+        return pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
+
+    text = program(HEAD, *([before] if before else []), f"movej({joint},tMill,mRun)", to("p[1]"))
+    read_val3(text, data=files(), cell=cell(tip_of_axes=tip))
+    assert asked == [(2, 3, 4, 4, 5, 6)]
+
+
 # ---- a job of several files --------------------------------------------------------------------------------------
 
 

@@ -18,7 +18,7 @@ from counterflex.app.compensation.robot_program import (
     tool_data,
 )
 from counterflex.app.inputs import AS_IT_IS, Reading, machine_of
-from counterflex.app.robot_axes import fanuc_configuration, in_world, part_in_world, val3_configuration
+from counterflex.app.robot_axes import fanuc_configuration, in_world, part_in_world, remarks, val3_configuration
 from counterflex.app.robot_programs import refuse_held_part, robot_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -96,6 +96,8 @@ def run(
     if to_robot and not isinstance(program, RobotProgram):
         refuse_change_in_cut(program, cell)
         refuse_other_height(program)
+    if to_robot:
+        warnings += remarks(cell, dialect)
     program = _without_rotary_words(program, cell, tolerance_m)
     sequence = list(steps(program, orientations(program, cell), to_robot=to_robot))
     written = _emitter(program, cell, language, tolerance_m, points_per_file).write(sequence)

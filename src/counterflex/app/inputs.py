@@ -128,7 +128,10 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
     cell.require_milling()
     program = reading.program(file, cell)
     if len(program.motions) == 0:
-        raise ProgramError("the program moves nothing", where=str(file))
+        what = "the program moves nothing"
+        if isinstance(program, RobotProgram):
+            what += " along a path: it has no Cartesian target, places by axes alone are none"
+        raise ProgramError(what, where=str(file))
     job = _turned_job(program, cell, step_m) if turns(program) else _job(program, cell, step_m)
     _check_tool_rotation(job, cell)
     return job

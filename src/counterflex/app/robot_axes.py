@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.robot.elasticity.chain import forward
@@ -22,6 +23,23 @@ def axes_in(cell: Cell, language: str) -> tuple[ControllerAxes, tuple[str, ...]]
     """
     robot = cell.nominal_robot
     return in_language(robot.axes, robot.opw, robot.joint_limits_rad, language, str(cell.path))
+
+
+def other_maker(cell: Cell, language: str) -> str:
+    """Return why the controller of the cell's robot does not run a language of robots; empty where it may."""
+    maker = cell.nominal_robot.axes.maker
+    title = next((one.title for one in MAKERS.values() if one.language == language), "")
+    if not title or maker is None or MAKERS[maker].language == language:
+        return ""
+    return f"the program is for a controller of {title}, the robot is of {MAKERS[maker].title}"
+
+
+def remarks(cell: Cell, language: str) -> tuple[str, ...]:
+    """Return what a writer that needs no axes says of the controller: see :func:`axes_in`."""
+    try:
+        return axes_in(cell, language)[1]
+    except InputError as error:
+        return (f"{error.what}: no axes are written",)
 
 
 def axes_of_posture(cell: Cell, language: str, q: Float) -> list[float]:

@@ -179,7 +179,7 @@ def held_as_programmed(program: Program, cell: Cell) -> Cell:
     Raises:
         ProgramError: The program turns the tool about its axis in one place.
     """
-    if not isinstance(program, RobotProgram) or program.Rs_part_tcp is None:
+    if not isinstance(program, RobotProgram) or program.Rs_part_tcp is None or not len(program.motions):
         return cell
     R = program.Rs_part_tcp
     R = R if cell.R_part_plane is None else cell.R_part_plane.T @ R

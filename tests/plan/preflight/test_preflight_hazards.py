@@ -37,7 +37,7 @@ NO_LIMITS = {
         name for name in MaterialTable.model_fields if not name.startswith(("chip_", "allow_"))
     },  # constants of the law
     "controller": {
-        "tool_number", "base_number", "work_object",  # read by the readers of robot programs
+        "tool_number", "base_number", "work_object", "robot_in_world",  # read by the readers of robot programs
         "rsi_version", "kss_version", "correction_output", "correction_signal", "armed_signal",  # of online correction
     },
 }  # fmt: skip

@@ -21,6 +21,7 @@ from counterflex.app.robot_axes import (
     axes_of_posture,
     fanuc_configuration,
     in_world,
+    other_maker,
     part_in_world,
     val3_configuration,
 )
@@ -182,7 +183,11 @@ def _in_place(write: Callable[..., Any], order: WritingOrder) -> Written:
         cell=order.cell.label,
         job=job_hash(order.plan),
     )
-    return text.files, {key: value for key, value in dataclasses.asdict(text).items() if key != "files"}
+    facts = {key: value for key, value in dataclasses.asdict(text).items() if key != "files"}
+    foreign = other_maker(order.cell, order.job.program.dialect)
+    if foreign:
+        facts["warnings"] = (*facts.get("warnings", ()), foreign)
+    return text.files, facts
 
 
 def _krl(order: WritingOrder) -> Written:

@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.app.compensation.robot_program import routine_name
 from counterflex.app.inputs import Job
+from counterflex.app.robot_axes import other_maker
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell
@@ -20,12 +21,11 @@ from counterflex.programs.limits import FANUC, KRL, LINUXCNC, RAPID, SINUMERIK, 
 from counterflex.programs.program import ROBOT_DIALECTS, Block
 from counterflex.programs.robot_writer.parts import robot_parts
 from counterflex.programs.robot_writer.points import choose_points, event_motions
+from counterflex.robot.model.controller_axes import MAKERS
 
 LIMITS: Final[dict[str, Limits]] = {"krl": KRL, "rapid": RAPID, "fanuc": FANUC, "val3": VAL3, "sinumerik": SINUMERIK}
 """Of a language; those of LinuxCNC for all others."""
 TITLES: Final = {"krl": "KRL", "rapid": "RAPID", "fanuc": "FANUC TP", "val3": "VAL3", "sinumerik": "Sinumerik"}
-MAKERS: Final = {"kuka": "krl", "abb": "rapid", "fanuc": "fanuc", "staubli": "val3"}
-"""Language of a robot of the catalogue, whose name begins with its maker."""
 TOLERANCE_M: Final = 5.0 * UM
 """Of the points, as ``compensate`` has it."""
 _TOLERANCE_RAD: Final = 1e-4
@@ -54,16 +54,19 @@ class _Counted:
 def language_of(job: Job, cell: Cell) -> str:
     """Language that the robot gets the program in: its own, else that of the maker of the cell's robot.
 
-    A robot that is not of the catalogue has the language of the one table in ``[controller.spindle]``, if there is one.
+    A robot whose maker is not stated has the language of the one table in ``[controller.spindle]``, if there is one.
 
     Returns:
         A dialect; ``linuxcnc`` and the like where the robot's language is not known: the program as it stands.
     """
     if job.program.dialect in ROBOT_DIALECTS:
         return job.program.dialect
-    maker = (cell.tables.robot.catalog or "").split("_", maxsplit=1)[0]
+    robot, maker = cell.tables.robot, cell.nominal_robot.axes.maker
+    stated = robot.controller_axes is not None and robot.controller_axes.maker is not None
+    if maker is not None and (stated or robot.catalog is not None):
+        return MAKERS[maker].language
     tables = cell.tables.controller.spindle.model_fields_set & set(ROBOT_DIALECTS)
-    return MAKERS.get(maker, tables.pop() if len(tables) == 1 else job.program.dialect)
+    return tables.pop() if len(tables) == 1 else job.program.dialect
 
 
 def program_size(job: Job, cell: Cell, language: str | None = None) -> ProgramSize:
@@ -94,7 +97,14 @@ def program_size(job: Job, cell: Cell, language: str | None = None) -> ProgramSi
         name = routine_name(stem)
         names = (name, *(f"{name}_{number:03d}" for number in range(1, parts + 1))) if parts > 1 else (name,)
         return ProgramSize(
-            TITLES[language], limits.source, points, limits.points_per_file, names, limits.name_characters, written=True
+            TITLES[language],
+            limits.source,
+            points,
+            limits.points_per_file,
+            names,
+            limits.name_characters,
+            written=True,
+            foreign=other_maker(cell, language),
         )
     lengths = [len(line) for line in job.program.lines]
     longest = int(np.argmax(lengths)) if lengths else 0
@@ -103,6 +113,7 @@ def program_size(job: Job, cell: Cell, language: str | None = None) -> ProgramSi
         sum(motion.kind != "dwell" for motion in job.program.motions), limits.points_per_file,
         (stem,), limits.name_characters, written=False, line=max(lengths, default=0),
         line_limit=limits.line_characters, line_number=longest + 1, line_point=_row_of_line(job, longest + 1),
+        foreign=other_maker(cell, language),
     )  # fmt: skip
 
 

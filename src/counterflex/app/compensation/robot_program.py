@@ -21,6 +21,7 @@ from counterflex.programs.robot_writer.statement_forms import FORMS, Dialect
 
 _HOMING: Final = frozenset((28.0, 30.0, 53.0))
 _NAME_CHARACTERS: Final = 20
+_SHOWN: Final = 4
 _SAME_PLACE_M: Final = 1e-7
 
 
@@ -110,7 +111,26 @@ def refuse_other_height(program: Program) -> None:
 
 
 def omissions(program: Program) -> list[str]:
-    """What a robot program leaves out of one that goes to places of the milling machine (G28, G30, G53), in words.
+    """Return what another program leaves out of one, in words.
+
+    Places of the milling machine (G28, G30, G53), and motions by axes around the path of a robot program.
+
+    Raises:
+        ProgramError: That was the way out of the cut: the robot would stay there.
+    """
+    return [*_homing(program), *_by_axes(program)]
+
+
+def _by_axes(program: Program) -> list[str]:
+    places = program.left_out if isinstance(program, RobotProgram) else ()
+    if not places:
+        return []
+    shown = ", ".join(places[:_SHOWN]) + (f" and {len(places) - _SHOWN} more" if len(places) > _SHOWN else "")
+    return [f"motions by axes before the path or behind it stay in the program that was read: {shown}"]
+
+
+def _homing(program: Program) -> list[str]:
+    """What leads to places of the milling machine, in words.
 
     Raises:
         ProgramError: That was the way out of the cut: the robot would stay there.

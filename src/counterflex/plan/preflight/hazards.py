@@ -143,6 +143,8 @@ HAZARDS: Final = (
            "warning; ok where the writer divides it"),
     Hazard("program name", "characters", "those of the language", ("controller.spindle",), "warning"),
     Hazard("line length", "characters of a program that is run as it stands", "those of the language", (), "warning"),
+    Hazard("language of the controller", "maker of the program's language", "maker of the robot",
+           ("robot.controller_axes",), "warning"),
 )  # fmt: skip
 
 

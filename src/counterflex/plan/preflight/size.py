@@ -26,6 +26,7 @@ class ProgramSize:
         line_limit: Longest line that the controller reads.
         line_number: Where it is, 1-based.
         line_point: Row of the path at the first motion of the longest line, or behind it; None where there is none.
+        foreign: Why the robot's controller does not run the language; empty where it may.
     """
 
     language: str
@@ -39,10 +40,11 @@ class ProgramSize:
     line_limit: int = 0
     line_number: int = 0
     line_point: int | None = None
+    foreign: str = ""
 
 
 def size_rows(size: ProgramSize) -> list[Row]:
-    """Motions per file, length of the names, length of the lines."""
+    """Motions per file, length of the names, length of the lines, language of the controller."""
     rows = [_points_row(size), _name_row(size)]
     if size.line is None:
         rows.append(Row(LINE_LENGTH, "ok", what="the writer keeps lines short"))
@@ -60,7 +62,18 @@ def size_rows(size: ProgramSize) -> list[Row]:
                 advice="Shorten the comments of this line, or divide it" if over else "",
             )
         )
-    return rows
+    return [*rows, _language_row(size)]
+
+
+def _language_row(size: ProgramSize) -> Row:
+    return Row(
+        "language of the controller",
+        "warning" if size.foreign else "ok",
+        what=size.foreign or f"{size.language}; nothing says that the robot's controller runs another language",
+        advice="Run it on the controller that it was posted for, or name that maker in [robot.controller_axes]"
+        if size.foreign
+        else "",
+    )
 
 
 def _points_row(size: ProgramSize) -> Row:

@@ -34,6 +34,7 @@ class Execution:
         motions: Each motion, without rotary words.
         rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
         acting: Lines that act on the cell without the table of the cell file saying what they do.
+        by_axes: Indices of the blocks of motions by axes, made or not.
     """
 
     def __init__(self, in_spindle: ToolInSpindle) -> None:
@@ -41,6 +42,7 @@ class Execution:
         self.motions: list[Motion] = []
         self.rotations: list[Float] = []
         self.acting: list[int] = []
+        self.by_axes: list[int] = []
         self._blocks: list[Block] = []
         self._rpm = 0.0
         self._words: list[Word] = []
@@ -49,6 +51,15 @@ class Execution:
         """What was executed, with a meaning of the rotary words."""
         for block in self._blocks:
             yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
+
+    def left_out(self, name: str) -> tuple[str, ...]:
+        """Return file and line of each motion by axes that is none of the path, see :class:`RobotProgram`.
+
+        Args:
+            name: Of the main file.
+        """
+        blocks = [self._blocks[index] for index in self.by_axes if index < len(self._blocks)]
+        return tuple(dict.fromkeys(block.where(name) for block in blocks if block.motion_count == 0))
 
     # ---- motions ---------------------------------------------------------------------------------------------
 

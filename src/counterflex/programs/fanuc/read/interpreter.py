@@ -131,6 +131,7 @@ class Interpreter(Flow):
                 raise fault(routine.listing, statement, what, hint="The file may be damaged: post it again") from error
         if len(self.motions) > first or self._words:
             made = len(self._blocks) == block + 1
+            first = self._blocks[block].first_motion
             count = len(self.motions) - first if made else 0
             self._blocks[block] = replace(
                 self._blocks[block],
@@ -324,17 +325,19 @@ class Interpreter(Flow):
         if match is None:
             self.act(step.routine, step.statement)
         time_s = None if match is None else self.value(step.routine, step.statement, match[1])
-        if is_number(time_s) and self.dwell(len(self._blocks) - 1, float(cast("float", time_s))):
-            self.moves.append(
+        if is_number(time_s):
+            statement = step.statement
+            self.rest(
                 FanucMotion(
-                    step.statement.line,
+                    statement.line,
                     "WAIT",
-                    step.statement.start,
-                    step.statement.head,
-                    step.statement.end,
+                    statement.start,
+                    statement.head,
+                    statement.end,
                     np.eye(3),
                     file=step.routine.name,
-                )
+                ),
+                float(cast("float", time_s)),
             )
         return step.at + 1
 

@@ -205,7 +205,13 @@ class Listing:
 
 
 def _units(key: str) -> tuple[str, ...]:
-    return ("mm", "deg") if key[0] in "Ee" else ("mm",) if key.upper() in "XYZ" else ("deg",)
+    return (
+        ("mm", "deg")
+        if key.upper() in ("E1", "E2", "E3", "J7", "J8", "J9")
+        else ("mm",)
+        if key.upper() in "XYZ"
+        else ("deg",)
+    )
 
 
 def _number(text: str) -> int | None:

@@ -22,13 +22,13 @@ from counterflex.programs.fanuc.read.routine import Routine, fault
 from counterflex.programs.fanuc.read.targets import Target, Targets
 from counterflex.programs.fanuc.read.values import CONFIG, Values
 from counterflex.programs.program import Motion, Word
-from counterflex.programs.robot_text.execution import Execution
+from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
 from counterflex.programs.unknown import Unknown, known
 
 _PLACE: Final = "such places before the first target and behind the last one"
 
 
-class MotionExecution(Execution):
+class MotionExecution(ExecutionByAxes[FanucMotion]):
     """Motions of a program, with the state that they depend on.
 
     Args:
@@ -38,7 +38,6 @@ class MotionExecution(Execution):
         values: Registers.
         frames: Active frames.
         targets: Ends and speeds.
-        moves: What stands behind each motion in the text.
     """
 
     def __init__(self, cell: FanucCell | None) -> None:
@@ -47,9 +46,7 @@ class MotionExecution(Execution):
         super().__init__(self.frames)
         self.cell = cell
         self.targets = Targets(cell, self.values, self.frames)
-        self.moves: list[FanucMotion] = []
         self.file = ""
-        self._away: tuple[str, Unknown | None] | None = None
         self._arcs: list[int] = []  # motions of the running chain of A
         self._T_part_end: Float | None = None  # end of the last motion
         self._end_tool, self._end_exact = -1, False
@@ -62,8 +59,8 @@ class MotionExecution(Execution):
         Args:
             at_rest: Only where the robot has come to rest there.
         """
-        if self._away is not None:
-            return Unknown("the robot went to a place by axes or registers that are not known", self._away[0])
+        if self.away:
+            return Unknown("the robot went to a place by axes or registers", self.away[0].where)
         if self._T_part_end is None:
             return Unknown("the robot has not moved yet", self.values.where)
         if self._end_tool != self.frames.user_tool:
@@ -92,15 +89,17 @@ class MotionExecution(Execution):
         *through, last = (self.targets.target(one, routine, statement) for one in form.targets)
         target = self.targets.displaced(last, form, self.values.here, routine, statement)
         T = self._place(target, word, where, routine, statement)
-        if T is None:
-            self._close_arcs(routine)
-            return form.at_time
-        if self._away is not None and self.motions:
-            raise self._refuse_away(routine, statement)
-        self._away = None
+        by_axes = target.T_user_tool is None
         if word != "A":
             self._close_arcs(routine)
-        by_axes = target.T_user_tool is None
+        if T is None or (by_axes and word == "J"):
+            self.leave(
+                self._record(form, target, through, routine, statement), T, where, target.unknown,
+                lambda: self.targets.refuse_moving(target.external_axes, target.others, where),
+            )  # fmt: skip
+            return form.at_time
+        self.targets.refuse_moving(target.external_axes, target.others, where)
+        self.arrive(lambda away: self._refuse_away(away, routine, statement))
         R = T[:3, :3] if by_axes else T[:3, :3] @ self.frames.R_tcp_tool.T
         self._make(form, T, R, through, routine, statement)
         if word == "A":
@@ -128,16 +127,14 @@ class MotionExecution(Execution):
         if T is None and word != "J":
             raise fault(routine.listing, statement, "axis angles are no target of a path without the cell's robot",
                         limit="X Y Z W P R", hint="Give that place by X Y Z W P R, or give the cell")  # fmt: skip
-        if T is None:
-            self._away = (where, target.unknown)
         return T
 
-    def _refuse_away(self, routine: Routine, statement: Statement) -> ProgramError:
-        place, unknown = self._away or ("", None)
-        why = f": {unknown}" if unknown is not None else ""
+    def _refuse_away(self, away: Away[FanucMotion], routine: Routine, statement: Statement) -> ProgramError:
+        why = f": {away.unknown}" if away.unknown is not None else ""
         return fault(
             routine.listing, statement,
-            f"the robot comes from a place that is not known, by axes (line {place.split(':')[1]}){why}", limit=_PLACE,
+            f"the robot comes from a place that is not known, by axes (line {away.where.split(':')[1]}){why}",
+            limit=_PLACE,
             hint="Give that place by X Y Z W P R, or post each part as a program of its own",
         )  # fmt: skip
 

@@ -66,6 +66,7 @@ def read_fanuc(
         straight=not folder.routines and max(interpreter.runs.values(), default=1) == 1,
         Rs_part_tcp=rotations,
         acting=tuple(sorted(set(interpreter.acting))),
+        left_out=interpreter.left_out(name),
         listings={name: routine.about(), **{key: one.about() for key, one in folder.routines.items()}},
         moves=tuple(interpreter.moves),
     )

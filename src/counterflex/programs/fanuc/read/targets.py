@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Final, cast
 
 import numpy as np
@@ -24,6 +24,7 @@ from counterflex.programs.unknown import Unknown, first_unknown, known
 
 _LARGEST_M_S: Final = 20.0
 _TURN_DEG: Final = 1e-9
+_AXES: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +38,8 @@ class Target:
         config: CONFIG.
         axes: Axes in deg of one that is given by them.
         unknown: Why it is not known.
+        external_axes: External axes of one by axes, E1 to E3 (J7 to J9), by number: mm or deg.
+        others: Text of further motion groups of one by axes.
     """
 
     T_user_tool: Float | None
@@ -45,6 +48,8 @@ class Target:
     config: str = ""
     axes: tuple[float, ...] = ()
     unknown: Unknown | None = None
+    external_axes: Mapping[int, float] = field(default_factory=dict)
+    others: str = ""
 
 
 class Targets:
@@ -88,7 +93,8 @@ class Targets:
                 raise fault(routine.listing, statement, f"where {name} is, is not known", limit="an entry of /POS",
                             hint="The listing may be damaged: post it again")  # fmt: skip
             if not literal.numbers:
-                return Target(None, axes=tuple(literal.axes.get(f"J{n}", 0.0) for n in range(1, 7)))
+                values: dict[str, Value] = {**literal.axes, **{f"E{n}": one for n, one in literal.external.items()}}
+                return replace(_by_axes(values, "", name, where), others=literal.others)
             self._frames_of(literal, routine)
             computed = "" if form.index.isdigit() else f"{name} by a register"
             return Target(frame_of(literal.values), literal, computed, literal.config)
@@ -104,9 +110,7 @@ class Targets:
         if unknown is not None:
             return Target(None, computed=name, unknown=unknown)
         if "J1" in value:
-            return Target(
-                None, computed=name, axes=tuple(float(cast("float", value.get(f"J{n}", 0.0))) for n in range(1, 7))
-            )
+            return _by_axes(value, name, name, where)
         if (self.frames.user_frame < 0 or self.frames.user_tool < 0) and self.cell is not None:
             raise ProgramError(
                 "the program does not say which frames are active", where=where, value=name,
@@ -221,7 +225,7 @@ class Targets:
                         hint="Write the number into the program: the controller's is not known",
                     )  # fmt: skip
         if position.external or position.others:
-            self._refuse_moving(position, routine)
+            self.refuse_moving(position.external, position.others, routine.listing.place(position.start))
 
     def _own_frame(self, active: int, own: int, word: str, position: FanucPosition, routine: Routine) -> int:
         if active >= 0:
@@ -232,15 +236,14 @@ class Targets:
             )  # fmt: skip
         return own
 
-    def _refuse_moving(self, position: FanucPosition, routine: Routine) -> None:
+    def refuse_moving(self, external_axes: Mapping[int, float], others: str, where: str) -> None:
         """Refuse external axes, and further groups, that move."""
-        where = routine.listing.place(position.start)
-        for number, value in position.external.items():
+        for number, value in external_axes.items():
             self._external.check(number, value, f"E{number}", where)
-        self._others = self._others or position.others
-        if position.others and position.others != self._others:
+        self._others = self._others or others
+        if others and others != self._others:
             raise ProgramError(
-                "a position moves more than one group", where=where, value=position.others[:40],
+                "a position moves more than one group", where=where, value=others[:40],
                 limit="further groups that stand still",
                 hint="Moving positioners and second robots are not read: post the path with the positioner at rest",
             )  # fmt: skip
@@ -306,6 +309,17 @@ class Targets:
         if not is_number(value) or not float(value).is_integer():  # type: ignore[arg-type]
             raise fault(routine.listing, statement, "the number of a position is not whole", hint="Write it itself")
         return int(value)  # type: ignore[call-overload, no-any-return]
+
+
+def _by_axes(values: Mapping[str, Value], computed: str, name: str, where: str) -> Target:
+    """Target of J1 to J6 and external axes; not known where one of the six is missing."""
+    axes = tuple(float(cast("float", values[f"J{n}"])) for n in range(1, 7) if f"J{n}" in values)
+    if len(axes) < _AXES:
+        return Target(None, computed=computed, unknown=Unknown(f"{name} has no J1 to J6", where))
+    external = {
+        n: float(cast("float", values[key])) for n in (1, 2, 3) for key in (f"E{n}", f"J{_AXES + n}") if key in values
+    }
+    return Target(None, computed=computed, axes=axes, external_axes=external)
 
 
 def _added(T: Float, value: Value, name: str, where: str) -> Float:

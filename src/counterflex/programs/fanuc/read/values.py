@@ -125,9 +125,9 @@ def plain_code(code: str) -> str:
 
 def position_value(position: FanucPosition) -> dict[str, Value]:
     """Components of an entry of /POS."""
-    if not position.numbers:
-        return dict(position.axes)
     external = {f"E{number}": value for number, value in position.external.items()}
+    if not position.numbers:
+        return {**position.axes, **external}
     return {**position.values, **external, CONFIG: position.config}
 
 

@@ -236,6 +236,7 @@ class Motions(Modes):
     def _elsewhere(self, place: Place, read: KrlMotion) -> None:
         """A motion by axes, or to a place that only the controller knows."""
         where = f"{self.module.file.name}:{self.line}"
+        self.by_axes.append(len(self._blocks))
         if place.axes is not None and self.memory.doubt is None and all(name in place.axes for name in AXES):
             self._by_axes.append((len(self._blocks), place.axes, read))
             self._away = None

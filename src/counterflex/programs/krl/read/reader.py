@@ -82,6 +82,7 @@ def read_krl(
         R_tcp_tool=interpreter.frames.R_tcp_tool,
         extra=interpreter.targets.extra_text,
         acting=tuple(dict.fromkeys(interpreter.acting)),
+        left_out=interpreter.left_out(name),
         loose_triggers=interpreter.loose,
         reads_position=interpreter.reads_position,
     )

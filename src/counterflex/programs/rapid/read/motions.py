@@ -73,7 +73,7 @@ class Motions(Execution):
         self.now = Statement(0, 0, "", 1, False)
         self._call = -1
         self._displacement: list[list[float]] | None = None
-        self._away: tuple[Statement, Float | None] | None = None
+        self._away: list[tuple[Statement, Float | None, int]] = []
         self._states: dict[tuple[str, int, float], Modal] = {}
         self._rotations: dict[tuple[float, ...], Float] = {}
 
@@ -274,25 +274,28 @@ class Motions(Execution):
         tip = None if self.cell is None else self.cell.tip_of_axes
         if tip is not None and isinstance(axes, list) and len(axes) == _AXES and first_unknown(axes) is None:
             T = tip([float(axis) for axis in axes if is_number(axis)])
-        self._away = (statement, T)
+        self._away.append((statement, T, len(self.by_axes)))
+        self.by_axes.append(len(self._blocks) - 1)
 
     def _arrive(self, statement: Statement) -> None:
         """Make the motion by axes that came before, where the robot goes on from its end."""
-        if self._away is None:
+        away, self._away = self._away, []
+        if not away or not self.motions:
             return
-        before, T = self._away
-        self._away = None
-        if not self.motions:
-            return
-        if T is None:
-            reason = "Give --cell" if self.cell is None else "Give that place as a robtarget"
-            raise self.fault(
-                "the robot comes from a place that is not known, by axes "
-                f"({self.source.where(before.start)})", statement,
-                limit="MoveAbsJ before the first target and behind the last one",
-                hint=f"{reason}, or post each part as a program of its own",
-            )  # fmt: skip
-        self.straight(len(self._blocks) - 1, T[:3, 3], T[:3, :3], 0.0)
-        self.moves.append(
-            RapidMotion(before.line, before.code.split()[0], self._call, before.start, before.end, np.eye(3))
-        )
+        del self.by_axes[away[0][2] :]
+        for before, T, _ in away:
+            if T is None:
+                raise self._refuse_away(before, statement)
+            self.straight(len(self._blocks) - 1, T[:3, 3], T[:3, :3], 0.0)
+            self.moves.append(
+                RapidMotion(before.line, before.code.split()[0], self._call, before.start, before.end, np.eye(3))
+            )
+
+    def _refuse_away(self, before: Statement, statement: Statement) -> ProgramError:
+        reason = "Give --cell" if self.cell is None else "Give that place as a robtarget"
+        return self.fault(
+            "the robot comes from a place that is not known, by axes "
+            f"({self.source.where(before.start)})", statement,
+            limit="MoveAbsJ before the first target and behind the last one",
+            hint=f"{reason}, or post each part as a program of its own",
+        )  # fmt: skip

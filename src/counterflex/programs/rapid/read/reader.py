@@ -68,6 +68,7 @@ def read_rapid(
         straight=len(set(starts)) == len(starts),
         Rs_part_tcp=rotations,
         acting=tuple(sorted(set(interpreter.acting))),
+        left_out=interpreter.left_out(name),
         text=text,
         files=tuple((part.name, part.start, part.end) for part in source.parts),
         moves=tuple(interpreter.moves),

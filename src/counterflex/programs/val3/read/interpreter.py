@@ -125,6 +125,7 @@ class Interpreter(Flow):
                 raise routine.fault(at, what, hint="The file may be damaged: post it again") from error
         if len(self.motions) > first or self._words:
             made = len(self._blocks) == block + 1
+            first = self._blocks[block].first_motion
             self._blocks[block] = replace(
                 self._blocks[block], words=tuple(self._words), motion_count=len(self.motions) - first if made else 0,
                 modal=self.modal(self.motion_code(first) if made else "G1"),
@@ -212,8 +213,7 @@ class Interpreter(Flow):
 
     def do_open(self, _: Routine, at: int) -> int:
         """Open and close wait until the robot is at rest (VAL3 Reference manual, open)."""
-        if self.moves and self.moves[-1].T_father_tool is not None:
-            self.moves[-1] = replace(self.moves[-1], exact=True)
+        self.end_exactly()
         return at + 1
 
     def do_delay(self, routine: Routine, at: int) -> int:

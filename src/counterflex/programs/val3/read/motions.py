@@ -17,13 +17,13 @@ from counterflex.geometry import pose
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Word
+from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
 from counterflex.programs.robot_text.cell import RobotTextCell
-from counterflex.programs.robot_text.execution import Execution
 from counterflex.programs.unknown import Unknown, first_unknown, known
 from counterflex.programs.val3.program import Key, Val3Motion
 from counterflex.programs.val3.read.program_file import Routine, arguments
 from counterflex.programs.val3.read.store import Store
-from counterflex.programs.val3.read.values import CONFIG, FATHER, JOINTS, SPEED_FIELDS, TRSF, matrix
+from counterflex.programs.val3.read.values import CONFIG, FATHER, JOINTS, SPEED_FIELDS, TRSF, joint_of, matrix
 
 _FASTEST_MM_S: Final = 20_000.0
 """A speed limit from here on limits nothing: the robot runs as fast as its axes."""
@@ -58,7 +58,7 @@ class _Target:
     axes: tuple[float, ...] = ()
 
 
-class MotionExecution(Execution):
+class MotionExecution(ExecutionByAxes[Val3Motion]):
     """Motions of a program, with the state that they depend on.
 
     Args:
@@ -67,7 +67,6 @@ class MotionExecution(Execution):
             frame.
 
     Attributes:
-        moves: What stands behind each motion in the text.
         uses: How often each point of the data file is a target.
     """
 
@@ -75,10 +74,8 @@ class MotionExecution(Execution):
         self._spindle = _Spindle()
         super().__init__(self._spindle)
         self.store, self.cell = store, cell
-        self.moves: list[Val3Motion] = []
         self.uses: Counter[Key] = Counter()
         self.settled: tuple[str, int] | None = ("", -1)  # waitEndMove() behind the last motion; none while it moves
-        self._away = ""
         self._first_father: tuple[str, Float | None] | None = None
         self._frames: dict[tuple[str, int], Float] = {}
         self._tools: dict[tuple[Key, int], Float] = {}
@@ -107,10 +104,16 @@ class MotionExecution(Execution):
         target = self._target(points[-1][0], routine, at, word)
         R_tcp_tool = self._tool(tool[0], routine, at)
         feed, exact, attributes = self._speed(speed[0], routine, at)
-        placed = self._placed(target, R_tcp_tool, routine, at)
-        if placed is None:
+        if target.T_father_tool is None:
+            tip = None if self.cell is None else self.cell.tip_of_axes
+            start = offset + code.index(word)
+            move = Val3Motion(at + 1, word, start, routine.starts[at], R_tcp_tool, file=routine.name)
+            self.leave(move, None if tip is None else tip(target.axes), routine.place(at))
             return
-        T, R, T_part_father = placed
+        self.arrive(lambda away: self._refuse_away(away, routine, at))
+        T_part_father = self._father(target.father, routine, at)
+        T = T_part_father @ target.T_father_tool
+        R = T[:3, :3] @ R_tcp_tool.T
         self.straight(len(self._blocks) - 1, T[:3, 3], R, 0.0 if word == "movej" else feed)
         auxiliary = self._target(points[0][0], routine, at, word) if word == "movec" else None
         if auxiliary is not None:
@@ -164,36 +167,22 @@ class MotionExecution(Execution):
         if key is None or isinstance(value, Unknown):
             known(value, f"the place of {text}", where, text=routine.codes[at],
                   hint="Give .pgx and .dtx in one folder, or write the target itself")  # fmt: skip
-        if isinstance(value, Mapping) and "j1" in value:
+        joint = joint_of(value)
+        if joint is not None:
             if word != "movej":
                 raise routine.fault(at, "axis angles are no target of a path", limit="a pointRx")
-            return _Target(None, axes=tuple(float(cast("float", value[name])) for name in JOINTS))
+            return _Target(None, axes=tuple(float(cast("float", joint[name])) for name in JOINTS))
         if not isinstance(value, Mapping) or TRSF not in value or CONFIG not in value:
             raise routine.fault(at, f"{text} is no point", limit="a pointRx of the data file")
         father = str(value[FATHER])
         attributes = {name: str(one) for name, one in cast("Mapping[str, Value]", value[CONFIG]).items() if one}
         return _Target(matrix(value), father, key, {**attributes, "fatherId": father})
 
-    def _placed(
-        self, target: _Target, R_tcp_tool: Float, routine: Routine, at: int
-    ) -> tuple[Float, Float, Float] | None:
-        """Pose in the part, orientation of the cell's TCP, and frame of a target; None of axes without a cell."""
-        if target.T_father_tool is not None:
-            if self._away and self.motions:
-                raise routine.fault(
-                    at, f"the robot comes from a place that is not known, by axes (line {self._away})", limit=_AWAY,
-                    hint="Give that place as a point, or post each part as a program of its own",
-                )  # fmt: skip
-            self._away = ""
-            T_part_father = self._father(target.father, routine, at)
-            T = T_part_father @ target.T_father_tool
-            return T, T[:3, :3] @ R_tcp_tool.T, T_part_father
-        tip = None if self.cell is None or self.cell.tip_of_axes is None else self.cell.tip_of_axes(target.axes)
-        if tip is None:
-            self._away = f"{at + 1}"
-            return None
-        self._away = ""
-        return tip, tip[:3, :3], np.eye(4)
+    def _refuse_away(self, away: Away[Val3Motion], routine: Routine, at: int) -> ProgramError:
+        return routine.fault(
+            at, f"the robot comes from a place that is not known, by axes (line {away.move.line})", limit=_AWAY,
+            hint="Give that place as a point, or post each part as a program of its own",
+        )  # fmt: skip
 
     def _father(self, father: str, routine: Routine, at: int) -> Float:
         """(4, 4) m of a frame in the part frame.
@@ -314,15 +303,19 @@ class MotionExecution(Execution):
     def wait_end(self, routine: Routine, at: int) -> None:
         """The robot comes to rest at the end of the last motion."""
         self.settled = (routine.name, at)
-        if self.moves and self.moves[-1].T_father_tool is not None:
+        self.end_exactly()
+
+    def end_exactly(self) -> None:
+        """Mark the last motion as one that ends at rest, where it is no motion by axes."""
+        if not self.away and self.moves and self.moves[-1].T_father_tool is not None:
             self.moves[-1] = replace(self.moves[-1], exact=True)
 
     def wait(self, routine: Routine, at: int, time_s: float) -> None:
         """A wait, where the robot has come to rest before it; else the program waits while the robot runs on."""
-        if self.settled is None or self.settled[1] < 0 or not self.dwell(len(self._blocks) - 1, time_s):
+        if self.settled is None or self.settled[1] < 0:
             return
         head = routine.starts[self.settled[1]] if self.settled[0] == routine.name else routine.starts[at]
-        self.moves.append(Val3Motion(at + 1, "delay", head, head, np.eye(3), file=routine.name))
+        self.rest(Val3Motion(at + 1, "delay", head, head, np.eye(3), file=routine.name), time_s)
 
 
 def _short(value: float) -> str:

@@ -71,6 +71,7 @@ def read_val3(
         straight=len(sources) == 1 and max(interpreter.runs.values(), default=1) == 1,
         Rs_part_tcp=rotations,
         acting=tuple(sorted(set(interpreter.acting))),
+        left_out=interpreter.left_out(name),
         sources={
             key: Val3Source(one.text, one.starts[one.first] if one.first < len(one.starts) else len(one.text))
             for key, one in sources.items()

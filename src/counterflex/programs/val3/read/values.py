@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final, cast
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -123,15 +123,31 @@ def _product(a: Value, b: Value) -> Value:
 def _sum(a: Value, b: Value) -> Value:
     if isinstance(a, str) and isinstance(b, str):
         return a + b
-    if isinstance(a, Mapping) and isinstance(b, Mapping) and "j1" in a and "j1" in b:
-        return {name: a[name] + b[name] for name in JOINTS}
+    joints = _joints(a, b)
+    if joints is not None:
+        return {name: joints[0][name] + joints[1][name] for name in JOINTS}
     return _number(a) + _number(b)
 
 
 def _difference(a: Value, b: Value) -> Value:
-    if isinstance(a, Mapping) and isinstance(b, Mapping) and "j1" in a and "j1" in b:
-        return {name: a[name] - b[name] for name in JOINTS}
+    joints = _joints(a, b)
+    if joints is not None:
+        return {name: joints[0][name] - joints[1][name] for name in JOINTS}
     return _number(a) - _number(b)
+
+
+def _joints(a: Value, b: Value) -> tuple[Any, Any] | None:
+    """Two values as joints, of which one is a joint and the other may be six numbers; None of others."""
+    two = [joint_of(one) for one in (a, b)]
+    named = any(isinstance(one, Mapping) for one in (a, b))
+    return (two[0], two[1]) if named and two[0] is not None and two[1] is not None else None
+
+
+def joint_of(value: Value) -> Mapping[str, Value] | None:
+    """Return a joint, or six numbers in braces as one; None of another value."""
+    if isinstance(value, list) and len(value) == len(JOINTS) and all(is_number(one) for one in value):
+        return dict(zip(JOINTS, value, strict=True))
+    return value if isinstance(value, Mapping) and "j1" in value else None
 
 
 def _not(a: Value) -> Value:
