@@ -64,12 +64,12 @@ def test_a_candidate_is_seen_as_the_cell_file_with_its_values(tmp_path: Path) ->
     _, cell, task = placement.task_of(program, read_cell(file), AS_IT_IS, "both")
     frame = Frame(cell, placement.middle_of(task))
     place = frame.here.copy()
-    np.testing.assert_allclose(frame.seen(place).T_base_part, cell.T_base_part, atol=1e-12)
+    np.testing.assert_allclose(frame.seen(place).T_base_standing, cell.T_base_part, atol=1e-12)
     place[4:] = [-300.0 * MM, 25.0 * DEG]
     text = file.read_text(encoding="utf-8").replace("at_mm = 100", "at_mm = -300").replace("at_deg = 0", "at_deg = 25")
     (tmp_path / "there.toml").write_text(text, encoding="utf-8")
     there, seen = read_cell(tmp_path / "there.toml"), frame.at(frame.stand(place))
-    np.testing.assert_allclose(seen.T_base_part, there.T_base_part, atol=1e-12)
+    np.testing.assert_allclose(seen.T_base_standing, there.T_base_part, atol=1e-12)
     assert task.around is not None
     assert seen.T_base_before is not None
     moved = {body.name: body.T_frame_body for body in task.around.seen_from(seen.T_base_before).bodies}

@@ -12,6 +12,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.external_axes import ExternalAxisTable, moved
 from counterflex.files.cell.set_up import POSE_KEYS
+from counterflex.files.schema import PoseTable
 from counterflex.geometry import pose
 from counterflex.plan.placement.search import Seen, placed
 
@@ -21,7 +22,7 @@ class Stand:
     """A candidate as a cell file has it.
 
     Attributes:
-        part: Keys of ``[part]``, mm and deg.
+        part: Keys of ``[part]``, mm and deg; of ``[tcp]`` where the robot holds the part.
         axes: Values of the external axes by name, mm or deg.
     """
 
@@ -35,7 +36,7 @@ class Frame:
 
     Attributes:
         cell: The cell, perhaps in the working plane of a tilted tool.
-        middle: (3,) m, middle of what is cut, frame of the program.
+        middle: (3,) m, middle of what is cut, frame of the program; 0 where the robot holds the part.
     """
 
     cell: Cell
@@ -46,23 +47,34 @@ class Frame:
         """External axes."""
         return self.cell.tables.external_axes
 
+    @property
+    def table(self) -> PoseTable:
+        """Table of the cell file that says where it stands: ``[part]``, or ``[tcp]`` of a spindle that stands."""
+        return self.cell.tables.tcp if self.cell.holds_part else self.cell.part
+
     @cached_property
     def T_zero_program(self) -> Float:
-        """(4, 4) present frame of the program in the robot base, external axes at zero."""
+        """(4, 4) present frame of the program, or of the spindle, in the robot base, external axes at zero."""
         carried = self.cell.T_base_floor @ moved(self.axes, "part")
-        out: Float = pose.inverse(carried) @ self.cell.T_base_part
+        T_base_tcp = self.cell.T_base_tcp
+        out: Float = pose.inverse(carried) @ (self.cell.T_base_part if T_base_tcp is None else T_base_tcp)
         return out
+
+    @property
+    def may_turn(self) -> bool:
+        """A rotation about z of the base changes more than the free rotation about the tool axis does."""
+        return not self.cell.holds_part or abs(float(self.T_zero_program[2, 2])) < 1.0 - 1e-9
 
     @cached_property
     def here(self) -> Float:
-        """(4 + k,) the present candidate: x and y of the middle, z of the part frame, no rotation, values of axes."""
+        """(4 + k,) the present candidate: x and y of the middle, z of the frame, no rotation, values of axes."""
         T = self.T_zero_program
         level = (T[:3, :3] @ self.middle + T[:3, 3])[:2]
         return np.array([*level, T[2, 3], 0.0, *(axis.shown * _unit(axis) for axis in self.axes)])
 
     def stand(self, place: Float) -> Stand:
-        """The candidate as a cell file has it, to 0.1 mm and 0.01 deg; a part that stays keeps its pose exactly."""
-        now = self.cell.part
+        """The candidate as a cell file has it, to 0.1 mm and 0.01 deg; what stays keeps its pose exactly."""
+        now = self.table
         keys = {key: float(getattr(now, key)) for key in POSE_KEYS}
         if not np.allclose(place[:4], self.here[:4], rtol=0.0, atol=1e-9):
             p = placed(place[:4], self.middle, self.T_zero_program[:3, :3])[:3, 3] / MM
@@ -75,9 +87,9 @@ class Frame:
         return Stand(keys, values)
 
     def at(self, stand: Stand) -> Seen:
-        """Where the program and the floor then are."""
+        """Where the program (or the spindle) and the floor then are."""
         p, angles = [stand.part[k] * MM for k in POSE_KEYS[:3]], [stand.part[k] * DEG for k in POSE_KEYS[3:]]
-        T = pose.from_xyz_zyx(np.array(p), np.array(angles)) @ pose.inverse(self.cell.part.matrix())
+        T = pose.from_xyz_zyx(np.array(p), np.array(angles)) @ pose.inverse(self.table.matrix())
         return self._seen(T @ self.T_zero_program, [stand.axes[axis.name] for axis in self.axes])
 
     def seen(self, place: Float) -> Seen:

@@ -71,7 +71,7 @@ def task_of(
     """
     cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
-    setting, path = setting_of(cell), job.machined
+    setting, path = setting_of(cell, part_may_be_held=True), job.machined
     line: Int = job.line_of_motion[path.motion]
     with faults_in(job):
         cut = loaded_path(path, line, cell.stock(), setting, surface, progress)
@@ -82,6 +82,11 @@ def task_of(
                 hint="Check the blank (part.stock) and the program's zero",
             )
     return job, cell, Task(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell))
+
+
+def frame_of(task: Task, cell: Cell) -> Frame:
+    """Where a program may be: by the middle of what is cut, or by the tip of a spindle that stands."""
+    return Frame(cell, np.zeros(3) if cell.holds_part else middle_of(task))
 
 
 def middle_of(task: Task) -> Float:
@@ -120,7 +125,7 @@ def placement_of(
     wish = Wish() if wish is None else wish
     parts[CUTTING](0.0)
     job, cell, task = task_of(program, cell, reading, surface, parts[CUTTING])
-    frame, begin = Frame(cell, middle_of(task)), time.perf_counter()
+    frame, begin = frame_of(task, cell), time.perf_counter()
     region = region_of(wish, frame)
     site = site_of(task, stretches_of_task(task, cell))
     judged = search(site, region, frame.seen, count, progress=parts[SEARCHING])
@@ -231,11 +236,10 @@ def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, 
 
 def _moved(task: Task, seen: Seen) -> Task:
     """A task where program and floor are elsewhere."""
-    T, around = seen.T_base_part, task.around
-    if around is not None and seen.T_base_before is not None:
-        around = around.seen_from(seen.T_base_before)
-    robot = replace(task.robot, T_base_part=T)
-    return replace(task, setting=replace(task.setting, T_base_part=T), robot=robot, around=around)
+    robot = task.robot.facing(seen.T_base_standing)
+    around = None if task.around is None else task.around.facing(task.robot, robot, seen.T_base_before)
+    setting = replace(task.setting, T_base_part=robot.T_base_part, T_base_tcp=robot.T_base_tcp)
+    return replace(task, setting=setting, robot=robot, around=around)
 
 
 def _near(place: Float, other: Float) -> bool:

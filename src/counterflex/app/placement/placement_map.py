@@ -11,8 +11,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading
-from counterflex.app.placement.frame import Frame
-from counterflex.app.placement.placement import middle_of, task_of
+from counterflex.app.placement.placement import frame_of, task_of
 from counterflex.app.placement.region import Wish, region_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -22,9 +21,10 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.lowest_mode import mode_of
-from counterflex.plan.placement.candidate import Candidate, judge, site_of
+from counterflex.plan.placement.candidate import Site, judge, site_of
 from counterflex.plan.placement.search import Region
 from counterflex.plan.posture.cut_path import Surface
+from counterflex.plan.posture.survey import RobotHere
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
 TABLE: Final = "map.csv"
@@ -66,7 +66,7 @@ def run(
     begin = time.perf_counter()
     cell = read_cell(cell_file)
     job, cell, task = task_of(program, cell, reading, surface)
-    site, frame = site_of(task), Frame(cell, middle_of(task))
+    site, frame = site_of(task), frame_of(task, cell)
     if cell.tables.external_axes and (wish is None or wish.box_mm is None):
         raise InputError(
             "in a cell with external axes the part stays where it is clamped, so that a map needs a region",
@@ -78,10 +78,9 @@ def run(
     rows = []
     places = _places(region, here, points)
     for k, (view, place) in enumerate(places):
-        judged = judge(site, frame.seen(place).T_base_part)
-        rows.append(_row(view, place, judged, cell))
+        rows.append(_row(view, place, site, site.robot.facing(frame.seen(place).T_base_standing), cell))
         progress((k + 1) / len(places))
-    own = _row("present", here, judge(site, cell.T_base_part), cell)
+    own = _row("present", here, site, site.robot, cell)
     summary = {
         "program": job.program.name,
         "cell": cell.label,
@@ -117,15 +116,17 @@ def _places(region: Region, here: Float, points: int) -> list[tuple[str, Float]]
     return out
 
 
-def _row(view: str, place: Float, judged: Candidate, cell: Cell) -> dict[str, Any]:
+def _row(view: str, place: Float, site: Site, robot: RobotHere, cell: Cell) -> dict[str, Any]:
     """One place in shop units; figures are missing where it is refused."""
+    judged = judge(site, robot.T_base_standing)
     row: dict[str, Any] = {"view": view}
     row |= {key: round(float(v) / MM, 1) for key, v in zip(("x_mm", "y_mm", "z_mm"), place, strict=False)}
     row |= {"refused": judged.refused, **dict.fromkeys((*FIGURES, "margin_deg")), "branch": judged.branch}
     if judged.q is None:
         return row
     q = judged.q[len(judged.q) // 2]
-    soft = float(np.linalg.eigvalsh(cartesian_compliance(cell.chain, q)[:3, :3])[-1])
+    C = robot.relative_motion(q[None]).compliance(cartesian_compliance(cell.chain, q))[0]
+    soft = float(np.linalg.eigvalsh(C[:3, :3])[-1])
     return row | {
         "deflection_um": round(judged.deflection_m / UM, 2),
         "stiffness_n_per_um": round(UM / soft, 4) if soft > 0.0 else None,

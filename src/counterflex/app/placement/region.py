@@ -25,10 +25,11 @@ class Wish:
 
     Attributes:
         box_mm: Least and largest x and y of the middle of the program, and z of the part frame, robot base at zero of
-            the external axes. None: as :func:`counterflex.plan.placement.search.usual_region` has it; in a cell with
-            external axes the part stays where it is clamped.
-        turned_deg: Least and largest rotation of the part about z, from the present one; None: any, in a cell with
-            external axes only together with ``box_mm``.
+            the external axes; where the robot holds the part x, y and z of the tip of the spindle. None: as
+            :func:`counterflex.plan.placement.search.usual_region` has it; in a cell with external axes the part (or
+            the spindle) stays where it is clamped.
+        turned_deg: Least and largest rotation about z, from the present one; None: any, in a cell with external axes
+            only together with ``box_mm``; none for a vertical spindle that stands.
         axes: Least and largest value of external axes, mm or deg, by name; those that are not named stand still. None:
             all over their whole range.
     """
@@ -73,7 +74,7 @@ def _part(wish: Wish, frame: Frame) -> tuple[list[float], list[float]]:
     """Bounds of x, y, z and rotation."""
     here: Float = frame.here
     free = wish.box_mm is not None or not frame.cell.tables.external_axes
-    turned = wish.turned_deg or (ANY_TURN if free else (0.0, 0.0))
+    turned = wish.turned_deg or (ANY_TURN if free and frame.may_turn else (0.0, 0.0))
     angles = [a * DEG for a in turned]
     if wish.box_mm is not None:
         return [*(v * MM for v in wish.box_mm[::2]), angles[0]], [*(v * MM for v in wish.box_mm[1::2]), angles[1]]

@@ -226,7 +226,7 @@ class Cell:
                 where=str(self.path),
                 value='part_on = "flange"',
                 limit='part_on = "table"',
-                hint="compensate, preflight, plan posture, plan strategy, plan stability take it; docs/cell-file.md",
+                hint="docs/cell-file.md, 'The robot holds the part', lists the commands that take it",
             )
         T_base_part = self.T_base_floor @ moved(self.tables.external_axes, "part") @ self.part.matrix()
         return T_base_part if self.R_part_plane is None else T_base_part @ pose.make(self.R_part_plane)

@@ -78,11 +78,12 @@ def text_with_place(
     mounted: tuple[str, str, float] | None = None,
     axes: Mapping[str, float] | None = None,
 ) -> str:
-    """Text of a cell file with the part elsewhere and a posture for it; everything else is kept.
+    """Text of a cell file with the part (or the spindle that stands) elsewhere and a posture for it; all else is kept.
 
     Args:
         path: Cell file.
-        pose: Keys of ``[part]`` in shop units; those that stay as they are do not appear anew.
+        pose: Keys of ``[part]`` in shop units, of ``[tcp]`` where the robot holds the part; those that stay as they are
+            do not appear anew.
         branch: Such as ``front up noflip``.
         rotation_deg: Rotation about the tool axis.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
@@ -93,14 +94,14 @@ def text_with_place(
         FileFormatError: The file cannot be read.
     """
     doc = parsed(path)
-    table = table_of(doc, "part")
-    for key, value in pose.items():
-        if key in table or value != 0.0:
-            table[key] = value
     if mounted is not None:
         body, key, angle = mounted
         turned = table_of(doc, "tcp") if body == "tcp" else row_of(doc, "end_effector", "name", body)
         turned[key] = angle
+    table = table_of(doc, "tcp" if doc.get("part_on") == "flange" else "part")
+    for key, value in pose.items():
+        if key in table or value != 0.0:
+            table[key] = value
     for name, value in (axes or {}).items():
         row = row_of(doc, "external_axes", "name", name)
         row["at_mm" if "at_mm" in row else "at_deg"] = value

@@ -20,7 +20,6 @@ from counterflex.plan.posture.impossible import FAULTS
 from counterflex.plan.posture.survey import RobotHere, survey_path
 from counterflex.plan.posture.survey_kernel import OK
 from counterflex.plan.posture.way import Way, best_way
-from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.stability.stretches import Stretch
 from counterflex.robot.model.opw import BRANCHES
 
@@ -44,7 +43,7 @@ class Site:
 
     Attributes:
         cut: Thinned path.
-        robot: Robot and tool; its pose of the part is replaced.
+        robot: Robot and tool; the pose of the part, or of the spindle that stands, is replaced.
         freedom: Rotations that are tried.
         rows: (m,) rows of the whole path that the thinned one has, rising.
         around: Bodies that must not touch, tools by the rows of the thinned path; None: nobody looks.
@@ -117,21 +116,19 @@ def site_of(task: Task, stretches: Sequence[Stretch] = (), rotations: int = ROTA
     return Site(cut, task.robot, Freedom(rotations), rows, around, task.setting.datum_points_part, error, fed)
 
 
-def judge(site: Site, T_base_part: Float, T_base_before: Float | None = None) -> Candidate:
-    """Find the best posture of a pose of the part: survey, dynamic programming, distances of bodies.
+def judge(site: Site, T_base_standing: Float, T_base_before: Float | None = None) -> Candidate:
+    """Find the best posture of a place: survey, dynamic programming, distances of bodies.
 
     Args:
         site: The program.
-        T_base_part: (4, 4).
+        T_base_standing: (4, 4) of the part; where the robot holds the part, of the spindle's tool frame.
         T_base_before: (4, 4) robot base of the site in that of the candidate, where the robot was carried away.
 
     Returns:
         What the pose is worth, or what refuses it.
     """
-    robot, cut = replace(site.robot, T_base_part=T_base_part), site.cut
-    around = site.around
-    if around is not None and T_base_before is not None:
-        around = around.seen_from(T_base_before)
+    robot, cut = site.robot.facing(T_base_standing), site.cut
+    around = None if site.around is None else site.around.facing(site.robot, robot, T_base_before)
     rows = np.arange(len(cut))
     survey = survey_path(cut, robot, site.freedom.grid_rad, rows)
     bad = np.flatnonzero(survey.failed[:, OK] == 0)
@@ -174,9 +171,11 @@ def worth(site: Site, robot: RobotHere, q: Float) -> tuple[float, float, float]:
         q: (m, 6) rad along the thinned path.
     """
     angles = np.ascontiguousarray(q)
-    to_part = tool_carried(robot.T_base_part).to_part
-    fed = np.nan if site.feeding is None else site.feeding.least_damping(robot.chain, angles, to_part)
-    return (*site.error.means(site.cut, robot, angles), fed)
+    relative, fed = robot.relative_motion(angles), np.nan
+    if site.feeding is not None:
+        to_part = relative.rows(site.feeding.rows).to_part
+        fed = site.feeding.least_damping(robot.chain, angles, to_part)
+    return (*site.error.means(site.cut, robot.chain, relative, angles), fed)
 
 
 def _worth(site: Site, robot: RobotHere, way: Way, clearance_m: float, passed: float) -> Candidate:

@@ -61,7 +61,7 @@ class Feeding:
         Args:
             chain: Springs and masses.
             q: (m, 6) rad along the thinned path.
-            to_part: (6, 6) or, for each row, (k, 6, 6): see
+            to_part: (1, 6, 6) or, for each of the k points, (k, 6, 6): see
                 :func:`counterflex.plan.stability.robot_modes.robot_modes`.
         """
         count = len(coordinates(chain)[0])

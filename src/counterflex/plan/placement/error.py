@@ -25,8 +25,8 @@ from counterflex.core.units import MS
 from counterflex.plan.damping import ASSUMED_DAMPING
 from counterflex.plan.posture.cut_path import CutPath
 from counterflex.plan.posture.likely_play import with_likely_play
-from counterflex.plan.posture.survey import RobotHere, base_points
 from counterflex.plan.posture.survey_kernel import POWER
+from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.plan.stability.robot_modes import robot_modes_along
 from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.chain import ElasticChain, jacobian
@@ -83,41 +83,48 @@ class ErrorLeft:
         at = np.array(largest, dtype=np.int64)[most]
         return cls(with_likely_play(chain), stands[most], step[at], speed[at], measured)
 
-    def means(self, cut: CutPath, robot: RobotHere, q: Float) -> tuple[float, float]:
+    def means(self, cut: CutPath, chain: ElasticChain, relative: RelativeMotion, q: Float) -> tuple[float, float]:
         """Power means over the cut of the deflection at rest, and of the error with lost motion and swing, m.
 
         Args:
             cut: m points, the thinned path.
-            robot: Robot and place of the part.
+            chain: The elastic robot.
+            relative: Motion of the tool relative to the part in these postures.
             q: (m, 6) rad.
         """
-        points = base_points(cut, robot.T_base_part, np.array([0, len(cut) - 1]))
-        bent = np.zeros((len(q), 6))
-        deflection_range(robot.chain.compact, q, points.w, ON_RIGID, 0, bent, 0, len(q))
-        lost = play.lost_motion(self.loose, q, points.w) - play.relaxed(self.loose, q)
-        moved = np.einsum("nij,nj->ni", jacobian(robot.chain, q)[:, :3], lost)
-        rest = np.linalg.norm(np.einsum("ndi,ni->nd", points.normals, bent[:, :3]), axis=1)
-        error = np.hypot(rest, np.linalg.norm(np.einsum("ndi,ni->nd", points.normals, moved), axis=1))
+        w, bent = np.ascontiguousarray(relative.load(cut.w_tcp_part)), np.zeros((len(q), 6))
+        deflection_range(chain.compact, q, w, ON_RIGID, 0, bent, 0, len(q))
+        lost = play.lost_motion(self.loose, q, w) - play.relaxed(self.loose, q)
+        moved = np.einsum("nij,nj->ni", jacobian(chain, q), lost)
+        rest = _across(cut.normals_part, relative.displacement(bent))
+        error = np.hypot(rest, _across(cut.normals_part, relative.displacement(moved)))
         weight = cut.weight_m / (np.sum(cut.weight_m) or 1.0)
         total = float(np.sum(weight * error**POWER))
-        swing, length = self._swings(points.normals[self.rows], robot, q[self.rows])
+        swing, length = self._swings(cut.normals_part[self.rows], chain, relative.rows(self.rows), q[self.rows])
         share = np.minimum(weight[self.rows], length / (np.sum(cut.weight_m) or 1.0))
         there = error[self.rows]
         total += float(np.sum(share * ((there + swing) ** POWER - there**POWER)))
         return float(np.sum(weight * rest**POWER)) ** (1.0 / POWER), total ** (1.0 / POWER)
 
-    def _swings(self, normals: Float, robot: RobotHere, q: Float) -> tuple[Float, Float]:
+    def _swings(
+        self, normals_part: Float, chain: ElasticChain, relative: RelativeMotion, q: Float
+    ) -> tuple[Float, Float]:
         """(k,) m amplitudes, and the lengths over which they last."""
         if not len(q):
             return np.empty(0), np.empty(0)
         zeta = ASSUMED_DAMPING if self.measured is None else self.measured.damping_ratio
-        steps = self.steps_part @ robot.T_base_part[:3, :3].T
         swing, length = np.zeros(len(q)), np.zeros(len(q))
-        for k, modes in enumerate(robot_modes_along(robot.chain, q, np.eye(6)[None], self.measured, zeta)):
-            across = np.linalg.norm(normals[k] @ modes.shape, axis=0)
-            swing[k] = float(np.sum(across * np.abs(modes.shape.T @ steps[k]) / modes.omega_rad_s**2))
+        for k, modes in enumerate(robot_modes_along(chain, q, relative.to_part, self.measured, zeta)):
+            across = np.linalg.norm(normals_part[k] @ modes.shape, axis=0)
+            swing[k] = float(np.sum(across * np.abs(modes.shape.T @ self.steps_part[k]) / modes.omega_rad_s**2))
             length[k] = self.speed_m_s[k] / (zeta * float(modes.omega_rad_s[0]))
         return swing, length
+
+
+def _across(normals_part: Float, displacement_part: Float) -> Float:
+    """(n,) m, size of displacements (n, 6) in the directions that matter."""
+    out: Float = np.linalg.norm(np.einsum("ndi,ni->nd", normals_part, displacement_part[:, :3]), axis=1)
+    return out
 
 
 def _force_steps(path: CutPath) -> Float:

@@ -43,12 +43,13 @@ class Seen:
     """Where a candidate puts things, as the robot sees them.
 
     Attributes:
-        T_base_part: (4, 4) frame of the program in the robot base.
+        T_base_standing: (4, 4) in the robot base: frame of the program, or tool frame of the spindle where the robot
+            holds the part.
         T_base_before: (4, 4) robot base of the present cell in that of the candidate: external axes may carry the robot
             away from what stands on the floor. None: it stays.
     """
 
-    T_base_part: Float
+    T_base_standing: Float
     T_base_before: Float | None = None
 
 
@@ -153,7 +154,7 @@ def search(
         place = low.copy()
         place[free] = x
         there = seen(place)
-        candidate = judge(site, there.T_base_part, there.T_base_before)
+        candidate = judge(site, there.T_base_standing, there.T_base_before)
         places.append(place)
         candidates.append(candidate)
         progress(min(1.0, len(places) / (generations * POPULATION)))

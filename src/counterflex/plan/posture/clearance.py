@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
+from counterflex.geometry import pose
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.plan.preflight.bodies import Body, holds_stock, pairs, tool_of
 from counterflex.plan.preflight.collision import Closest, Scene, at_least, closest, poses
@@ -41,6 +42,24 @@ class Surroundings:
         """
         bodies = [_carried_away(body, T_base_before) for body in self.bodies]
         return replace(self, bodies=bodies)
+
+    def facing(self, before: RobotHere, after: RobotHere, T_base_before: Float | None) -> Surroundings:
+        """The same where part or spindle stand elsewhere; bodies that belong to the spindle go with it.
+
+        Args:
+            before: The robot as these bodies are given.
+            after: The same with part or spindle elsewhere.
+            T_base_before: (4, 4) the base of the first in that of the second, where the robot was carried away.
+        """
+        around = self if T_base_before is None else self.seen_from(T_base_before)
+        if before.T_base_tcp is None or after.T_base_tcp is None:
+            return around
+        motion = after.T_base_tcp @ pose.inverse(before.T_base_tcp)
+        bodies = [
+            replace(now, T_frame_body=motion @ then.T_frame_body) if then.of_spindle else now
+            for then, now in zip(self.bodies, around.bodies, strict=True)
+        ]
+        return replace(around, bodies=bodies)
 
     def compared(self) -> list[tuple[int, int, float]]:
         """Pairs of bodies, and the distance that each must keep."""

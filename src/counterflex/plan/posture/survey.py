@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numba
 import numpy as np
@@ -18,7 +18,8 @@ from counterflex.plan.inputs import Limits
 from counterflex.plan.posture.branches_kernel import SLOTS, arm_record
 from counterflex.plan.posture.cut_path import CutPath, fractions
 from counterflex.plan.posture.survey_kernel import CODES, POWER, Grid, Points, Survey, survey_edges
-from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.plan.relative_motion import RelativeMotion, part_carried, tool_carried
+from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.model.controller_axes import room
 
 _PARTS = 32
@@ -51,6 +52,24 @@ class RobotHere:
     acceleration_m_s2: float = 1.0
     cables_rad: Mapping[int, float] = field(default_factory=dict)
     T_base_tcp: Float | None = None
+
+    @property
+    def T_base_standing(self) -> Float:
+        """(4, 4) pose of what stands in the cell: the part, or the spindle against which the robot holds the part."""
+        return self.T_base_part if self.T_base_tcp is None else self.T_base_tcp
+
+    def facing(self, T_base_standing: Float) -> RobotHere:
+        """The robot with what stands in its cell elsewhere: the part, or the spindle where it holds the part."""
+        if self.T_base_tcp is None:
+            return replace(self, T_base_part=T_base_standing)
+        return replace(self, T_base_tcp=T_base_standing)
+
+    def relative_motion(self, q: Float) -> RelativeMotion:
+        """Motion of the tool relative to the part by that of the hand, in postures q (n, 6) rad."""
+        if self.T_base_tcp is None:
+            return tool_carried(self.T_base_part)
+        Ts_base_part = forward(self.controller_chain, q)
+        return part_carried(self.T_base_tcp, pose.inverse(Ts_base_part) @ self.T_base_tcp)
 
     @property
     def joint_limits_rad(self) -> Float:

@@ -67,6 +67,7 @@ class Body:
         tool: Number of the tool that it is, or None.
         surrounds: Belongs to the surroundings; False for bodies of the robot.
         cuts: It removes what it meets of the stock.
+        of_spindle: Stands in the base with a spindle against which the robot holds the part.
         vertices_m: (k, 3) m, corners of the convex hull of a mesh, from its centre.
         faces: (f, 4) outward normals and offsets of its faces: ``n p + d <= 0`` inside.
     """
@@ -80,6 +81,7 @@ class Body:
     tool: int | None = None
     surrounds: bool = field(default=False)
     cuts: bool = False
+    of_spindle: bool = False
     vertices_m: Float | None = None
     faces: Float | None = None
 
@@ -305,7 +307,7 @@ def turned_round(body: Body, T_base_tcp: Float) -> Body:
         return replace(body, frame="tcp", surrounds=False)
     if body.frame == "tcp":
         T_tcp_body = body.T_frame_body
-        return replace(body, frame="base", T_frame_body=T_base_tcp @ T_tcp_body, surrounds=True)
+        return replace(body, frame="base", T_frame_body=T_base_tcp @ T_tcp_body, surrounds=True, of_spindle=True)
     return body
 
 

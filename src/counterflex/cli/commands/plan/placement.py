@@ -79,6 +79,9 @@ def placement(
     In a cell with external axes (rail, positioner) their values are chosen, within the limits of the cell file, and the
     part stays where it is clamped; --region E1=0,2000 searches that axis alone. KRL and RAPID programs hold the values.
 
+    Where the robot holds the part (part_on = "flange") the spindle that stands is placed: its tip in the region, its
+    bodies (frame = "tcp") with it.
+
     With --mounting spindle.b_deg=0,-35 the angle of the spindle is chosen too, one of those that the shop has.
 
     Example: `counterflex plan placement part.ngc --cell cell.toml --region 900,1800,-400,400,300,1000 --out placement`
