@@ -196,7 +196,7 @@ def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
     if cell.R_part_plane is None and len(tilted):
         raise ProgramError(
             "the tool is tilted, and this command takes programs with the tool along z of the part only",
-            where=f"{program.name}:{program.blocks[program.motions[path.motion[tilted[0]]].block].line}",
+            where=program.blocks[program.motions[path.motion[tilted[0]]].block].where(program.name),
             hint="compensate, simulate, evaluate, prove, preflight and plan take tilted cuts (docs/programs.md)",
         )
     tilt = np.where(path.kind == FEED, np.arccos(np.clip(path.axis_part[:, 2], -1.0, 1.0)), 0.0)
@@ -208,7 +208,7 @@ def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
     if tilt[row] > tolerance_rad:
         raise ProgramError(
             "the tool cuts in another direction than in the original program",
-            where=f"{program.name}:{program.blocks[program.motions[path.motion[row]].block].line}",
+            where=program.blocks[program.motions[path.motion[row]].block].where(program.name),
             value=f"{tilt.max() / DEG:.3g} deg from it",
             limit=f"<= {tolerance_rad / DEG:g} deg (limits.correction_deg)",
             hint="Give the original that the program was compensated from",
@@ -279,7 +279,7 @@ def _check_tools(program: Program, cell: Cell) -> None:
         if motion.kind in ("feed", "arc") and motion.tool not in known:
             raise ProgramError(
                 "the program cuts with a tool that the cell does not have" if motion.tool else "no tool is selected",
-                where=f"{program.name}:{program.blocks[motion.block].line}",
+                where=program.blocks[motion.block].where(program.name),
                 value=f"T{motion.tool}",
                 limit=", ".join(f"T{number}" for number in sorted(known)),
                 hint=f"Add a [[tools]] table with number = {motion.tool} to {cell.path}"
