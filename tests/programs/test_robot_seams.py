@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
+from counterflex.geometry import pose
 from counterflex.programs.difference import differences
-from counterflex.programs.krl.read.reader import read_krl, read_krl_file
+from counterflex.programs.krl.read.frames import KrlCell
+from counterflex.programs.krl.read.reader import job_files, read_krl, read_krl_file
 from counterflex.programs.listing import listing
 from counterflex.programs.rapid.read.reader import read_rapid, read_rapid_file
+from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 POINT = "[[0,0,0],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 DATA = f"CONST robtarget p0:={POINT};\nVAR num n:=1;\nVAR intnum i1;\nVAR byte raw{{2}}:=[1,2];\n"
@@ -101,3 +106,39 @@ def test_tables_and_errors_of_a_job_name_the_file_of_a_line(tmp_path: Path) -> N
     (tmp_path / "cut.src").write_text("DEF cut( )\nPTP {X 0,Y 0,Z 9,A 180,B 0,C 180}\nLIN {X 1}\nLIN {X 2}\nEND\n")
     with pytest.raises(InputError, match=r"cut\.src:3"):
         differences(read_krl_file(tmp_path / "part.src"), alone)
+
+
+def test_a_program_of_an_archive_finds_its_controller_data_and_subprograms(tmp_path: Path) -> None:
+    program, system = tmp_path / "KRC" / "R1" / "Program", tmp_path / "KRC" / "R1" / "System"
+    for folder in (program / "sub", system):
+        folder.mkdir(parents=True)
+    config = "DEFDAT  $CONFIG\nDECL FRAME BASE_DATA[32]\nBASE_DATA[1]={X 0,Y 0,Z 0,A 0,B 0,C 0}\n"
+    (system / "$config.dat").write_text(config + "BASE_DATA[2]={X 5,Y 0,Z 40,A 90,B 0,C 0}\nENDDAT\n")
+    (program / "part.src").write_text(f"{HEAD}cut( )\n$BASE=BASE_DATA[2]\nLIN {{X 1,Y 2,Z 3}}\nEND\n")
+    (program / "sub" / "cut.src").write_text("DEF cut( )\nLIN {X 1,Y 0,Z 0}\nEND\n")
+    job = read_krl_file(program / "part.src")
+    assert [[round(x * 1000, 6) for x in motion.p_end] for motion in job.motions[1:]] == [[1, 0, 0], [3, 1, 43]]
+    assert {path.name for path in job_files(program / "part.src")} == {"cut.src", "$config.dat"}
+    (system / "$config.dat").unlink()
+    with pytest.raises(ProgramError, match="how the two lie to each other is not known"):
+        read_krl_file(program / "part.src")
+
+
+def test_axes_that_are_left_out_stay_where_the_last_place_by_axes_had_them() -> None:
+    seen: list[list[float]] = []
+
+    def tip(axes_deg: list[float]) -> Float:
+        seen.append(list(axes_deg))
+        return pose.make(None, np.array([axes_deg[0] / 1000, 0.0, 0.5]))
+
+    about = {
+        "where": "cell.toml", "tool_number": 1, "base_number": 1, "tools": [1], "tool_of_data": {},
+        "T_flange_tcp": pose.make(None, np.array([0.0, 0.0, 0.2])), "T_base_part": pose.make(None, np.zeros(3)),
+        "functions": MachineFunctions("krl", {3: [], 5: [], 6: []}), "tip_of_axes": tip,
+    }  # fmt: skip
+    body = "PTP {A1 0,A2 -90,A3 90,A4 0,A5 10,A6 0}\nPTP {A1 25}\nPTP {X 0,Y 0,Z 9,A 180,B 0,C 180}\nLIN {X 1}\nEND\n"
+    program = read_krl(HEAD + body, name="part.src", cell=KrlCell(**about))  # type: ignore[arg-type]
+    assert seen == [[0, -90, 90, 0, 10, 0], [25, -90, 90, 0, 10, 0]]
+    assert len(program.motions) == 5
+    with pytest.raises(ProgramError, match=r"part\.src:6: it goes there by some of its axes.*all axis angles"):
+        read_krl(HEAD + body[body.index("PTP {A1 25") :], name="part.src", cell=KrlCell(**about))  # type: ignore[arg-type]
