@@ -142,3 +142,19 @@ def test_axes_that_are_left_out_stay_where_the_last_place_by_axes_had_them() -> 
     assert len(program.motions) == 5
     with pytest.raises(ProgramError, match=r"part\.src:6: it goes there by some of its axes.*all axis angles"):
         read_krl(HEAD + body[body.index("PTP {A1 25") :], name="part.src", cell=KrlCell(**about))  # type: ignore[arg-type]
+
+
+def test_a_work_object_that_the_program_moves_is_seen_from_the_first_one() -> None:
+    frame = '[FALSE,TRUE,"",[[{},0,500],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+    declared = f"PERS wobjdata w1:={frame.format(1000)}PERS wobjdata w2:={frame.format(1000)}"
+    body = "".join(f"w2.oframe.trans.z:={z};\nMoveL p0,v20,fine,tool0\\WObj:=w2;\n" for z in (10, 20))
+    text = rapid(body).replace("fine,tool0;", "fine,tool0\\WObj:=w1;").replace(DATA, DATA + declared)
+    assert [round(motion.p_end[2] * 1000) for motion in read_rapid(text, name="m.mod").motions] == [0, 10, 20]
+
+
+def test_a_line_of_a_job_is_named_with_its_file(tmp_path: Path) -> None:
+    (tmp_path / "part.src").write_text(f"{HEAD}cut( )\nLIN {{X 9}}\nEND\n")
+    (tmp_path / "cut.src").write_text("DEF cut( )\nLIN {X 1}\nLIN {X 2}\n\nLIN {X 3}\nEND\n")
+    job = read_krl_file(tmp_path / "part.src")
+    assert [job.place(line) for line in (2, 7, 5)] == ["cut.src:2", "part.src:7", "cut.src:5 or part.src:5"]
+    assert read_krl(f"{HEAD}LIN {{X 1}}\nEND\n", name="part.src").place(6) == "line 6"

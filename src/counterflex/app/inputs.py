@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -300,9 +301,11 @@ def faults_in(job: Job) -> Iterator[None]:
         place, name = fault.where or "", Path(job.program.name).name
         if "motion" in fault.data:
             motion = int(fault.data["motion"])
-            place = f"{name}:{int(job.line_of_motion[motion])}{place.removeprefix(f'motion {motion}')}"
-        elif place.startswith("line "):
-            place = f"{name}:{place.removeprefix('line ')}"
+            block = job.program.blocks[job.program.motions[motion].block]
+            place = f"{block.where(name)}{place.removeprefix(f'motion {motion}')}"
+        elif (line := re.match(r"line (\d+)", place)) is not None:
+            named = job.program.place(int(line[1]))
+            place = f"{named if ':' in named else f'{name}:{line[1]}'}{place[line.end() :]}"
         else:
             raise
         raise type(fault)(

@@ -7,6 +7,7 @@ change a target and leave everything else byte for byte as it was.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Final, Literal
 
 from counterflex.core.arrays import Float
@@ -192,3 +193,12 @@ class Program:
     straight: bool
     encoding: str = "utf-8"
     part_zero: tuple[str, int] | None = None
+
+    def place(self, line: int) -> str:
+        """Return a line as tables name it: ``line 7``, or ``cut.src:7`` where motions stand in several files."""
+        used = {(self.blocks[motion.block].file, self.blocks[motion.block].line) for motion in self.motions}
+        if not any(file for file, _ in used):
+            return f"line {line}"
+        name = PurePath(self.name).name
+        files = sorted({file or name for file, at in used if at == line}) or [name]
+        return " or ".join(f"{file}:{line}" for file in files)

@@ -114,15 +114,21 @@ def _same(one: Interpreter, other: Interpreter) -> bool:
 def _run(
     source: Source, modules: Modules, cell: RapidCell | None, kept_from: Mapping[int, object] | None
 ) -> Interpreter:
-    lines, part_object = split_lines(source.text), ""
-    while True:
+    def executed(part_object: str) -> Interpreter:
         interpreter = Interpreter(source, modules, cell, lines, part_object)
         interpreter.memory.kept_from = kept_from
         interpreter.run()
-        objects = interpreter.frames.objects
-        if len(objects) < 2 or part_object:
-            return interpreter
-        part_object = max(objects, key=lambda key: objects[key])  # without a cell: most motions are in the part frame
+        return interpreter
+
+    lines = split_lines(source.text)
+    first = executed("")
+    objects = first.frames.objects
+    if len(objects) < 2:
+        return first
+    try:  # without a cell: most motions are in the part frame
+        return executed(max(objects, key=lambda key: objects[key]))
+    except ProgramError:  # that frame begins unknown, because the program itself changes it
+        return first
 
 
 def read_rapid_file(
