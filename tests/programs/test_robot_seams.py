@@ -158,3 +158,17 @@ def test_a_line_of_a_job_is_named_with_its_file(tmp_path: Path) -> None:
     job = read_krl_file(tmp_path / "part.src")
     assert [job.place(line) for line in (2, 7, 5)] == ["cut.src:2", "part.src:7", "cut.src:5 or part.src:5"]
     assert read_krl(f"{HEAD}LIN {{X 1}}\nEND\n", name="part.src").place(6) == "line 6"
+
+
+def test_a_job_whose_next_run_goes_elsewhere_is_refused() -> None:
+    data = "DEFDAT part\nDECL E6POS XP={X 1,Y 0,Z 0,A 180,B 0,C 180}\nDECL INT COUNT=4\nENDDAT\n"
+
+    def read(body: str) -> list[float]:
+        program = read_krl(f"{HEAD}{body}\nEND\n", name="part.src", data=data, data_name="part.dat")
+        return [round(float(motion.p_end[0]) * 1000, 6) for motion in program.motions]
+
+    assert read("COUNT=COUNT+1\nLIN XP") == [0, 1]  # counts parts, and the path does not depend on it
+    assert read("XP.X=5\nLIN XP\nXP.X=XP.X+1\nLIN XP") == [0, 5, 6]  # begins with a value of its own
+    for body in ("LIN XP\nXP.X=XP.X+1", "XP.Z=XP.Z-2\nLIN XP", "LIN {X COUNT}\nCOUNT=COUNT+1"):
+        with pytest.raises(ProgramError, match=r"part\.dat: the next run of the program makes other motions"):
+            read(body)

@@ -14,7 +14,8 @@ from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.interpreter import Interpreter, orientations
 from counterflex.programs.krl.read.job import Job, text_in
-from counterflex.programs.program import KRL_DIALECT, TOOL_VECTOR
+from counterflex.programs.krl.read.variables import kept_of
+from counterflex.programs.program import KRL_DIALECT, TOOL_VECTOR, same_motions
 from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import read_text
 
@@ -65,6 +66,7 @@ def read_krl(
     job = Job(name, text, others)
     interpreter = Interpreter(job, cell, complete=complete)
     interpreter.run()
+    _check_next_run(interpreter, Interpreter(Job(name, text, others), cell, complete=complete))
     rotations = orientations(interpreter)
     leans = tilted(rotations)
     main = job.main.file
@@ -85,6 +87,26 @@ def read_krl(
         loose_triggers=interpreter.loose,
         reads_position=interpreter.reads_position,
     )
+
+
+def _check_next_run(first: Interpreter, again: Interpreter) -> None:
+    """Refuse a job that moves otherwise when it is run again, because its data lists keep what it changes.
+
+    Raises:
+        ProgramError: The next run is another one, or is not known.
+    """
+    kept = kept_of(first.memory.lists)
+    if not kept:
+        return
+    again.memory.kept_from = kept
+    again.run()
+    if not same_motions(first.motions, again.motions, first.rotations, again.rotations):
+        file, name, _ = next(iter(kept))
+        raise ProgramError(
+            "the next run of the program makes other motions: data lists keep what a run changes", where=file,
+            value=", ".join(dict.fromkeys(name for _, name, _ in kept))[:60], limit="the same motions in every run",
+            hint=f"Give {name} its value in the program before it is used, or declare it there",
+        )  # fmt: skip
 
 
 def read_krl_file(path: str | os.PathLike[str], *, cell: KrlCell | None = None, complete: bool = True) -> KrlProgram:

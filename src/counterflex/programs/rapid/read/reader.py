@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import RAPID_DIALECT, TOOL_VECTOR
+from counterflex.programs.program import RAPID_DIALECT, TOOL_VECTOR, same_motions
 from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.rapid.read.interpreter import Interpreter, replaced
@@ -97,18 +97,13 @@ def _executed(source: Source, modules: Modules, cell: RapidCell | None) -> Inter
             again = _run(source, modules, cell, left)
         except ProgramError:
             raise fault from None
-        if not left or again.memory.kept() != left or not _same(first, again):
+        if (
+            not left
+            or again.memory.kept() != left
+            or not same_motions(first.motions, again.motions, first.rotations, again.rotations)
+        ):
             raise
         return first
-
-
-def _same(one: Interpreter, other: Interpreter) -> bool:
-    """Return whether two runs make the same motions."""
-    return len(one.motions) == len(other.motions) and all(
-        (a.kind, a.feed_m_s, a.turn_rad, a.duration_s, a.tool, a.spindle_rad_s, *a.p_end, *R.flat)
-        == (b.kind, b.feed_m_s, b.turn_rad, b.duration_s, b.tool, b.spindle_rad_s, *b.p_end, *S.flat)
-        for a, b, R, S in zip(one.motions, other.motions, one.rotations, other.rotations, strict=True)
-    )
 
 
 def _run(
