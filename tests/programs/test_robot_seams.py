@@ -11,6 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.geometry import pose
 from counterflex.programs.difference import differences
+from counterflex.programs.gcode.read.reader import doubtful_readings
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.reader import job_files, read_krl, read_krl_file
 from counterflex.programs.listing import listing
@@ -172,3 +173,10 @@ def test_a_job_whose_next_run_goes_elsewhere_is_refused() -> None:
     for body in ("LIN XP\nXP.X=XP.X+1", "XP.Z=XP.Z-2\nLIN XP", "LIN {X COUNT}\nCOUNT=COUNT+1"):
         with pytest.raises(ProgramError, match=r"part\.dat: the next run of the program makes other motions"):
             read(body)
+
+
+def test_a_path_that_a_sensor_corrects_is_named() -> None:
+    body = "RET=RSI_ON(#ABSOLUTE)\nLIN {X 1}\nEND\n"
+    (warning,) = doubtful_readings(read_krl(HEAD + body, name="part.src"))
+    assert warning.startswith("part.src:6: RSI_ON")
+    assert doubtful_readings(read_krl(f"{HEAD}; RSI_ON()\nLIN {{X 1}}\nEND\n", name="part.src")) == []
