@@ -147,7 +147,7 @@ def test_routines_take_values_and_references_and_functions_return() -> None:
 
 def test_local_variables_begin_anew_and_those_of_the_data_list_stay() -> None:
     subs = "DEF CUT()\nINT I\nI=4\nK=K+1\nLIN {X K}\nEND\n"
-    assert xs(job(FIRST + "CUT()\nCUT()", data="INT K=1", subs=subs)) == [0, 2, 3]
+    assert xs(job(FIRST + "K=1\nCUT()\nCUT()", data="INT K=7", subs=subs)) == [0, 2, 3]
 
 
 @pytest.mark.parametrize(

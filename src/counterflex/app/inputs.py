@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -199,7 +200,7 @@ def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
     if cell.R_part_plane is None and len(tilted):
         raise ProgramError(
             "the tool is tilted, and this command takes programs with the tool along z of the part only",
-            where=f"{program.name}:{program.blocks[program.motions[path.motion[tilted[0]]].block].line}",
+            where=program.blocks[program.motions[path.motion[tilted[0]]].block].where(program.name),
             hint="compensate, simulate, evaluate, prove, preflight and plan take tilted cuts (docs/programs.md)",
         )
     tilt = np.where(path.kind == FEED, np.arccos(np.clip(path.axis_part[:, 2], -1.0, 1.0)), 0.0)
@@ -211,7 +212,7 @@ def _check_direction(program: Program, path: ToolPath, cell: Cell) -> None:
     if tilt[row] > tolerance_rad:
         raise ProgramError(
             "the tool cuts in another direction than in the original program",
-            where=f"{program.name}:{program.blocks[program.motions[path.motion[row]].block].line}",
+            where=program.blocks[program.motions[path.motion[row]].block].where(program.name),
             value=f"{tilt.max() / DEG:.3g} deg from it",
             limit=f"<= {tolerance_rad / DEG:g} deg (limits.correction_deg)",
             hint="Give the original that the program was compensated from",
@@ -282,7 +283,7 @@ def _check_tools(program: Program, cell: Cell) -> None:
         if motion.kind in ("feed", "arc") and motion.tool not in known:
             raise ProgramError(
                 "the program cuts with a tool that the cell does not have" if motion.tool else "no tool is selected",
-                where=f"{program.name}:{program.blocks[motion.block].line}",
+                where=program.blocks[motion.block].where(program.name),
                 value=f"T{motion.tool}",
                 limit=", ".join(f"T{number}" for number in sorted(known)),
                 hint=f"Add a [[tools]] table with number = {motion.tool} to {cell.path}"
@@ -303,9 +304,11 @@ def faults_in(job: Job) -> Iterator[None]:
         place, name = fault.where or "", Path(job.program.name).name
         if "motion" in fault.data:
             motion = int(fault.data["motion"])
-            place = f"{name}:{int(job.line_of_motion[motion])}{place.removeprefix(f'motion {motion}')}"
-        elif place.startswith("line "):
-            place = f"{name}:{place.removeprefix('line ')}"
+            block = job.program.blocks[job.program.motions[motion].block]
+            place = f"{block.where(name)}{place.removeprefix(f'motion {motion}')}"
+        elif (line := re.match(r"line (\d+)", place)) is not None:
+            named = job.program.place(int(line[1]))
+            place = f"{named if ':' in named else f'{name}:{line[1]}'}{place[line.end() :]}"
         else:
             raise
         raise type(fault)(

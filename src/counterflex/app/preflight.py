@@ -173,6 +173,7 @@ def shown(row: Row, result: Preflight, job: Job, cell: Cell) -> dict[str, Any]:
         "limit": _plain(row.limit, size),
         "unit": unit,
         "line": line,
+        "place": None if line is None else job.program.place(line),
         "at_mm": at,
         "what": row.what,
         "missing": row.missing,

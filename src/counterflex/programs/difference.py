@@ -135,11 +135,12 @@ def _matched(before: Program, after: Program, one: list[int], other: list[int]) 
     if n == 0 and m == 0:
         return []
     if m < n or n == 0:
-        line = before.blocks[before.motions[one[0]].block].line if one else 0
+        name = Path(before.name).name
+        first = before.blocks[before.motions[one[0]].block].where(name) if one else Path(after.name).name
         raise InputError(
             "the programs are no versions of one: there are fewer motions in the second"
             if n else "the programs are no versions of one: there are motions where the first has none",
-            where=f"{Path(before.name).name}:{line}" if line else Path(after.name).name, value=m, limit=f">= {n}",
+            where=first, value=m, limit=f">= {n}",
         )  # fmt: skip
     if n * m > _LARGEST:
         raise InputError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import polars as pl
@@ -62,13 +63,13 @@ class Orientations:
 def listing(program: Program, held: Orientations | None = None) -> pl.DataFrame:
     """Return the motions of a program as a table.
 
-    Columns: ``line`` in the source; ``motion`` rapid, feed, arc or dwell; end point ``x_mm y_mm z_mm`` of the tool tip
-    in the part frame (as programmed where the tool turns; empty where it is not known); ``a_deg b_deg c_deg`` of the
-    rotary axes (empty under G43.5, which has none); ``feed_mm_min`` along the path (empty for rapids, dwells and moves
-    of rotary axes alone); of arcs ``plane`` (G17, G18, G19), the centre at the start's height and ``turns`` = angle /
-    360 deg, positive for G3; ``dwell_s``; ``tool``; ``spindle_rpm``, positive for M3; tool axis ``tool_i tool_j
-    tool_k`` from the tip to the spindle in the part frame; and ``tool_turn_deg``, the rotation about it, where the
-    program states it.
+    Columns: ``file``, where the program has several; ``line`` in it; ``motion`` rapid, feed, arc or dwell; end point
+    ``x_mm y_mm z_mm`` of the tool tip in the part frame (as programmed where the tool turns; empty where it is not
+    known); ``a_deg b_deg c_deg`` of the rotary axes (empty under G43.5, which has none); ``feed_mm_min`` along the path
+    (empty for rapids, dwells and moves of rotary axes alone); of arcs ``plane`` (G17, G18, G19), the centre at the
+    start's height and ``turns`` = angle / 360 deg, positive for G3; ``dwell_s``; ``tool``; ``spindle_rpm``, positive
+    for M3; tool axis ``tool_i tool_j tool_k`` from the tip to the spindle in the part frame; and ``tool_turn_deg``, the
+    rotation about it, where the program states it.
 
     Args:
         program: As read.
@@ -77,7 +78,9 @@ def listing(program: Program, held: Orientations | None = None) -> pl.DataFrame:
     Returns:
         One row for each motion, in order of execution; empty cells are null.
     """
-    columns: dict[str, list[object]] = {name: [] for name in SCHEMA}
+    name = Path(program.name).name
+    files = [program.blocks[motion.block].file or name for motion in program.motions]
+    columns: dict[str, list[object]] = {column: [] for column in SCHEMA}
     for index, motion in enumerate(program.motions):
         block = program.blocks[motion.block]
         arc, vector = motion.p_centre is not None, block.modal.tool_centre == TOOL_VECTOR
@@ -99,7 +102,9 @@ def listing(program: Program, held: Orientations | None = None) -> pl.DataFrame:
         )
         for column, value in zip(columns.values(), row, strict=True):
             column.append(value)
-    return pl.DataFrame(columns, schema=SCHEMA)
+    table = pl.DataFrame(columns, schema=SCHEMA)
+    several = any(file != name for file in files)
+    return table.insert_column(0, pl.Series("file", files, dtype=pl.String)) if several else table
 
 
 def _held(held: Orientations | None, index: int) -> tuple[float | None, ...]:

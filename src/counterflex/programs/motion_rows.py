@@ -188,7 +188,7 @@ def _check_ends(program: Program, path: ToolPath, last: Int) -> None:
         at = int(have[int(np.argmax(gap))])
         raise InputError(
             _NOT_THE_PROGRAM,
-            where=f"{program.name}:{program.blocks[program.motions[at].block].line}",
+            where=program.blocks[program.motions[at].block].where(program.name),
             value=f"end point off by {gap.max() / MM:.6f} mm",
         )
 

@@ -6,7 +6,9 @@ change a target and leave everything else byte for byte as it was.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Final, Literal
 
 from counterflex.core.arrays import Float
@@ -192,3 +194,23 @@ class Program:
     straight: bool
     encoding: str = "utf-8"
     part_zero: tuple[str, int] | None = None
+
+    def place(self, line: int) -> str:
+        """Return a line as tables name it: ``line 7``, or ``cut.src:7`` where motions stand in several files."""
+        used = {(self.blocks[motion.block].file, self.blocks[motion.block].line) for motion in self.motions}
+        if not any(file for file, _ in used):
+            return f"line {line}"
+        name = PurePath(self.name).name
+        files = sorted({file or name for file, at in used if at == line}) or [name]
+        return " or ".join(f"{file}:{line}" for file in files)
+
+
+def same_motions(
+    one: Sequence[Motion], other: Sequence[Motion], Rs_one: Iterable[Float], Rs_other: Iterable[Float]
+) -> bool:
+    """Return whether two runs of a program make the same motions; ``Rs`` are the orientations at their ends."""
+    return len(one) == len(other) and all(
+        (a.kind, a.feed_m_s, a.turn_rad, a.duration_s, a.tool, a.spindle_rad_s, *a.p_end, *R.flat)
+        == (b.kind, b.feed_m_s, b.turn_rad, b.duration_s, b.tool, b.spindle_rad_s, *b.p_end, *S.flat)
+        for a, b, R, S in zip(one, other, Rs_one, Rs_other, strict=True)
+    )

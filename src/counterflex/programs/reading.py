@@ -127,7 +127,7 @@ def require_linuxcnc(program: Program, command: str) -> None:
     if turned is not None:
         raise ProgramError(
             f"{command} writes moves along the axes of the part, and this program turns its coordinates",
-            where=f"{Path(program.name).name}:{turned.line}",
+            where=turned.where(Path(program.name).name),
             value=turned.text.strip()[:40],
             hint="Post it without G68, G51.1 and G16",
         )

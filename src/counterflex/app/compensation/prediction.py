@@ -232,8 +232,8 @@ def prediction(
         Fact("Program", str(summary["program"])),
         Fact("Robot", robot_name(cell)),
         Fact("Cell", cell.name),
-        Fact("Peak force", f"{predicted['peak_force_n']['value']:.0f} N", f"line {predicted['peak_force_n']['line']}"),
-        Fact("Peak deflection", f"{worst['value'] / 1000:.2f} mm", f"line {worst['line']}"),
+        Fact("Peak force", f"{predicted['peak_force_n']['value']:.0f} N", predicted["peak_force_n"]["place"]),
+        Fact("Peak deflection", f"{worst['value'] / 1000:.2f} mm", worst["place"]),
         Fact("Material removed", f"{predicted['removed_mm3'] / 1000:.1f} cm³"),
         Fact("Programmed time", f"{predicted['duration_s']:.0f} s"),
     ]
@@ -356,6 +356,8 @@ def summary_of(
     """
     predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell)
     predicted["extrapolation"] = extrapolation(plan, cell.force_law)
+    for peak in (value for key, value in predicted.items() if key.startswith("peak_")):
+        peak["place"] = job.program.place(peak["line"])
     remarks = (
         *stiffness_remarks(plan, cell),
         *doubtful_readings(job.program),

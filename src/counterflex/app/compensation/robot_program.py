@@ -75,7 +75,7 @@ def refuse_change_in_cut(program: Program, cell: Cell) -> None:
         if last.kind != "rapid" and last.p_end[2] < top_m:
             raise ProgramError(
                 "the tool is changed in the cut: M6 takes a milling machine out of it, a robot stays",
-                where=f"{Path(program.name).name}:{block.line}",
+                where=block.where(Path(program.name).name),
                 value=f"Z {last.p_end[2] / MM:g} mm",
                 limit=f"above the blank, Z {top_m / MM:g} mm",
                 hint="Retract with G0 first",
@@ -103,7 +103,7 @@ def refuse_other_height(program: Program) -> None:
         if motion.kind != "rapid" or not named or not block.modal.absolute:
             raise ProgramError(
                 f"the tool length was changed by {abs(jump[axis]) / MM:g} mm before this: the robot would move by it",
-                where=f"{Path(program.name).name}:{block.line}",
+                where=block.where(Path(program.name).name),
                 value=block.text.strip()[:40],
                 limit=f"G0 with {'XYZ'[axis]} first",
                 hint="Change the length above the part and go to a height of its own, or leave G43.1 and G49 out",
@@ -140,7 +140,7 @@ def _homing(program: Program) -> list[str]:
         codes = {word.value for word in block.words if word.letter == "G"} & _HOMING
         if not codes or block.motion_count or block.first_motion == 0:
             continue
-        name, place = f"G{min(codes):g}", f"{Path(program.name).name}:{block.line}"
+        name, place = f"G{min(codes):g}", block.where(Path(program.name).name)
         if program.motions[block.first_motion - 1].kind != "rapid":
             raise ProgramError(
                 f"{name} is the way out of the cut, and where it leads is not known: the robot would stay in the cut",
@@ -191,7 +191,7 @@ def tool_data(program: Program, cell: Cell, language: Dialect) -> dict[int, str]
         raise ProgramError(
             "the program changes tools, and the cell file does not say which frame "
             + ("one of them has" if len(unnamed) == 1 else f"{len(unnamed)} of them have"),
-            where=f"{Path(program.name).name}:{program.blocks[used[unnamed[0]]].line}",
+            where=program.blocks[used[unnamed[0]]].where(Path(program.name).name),
             value=tools,
             limit=f"tools.{key} of {tools} in {cell.path}",
             hint="Give every tool of the program its own: the controller compensates its length",

@@ -153,7 +153,7 @@ def _check(job: Job, result: Cut, motions: list[int]) -> None:
         )
     for k in motions:
         block = program.blocks[program.motions[k].block]
-        place = f"{Path(program.name).name}:{block.line}"
+        place = block.where(Path(program.name).name)
         rows = np.flatnonzero(path.motion == k)
         before = np.flatnonzero((path.motion < k) & (path.motion >= k - 1) & (path.kind == FEED))
         steep = before[np.abs(np.diff(path.p_part_tcp[:, 2], prepend=0.0)[before]) > 0.0]
@@ -211,7 +211,7 @@ def _check_other_cuts(program: Program, slots: set[int], old: int) -> None:
         if motion.tool == old and k not in slots and motion.kind in ("feed", "arc") and sideways:
             raise ProgramError(
                 "the tool that is to be changed does more than slots",
-                where=f"{Path(program.name).name}:{program.blocks[motion.block].line}",
+                where=program.blocks[motion.block].where(Path(program.name).name),
                 value=f"T{old}",
                 hint="Split the program, or keep the tool and give --width-mm",
             )

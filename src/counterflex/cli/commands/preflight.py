@@ -86,7 +86,7 @@ def _show(summary: dict[str, Any]) -> None:
             row["verdict"],
             _number(row["value"], row["unit"]),
             _number(row["limit"], row["unit"]),
-            "" if row["line"] is None else f"line {row['line']}",
+            row["place"] or "",
             row["what"],
         ]
         for row in looked_at
@@ -110,7 +110,7 @@ def _show(summary: dict[str, Any]) -> None:
 def _needs(row: dict[str, Any]) -> str:
     """Key that a check needs, and what the program does there."""
     value = _number(row["value"], row["unit"])
-    at = "" if row["line"] is None else f"line {row['line']}"
+    at = row["place"] or ""
     here = ", ".join(text for text in (value, row["what"], at) if text)
     return f"{row['missing']} ({here})" if row["missing"] and here else row["missing"] or here
 

@@ -269,7 +269,7 @@ def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
     prediction = summary["prediction"]
     rows = [list(row) for row in error_rows(prediction)]
     rows += [
-        [what, f"{prediction[key]['value']:g} {unit}", f"line {prediction[key]['line']}"]
+        [what, f"{prediction[key]['value']:g} {unit}", prediction[key]["place"]]
         for what, key, unit in (
             ("Peak force", "peak_force_n", "N"),
             ("Peak deflection", "peak_deflection_um", "um"),

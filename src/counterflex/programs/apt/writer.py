@@ -263,9 +263,7 @@ class _Writer:
         circle, rows = self._circle, self.rows
         on_circle = block.text.lstrip().upper().startswith("TLON")
         if circle is None or motion.p_centre is None or motion.normal is None:
-            raise ProgramError(
-                "an arc without its CIRCLE cannot be corrected", where=f"{self.program.name}:{block.line}"
-            )
+            raise ProgramError("an arc without its CIRCLE cannot be corrected", where=block.where(self.program.name))
         axes = list(PLANE_AXES[block.modal.plane])
         first, last = int(rows.first[index]), int(rows.last[index])
         self._feed(block, motion, rows.share_of(first, last))

@@ -89,7 +89,7 @@ def _pieces(program: Program, motion: Motion, path: ToolPath, chosen: np.ndarray
             block = program.blocks[motion.block]
             raise ProgramError(
                 "a feed turns the tool about its tip, for which a path has no speed",
-                where=f"{Path(program.name).name}:{block.line}", value=block.text.strip()[:60],
+                where=block.where(Path(program.name).name), value=block.text.strip()[:60],
                 hint="Turn it by a rapid (G0) above the part, or along a motion",
             )  # fmt: skip
         piece = replace(motion, p_start=path.p_part_tcp[a], p_end=path.p_part_tcp[b], feed_m_s=feed, feed_rad_s=0.0)

@@ -69,18 +69,21 @@ OUTPUTS: Final[dict[str, tuple[int | str, ...]]] = {
     "WAITGO": ("TIMEFLAG", "VALUEATTIMEOUT"), "WAITUNTIL": ("TIMEFLAG",), "WAITTESTANDSET": (0,),
     "GETDATAVAL": (1,), "GETSYSDATA": (0,), "READRAWBYTES": (1,), "UNPACKRAWBYTES": (2,), "READBLOCK": (2,),
     "READVARARR": (1,), "READANYBIN": (1,), "READCFGDATA": (2,),
-    "SOCKETRECEIVE": ("STR", "RAWDATA", "DATA", "NOOFRECBYTES"),
+    "SOCKETRECEIVE": ("STR", "RAWDATA", "DATA", "NORECBYTES", "NOOFRECBYTES"),
+    "SOCKETRECEIVEFROM": ("STR", "RAWDATA", "DATA", "NORECBYTES", 1, 2), "SOCKETSENDTO": ("NOOFSENTBYTES",),
     "SOCKETACCEPT": ("CLIENTADDRESS",), "READERRDATA": (1, 2, 3, 4, "TITLE"), "GETTRAPDATA": (0,),
     "RMQGETMESSAGE": (1,), "RMQGETMSGDATA": (1,), "RMQGETMSGHEADER": ("HEADER", "SENDERID", "USERDEF"),
-    "RMQREADWAIT": (0,), "RMQSENDWAIT": (2,), "RMQFINDSLOT": (0,), "BOOKERRNO": (0,), "LOADID": ("WOBJ",),
-    "GETJOINTDATA": ("POSITION", "SPEED", "TORQUE", "EXTTORQUE"), "FRICIDEVALUATE": (1,),
+    "RMQREADWAIT": (0,), "RMQSENDWAIT": (1, 2, 3, 4), "RMQFINDSLOT": (0,), "BOOKERRNO": (0,), "LOADID": ("WOBJ",),
+    "GETJOINTDATA": ("POSITION", "SPEED", "TORQUE", "EXTTORQUE"),
     "COPYRAWBYTES": (2,), "PACKRAWBYTES": (1,), "CLEARRAWBYTES": (0,),
     "MATRIXSOLVE": (2,), "MATRIXSOLVEQR": (2,), "MATRIXSVD": (1, 2, 3),
-    "FITCIRCLE": (1, 2, 3),
-    "CAMGETPARAMETER": ("BOOLVAR", "NUMVAR", "STRVAR"), "CAMGETRESULT": (1,), "SIGETCYCLIC": (1,),
-    "GETGROUPSIGNALINFO": (1,), "GETTORQUEMARGIN": (0,), "IOBUSSTATE": (1,), "SETUPCYCLICBOOL": (0,),
+    "FITCIRCLE": (1, 2, 3, "RMS", "MAXERR", "INDEXWORST"), "FRICIDEVALUATE": (0, 1),
+    "CAMGETPARAMETER": ("BOOLVAR", "NUMVAR", "STRVAR"), "CAMGETRESULT": (1,),
+    "GETGROUPSIGNALINFO": (1,), "GETTORQUEMARGIN": (0,), "IOBUSSTATE": (1,),
 }  # fmt: skip
 """Arguments that an instruction writes into: positions from 0, options in capitals."""
+CYCLIC: Final[dict[str, int]] = {"IVARVALUE": 2, "SETUPCYCLICBOOL": 0, "SIGETCYCLIC": 1}
+"""Position of the argument that the controller writes into again and again from an instruction on."""
 FUNCTION_OUTPUTS: Final[dict[str, tuple[int, ...]]] = {
     "STRTOVAL": (1,), "STRTOBYTE": (), "TESTANDSET": (0,), "GETNEXTSYM": (0, 1), "GETNEXTMECHUNIT": (0, 1),
     "GETNEXTCYCLICBOOL": (0, 1), "READDIR": (1,), "ROBNAME": (),

@@ -91,7 +91,7 @@ def _three(values: Float) -> tuple[float, float, float]:
 def _fault(program: Program, block: Block, what: str, letters: str, **more: str | None) -> ProgramError:
     """An error at the first word of a block with one of these letters."""
     column = next((word.start + 1 for word in block.words if word.letter in letters), 1)
-    return ProgramError(what, where=f"{program.name}:{block.line}:{column}", **more)
+    return ProgramError(what, where=f"{block.where(program.name)}:{column}", **more)
 
 
 def _check(program: Program, block: Block, motion: Motion, machine: RotaryMachine | None) -> None:

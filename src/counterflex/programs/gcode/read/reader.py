@@ -23,11 +23,12 @@ from counterflex.programs.gcode.read.jumps import Include
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.state import State
 from counterflex.programs.gcode.read.work_offsets import WorkOffsets
-from counterflex.programs.program import Block, Motion, Program
+from counterflex.programs.program import KRL_DIALECT, Block, Motion, Program
 from counterflex.programs.source_text import read_text
 
 Point = tuple[float, float, float]
 _FURTHER_OFFSET: Final = re.compile(r"\bG(54\.1|154)\s*P|\bG54\s*P", re.IGNORECASE)
+_SENSOR_ON: Final = re.compile(r"\bRSI_ON\s*\(", re.IGNORECASE)
 _HERE: Final[Point] = (0.0, 0.0, 0.0)
 COORDINATES_OF_THE_PART: Final = MillingMachine()
 """A machine whose coordinates are those of the part, with nothing else known."""
@@ -232,7 +233,18 @@ _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
     long = _long_dwells(program) if program.dialect == "linuxcnc" else []  # elsewhere the unit is beyond doubt
-    return [*long, *_skipped_by_switch(program), *_part_zero(program), *_zeros_set_here(program)]
+    return [*long, *_skipped_by_switch(program), *_part_zero(program), *_zeros_set_here(program), *_by_sensor(program)]
+
+
+def _by_sensor(program: Program) -> list[str]:
+    """KRL whose path a sensor corrects."""
+    if program.dialect != KRL_DIALECT:
+        return []
+    block = next((one for one in program.blocks if _SENSOR_ON.search(one.text.split(";")[0])), None)
+    if block is None:
+        return []
+    place = block.where(Path(program.name).name)
+    return [f"{place}: RSI_ON lets a sensor correct the path; what it adds is not looked at"]
 
 
 def _part_zero(program: Program) -> list[str]:

@@ -174,21 +174,21 @@ def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
         if block.modal.not_written and block.motion_count:
             raise ProgramError(
                 f"{block.modal.not_written} is not written back with other targets",
-                where=f"{program.name}:{block.line}", value=block.text.strip()[:60], hint=hint,
+                where=block.where(program.name), value=block.text.strip()[:60], hint=hint,
             )  # fmt: skip
     if program.dialect == "linuxcnc":
         return
     if not program.straight:
         block = next(block for block in program.blocks if not block.single)
         raise ProgramError(
-            "a program with loops or subprograms is not written back", where=f"{program.name}:{block.line}",
+            "a program with loops or subprograms is not written back", where=block.where(program.name),
             value=block.text.strip()[:60], hint=hint,
         )  # fmt: skip
     for block in program.blocks:
         here = range(block.first_motion, block.first_motion + block.motion_count)
         if block.cycle and any(rows.moved[index] for index in here):
             raise ProgramError(
-                "a drilling cycle or CIP is corrected, and is not written back", where=f"{program.name}:{block.line}",
+                "a drilling cycle or CIP is corrected, and is not written back", where=block.where(program.name),
                 value=block.text.strip()[:60], hint=hint,
             )  # fmt: skip
 

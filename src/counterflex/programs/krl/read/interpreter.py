@@ -227,6 +227,8 @@ class Interpreter(Motions):
             routine = self.job.routine(call[1], self.module, self.memory.where())
             if routine is not None:
                 self._call(routine, ())
+            elif not self._is_library(call[1]):
+                raise self._unknown_call(call[1], self._code)
         elif form.ASSIGNMENT.match(statement) is not None and not statement.lstrip().startswith("$OUT"):
             self._statement(form.word_of(statement, frozenset()), statement)
         self.memory.doubt, self._in_spline = doubt, in_spline

@@ -24,7 +24,15 @@ from counterflex.programs.krl.read.values import (
     matrix_of,
     tree,
 )  # fmt: skip
-from counterflex.programs.krl.read.variables import Activation, Path, Variable, same_value, split
+from counterflex.programs.krl.read.variables import (
+    Activation,
+    Kept,
+    Path,
+    Variable,
+    same_value,
+    split,
+    variables_of,
+)  # fmt: skip
 from counterflex.programs.unknown import Unknown, first_unknown
 
 STORED: Final = ("BASE_DATA", "TOOL_DATA")
@@ -51,6 +59,7 @@ class Memory:
         changes: Number of values that were changed.
         interrupts: The statements that run are those of an interrupt: what they set is not known from then on.
         volatile: Why the value of a name is not known, whatever the program gives it.
+        lists: Variables of data lists by file, which begin with ``kept_from``: what the last run left of them.
         position: Returns the place of the robot for ``$POS_ACT`` and the like; an unknown value where it is not known.
     """
 
@@ -62,7 +71,8 @@ class Memory:
         self.interrupts = False
         self.volatile: dict[str, Unknown] = {}
         self.position: Callable[[str], Value] = lambda _: Unknown("the place of the robot is not known", where())
-        self._lists: dict[str, dict[str, Variable]] = {}
+        self.kept_from: Kept = {}
+        self.lists: dict[str, dict[str, Variable]] = {}
         self._stored: dict[tuple[str, int], Value] = {}
         self._given: set[tuple[str, int]] = set()
         self._global: dict[str, Variable] = {}
@@ -288,15 +298,9 @@ class Memory:
             self.here.local[name] = variable
 
     def _listed(self, data: DataList) -> dict[str, Variable]:
-        if data.file.name not in self._lists:
-            out: dict[str, Variable] = {name: Variable(kind) for name, kind in data.types.items()}
-            for key, named in data.initial.items():
-                name, _, index = key.partition("[")
-                numbers = tuple(int(part) for part in index.rstrip("]").split(",") if part.strip().isdigit())
-                variable = out.setdefault(name, Variable())
-                variable.initial[numbers] = named
-            self._lists[data.file.name] = out
-        return self._lists[data.file.name]
+        if data.file.name not in self.lists:
+            self.lists[data.file.name] = variables_of(data, self.kept_from)
+        return self.lists[data.file.name]
 
     def declare(self, name: str, kind: str) -> None:
         """A declaration in a routine; a parameter keeps its value."""
@@ -341,13 +345,10 @@ class Memory:
             variable.values = dict.fromkeys(variable.values, index)
             return
         if rest:
-            value = self._with_component(variable.values.get(index) if index in variable.values
-                                         else self._element_or_none(variable, name, index), rest, value)  # fmt: skip
+            begun = index in variable.values or index in variable.initial
+            value = self._with_component(self._element(variable, name, index) if begun else None, rest, value)
         variable.initial.pop(index, None)
         variable.values[index] = assigned_number(variable.kind, value)
-
-    def _element_or_none(self, variable: Variable, name: str, index: tuple[int, ...]) -> Value:
-        return self._element(variable, name, index) if index in variable.initial else None
 
     def _assign_system(self, name: str, path: Path, value: Value) -> None:
         before = self.system.get(name)

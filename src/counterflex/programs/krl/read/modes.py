@@ -10,6 +10,7 @@ from counterflex.programs.krl.read.data_list import DECLARED, IMPORT, SIGNAL, ke
 from counterflex.programs.krl.read.flow import Flow
 from counterflex.programs.krl.read.frames import Frames, KrlCell
 from counterflex.programs.krl.read.job import Job
+from counterflex.programs.krl.read.system_variables import ONE_VALUE
 from counterflex.programs.krl.read.table import TABLE
 from counterflex.programs.krl.read.values import GRAMMAR, StoredFrame, Value, is_frame, matrix_of
 from counterflex.programs.statement_table import Treatment
@@ -56,10 +57,12 @@ class Modes(Flow):
                 )  # fmt: skip
             if row.treatment is Treatment.REFUSED:
                 raise self._fault(f"{name} {row.reason}", code, hint=row.remedy)
-            if row.treatment is Treatment.NEUTRAL:
+            if row.treatment is Treatment.NEUTRAL or name in ONE_VALUE:
                 self._note(word, code)
                 self.memory.forget(name, (), Unknown(f"{name} is a value of the controller", self.memory.where()))
-                self._expression(match["value"], code)
+                value = self._expression(match["value"], code)
+                if name in ONE_VALUE:
+                    self._check_one_value(name, self._path(match["path"], code), value, code)
                 return
         if self.memory.kind(name) == "SIGNAL":
             self._note("$OUT", code)
@@ -67,6 +70,18 @@ class Modes(Flow):
         value = self._expression(match["value"], code)
         path = self._path(match["path"], code)
         self._set(name, path, value, code, match.start("value"))
+
+    def _check_one_value(self, name: str, path: list[object], value: Value, code: str) -> None:
+        """Refuse a value of a system variable that changes the path."""
+        component, only, what, remedy = ONE_VALUE[name]
+        given: object = value
+        if component and isinstance(value, dict):
+            given = value.get(component, only)
+        elif component and str(path[-1] if path else component).upper() != component:
+            return
+        if given != only:
+            full = f"{name}.{component}" if component else name
+            raise self._fault(what, code, limit=f"{full}={str(only).upper()}", hint=remedy)
 
     def _expression(self, text: str, code: str) -> Value:
         text = text.strip()

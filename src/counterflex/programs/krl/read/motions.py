@@ -237,12 +237,15 @@ class Motions(Modes):
         """A motion by axes, or to a place that only the controller knows."""
         where = f"{self.module.file.name}:{self.line}"
         self.by_axes.append(len(self._blocks))
-        if place.axes is not None and self.memory.doubt is None and all(name in place.axes for name in AXES):
-            self._by_axes.append((len(self._blocks), place.axes, read))
+        axes = place.axes
+        if axes is not None and self._by_axes:
+            axes = {**self._by_axes[-1][1], **axes}  # axes that are left out stay where they are
+        if axes is not None and self.memory.doubt is None and all(name in axes for name in AXES):
+            self._by_axes.append((len(self._blocks), axes, read))
             self._away = None
             return
         self._by_axes.clear()
-        self._away = place.unknown or Unknown("it goes there by axes", where)
+        self._away = place.unknown or Unknown("it goes there by some of its axes", where)
         if self.memory.doubt is not None:
             self._away = self.memory.doubt
 
@@ -263,11 +266,12 @@ class Motions(Modes):
                 "it goes there by axes, and no cell file says which robot that is", f"{read.file}:{read.line}"
             )
         if away is not None:
-            line = away.where.rsplit(":", 1)[-1]
+            needs = "all axis angles of that place" if tip is not None else "the cell file (--cell) for axis angles"
             raise self._fault(
-                f"the robot comes from a place that is not known, by axes or by a name of the controller (line {line}: "
-                f"{away.why})", code, limit="such places before the first target and behind the last one",
-                hint="Give the cell file (--cell) for axis angles, or that place as a Cartesian target",
+                "the robot comes from a place that is not known, by axes or by a name of the controller "
+                f"({away.where}: {away.why})", code,
+                limit="such places before the first target and behind the last one",
+                hint=f"Give {needs}, or that place as a Cartesian target",
             )  # fmt: skip
         for index, axes, read in pending:
             assert tip is not None

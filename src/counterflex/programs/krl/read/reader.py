@@ -14,7 +14,8 @@ from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.interpreter import Interpreter, orientations
 from counterflex.programs.krl.read.job import Job, text_in
-from counterflex.programs.program import KRL_DIALECT, TOOL_VECTOR
+from counterflex.programs.krl.read.variables import kept_of
+from counterflex.programs.program import KRL_DIALECT, TOOL_VECTOR, same_motions
 from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import read_text
 
@@ -65,6 +66,7 @@ def read_krl(
     job = Job(name, text, others)
     interpreter = Interpreter(job, cell, complete=complete)
     interpreter.run()
+    _check_next_run(interpreter, Interpreter(Job(name, text, others), cell, complete=complete))
     rotations = orientations(interpreter)
     leans = tilted(rotations)
     main = job.main.file
@@ -86,6 +88,26 @@ def read_krl(
         loose_triggers=interpreter.loose,
         reads_position=interpreter.reads_position,
     )
+
+
+def _check_next_run(first: Interpreter, again: Interpreter) -> None:
+    """Refuse a job that moves otherwise when it is run again, because its data lists keep what it changes.
+
+    Raises:
+        ProgramError: The next run is another one, or is not known.
+    """
+    kept = kept_of(first.memory.lists)
+    if not kept:
+        return
+    again.memory.kept_from = kept
+    again.run()
+    if not same_motions(first.motions, again.motions, first.rotations, again.rotations):
+        file, name, _ = next(iter(kept))
+        raise ProgramError(
+            "the next run of the program makes other motions: data lists keep what a run changes", where=file,
+            value=", ".join(dict.fromkeys(name for _, name, _ in kept))[:60], limit="the same motions in every run",
+            hint=f"Give {name} its value in the program before it is used, or declare it there",
+        )  # fmt: skip
 
 
 def read_krl_file(path: str | os.PathLike[str], *, cell: KrlCell | None = None, complete: bool = True) -> KrlProgram:
@@ -133,7 +155,7 @@ def job_files(path: Path) -> tuple[Path, ...]:
                     texts.append((PurePath(name).stem, text_in(folder, name)))
     except (OSError, ProgramError):
         return ()
-    return tuple(path.parent / name for name in taken)
+    return tuple(folder.path(name) for name in taken)
 
 
 def _shares(text: str, words: set[str]) -> bool:
@@ -144,7 +166,7 @@ def _shares(text: str, words: set[str]) -> bool:
 
 
 class Folder(Mapping[str, str]):
-    """Text of the ``.src`` and ``.dat`` files beside a program, read when it is asked for.
+    """Text of the ``.src`` and ``.dat`` files beside a program or in its archive, read when it is asked for.
 
     Args:
         program: The file.
@@ -156,18 +178,18 @@ class Folder(Mapping[str, str]):
     """
 
     def __init__(self, program: Path, encoding: str, *, only: bool = False) -> None:
-        self._folder, self._only = program.resolve().parent, encoding if only else ""
-        self._names = sorted(
-            file.name for file in self._folder.iterdir()
-            if file.suffix.lower() in _SUFFIXES and file.name != program.name and file.is_file()
-        )  # fmt: skip
+        self._only = encoding if only else ""
+        self._paths: dict[str, Path] = {}
+        for file in (*sorted(program.parent.iterdir()), *_of_archive(program.resolve())):
+            if file.suffix.lower() in _SUFFIXES and file.name != program.name and file.is_file():
+                self._paths.setdefault(file.name, file)
         self._texts: dict[str, str] = {}
         self.encodings: dict[str, str] = {}
 
     def __getitem__(self, name: str) -> str:
         """Text of a file."""
         if name not in self._texts:
-            file = self._folder / name
+            file = self._paths[name]
             if self._only:
                 self._texts[name] = file.read_bytes().decode(self._only)
             else:
@@ -176,11 +198,30 @@ class Folder(Mapping[str, str]):
 
     def __iter__(self) -> Iterator[str]:
         """Names."""
-        return iter(self._names)
+        return iter(self._paths)
 
     def __len__(self) -> int:
         """Number of files."""
-        return len(self._names)
+        return len(self._paths)
+
+    def path(self, name: str) -> Path:
+        """Return where a file lies."""
+        return self._paths[name]
+
+
+def _of_archive(program: Path) -> Iterator[Path]:
+    """Files that a program in ``R1/Program`` of an archive of the controller may use, in other folders of it.
+
+    The controller finds programs by name in all folders of ``R1/Program``, and its own data in ``R1/System``.
+    """
+    root = next((folder for folder in program.parents if folder.name.upper() == "R1"), None)
+    if root is None:
+        return
+    folders = {folder.name.upper(): folder for folder in root.iterdir() if folder.is_dir()}
+    if "PROGRAM" in folders:
+        yield from sorted(folders["PROGRAM"].rglob("*"))
+    if "SYSTEM" in folders:
+        yield from (file for file in sorted(folders["SYSTEM"].iterdir()) if file.name.lower() == "$config.dat")
 
 
 def _decoded(file: Path) -> tuple[str, str]:

@@ -20,8 +20,18 @@ _EVALUATED: Final = (
     ("$IPO_MODE", "$IPO_MODE=#BASE", "#TCP, the robot holds the part, is refused"),
     ("$APO", "$APO.CDIS=0.5", "distance at which approximation begins"),
     ("$RED_VEL", "$RED_VEL=100", "reduction of the programmed speed in per cent; other than 100 is refused"),
-    ("$ASYNC_AXIS", "$ASYNC_AXIS=0", "external axes that the program does not move; others than 0 are refused"),
+    ("$ASYNC_AXIS", "$ASYNC_AXIS=0", "external axes that move beside the program; others than 0 are refused"),
+    ("$TECH", "$TECH[1].MODE=#OFF", "function generator: adds a motion to the path; another MODE than #OFF is refused"),
+    ("$TECH_C", "$TECH_C[1].MODE=#OFF", "function generator in the main run; another MODE than #OFF is refused"),
+    ("$PAL_MODE", "$PAL_MODE=FALSE", "TRUE holds the flange level whatever the targets say, and is refused"),
 )  # fmt: skip
+ONE_VALUE: Final[dict[str, tuple[str, object, str, str]]] = {
+    "$ASYNC_AXIS": ("", 0, "external axes move beside the program", "Let external axes stand in the cut"),
+    "$TECH": ("MODE", "#OFF", "the function generator adds a motion to the path", "Post the path without it"),
+    "$TECH_C": ("MODE", "#OFF", "the function generator adds a motion to the path", "Post the path without it"),
+    "$PAL_MODE": ("", False, "the flange is held level whatever the targets say", "Leave $PAL_MODE off"),
+}
+"""Variables of which one value alone leaves the path as it is: component or nothing, the value, else what, remedy."""
 _NEUTRAL: Final = (
     ("acceleration, jerk and speed of axes: the path stays", (
         "$ACC.CP=1.0", "$ACC_AXIS[1]=50", "$VEL_AXIS[1]=50", "$ACC_EXTAX[1]=50", "$VEL_EXTAX[1]=50", "$JERK.CP=50.0",
@@ -34,7 +44,6 @@ _NEUTRAL: Final = (
     ("load for dynamics and monitoring: the path stays", (
         "$LOAD={M 12.0,CM {X 0.0,Y 0.0,Z 100.0,A 0.0,B 0.0,C 0.0}}", "$LOAD_A1.M=0.0", "$LOAD_A2.M=0.0",
         "$LOAD_A3.M=0.0",
-        "$PAL_MODE=FALSE",
     )),
     ("how far the controller reads ahead, or from where backward: the path stays", (
         "$ADVANCE=3", "$BWDSTART=FALSE", "$H_POS=XHOME", "$BWD_INFO=1", "$VW_BACKWARD=#TRACE_OFF",
@@ -62,8 +71,8 @@ _NEUTRAL: Final = (
         "$DRIVES_OFF=FALSE", "$STOPMB_ID=0", "$CYC_DEF[1].AA[]=\"X\"",
     )),
     ("data of sensors, applications and automatic operation: the path stays", (
-        "$SEN_PINT[1]=0", "$SEN_PREA[1]=0.0", "$SEN_PINT_C[1]=0", "$SEN_PREA_C[1]=0.0", "$TECH[1].MODE=#OFF",
-        "$TECH_C[1].MODE=#OFF", "$PRO_I_O[]=\"/R1/SPS()\"", "$PRO_MODE=#GO", "$PRO_MODE1=#GO", "$RC_RDY1=TRUE",
+        "$SEN_PINT[1]=0", "$SEN_PREA[1]=0.0", "$SEN_PINT_C[1]=0", "$SEN_PREA_C[1]=0.0",
+        "$PRO_I_O[]=\"/R1/SPS()\"", "$PRO_MODE=#GO", "$PRO_MODE1=#GO", "$RC_RDY1=TRUE",
         "$INTERPRETER=1",
         "$DATAPATH=1", "$ON_PATH=FALSE", "$ERR.NUMBER=0", "$TRACE.MODE=#T_STOP", "$MSG_T.VALID=FALSE",
         "$MSG_T.KEY[]=\"X\"",

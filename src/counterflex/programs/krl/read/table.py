@@ -131,7 +131,7 @@ _LIBRARY: Final = (
                   "EKI_GETREALARRAY", "EKI_GETSTRING", "EKI_GETFRAME", "EKI_GETFRAMEARRAY", "EKI_SETREAL",
                   "EKI_SETINT", "EKI_SETBOOL", "EKI_SETFRAME", "EKI_SETSTRING", "EKI_LOCK", "EKI_UNLOCK",
                   "EKI_CHECK"))),
-    *_neutral("sensor correction on top of the path of the program (RobotSensorInterface)",
+    *_neutral("sensor correction on top of the path (RobotSensorInterface); RSI_ON is named in a warning",
               *((name, f"RET={name}( )") for name in (
                   "RSI_CREATE", "RSI_DELETE", "RSI_ON", "RSI_OFF", "RSI_RESET", "RSI_DISABLE", "RSI_ENABLE",
                   "RSI_SETPUBLICPAR", "RSI_GETPUBLICPAR", "RSI_CHECKID"))),

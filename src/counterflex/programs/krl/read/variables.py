@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
 
 from counterflex.programs.expression import ExpressionError
-from counterflex.programs.krl.read.data_list import Named
+from counterflex.programs.krl.read.data_list import DataList, Named
 from counterflex.programs.krl.read.job import Module, Routine
 from counterflex.programs.krl.read.values import (
     StoredFrame,
@@ -17,13 +17,8 @@ from counterflex.programs.unknown import Unknown
 
 Path = Sequence[object]
 """Components as strings, indices as tuples of values."""
-STORED: Final = ("BASE_DATA", "TOOL_DATA")
-_RECORDS: Final = ("$VEL", "$ACC", "$APO", "$JERK")
-_OF_FORMS: Final = {
-    "STOOL": ("TOOL_NO", "TOOL_DATA"), "STOOL2": ("TOOL_NO", "TOOL_DATA"), "SBASE": ("BASE_NO", "BASE_DATA"),
-    "SBASE2": ("BASE_NO", "BASE_DATA"), "SIPO_MODE": ("IPO_FRAME", None), "SORI_TYP": ("ORI_TYP", None),
-}  # fmt: skip
-"""Component of the frame or motion data that a function takes, and the frame with its number."""
+Kept = dict[tuple[str, str, tuple[int, ...]], Value]
+"""Values by the file of their data list, name in capitals, and index."""
 
 
 @dataclass
@@ -84,3 +79,29 @@ def same_value(before: Value, value: Value) -> bool:
     if isinstance(before, Unknown) or isinstance(value, Unknown) or isinstance(before, StoredFrame):
         return before is value
     return before == value
+
+
+def variables_of(data: DataList, kept: Kept) -> dict[str, Variable]:
+    """Return the variables of a data list by name in capitals, with what the last run left of them."""
+    out: dict[str, Variable] = {name: Variable(kind) for name, kind in data.types.items()}
+    for key, named in data.initial.items():
+        name, _, index = key.partition("[")
+        numbers = tuple(int(part) for part in index.rstrip("]").split(",") if part.strip().isdigit())
+        variable = out.setdefault(name, Variable())
+        variable.initial[numbers] = named
+    for (file, name, numbers), value in kept.items():
+        if file == data.file.name and name in out:
+            out[name].initial.pop(numbers, None)
+            out[name].values[numbers] = copy.deepcopy(value)
+    return out
+
+
+def kept_of(lists: Mapping[str, Mapping[str, Variable]]) -> Kept:
+    """Return the values of data lists, by file and name, that are no longer those of the text."""
+    return {
+        (file, name, index): copy.deepcopy(value)
+        for file, variables in lists.items()
+        for name, variable in variables.items()
+        for index, value in variable.values.items()
+        if index not in variable.initial
+    }

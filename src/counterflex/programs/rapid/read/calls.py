@@ -185,9 +185,13 @@ class Calls:
             raise self.fault(f"{row.word}(): {row.reason}", self.now, hint=row.remedy)
         if name == "OROBT" and unknown is None:
             return self._without_displacement(values[0])
+        if computed is None and row is None:
+            raise self.fault(
+                f"the function {word} is not in the files of the program, and may move the robot or change its "
+                "arguments", self.now, hint="Put its module into the folder of the program",
+            )  # fmt: skip
         if computed is None:
-            why = "is not in the files of the program" if row is None else "asks the controller"
-            return Unknown(f"{word}() {why}", self._here())
+            return Unknown(f"{word}() asks the controller", self._here())
         if unknown is not None:
             return unknown
         try:

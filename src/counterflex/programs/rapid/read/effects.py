@@ -12,11 +12,14 @@ from counterflex.programs.rapid.read.blocks import Choice, Label, Loop, Simple, 
 from counterflex.programs.rapid.read.literals import arguments
 from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Statement
-from counterflex.programs.rapid.table import OUTPUTS, SETS_MOTION, TABLE
+from counterflex.programs.rapid.table import CYCLIC, OUTPUTS, SETS_MOTION, TABLE
 from counterflex.programs.statement_table import Treatment
 
 _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*)\s*(?:\{[^}]*\}|\.\s*\w+)*\s*:=", re.IGNORECASE)
 _CALLED: Final = re.compile(r"([A-Za-z]\w*)\s*\(")
+_STRING: Final = re.compile(r'"[^"]*"')
+_NO_FUNCTION: Final = frozenset(("AND", "OR", "XOR", "NOT", "DIV", "MOD", "RETURN", "CASE"))
+"""Words that may stand in front of a parenthesis beside functions."""
 _GOTO: Final = re.compile(r"GOTO\s+(\w+)\s*", re.IGNORECASE)
 _CONNECT: Final = re.compile(r"CONNECT\s+(\w+)\s+WITH\s+(\w+)\s*", re.IGNORECASE)
 
@@ -105,10 +108,12 @@ class EffectsOf:
             out.matters = out.matters or (None if inner.matters is None else statement)
             out.assigned |= inner.assigned
             out.ends |= inner.ends
+        elif TABLE.find(name) is None and name.upper() not in _NO_FUNCTION:
+            out.matters = out.matters or statement  # a function of another module: it may move the robot
 
     def _simple(self, tree: Simple, routine: Routine, out: Effects) -> None:
         statement, code, word = tree.statement, tree.statement.code, tree.statement.word
-        for match in _CALLED.finditer(code):
+        for match in _CALLED.finditer(_STRING.sub('""', code)):
             self._called(match[1], routine, out, statement)
         if self._process(routine, tree):
             out.matters = out.matters or statement
@@ -144,7 +149,7 @@ class EffectsOf:
 def is_output(word: str, position: int, option: str) -> bool:
     """Return whether an instruction writes into an argument, by position or option."""
     places = OUTPUTS.get(word, ())
-    return position in places or (option != "" and option in places)
+    return position in places or position == CYCLIC.get(word) or (option != "" and option in places)
 
 
 def names_given(statement: Statement) -> Iterator[tuple[int, str, str]]:

@@ -183,6 +183,11 @@ class Flow(ABC):
 
     def forget(self, effects: Effects, unknown: Unknown) -> None:
         """Make unknown what statements assign that may be executed."""
+        for reference in self.assigned_by(effects):
+            self.memory.forget(reference, unknown)
+
+    def assigned_by(self, effects: Effects) -> Iterator[Reference]:
+        """Return the data that statements assign something to, as their own routines see them."""
         for routine, name in effects.assigned:
             if routine is None:
                 reference = self.memory.find(name)
@@ -190,7 +195,7 @@ class Flow(ABC):
                 with self._inside(routine):
                     reference = self.memory.find(name)
             if reference is not None:
-                self.memory.forget(reference, unknown)
+                yield reference
 
     @contextlib.contextmanager
     def _inside(self, routine: Routine) -> Iterator[None]:

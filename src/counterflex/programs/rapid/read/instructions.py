@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -16,12 +16,13 @@ from counterflex.geometry import pose
 from counterflex.programs.expression import is_number
 from counterflex.programs.rapid.program import RapidMotion
 from counterflex.programs.rapid.read.arithmetic import matrix, pose_inverse, pose_product
-from counterflex.programs.rapid.read.effects import EffectsOf
+from counterflex.programs.rapid.read.effects import Effects, EffectsOf, names_given
 from counterflex.programs.rapid.read.literals import Argument
 from counterflex.programs.rapid.read.memory import Memory, Reference
 from counterflex.programs.rapid.read.motions import Motions
 from counterflex.programs.rapid.read.routines import Modules, Routine
 from counterflex.programs.rapid.read.scanner import Statement
+from counterflex.programs.rapid.table import CYCLIC, TABLE
 from counterflex.programs.unknown import Unknown, known
 
 _CONNECT: Final = re.compile(r"CONNECT\s+(\w+)\s+WITH\s+(\w+)\s*", re.IGNORECASE)
@@ -38,6 +39,10 @@ class Instructions(Motions):
     @abstractmethod
     def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
         """Make an error of a statement."""
+
+    @abstractmethod
+    def assigned_by(self, effects: Effects) -> Iterator[Reference]:
+        """Return the data that statements assign something to, as their own routines see them."""
 
     def _given(self, statement: Statement, given: Sequence[Argument], count: int) -> list[object]:
         """Values of the arguments of an instruction.
@@ -219,11 +224,24 @@ class Instructions(Motions):
                 hint="Post the path without this interrupt",
             )  # fmt: skip
         unknown = Unknown(f"the interrupt {trap.name} may change it at any time", self._line(statement))
-        for _, name in effects.assigned:
-            reference = self.memory.find(name)
+        for reference in self.assigned_by(effects):
+            self._volatile(reference, unknown)
+
+    def cyclic(self, statement: Statement, given: Sequence[Argument]) -> None:
+        """Instructions that let the controller write into a variable from here on."""
+        del given
+        row = TABLE.find(statement.word)
+        word = statement.word if row is None else row.word
+        unknown = Unknown(f"{word} may change it at any time", self._line(statement))
+        for position, _, name in names_given(statement):
+            reference = self.memory.find(name) if position == CYCLIC[statement.word] else None
             if reference is not None:
-                reference.variable.volatile = unknown
-                self.memory.stamp += 1
+                self._volatile(reference, unknown)
+
+    def _volatile(self, reference: Reference, unknown: Unknown) -> None:
+        """Data that may change at any time."""
+        reference.variable.volatile = unknown
+        self.memory.stamp += 1
 
     def _line(self, statement: Statement) -> str:
         return self.source.where(statement.start)
@@ -241,6 +259,6 @@ HANDLERS: Final[dict[str, Handler]] = {
     "BITSET": Instructions.bit, "BITCLEAR": Instructions.bit, "WAITTIME": Instructions.wait,
     "VELSET": Instructions.vel_set, "SPEEDREFRESH": Instructions.speed_refresh, "PDISPSET": Instructions.pdisp_set,
     "PDISPON": Instructions.pdisp_on, "PDISPOFF": Instructions.pdisp_off, "EOFFSSET": Instructions.eoffs_set,
-    "CONNECT": Instructions.connect,
+    "CONNECT": Instructions.connect, **dict.fromkeys(CYCLIC, Instructions.cyclic),
 }  # fmt: skip
 """Instructions beside motions that are evaluated, by name in capitals."""

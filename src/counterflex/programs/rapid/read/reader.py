@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import RAPID_DIALECT, TOOL_VECTOR
+from counterflex.programs.program import RAPID_DIALECT, TOOL_VECTOR, same_motions
 from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.rapid.read.interpreter import Interpreter, replaced
@@ -98,32 +98,33 @@ def _executed(source: Source, modules: Modules, cell: RapidCell | None) -> Inter
             again = _run(source, modules, cell, left)
         except ProgramError:
             raise fault from None
-        if not left or again.memory.kept() != left or not _same(first, again):
+        if (
+            not left
+            or again.memory.kept() != left
+            or not same_motions(first.motions, again.motions, first.rotations, again.rotations)
+        ):
             raise
         return first
-
-
-def _same(one: Interpreter, other: Interpreter) -> bool:
-    """Return whether two runs make the same motions."""
-    return len(one.motions) == len(other.motions) and all(
-        (a.kind, a.feed_m_s, a.turn_rad, a.duration_s, a.tool, a.spindle_rad_s, *a.p_end, *R.flat)
-        == (b.kind, b.feed_m_s, b.turn_rad, b.duration_s, b.tool, b.spindle_rad_s, *b.p_end, *S.flat)
-        for a, b, R, S in zip(one.motions, other.motions, one.rotations, other.rotations, strict=True)
-    )
 
 
 def _run(
     source: Source, modules: Modules, cell: RapidCell | None, kept_from: Mapping[int, object] | None
 ) -> Interpreter:
-    lines, part_object = split_lines(source.text), ""
-    while True:
+    def executed(part_object: str) -> Interpreter:
         interpreter = Interpreter(source, modules, cell, lines, part_object)
         interpreter.memory.kept_from = kept_from
         interpreter.run()
-        objects = interpreter.frames.objects
-        if len(objects) < 2 or part_object:
-            return interpreter
-        part_object = max(objects, key=lambda key: objects[key])  # without a cell: most motions are in the part frame
+        return interpreter
+
+    lines = split_lines(source.text)
+    first = executed("")
+    objects = first.frames.objects
+    if len(objects) < 2:
+        return first
+    try:  # without a cell: most motions are in the part frame
+        return executed(max(objects, key=lambda key: objects[key]))
+    except ProgramError:  # that frame begins unknown, because the program itself changes it
+        return first
 
 
 def read_rapid_file(
