@@ -42,7 +42,8 @@ T1: dict[str, Any] = {
 }  # fmt: skip
 T2 = T1 | {"number": 2, "diameter_mm": 10, "centre_cutting": True, "overhang_mm": 45, "flute_length_mm": 25,
            "max_rpm": 30000, "holder_mm": [[45, 30], [100, 50]]}  # fmt: skip
-HEAD = "G17 G54 G40 G49 G80 G90 G94\nG21\nM6 T1\nG43 H1\nM3 S13000\nG0 Z60\n"
+COMMENTS = "(T1 D=16. CR=0. - flat end mill)\n(T2 D=10. CR=0. - flat end mill)\n"
+HEAD = COMMENTS + "G17 G54 G40 G49 G80 G90 G94\nG21\nM6 T1\nG43 H1\nM3 S13000\nG0 Z60\n"
 CUT = "G0 X-12 Y15\nG0 Z42\nG1 Z36 F3000\nG1 X52 F1500\n"
 END = "G0 Z60\nM5\nM30\n"
 CLEAN = HEAD + CUT + END
@@ -113,6 +114,21 @@ FAULTS = {
     "spindle backwards": Fault("spindle in the cut", changed("M3", "M4")),
     "work offset that nobody defined": Fault("work offset", changed("G54", "G55"), NAMED),
     "second work offset": Fault("work offset", changed(END, "G0 Z60\nG55\n" + CUT + END), NAMED),
+    "diagonal from an unknown place": Fault(
+        "first motion", changed("G0 X-12 Y15\nG0 Z42\nG1 Z36 F3000", "G0 X-12 Y15 Z36"), WARNS
+    ),
+    "down at an unknown place, then up": Fault(
+        "first motion", changed("G0 Z60\nG0 X-12 Y15\n", "G0 Z30\nG0 X-12 Y15 Z60\n"), WARNS
+    ),
+    "program for another diameter": Fault("tool of the program", changed("D=16.", "D=20."), WARNS),
+    "program that names no diameter": Fault(
+        "tool of the program", changed("(T1 D=16. CR=0. - flat end mill)\n", ""), NAMED
+    ),
+    "block that a switch skips": Fault("words with two readings", changed("G1 Z36", "/G1 Z30 F3000\nG1 Z36"), NAMED),
+    "stop for a person in the cut": Fault(
+        "standing in the cut", changed("G1 X52 F1500", "G1 X20 F1500\nM0\nG1 X52"), WARNS
+    ),
+    "feed per turn": Fault("correction", changed("G1 X52 F1500", "G95 G1 X52 F1500")),
     # of our own kinds
     "cut deeper than the flutes": Fault("depth of cut to flutes", changed("G1 Z36", "G1 Z3"), tool={"overhang_mm": 80}),
     "holder into the wall": Fault(
