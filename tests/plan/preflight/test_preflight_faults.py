@@ -22,6 +22,7 @@ from counterflex.files.schema import parse
 from counterflex.plan.preflight.hazards import HAZARDS
 
 SMALL = Path(__file__).resolve().parents[2] / "data" / "cells" / "small.toml"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "programs"
 STATED: dict[str, Any] = {
     "controller": {"look_ahead_blocks": 50, "blending_mm": 0.5, "acceleration_mm_s2": 1000, "rapid_mm_s": 250},
     "limits": {
@@ -178,6 +179,29 @@ FAULTS = {
     ),
     "spindle left on": Fault("end of the program", changed("M5\nM30\n", "%\n", "%\n" + CLEAN), WARNS),
 }  # fmt: skip
+
+
+WAITS = {
+    "src": ("LIN {X 72.000", "LIN {X 30.000,Y 15.000,Z 34.000,A 180.000,B 0.000,C 180.000}\n{}\nLIN {X 72.000",
+            ("HALT", "WAIT FOR $IN[3]", "WAIT FOR NOT $IN[3]"), ("WAIT FOR TRUE", "WAIT SEC 0.2")),
+    "mod": ("SetDO doChips,1;", "MoveL Offs(pIn,40,0,0),vMill,fine,tMill\\WObj:=wobjPart;\n{}",
+            ("Stop;", "WaitDI diOk,1;", "WaitUntil diOk=1;"), ("WaitTime 0.2;", "SetDO doChips,1;")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", WAITS)
+def test_a_robot_program_that_waits_in_the_cut_is_named(ending: str, tmp_path: Path, cell: Callable[..., Cell]) -> None:
+    source = EXAMPLES / f"groove.{ending}"
+    old, new, waits, others = WAITS[ending]
+    (tmp_path / "groove.dat").write_text(source.with_suffix(".dat").read_text())
+    found = {}
+    for text in (*waits, *others):
+        program = source.read_text()
+        assert old in program
+        (tmp_path / source.name).write_text(program.replace(old, new.replace("{}", text), 1))
+        table = job.check(tmp_path / source.name, cell()).summary["checks"]
+        found[text] = next(row["verdict"] for row in table if row["check"] == "standing in the cut")
+    assert found == dict.fromkeys(waits, "warning") | dict.fromkeys(others, "ok")
 
 
 @pytest.fixture

@@ -96,7 +96,7 @@ HAZARDS: Final = (
            "warning"),
     Hazard("spindle in the cut", "cuts with the spindle off, reversed (M4), or stopped before the retract", "none",
            ("tools.spindle_rpm",), "fail"),
-    Hazard("standing in the cut", "longest dwell of the tool in the material, or a stop for a person there (M0)",
+    Hazard("standing in the cut", "longest dwell of the tool in the material, or a wait for a person or signal there",
            "1 s", ("part.stock",), "warning"),
     Hazard("spindle speed", "highest and lowest speed", "the keys",
            ("process_limits.spindle_min_rpm", "process_limits.spindle_max_rpm!", "tools.max_rpm"),
