@@ -130,6 +130,11 @@ FAULTS = {
         "standing in the cut", changed("G1 X52 F1500", "G1 X20 F1500\nM0\nG1 X52"), WARNS
     ),
     "feed per turn": Fault("correction", changed("G1 X52 F1500", "G95 G1 X52 F1500")),
+    "rapid just above a clamp": Fault(
+        "tool to surroundings", changed("G0 X-12 Y15\nG0 Z42\n", "G0 X-60 Y15\nG0 X-12\nG0 Z42\n"), WARNS,
+        cell={"cell": {"body": [{"name": "clamp", "frame": "part", "shape": "box", "size_mm": [10, 10, 80],
+                                 "x_mm": -30, "y_mm": 15, "z_mm": 19.6}]}},
+    ),
     # of our own kinds
     "cut deeper than the flutes": Fault("depth of cut to flutes", changed("G1 Z36", "G1 Z3"), tool={"overhang_mm": 80}),
     "holder into the wall": Fault(

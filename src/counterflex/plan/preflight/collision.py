@@ -15,7 +15,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.geometry import pose
@@ -31,6 +31,8 @@ HOLDER_NEAR_M: Final = 5.0 * MM
 """Holders that come nearer to the blank's box are compared with what is left of it: farther away it does not matter."""
 NEAR_M: Final = 0.5 * MM
 """Rows are left out only where nothing on them can be closer by that than what was found already."""
+RAPID_CLEARANCE_M: Final = 1.0 * MM
+"""Rapids keep a tool that far from given bodies: a robot is off by some tenths of a millimetre in motion."""
 INTO_TABLE_M: Final = 1.0 * MM
 """A tool that cuts through its part goes a little into what supports it: up to that is a warning."""
 ROBOT, TOOL = "robot and spindle to surroundings", "tool to surroundings"
@@ -300,6 +302,7 @@ def collision_rows(
     clearance_m: float,
     progress: Progress = silent,
     machined: Callable[[], MachinedStock] | None = None,
+    rapid: Bool | None = None,
 ) -> list[Row]:
     """Robot, spindle, tool and its holder against the surroundings, and what the flange carries against the own arm.
 
@@ -312,6 +315,7 @@ def collision_rows(
         clearance_m: Least distance; tools and holders need none, they are as large as they are.
         progress: Progress callback, fraction 0 to 1.
         machined: Begins to cut the stock anew; None compares with the blank as it is.
+        rapid: (n,) rows of rapids, in which tools keep away from the bodies that the cell file gives.
     """
     outer, inner = pairs(bodies)
     holders = [pair for pair in outer if _holds(bodies, pair)]
@@ -329,6 +333,14 @@ def collision_rows(
             rows.append(_holder_row(result, bodies, tool, 0.0 if left is None else left.grain_m))
         else:
             rows.append(_row(name, result, bodies, least))
+    given = [pair for pair in sharp if not any(bodies[k].assumed and bodies[k].tool is None for k in pair)]
+    if rapid is not None and rows[1].verdict == "ok":
+        at = np.flatnonzero(rapid)
+        passed = closest(chain, bodies, given, q[at], tool[at], T_base_part)
+        if passed is not None and passed.distance_m < RAPID_CLEARANCE_M:
+            what = f"{bodies[passed.first].name} to {bodies[passed.second].name} in a rapid"
+            rows[1] = Row(TOOL, "warning", passed.distance_m, RAPID_CLEARANCE_M, "m", int(at[passed.point]), what,
+                          advice="Raise the rapids, or go there at feed")  # fmt: skip
     return rows
 
 

@@ -14,7 +14,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
-from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut import at_points
 from counterflex.plan.inputs import Setting, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
@@ -149,6 +149,7 @@ def preflight(
         rows += collision_rows(
             setting.controller_chain, bodies, q, fine.tool[:reached], setting.T_base_part, bounds.clearance_m,
             parts[COLLISION], None if made.result is None else lambda: MachinedStock(made.turning, stock, setting),
+            fine.kind[:reached] == RAPID,
         )  # fmt: skip
         rows += load_rows
     if made.result is None:
