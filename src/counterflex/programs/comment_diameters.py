@@ -43,14 +43,14 @@ def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
     for line, text, tool in _comments(program):
         starts = [match.start() for match in _TOOL.finditer(text)]
         for begin, end in itertools.pairwise([0, *starts, len(text)]):
-            named, found = _TOOL.match(text, begin), _DIAMETER.search(text, begin, end)
+            named, match = _TOOL.match(text, begin), _DIAMETER.search(text, begin, end)
             number = tool if named is None else int(named[1])
-            if found is None or number == 0 or _FEATURE.search(text, begin, found.start()):
+            if match is None or number == 0 or _FEATURE.search(text, begin, match.start()):
                 continue
             if named is None and not _OF_A_TOOL.search(text):
                 continue
-            of_text = {"": unit, "MM": MM}.get((found[2] or "").upper(), _INCH_M)
-            out.setdefault(number, (float(found[1]) * of_text, line))
+            of_text = {"": unit, "MM": MM}.get((match[2] or "").upper(), _INCH_M)
+            out.setdefault(number, (float(match[1]) * of_text, line))
     return out
 
 

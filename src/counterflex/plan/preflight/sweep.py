@@ -39,7 +39,7 @@ class Sweep:
         self._place, self._turn, self._reach, self._tool = place, turn, reach_m, tool
         self.moved: Float = np.concatenate([[0.0], np.cumsum(self._steps())]) if len(place) else np.zeros(0)
         self._keys: list[Int] = [_cell_numbers(place, side) for side in CELLS_M]
-        self._found: list[dict[int, tuple[int, float]]] = [{} for _ in CELLS_M]
+        self._bounds: list[dict[int, tuple[int, float]]] = [{} for _ in CELLS_M]
         self._changes = np.append(np.flatnonzero(np.diff(tool)) + 1, len(tool))
         self._until = 0
 
@@ -78,8 +78,8 @@ class Sweep:
         """
         if row < self._until:
             return True
-        for keys, found in zip(self._keys, self._found, strict=True):
-            before = found.get(int(keys[row]))
+        for keys, bounds in zip(self._keys, self._bounds, strict=True):
+            before = bounds.get(int(keys[row]))
             if before is not None and self._tool[before[0]] == self._tool[row]:
                 free = before[1] - self.motion(before[0], row) - least_m
                 if free > 0.0:
@@ -95,8 +95,8 @@ class Sweep:
             distance_m: Distance found there, or less.
             least_m: Closer ones count.
         """
-        for keys, found in zip(self._keys, self._found, strict=True):
-            found[int(keys[row])] = (row, distance_m)
+        for keys, bounds in zip(self._keys, self._bounds, strict=True):
+            bounds[int(keys[row])] = (row, distance_m)
         self._until = self._behind(row, distance_m - least_m)
 
     def next_row(self, row: int) -> int:
