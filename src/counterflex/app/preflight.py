@@ -24,6 +24,7 @@ from counterflex.plan.preflight.process.cut_rows import AsWritten, Machining
 from counterflex.plan.preflight.row import RANK, Row
 from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m
+from counterflex.programs.program import Program
 from counterflex.programs.stated import stated
 
 SHOP: Final[dict[str, tuple[str, float]]] = {
@@ -135,8 +136,18 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
     end = int(np.flatnonzero(job.path.motion == job.path.motion[0])[-1])
     known = bool(np.all(job.path.p_part_tcp[end, 2] == job.sampled.p_part_tcp[end, 2]))
     return AsWritten(
-        approximation_m(program), program_size(job, cell, language), remarks, known, silent_spindle and not wired
-    )
+        approximation_m(program), program_size(job, cell, language), remarks, known, silent_spindle and not wired,
+        0 if remarks.robot else _arrival(program),
+    )  # fmt: skip
+
+
+def _arrival(program: Program) -> int:
+    """Motion at whose end the program has named X, Y and Z; letters that it never names count for nothing."""
+    named = dict.fromkeys("XYZ", 0)
+    for block in reversed(program.blocks):
+        if block.motion_count:
+            named |= {word.letter: block.first_motion for word in block.words if word.letter in named}
+    return max(named.values())
 
 
 def _path_speed(result: Preflight) -> dict[str, Any]:

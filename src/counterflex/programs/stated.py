@@ -7,13 +7,16 @@ NC I (D, G54 to G57). Robot programs name their tool and base by frames, which t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Int
+from counterflex.core.arrays import Bool, Int
+from counterflex.programs.comment_diameters import diameters_of
+from counterflex.programs.gcode.read.reader import doubtful_readings
 from counterflex.programs.program import ROBOT_DIALECTS, Block, Program
 
 NONE: Final = -1
@@ -30,6 +33,17 @@ _CANCEL: Final = 49.0
 _OFFSETS: Final = (*range(54, 60), 59.1, 59.2, 59.3)
 _ENDS: Final = (2.0, 30.0, 99.0)
 _COOLANT: Final = {7.0: 1, 8.0: 1, 9.0: 0}
+_STOPS: Final = frozenset({0.0, 1.0, 60.0, 66.0})
+_WAITS: Final = {
+    "krl": re.compile(r"\s*WAIT\s+FOR\b(?!\s*\(?\s*TRUE\s*\)?\s*(?:;|$))", re.IGNORECASE),
+    "rapid": re.compile(
+        r"\s*(?:\w+\s*:\s*)?Wait(?:DI|DO|GI|GO|AI|AO|Until|SyncTask|Sensor|TestAndSet|Load)\b", re.IGNORECASE
+    ),
+    "fanuc": re.compile(r"[\s\d:]*(?:WAIT\b(?!\s*[\d.]+\s*\(\s*sec)|PAUSE\b)", re.IGNORECASE),
+    "val3": re.compile(r"\s*(?:wait|watch|get|popUpMsg)\s*\(", re.IGNORECASE),
+}
+"""Statements that wait for a person or a signal, for a time that nobody knows, by dialect; ``WAIT FOR TRUE`` only stops
+the advance run of KRL."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +58,10 @@ class Stated:
         coolant: (motions,) 1 on, 0 off, :data:`UNSAID` where the program has no word of coolant.
         spindle_on_at_end: The program ends without stopping the spindle, by M5 or by its end.
         robot: In a language of robots.
+        stops: (motions,) a person or a signal is waited for at the end of the motion (M0, M1, M60, M66; HALT, Stop,
+            PAUSE; WAIT FOR, WaitDI, WAIT DI).
+        diameters_m: By tool number, the diameter that a comment of the program names, with its line.
+        doubts: Readings of words that controllers read in two ways, one sentence each.
     """
 
     length_offset: Int
@@ -53,6 +71,9 @@ class Stated:
     coolant: Int
     spindle_on_at_end: bool
     robot: bool
+    stops: Bool
+    diameters_m: Mapping[int, tuple[float, int]]
+    doubts: tuple[str, ...] = ()
 
 
 def stated(program: Program, known_offsets: bool = False) -> Stated:
@@ -67,8 +88,12 @@ def stated(program: Program, known_offsets: bool = False) -> Stated:
     reader = _OffsetReader(program.dialect)
     coolant, cools = 0, any(_codes(block, "M") & set(_COOLANT) for block in program.blocks)
     names: list[str] = []
+    stops = np.zeros(n, dtype=np.bool_)
     for block in program.blocks:
         reader.take(block)
+        behind = block.first_motion + block.motion_count - 1
+        if behind >= 0 and _waits(block, program.dialect):
+            stops[behind] = True
         coolant = next((_COOLANT[code] for code in _codes(block, "M") if code in _COOLANT), coolant)
         if not block.motion_count:
             continue
@@ -81,7 +106,16 @@ def stated(program: Program, known_offsets: bool = False) -> Stated:
     last = program.blocks[-1].modal.spindle_rpm if program.blocks else 0.0
     ended = any(_codes(block, "M") & set(_ENDS) for block in program.blocks)
     return Stated(lengths, works, tuple(names), defined, coolants, last != 0.0 and not ended,
-                  program.dialect in ROBOT_DIALECTS)  # fmt: skip
+                  program.dialect in ROBOT_DIALECTS, stops, diameters_of(program),
+                  tuple(doubtful_readings(program)))  # fmt: skip
+
+
+def _waits(block: Block, dialect: str) -> bool:
+    """A person or a signal is waited for."""
+    if _codes(block, "M") & _STOPS:
+        return True
+    form = _WAITS.get(dialect)
+    return form is not None and form.match(block.text) is not None
 
 
 def _codes(block: Block, letter: str) -> set[float]:

@@ -19,7 +19,8 @@ from counterflex.files.cell.bodies import Frame
 from counterflex.geometry import pose, rotation
 from counterflex.plan.preflight import bodies as coarse
 from counterflex.plan.preflight.bodies import Body, along, box
-from counterflex.plan.preflight.collision import NEAR_M, Scene, closest, collision_rows, largest_motion, poses
+from counterflex.plan.preflight.collision import NEAR_M, Scene, closest, collision_rows, poses
+from counterflex.plan.preflight.sweep import sweep_of_flange, sweep_of_joints
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import EndEffector
@@ -264,13 +265,18 @@ def test_closest_is_that_of_all_rows(chain: ElasticChain, seed: int) -> None:
 
 def test_no_body_moves_farther_than_its_bound(chain: ElasticChain) -> None:
     made = [*coarse.links(chain), *coarse.carried(chain, {}, {})]
-    q = swing(200, 5)
-    placed, moved = poses(chain, made, q, np.eye(4)), largest_motion(chain, made, q)
+    q, tool = swing(200, 5), np.zeros(200, dtype=np.int64)
+    placed = poses(chain, made, q, np.eye(4))
+    joints, flange = sweep_of_joints(chain, made, q, tool), sweep_of_flange(chain, made, q, tool)
+    pairs_of_rows = np.random.default_rng(2).integers(0, len(q), (300, 2)).tolist()
     for k, body in enumerate(made):
         end = np.array([0.0, 0.0, body.size_m[1] + body.size_m[0], 1.0])
         for tip in (end, end * [1, 1, -1, 1]):
             p = (placed[:, k] @ tip)[:, :3]
-            assert np.all(np.linalg.norm(np.diff(p, axis=0), axis=1) <= np.diff(moved) + 1e-12)
+            for sweep in (joints, flange) if body.link == 6 else (joints,):
+                assert np.all(np.linalg.norm(np.diff(p, axis=0), axis=1) <= np.diff(sweep.moved) + 1e-12)
+                for a, b in pairs_of_rows:
+                    assert np.linalg.norm(p[a] - p[b]) <= sweep.motion(a, b) + 1e-12
 
 
 def test_a_tool_counts_only_while_it_is_in_the_spindle(chain: ElasticChain) -> None:

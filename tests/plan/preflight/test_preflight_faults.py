@@ -22,6 +22,7 @@ from counterflex.files.schema import parse
 from counterflex.plan.preflight.hazards import HAZARDS
 
 SMALL = Path(__file__).resolve().parents[2] / "data" / "cells" / "small.toml"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "programs"
 STATED: dict[str, Any] = {
     "controller": {"look_ahead_blocks": 50, "blending_mm": 0.5, "acceleration_mm_s2": 1000, "rapid_mm_s": 250},
     "limits": {
@@ -42,7 +43,8 @@ T1: dict[str, Any] = {
 }  # fmt: skip
 T2 = T1 | {"number": 2, "diameter_mm": 10, "centre_cutting": True, "overhang_mm": 45, "flute_length_mm": 25,
            "max_rpm": 30000, "holder_mm": [[45, 30], [100, 50]]}  # fmt: skip
-HEAD = "G17 G54 G40 G49 G80 G90 G94\nG21\nM6 T1\nG43 H1\nM3 S13000\nG0 Z60\n"
+COMMENTS = "(T1 D=16. CR=0. - flat end mill)\n(T2 D=10. CR=0. - flat end mill)\n"
+HEAD = COMMENTS + "G17 G54 G40 G49 G80 G90 G94\nG21\nM6 T1\nG43 H1\nM3 S13000\nG0 Z60\n"
 CUT = "G0 X-12 Y15\nG0 Z42\nG1 Z36 F3000\nG1 X52 F1500\n"
 END = "G0 Z60\nM5\nM30\n"
 CLEAN = HEAD + CUT + END
@@ -113,6 +115,26 @@ FAULTS = {
     "spindle backwards": Fault("spindle in the cut", changed("M3", "M4")),
     "work offset that nobody defined": Fault("work offset", changed("G54", "G55"), NAMED),
     "second work offset": Fault("work offset", changed(END, "G0 Z60\nG55\n" + CUT + END), NAMED),
+    "diagonal from an unknown place": Fault(
+        "first motion", changed("G0 X-12 Y15\nG0 Z42\nG1 Z36 F3000", "G0 X-12 Y15 Z36"), WARNS
+    ),
+    "down at an unknown place, then up": Fault(
+        "first motion", changed("G0 Z60\nG0 X-12 Y15\n", "G0 Z30\nG0 X-12 Y15 Z60\n"), WARNS
+    ),
+    "program for another diameter": Fault("tool of the program", changed("D=16.", "D=20."), WARNS),
+    "program that names no diameter": Fault(
+        "tool of the program", changed("(T1 D=16. CR=0. - flat end mill)\n", ""), NAMED
+    ),
+    "block that a switch skips": Fault("words with two readings", changed("G1 Z36", "/G1 Z30 F3000\nG1 Z36"), NAMED),
+    "stop for a person in the cut": Fault(
+        "standing in the cut", changed("G1 X52 F1500", "G1 X20 F1500\nM0\nG1 X52"), WARNS
+    ),
+    "feed per turn": Fault("correction", changed("G1 X52 F1500", "G95 G1 X52 F1500")),
+    "rapid just above a clamp": Fault(
+        "tool to surroundings", changed("G0 X-12 Y15\nG0 Z42\n", "G0 X-60 Y15\nG0 X-12\nG0 Z42\n"), WARNS,
+        cell={"cell": {"body": [{"name": "clamp", "frame": "part", "shape": "box", "size_mm": [10, 10, 80],
+                                 "x_mm": -30, "y_mm": 15, "z_mm": 19.6}]}},
+    ),
     # of our own kinds
     "cut deeper than the flutes": Fault("depth of cut to flutes", changed("G1 Z36", "G1 Z3"), tool={"overhang_mm": 80}),
     "holder into the wall": Fault(
@@ -162,6 +184,29 @@ FAULTS = {
     ),
     "spindle left on": Fault("end of the program", changed("M5\nM30\n", "%\n", "%\n" + CLEAN), WARNS),
 }  # fmt: skip
+
+
+WAITS = {
+    "src": ("LIN {X 72.000", "LIN {X 30.000,Y 15.000,Z 34.000,A 180.000,B 0.000,C 180.000}\n{}\nLIN {X 72.000",
+            ("HALT", "WAIT FOR $IN[3]", "WAIT FOR NOT $IN[3]"), ("WAIT FOR TRUE", "WAIT SEC 0.2")),
+    "mod": ("SetDO doChips,1;", "MoveL Offs(pIn,40,0,0),vMill,fine,tMill\\WObj:=wobjPart;\n{}",
+            ("Stop;", "WaitDI diOk,1;", "WaitUntil diOk=1;"), ("WaitTime 0.2;", "SetDO doChips,1;")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", WAITS)
+def test_a_robot_program_that_waits_in_the_cut_is_named(ending: str, tmp_path: Path, cell: Callable[..., Cell]) -> None:
+    source = EXAMPLES / f"groove.{ending}"
+    old, new, waits, others = WAITS[ending]
+    (tmp_path / "groove.dat").write_text(source.with_suffix(".dat").read_text())
+    found = {}
+    for text in (*waits, *others):
+        program = source.read_text()
+        assert old in program
+        (tmp_path / source.name).write_text(program.replace(old, new.replace("{}", text), 1))
+        table = job.check(tmp_path / source.name, cell()).summary["checks"]
+        found[text] = next(row["verdict"] for row in table if row["check"] == "standing in the cut")
+    assert found == dict.fromkeys(waits, "warning") | dict.fromkeys(others, "ok")
 
 
 @pytest.fixture

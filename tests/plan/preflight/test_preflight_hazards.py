@@ -27,7 +27,7 @@ SMALL = ROOT / "tests" / "data" / "cells" / "small.toml"
 READ = {key for hazard in HAZARDS for key in hazard.read}
 NO_LIMITS = {
     "tools": {
-        "name", "diameter_mm", "corner_radius_mm", "flutes", "helix_deg", "runout_um",  # what cuts
+        "name", "corner_radius_mm", "flutes", "helix_deg", "runout_um",  # what cuts
         "longer_mm", "heavier_kg",  # where its tip is, and what it weighs
         "tool_data", "tooldata",  # names on the controller, read by the readers of robot programs
     },
@@ -101,6 +101,7 @@ TIGHT: dict[str, tuple[Any, str]] = {
     "tools.coolant": (True, "coolant"),
     "tools.holder_mm": ([[2, 60], [50, 60]], "tool holder to stock and surroundings"),
     "tools.number": (3, ""),
+    "tools.diameter_mm": (17, ""),
     "tools.spindle_rpm": (9000, ""),
     "material.chip_min_um": (900, "chip thickness"),
     "material.chip_max_um": (2, "chip thickness"),

@@ -53,7 +53,7 @@ def checked(tmp_path: Path, cell_of: CellOf) -> Callable[..., dict[str, Any]]:
             table = ToolTable.model_validate(cell.tables.tools[0].model_dump() | tool)
             cell = replace(cell, tables=cell.tables.model_copy(update={"tools": (table,)}))
         program = tmp_path / "part.ngc"
-        program.write_text(f"{HEAD}{body}\nM5\nM30\n")
+        program.write_text(f"{HEAD}{body}\nM5 (T1: end mill D16)\nM30\n")
         done = job.check(program, cell)
         return {row["check"]: row for row in done.summary["checks"]} | {"done": done}
 

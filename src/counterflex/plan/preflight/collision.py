@@ -15,13 +15,14 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.plan.preflight.bodies import Body, joint_offsets, pairs, tool_of
+from counterflex.plan.preflight.bodies import Body, pairs, tool_of
 from counterflex.plan.preflight.machined_stock import LeftOver, MachinedStock
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
+from counterflex.plan.preflight.sweep import sweep_between
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 
 FARTHEST_M: Final = 20.0
@@ -30,6 +31,8 @@ HOLDER_NEAR_M: Final = 5.0 * MM
 """Holders that come nearer to the blank's box are compared with what is left of it: farther away it does not matter."""
 NEAR_M: Final = 0.5 * MM
 """Rows are left out only where nothing on them can be closer by that than what was found already."""
+RAPID_CLEARANCE_M: Final = 1.0 * MM
+"""Rapids keep a tool that far from given bodies: a robot is off by some tenths of a millimetre in motion."""
 INTO_TABLE_M: Final = 1.0 * MM
 """A tool that cuts through its part goes a little into what supports it: up to that is a warning."""
 ROBOT, TOOL = "robot and spindle to surroundings", "tool to surroundings"
@@ -185,36 +188,6 @@ def at_least(bodies: Sequence[Body], compared: Sequence[tuple[int, int]], Ts_bas
     return np.where(out > 0.0, out, -np.inf)
 
 
-def largest_motion(chain: ElasticChain, bodies: Sequence[Body], q: Float) -> Float:
-    """How far any point of any body can have moved since the first row: ``sum |dq_j| R_j``, cumulated.
-
-    ``R_j`` is the longest way from axis j outward along the chain, with the farthest corner of what the flange carries.
-
-    Args:
-        chain: The chain.
-        bodies: The bodies.
-        q: (n, 6) rad.
-
-    Returns:
-        (n,) m, non-decreasing.
-    """
-    steps = np.array([np.linalg.norm(offset) for offset in joint_offsets(chain)])
-    way = np.cumsum(steps[::-1])[::-1][1:]  # from axis j to the flange
-    beyond = float(np.linalg.norm(chain.T_flange_tcp[:3, 3])) if chain.flange_segment < chain.n else 0.0
-    size = max(
-        (
-            float(np.linalg.norm(b.T_frame_body[:3, 3]) + np.linalg.norm(b.size_m) + b.size_m[0])
-            for b in bodies
-            if b.link
-        ),
-        default=0.0,
-    )
-    radius = way + beyond + size
-    step = np.abs(np.diff(q, axis=0, prepend=q[:1])) @ radius
-    out: Float = np.cumsum(step)
-    return out
-
-
 def closest(
     chain: ElasticChain,
     bodies: Sequence[Body],
@@ -227,8 +200,8 @@ def closest(
 ) -> Closest | None:
     """The smallest distance of some pairs of bodies along a path, to :data:`NEAR_M`.
 
-    A row is left out where the bodies cannot have come closer since the last one looked at than what was found, by
-    :func:`largest_motion`; so the result is that of all rows, not of a sample.
+    A row is left out where the bodies cannot be closer than what was found (:mod:`~counterflex.plan.preflight.sweep`);
+    so the result is that of all rows, not of a sample.
 
     Args:
         chain: As the controller has it.
@@ -245,47 +218,79 @@ def closest(
     """
     if not compared or len(q) == 0:
         return None
-    scene, moved = Scene(bodies), largest_motion(chain, bodies, q)
+    by_links: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for first, second in compared:
+        low, high = sorted((bodies[first].link, bodies[second].link))
+        by_links.setdefault((low, high), []).append((first, second))
+    watched = [(of, sweep_between(chain, bodies, q, tool, *links)) for links, of in by_links.items()]
+    placed = Placed(chain, bodies, q, T_base_part, left_over)
     best: Closest | None = None
-    row, begin = 0, -_CHUNK
-    placed = bound_m = np.empty(0)
-    order: Int = np.empty(0, dtype=np.int64)
-    tools = [tool_of(bodies[first], bodies[second]) for first, second in compared]
+    row = reported = 0
     while row < len(q):
-        if row >= begin + _CHUNK:
-            begin = row
-            placed = poses(chain, bodies, q[begin : begin + _CHUNK], T_base_part)
-            bound_m = at_least(bodies, compared, placed)
-            order = np.argsort(bound_m, axis=1, kind="stable")
-            progress(row / len(q))
-        scene.place(placed[row - begin])
-        here = FARTHEST_M
-        for pair in order[row - begin].tolist():
-            first, second = compared[pair]
-            if bound_m[row - begin, pair] > here + _ROUNDING_M:
-                break
-            if tools[pair] not in (None, tool[row]):
+        for of, sweep in watched:
+            least = FARTHEST_M if best is None else best.distance_m
+            if sweep.skips(row, least - NEAR_M):
                 continue
-            distance = scene.distance(first, second, here)
-            if left_over is not None and distance < min(here, left_over.near_m):
-                least = np.inf if best is None else best.distance_m
-                distance = max(distance, left_over.distance((first, second), row, placed[row - begin], here, least))
-            if distance < here:
-                here = distance
-                if best is None or here < best.distance_m:
-                    best = Closest(here, row, first, second)
-        least = FARTHEST_M if best is None else best.distance_m
-        row = _next(moved, tool, row, max(0.0, here - least) + NEAR_M)
+            first, second, here = placed.closest(of, row, int(tool[row]), least)
+            if here < least:
+                best = Closest(here, row, first, second)
+            sweep.take(row, here, min(here, least) - NEAR_M)
+        row = min(sweep.next_row(row) for _, sweep in watched)
+        if row >= reported + _CHUNK:
+            reported = row
+            progress(row / len(q))
     progress(1.0)
     return best
 
 
-def _next(moved: Float, tool: Int, row: int, free_m: float) -> int:
-    """First row behind this one at which a body can have moved by ``free_m``, or the tool is another."""
-    following = int(np.searchsorted(moved, moved[row] + free_m))
-    following = max(following, row + 1)
-    change = np.flatnonzero(tool[row + 1 : following] != tool[row])
-    return row + 1 + int(change[0]) if len(change) else following
+class Placed:
+    """Bodies at the rows of a path.
+
+    Args:
+        chain: As the controller has it.
+        bodies: The bodies.
+        q: (n, 6) rad.
+        T_base_part: (4, 4).
+        left_over: What is left of the blank.
+    """
+
+    def __init__(
+        self, chain: ElasticChain, bodies: Sequence[Body], q: Float, T_base_part: Float, left_over: LeftOver | None
+    ) -> None:
+        self._chain, self._bodies, self._q, self._T_base_part = chain, bodies, q, T_base_part
+        self._left_over, self._scene, self._row = left_over, Scene(bodies), -1
+        self._Ts: Float = np.empty(0)
+
+    def closest(
+        self, compared: Sequence[tuple[int, int]], row: int, tool: int, least_m: float
+    ) -> tuple[int, int, float]:
+        """Return the closest pair of some at a row, and its distance, m.
+
+        Args:
+            compared: Pairs of indices.
+            row: It.
+            tool: Number of the tool in the spindle.
+            least_m: Least distance of the rows before: of what is farther away, a bound will do.
+        """
+        if row != self._row:
+            self._Ts = poses(self._chain, self._bodies, self._q[row : row + 1], self._T_base_part)
+            self._scene.place(self._Ts[0])
+            self._row = row
+        bound_m = at_least(self._bodies, compared, self._Ts)[0]
+        here, closest_pair = FARTHEST_M, compared[0]
+        for k in np.argsort(bound_m, kind="stable").tolist():
+            first, second = compared[k]
+            if bound_m[k] > here + _ROUNDING_M:
+                break
+            if tool_of(self._bodies[first], self._bodies[second]) not in (None, tool):
+                continue
+            distance = self._scene.distance(first, second, here)
+            if self._left_over is not None and distance < min(here, self._left_over.near_m):
+                left = self._left_over.distance((first, second), row, self._Ts[0], here, least_m)
+                distance = max(distance, left)
+            if distance < here:
+                here, closest_pair = distance, (first, second)
+        return *closest_pair, here
 
 
 def collision_rows(
@@ -297,6 +302,7 @@ def collision_rows(
     clearance_m: float,
     progress: Progress = silent,
     machined: Callable[[], MachinedStock] | None = None,
+    rapid: Bool | None = None,
 ) -> list[Row]:
     """Robot, spindle, tool and its holder against the surroundings, and what the flange carries against the own arm.
 
@@ -309,6 +315,7 @@ def collision_rows(
         clearance_m: Least distance; tools and holders need none, they are as large as they are.
         progress: Progress callback, fraction 0 to 1.
         machined: Begins to cut the stock anew; None compares with the blank as it is.
+        rapid: (n,) rows of rapids, in which tools keep away from the bodies that the cell file gives.
     """
     outer, inner = pairs(bodies)
     holders = [pair for pair in outer if _holds(bodies, pair)]
@@ -326,6 +333,14 @@ def collision_rows(
             rows.append(_holder_row(result, bodies, tool, 0.0 if left is None else left.grain_m))
         else:
             rows.append(_row(name, result, bodies, least))
+    given = [pair for pair in sharp if not any(bodies[k].assumed and bodies[k].tool is None for k in pair)]
+    if rapid is not None and rows[1].verdict == "ok":
+        at = np.flatnonzero(rapid)
+        passed = closest(chain, bodies, given, q[at], tool[at], T_base_part)
+        if passed is not None and passed.distance_m < RAPID_CLEARANCE_M:
+            what = f"{bodies[passed.first].name} to {bodies[passed.second].name} in a rapid"
+            rows[1] = Row(TOOL, "warning", passed.distance_m, RAPID_CLEARANCE_M, "m", int(at[passed.point]), what,
+                          advice="Raise the rapids, or go there at feed")  # fmt: skip
     return rows
 
 

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float
-from counterflex.core.errors import ReachError
+from counterflex.core.errors import CounterflexError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
-from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut import at_points
 from counterflex.plan.inputs import Setting, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
@@ -26,6 +26,7 @@ from counterflex.plan.preflight.held_speed import HeldSpeed, held_speed
 from counterflex.plan.preflight.machined_stock import MachinedStock
 from counterflex.plan.preflight.process.cut_rows import (
     NEEDS_CUT,
+    OF_LOAD,
     AsWritten,
     Machining,
     MadeCut,
@@ -33,6 +34,7 @@ from counterflex.plan.preflight.process.cut_rows import (
     demanded,
     made_cut,
 )
+from counterflex.plan.preflight.process.demands import CORRECTION
 from counterflex.plan.preflight.rapids import with_points_in_rapids
 from counterflex.plan.preflight.reversals import Event, event_row, reversals, unloadings
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
@@ -136,13 +138,18 @@ def preflight(
         q = solution.q
         margin = room(setting.controller_chain.axes, setting.controller_chain.joint_limits_rad, q)
         first = _first_rows(fine, reached)
-        turns, load_rows = _loads(made, q, setting, bounds, machining)
+        try:
+            turns, load_rows = _loads(made, q, setting, bounds, machining)
+        except CounterflexError as fault:
+            turns, load_rows = [], [Row(CORRECTION, "fail", what=fault.what, advice="Lower the load of the cut")]
+            reasons |= dict.fromkeys((*OF_LOAD, REVERSALS, UNLOADINGS), fault.what)
         along = _along(first, q, setting, bounds, written, turns, cutting[:reached])
         rows += _joint_rows(first, solution, margin, along, bounds, "cutting path" if cuts else "path at feed")
         rows.append(joint_checks.between_row(setting.controller_chain.axes))
         rows += collision_rows(
             setting.controller_chain, bodies, q, fine.tool[:reached], setting.T_base_part, bounds.clearance_m,
             parts[COLLISION], None if made.result is None else lambda: MachinedStock(made.turning, stock, setting),
+            fine.kind[:reached] == RAPID,
         )  # fmt: skip
         rows += load_rows
     if made.result is None:

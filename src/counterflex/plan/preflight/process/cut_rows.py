@@ -18,7 +18,7 @@ from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.feed_limits import cut_demand
 from counterflex.plan.inputs import Inputs, Setting
 from counterflex.plan.preflight.process import demands, moves, spindle, tool_use
-from counterflex.plan.preflight.process.offsets import length_row, work_row
+from counterflex.plan.preflight.process.offsets import diameter_row, length_row, reading_row, work_row
 from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.plan.preflight.rapids import flute_row, rapid_row
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
@@ -34,8 +34,10 @@ _OF_VOLUME: Final = (
     "rapids into the stock", tool_use.REMOVED, "depth of cut to flutes", spindle.IN_CUT, spindle.STANDS,
     tool_use.PLUNGING, tool_use.COOLANT, moves.END,
 )  # fmt: skip
+OF_LOAD: Final = tuple(limit.check for limit in demands.LIMITS)
+"""Checks that stand on the predicted force and the joint angles."""
 _OF_FORCE: Final = (
-    *(limit.check for limit in demands.LIMITS), demands.CORRECTION, demands.CHIP, tool_use.FEED_PER_TOOTH,
+    *OF_LOAD, demands.CORRECTION, demands.CHIP, tool_use.FEED_PER_TOOTH,
     tool_use.CUTTING_SPEED,
 )  # fmt: skip
 NEEDS_CUT: Final = (*_OF_VOLUME, *_OF_FORCE)
@@ -53,6 +55,7 @@ class AsWritten:
         stated: Offsets, coolant and end.
         height_known: The program has named the height of the tool with or before its first motion.
         spindle_by_person: It says nothing of the spindle, and the cell wires no statement to it.
+        arrival: Motion at whose end the program has named X, Y and Z: up to there the way is not known.
     """
 
     approximation_m: Float
@@ -60,6 +63,7 @@ class AsWritten:
     stated: Stated
     height_known: bool = True
     spindle_by_person: bool = False
+    arrival: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +145,12 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
     maybe = _maybe(cutter_of)
     by_person = written.spindle_by_person
     rows = [
-        moves.first_row(path, blank, maybe, written.height_known),
+        moves.first_row(path, blank, maybe, written.height_known, written.arrival),
         moves.change_row(path, blank, maybe),
         length_row(path, written.stated),
         work_row(path, written.stated),
+        diameter_row(path, written.stated, maybe),
+        reading_row(written.stated),
         spindle.speed_row(path, machining.limits_of, tools, by_person),
     ]
     if made.result is None:
@@ -157,7 +163,7 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
         moves.end_row(path, made.result.volume_m3 > _CONTACT_M3, blank, maybe, written.stated.spindle_on_at_end),
         tool_use.removed_row(path, volume, moves.gap(blank, path.p_part_tcp[path.kind == FEED], radius)),
         spindle.in_cut_row(path, contact, by_person),
-        spindle.standing_row(path, contact),
+        spindle.standing_row(path, contact, written.stated.stops),
         flute_row(path, volume, made.result.axial_depth_m, {n: cutter_of(n) for n in used}, blank.cell_m),
         tool_use.plunge_row(path, volume, contact, cutter_of, tools),
         tool_use.coolant_row(path, contact, written.stated.coolant[path.motion], tools),

@@ -87,18 +87,25 @@ def gap(stock: HeightMap, points: Float, radius_m: float) -> float:
     return float(np.min(np.hypot(sideways, above), initial=np.inf))
 
 
-def first_row(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter | None], height_known: bool) -> Row:
+def first_row(
+    path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter | None], height_known: bool, arrival: int = 0
+) -> Row:
     """Return where the first motion ends: on its way there the tool may come from anywhere.
+
+    A program that names X, Y and Z in several motions is at a known place behind the last of them.
 
     Args:
         path: n rows.
         stock: The blank.
         cutter_of: Gives the cutter of a tool number, None for one that the cell does not have.
         height_known: The program has named the height of the tool with or before its first motion.
+        arrival: Motion at whose end X, Y and Z are named.
     """
     if len(path) < 2:
         return Row(FIRST, "ok", what="the program has one point")
-    row = int(np.flatnonzero(path.motion == path.motion[0])[-1])
+    ends = np.flatnonzero(np.diff(path.motion, append=-1) != 0)
+    ends = ends[path.motion[ends] <= max(arrival, int(path.motion[0]))]
+    row = int(ends[np.argmin(path.p_part_tcp[ends, 2])])
     p, axis = path.p_part_tcp[row], path.axis_part[row]
     numbers = [int(path.tool[row]), *path.tool[path.tool != 0][:1].tolist()]
     cutter = next((match for n in numbers if (match := cutter_of(n)) is not None), None)

@@ -1,17 +1,24 @@
-"""Checks of what the controller takes from its own memory: tool length offsets and work offsets."""
+"""Checks of what a program takes for granted: tool length and work offsets, the diameter of its tools, one reading."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
+from counterflex.core.units import MM
+from counterflex.cutting.cutter import Cutter
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 from counterflex.programs.stated import NONE, OWN, UNSAID, Stated
 
 LENGTH: Final = "tool length offset"
 WORK: Final = "work offset"
+DIAMETER: Final = "tool of the program"
+READING: Final = "words with two readings"
+_SAME: Final = 0.02
+"""Share by which a reground tool may be smaller than the one in a comment."""
 
 
 def length_row(path: ToolPath, stated: Stated) -> Row:
@@ -66,3 +73,39 @@ def work_row(path: ToolPath, stated: Stated) -> Row:
     return Row(
         WORK, NOT_LOOKED_AT, point=row, what=text, missing=f"part.work_offsets_mm, --parameters or G10 L2 with {name}"
     )
+
+
+def diameter_row(path: ToolPath, stated: Stated, cutter_of: Callable[[int], Cutter | None]) -> Row:
+    """Return the tool whose diameter in the program's comments is farthest from that of the cell.
+
+    Args:
+        path: n rows.
+        stated: By the program.
+        cutter_of: Gives the cutter of a tool number, None for one that the cell does not have.
+    """
+    used = np.unique(path.tool[(path.kind == FEED) & (path.tool != 0)]).tolist()
+    cutters = {n: cutter for n in used if (cutter := cutter_of(n)) is not None}
+    named = {n: (cutters[n].diameter_m, *stated.diameters_m[n]) for n in cutters if n in stated.diameters_m}
+    if not named:
+        return Row(DIAMETER, NOT_LOOKED_AT, what="no comment of the program names the diameter of a tool")
+    worst = max(named, key=lambda n: abs(named[n][1] / named[n][0] - 1.0))
+    ours, theirs, line = named[worst]
+    row = int(np.argmax((path.tool == worst) & (path.kind == FEED)))
+    if abs(theirs / ours - 1.0) > _SAME:
+        text = f"line {line} names {theirs / MM:g} mm for T{worst}, the cell {ours / MM:g} mm"
+        return Row(DIAMETER, "warning", theirs, ours, "m", row, text, advice="Use the tool that the program is for")
+    lacking = [f"T{n}" for n in cutters if n not in named]
+    if lacking:
+        return Row(DIAMETER, NOT_LOOKED_AT, what=f"no comment names the diameter of {', '.join(lacking)}")
+    return Row(DIAMETER, "ok", theirs, ours, "m", row, f"diameter of T{worst} by a comment of the program")
+
+
+def reading_row(stated: Stated) -> Row:
+    """Return the words of the program that controllers read in two ways, and the reading that was checked.
+
+    Args:
+        stated: By the program.
+    """
+    if stated.doubts:
+        return Row(READING, NOT_LOOKED_AT, what="; ".join(stated.doubts))
+    return Row(READING, "ok", what="none")

@@ -74,13 +74,20 @@ def in_cut_row(path: ToolPath, contact: Bool, by_person: bool) -> Row:
     return Row(IN_CUT, "ok", 0.0, 0.0, what="clockwise in every cut" if np.any(contact) else "nothing is cut")
 
 
-def standing_row(path: ToolPath, contact: Bool) -> Row:
-    """Return the longest time for which the tool stands in the material that it has cut.
+def standing_row(path: ToolPath, contact: Bool, stops: Bool) -> Row:
+    """Return the longest time for which the tool stands in the material that it has cut, or a wait for a person there.
 
     Args:
         path: n rows.
         contact: (n,) segments at feed that remove material.
+        stops: (motions,) a person or a signal is waited for at the end of the motion.
     """
+    last = np.diff(path.motion, append=-1) != 0
+    waits = last & stops[path.motion] & engaged(path, contact)
+    if np.any(waits):
+        text = "the program waits for a person or a signal while the tool stands in the material"
+        return Row(STANDS, "warning", None, LONGEST_S, "s", int(np.argmax(waits)), text,
+                   advice="Retract before the wait: the edges rub")  # fmt: skip
     step = np.diff(path.time_s, prepend=path.time_s[:1])
     moves = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1) > 0.0
     dwell = np.where(engaged(path, contact) & ~moves, step, 0.0)
