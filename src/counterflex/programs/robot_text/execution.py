@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class Execution:
         motions: Each motion, without rotary words.
         rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
         acting: Lines that act on the cell without the table of the cell file saying what they do.
+        by_axes: Indices of the motions whose end was given by axis angles.
     """
 
     def __init__(self, in_spindle: ToolInSpindle) -> None:
@@ -41,6 +42,7 @@ class Execution:
         self.motions: list[Motion] = []
         self.rotations: list[Float] = []
         self.acting: list[int] = []
+        self.by_axes: set[int] = set()
         self._blocks: list[Block] = []
         self._rpm = 0.0
         self._words: list[Word] = []
@@ -49,6 +51,29 @@ class Execution:
         """What was executed, with a meaning of the rotary words."""
         for block in self._blocks:
             yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
+
+    def drop_rest(self, moves: list[Any]) -> None:
+        """Drop the motions by axes behind the last target, and the waits there.
+
+        No cut begins or ends at such a place, and the way to it is no straight line: held against reach and
+        singularities, a line would be refused that the robot never takes.
+
+        Args:
+            moves: What stands behind each motion in the text; shortened too.
+        """
+        first = len(self.motions)
+        for index in range(len(self.motions) - 1, -1, -1):
+            if index in self.by_axes:
+                first = index
+            elif self.motions[index].kind != "dwell":
+                break
+        del self.motions[first:], self.rotations[first:], moves[first:]
+        self._blocks = [
+            replace(block, first_motion=min(block.first_motion, first), motion_count=0)
+            if block.first_motion + block.motion_count > first
+            else block
+            for block in self._blocks
+        ]
 
     # ---- motions ---------------------------------------------------------------------------------------------
 

@@ -101,6 +101,11 @@ class MotionExecution(Execution):
         if word != "A":
             self._close_arcs(routine)
         by_axes = target.T_user_tool is None
+        if by_axes and word == "J" and not self.motions:  # the rest place before the first target
+            self._T_part_end, self._end_tool, self._end_exact = T, -2, form.exact
+            return form.at_time
+        if by_axes and word == "J":
+            self.by_axes.add(len(self.motions))
         R = T[:3, :3] if by_axes else T[:3, :3] @ self.frames.R_tcp_tool.T
         self._make(form, T, R, through, routine, statement)
         if word == "A":

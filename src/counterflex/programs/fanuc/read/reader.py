@@ -54,6 +54,7 @@ def read_fanuc(
     routine, folder = Routine(listing, lines), folder or Folder()
     interpreter = Interpreter(routine, folder, cell)
     interpreter.run()
+    interpreter.drop_rest(interpreter.moves)
     rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
     leans = tilted(rotations)
     return FanucProgram(

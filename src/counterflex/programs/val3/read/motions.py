@@ -189,10 +189,11 @@ class MotionExecution(Execution):
             T = T_part_father @ target.T_father_tool
             return T, T[:3, :3] @ R_tcp_tool.T, T_part_father
         tip = None if self.cell is None or self.cell.tip_of_axes is None else self.cell.tip_of_axes(target.axes)
-        if tip is None:
+        if tip is None or not self.motions:
             self._away = f"{at + 1}"
             return None
         self._away = ""
+        self.by_axes.add(len(self.motions))
         return tip, tip[:3, :3], np.eye(4)
 
     def _father(self, father: str, routine: Routine, at: int) -> Float:

@@ -58,6 +58,7 @@ def read_val3(
     store.load(file)
     interpreter = Interpreter(routine, folder, store, cell)
     interpreter.run()
+    interpreter.drop_rest(interpreter.moves)
     rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
     leans = tilted(rotations)
     sources = {name: routine, **{one.name: one for one in folder.routines.values()}}
