@@ -193,7 +193,7 @@ def test_words_are_quoted_for_the_shell(made: str, line: str) -> None:
 
 
 def test_a_suggested_folder_is_not_one_that_the_command_reads_from() -> None:
-    """`identify` refuses to write where its cell lies: `--cell identified/cell.toml --out identified` ended in an error."""
+    """Commands refuse to write where their cell lies: what was suggested behind an identification ended in an error."""
     named = {"cell": Path("identified/cell.toml"), "out": "identified"}
     assert next_command("identify cutting", "d/cutting.toml", **named).endswith("--out identified-2")
     named["cell"] = Path("identified-2") / "cell.toml"

@@ -7,10 +7,10 @@ calls and holds each against the command's own parser: name, options, number of 
 from __future__ import annotations
 
 import itertools
-import os
 import re
 import shlex
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 _PLACEHOLDER: Final = re.compile(r"[A-Z][A-Z0-9]*(?:\.\.\.)?|[\w.]+=[A-Z]+")
@@ -45,9 +45,9 @@ def next_command(command: str, *values: object, **options: object) -> str:
 
 def _free(out: str, files: Sequence[object]) -> str:
     """Return the name of a folder, with a number where a file of the command lies in it."""
-    taken = {os.path.abspath(os.path.dirname(file)) for file in map(str, files)}
+    taken = {Path(str(file)).parent.resolve() for file in files}
     names = (out if number == 1 else f"{out}-{number}" for number in itertools.count(1))
-    return next(name for name in names if os.path.abspath(name) not in taken)
+    return next(name for name in names if Path(name).resolve() not in taken)
 
 
 def word(value: object) -> str:
