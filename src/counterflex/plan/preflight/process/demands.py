@@ -143,14 +143,14 @@ def chip_row(cut: Cut, contact: Bool, time_s: Float, law: ForceLaw, extrapolates
     """
     if not np.any(contact):
         return Row(CHIP, "ok", what="nothing is cut")
-    found = chip_range.outside(law, cut.chip_m, contact, cut.w_tcp_part, time_s)
-    size = found.row_share * np.linalg.norm(cut.w_tcp_part[:, :3], axis=1)
-    row = int(np.argmax(size if np.any(found.rows) else np.where(contact, cut.chip_m, -1.0)))
+    chips = chip_range.outside(law, cut.chip_m, contact, cut.w_tcp_part, time_s)
+    size = chips.row_share * np.linalg.norm(cut.w_tcp_part[:, :3], axis=1)
+    row = int(np.argmax(size if np.any(chips.rows) else np.where(contact, cut.chip_m, -1.0)))
     what = (
         f"mean chip {cut.chip_m[row] / UM:.1f} um, constants for {law.h_min_m / UM:g} to {law.h_max_m / UM:g} um; "
-        f"{100.0 * found.force_share:.2g} % of the force outside"
+        f"{100.0 * chips.force_share:.2g} % of the force outside"
     )
-    over = found.uncertain_share > chip_range.UNCERTAIN_SHARE and not extrapolates
-    return Row(CHIP, "warning" if over else "ok", found.uncertain_share, chip_range.UNCERTAIN_SHARE, "share", row, what,
+    over = chips.uncertain_share > chip_range.UNCERTAIN_SHARE and not extrapolates
+    return Row(CHIP, "warning" if over else "ok", chips.uncertain_share, chip_range.UNCERTAIN_SHARE, "share", row, what,
                advice="Use constants measured at this feed (counterflex identify cutting), or change the feed" if over
                else "")  # fmt: skip
