@@ -190,3 +190,12 @@ def test_what_is_wrong_is_seen() -> None:
 )
 def test_words_are_quoted_for_the_shell(made: str, line: str) -> None:
     assert made == line
+
+
+def test_a_suggested_folder_is_not_one_that_the_command_reads_from() -> None:
+    """Commands refuse to write where their cell lies: what was suggested behind an identification ended in an error."""
+    named = {"cell": Path("identified/cell.toml"), "out": "identified"}
+    assert next_command("identify cutting", "d/cutting.toml", **named).endswith("--out identified-2")
+    named["cell"] = Path("identified-2") / "cell.toml"
+    assert next_command("identify cutting", "identified/m.toml", **named).endswith("--out identified-3")
+    assert next_command("prove", "part.ngc", cell=Path("cell.toml"), out="proof").endswith("--out proof")

@@ -101,3 +101,11 @@ def test_the_way_home_has_no_number() -> None:
     assert len(read_apt(text).motions) == 3
     rows = listing(read_apt(text, listed=True))
     assert rows["x_mm"].to_list() == [0.0, 0.0, 10.0, None]
+
+
+def test_a_tool_with_arguments_left_out_is_carried() -> None:
+    """CATIA leaves out what the tool does not have, and continues the statement over several lines."""
+    tool = "TOOLNO/1,MILL,1,0,   14.106000,$\n  100.0,   15.0,,   40.0,$\n 1000.0,MMPM,RPM,CLW,$\nON,,NOTE\n"
+    motion = "LOADTL/1,1,1\nFEDRAT/  500.0,MMPM\nGOTO  /  0,0,10\nGOTO  /  10,0,10\nFINI\n"
+    made, plain = read_apt("PARTNO P\n" + tool + motion), read_apt("PARTNO P\n" + motion)
+    assert [tuple(m.p_end) for m in made.motions] == [tuple(m.p_end) for m in plain.motions]

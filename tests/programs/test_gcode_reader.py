@@ -243,3 +243,32 @@ def test_listing_into_a_folder_that_cannot_be(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="ascii")
     with pytest.raises(OutputError):
         write_listing(read_gcode("G21 G0 X1\nM2"), tmp_path / "file" / "list.csv")
+
+
+@pytest.mark.parametrize("text", [
+    "%\n:1001\nG21 G90 G0 X0 Y0 Z5\nG1 X1 F60\nM30\n%\n",
+    "%\n:1001(PART)\nG21 G90 G0 X0 Y0 Z5\nG1 X1 F60\nM30\n%\n",
+    "%\n<PART-7.NC>\nG21 G90 G0 X0 Y0 Z5\nG1 X1 F60\nM30\n%\n",
+    "G21 G90 G0 X0 Y0 Z5\n/2 G1 X1 F60\nM30\n",
+    "G21 G90 G0 X0 Y0 Z5\n/9G1 X1 F60\nM30\n",
+    "G21 G90 G0 X0 Y0 Z5\nM98 P1001\nM30\n:1001\nG1 X1 F60\nM99\n",
+])  # fmt: skip
+def test_fanuc_spellings_of_numbers_names_and_switches(text: str) -> None:
+    ends = [tuple(np.round(m.p_end * 1e3, 6)) for m in read_gcode(text).motions]
+    assert ends == [(0, 0, 5), (1, 0, 5)]
+
+
+def test_k_repeats_a_cycle_as_l_does() -> None:
+    """Fanuc repeats by K, LinuxCNC and Haas by L."""
+    text = "G21 G90 G0 X0 Y0 Z20\nG91 G99 G81 X1 Z-7 R-18 F100 {}3\nG80\nM30\n"
+    k, ell = (read_gcode(text.format(letter)) for letter in "KL")
+    assert [tuple(m.p_end) for m in k.motions] == [tuple(m.p_end) for m in ell.motions]
+    assert round(k.motions[-1].p_end[0] * 1e3) == 3
+
+
+@pytest.mark.parametrize(("word", "reason"), [
+    ("X1,5", "decimal comma"), ("X1 ,C2", "chamfers"), ("X1,R.5", "rounded corners"), ("X1 $H", "GRBL"),
+])  # fmt: skip
+def test_what_stands_where_a_letter_must_be_is_named(word: str, reason: str) -> None:
+    with pytest.raises(ProgramError, match=reason):
+        read_gcode(f"G21 G90 G0 X0 Y0 Z5\nG1 {word} F60\nM30\n")

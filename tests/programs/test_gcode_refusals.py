@@ -29,7 +29,7 @@ CASES = {
     "sign only": ("G1 X-", "2:5: a number is expected; got '-'"),
     "two points": ("G1 X1.2.3", "2:5: a number is expected; got '1.2.3'"),
     "exponent": ("G1 X1e3", "2:6: nothing in this block uses the word E; got E3"),
-    "comma": ("G1 X1,5", "2:6: a letter is expected; got ','"),
+    "comma": ("G1 X1,5", "2:6: a decimal comma; got ',5'"),
     "not ASCII": ("G1 X1 \u00d75", "2:7: a character that G-code does not know; got '\u00d7'"),
     "unused R": ("G0 X5 R3", "2:7: nothing in this block uses the word R; got R3"),
     "unused P": ("G1 X5 P3", "2:7: nothing in this block uses the word P; got P3"),

@@ -268,3 +268,17 @@ def test_macros_and_loops_are_written_out_as_they_run(text: str) -> None:
         if motion.kind == "feed":
             assert np.round(motion.p_end / MM + [0.0, 0.2, 0.0], 3).tolist() in feeds
     assert not {"M97", "G65", "WHILE", "M98"} & set(written.text.split())
+
+
+@pytest.mark.parametrize(("line", "reason"), [
+    ("#2501=100", "work offset of Fanuc"), ("#2001=0.5", "tool or work offset"),
+    ("IF [1 GT 0] THEN #3000=1", "alarm"), ("#3000=1(TOOL BROKEN)", "alarm"),
+])  # fmt: skip
+def test_what_an_assignment_does_on_the_control_is_not_passed_over(line: str, reason: str) -> None:
+    with pytest.raises(ProgramError, match=reason):
+        read_gcode(f"G21 G90 G54 G0 X0 Y0 Z5\n{line}\nG1 X1 F100\nM30\n")
+
+
+def test_an_alarm_behind_a_condition_that_does_not_hold_stops_nothing() -> None:
+    text = "G21 G90 G54 G0 X0 Y0 Z5\n#100=1\nIF [#100 LT 0] THEN #3000=1\nG1 X1 F100\nM30\n"
+    assert len(read_gcode(text).motions) == 2

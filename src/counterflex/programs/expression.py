@@ -250,9 +250,9 @@ class _Parser:
 
     def _accepts(self, token: str) -> bool:
         self._blanks()
-        found = self.text.startswith(token, self.end)
-        self.end += len(token) if found else 0
-        return found
+        matches = self.text.startswith(token, self.end)
+        self.end += len(token) if matches else 0
+        return matches
 
     def _require(self, token: str) -> None:
         if not self._accepts(token):

@@ -44,7 +44,7 @@ def first_unknown(value: object) -> Unknown | None:
         items = value.values()
     elif isinstance(value, list | tuple):
         items = value
-    return next((found for item in items if (found := first_unknown(item)) is not None), None)
+    return next((unknown for item in items if (unknown := first_unknown(item)) is not None), None)
 
 
 def known(value: T | Unknown, use: str, where: str, *, text: str = "", hint: str = "Write the value itself") -> T:

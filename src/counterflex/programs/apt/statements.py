@@ -10,6 +10,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.apt.word_table import TABLE
+from counterflex.programs.statement_table import Treatment
 
 FREE_TEXT: Final = frozenset(
     ("PARTNO", "PPRINT", "REMARK", "INSERT", "TOOL PATH", "MACHIN", "PLABEL", "PAINT", "TPRINT")
@@ -45,6 +46,10 @@ class Argument:
     value: float | None
     start: int
     end: int
+
+
+_CARRIED: Final = frozenset(row.word for row in TABLE.of(Treatment.NEUTRAL) if "/" not in row.word)
+"""Words whose arguments nothing reads."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +156,8 @@ def _statement(code: str, text: str, line: int, name: str) -> Statement:
     if major is None:
         where = place(name, line, text, len(code) - len(code.lstrip()))
         raise ProgramError("this is no statement of APT", where=where, value=code.strip()[:40])
+    if major[1].upper() in _CARRIED:  # CATIA leaves arguments out: TOOLNO/1,MILL,1,0,14.106,,40.0
+        return Statement(line, text, major[1].upper())
     arguments = _arguments(flat, major.end(), len(flat), Statement(line, text, ""), name)
     return Statement(line, text, major[1].upper(), tuple(arguments))
 

@@ -7,6 +7,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import ProgramError
+from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.written_line import number
@@ -305,6 +306,6 @@ def _refuse_repeated(program: KrlProgram, rows: MotionRows) -> None:
                 "each time needs a target of its own",
                 where=f"{move.file}:{move.line}",
                 value=program.files[move.file].lines[move.line - 1].strip()[:60],
-                hint="Write it once for each pass, or convert the program (counterflex convert --to krl) and "
-                "compensate the result",
+                hint="Write it once for each pass, or compensate what this writes: "
+                + next_command("convert", program.name, to="krl", cell="CELL", out="OUT"),
             )

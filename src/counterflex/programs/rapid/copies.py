@@ -6,6 +6,7 @@ import itertools
 import re
 
 from counterflex.core.errors import ProgramError
+from counterflex.core.next_command import next_command
 from counterflex.programs.limits import RAPID
 from counterflex.programs.rapid.program import RapidProgram, RoutineCall
 from counterflex.programs.robot_text.spans import Spans
@@ -64,7 +65,7 @@ class Copies:
             f"a loop calls {call.routine} several times, and each call needs another correction",
             where=program.place(call.place[0]), value=program.text[slice(*call.place)][:60],
             limit="one correction for each call",
-            hint=f"Write it out: counterflex convert {program.name} --to rapid --cell CELL --out OUT",
+            hint="Write it out: " + next_command("convert", program.name, to="rapid", cell="CELL", out="OUT"),
         )  # fmt: skip
 
     def _copy(self, index: int, name: str, edits: Spans) -> str:

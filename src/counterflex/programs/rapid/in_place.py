@@ -9,6 +9,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import ProgramError
+from counterflex.core.next_command import next_command
 from counterflex.core.units import MM, MM_PER_S
 from counterflex.geometry import pose, rotation
 from counterflex.programs.compensated import CompensatedPath, mark
@@ -115,7 +116,8 @@ class _InPlace(InPlace):
                     where=self.program.place(move.start),
                     value=self.program.text[move.start : move.end][:60],
                     limit="one correction for each instruction",
-                    hint=f"Write it out: counterflex convert {self.program.name} --to rapid --cell CELL --out OUT",
+                    hint="Write it out: "
+                    + next_command("convert", self.program.name, to="rapid", cell="CELL", out="OUT"),
                 )
 
     # ---- language --------------------------------------------------------------------------------------------

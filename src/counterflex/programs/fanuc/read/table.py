@@ -96,7 +96,7 @@ _VALUES: Final = (
 _FLOW: Final = (
     _row("!", _N, "remark", "!remark"),
     _row("//", _N, "statement that is commented out", "//L P[1] 20mm/sec FINE"),
-    _row("--", _N, "remark of several lines", "--eg:remark"),
+    _row("--", _N, "remark of several lines", "-- eg:remark"),
     _row("LBL[]", _E, "label", "LBL[1:again]"),
     _row("JMP", _E, "jump to a label", "JMP LBL[1]"),
     _row("IF", _E, "condition", "IF R[1]=2,JMP LBL[1]"),

@@ -155,7 +155,7 @@ class CycleMaker(MotionMaker):
             value = block.take(letter)
             if value is not None:
                 sticky[letter] = value
-        count = block.whole("L", 1, 10_000) or 1
+        count = block.whole("L", 1, 10_000) or block.whole("K", 1, 10_000) or 1  # K: Fanuc
         for letter in needed:
             if letter not in sticky:
                 shown = "XYZ"[third] if letter == "Z" else letter

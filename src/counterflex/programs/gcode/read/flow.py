@@ -9,7 +9,7 @@ from typing import Final
 from counterflex.programs.gcode.read.macro_flow import MacroFlow, scan_macro
 from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, scan_line
 
-_FLOW_LINE: Final = re.compile(r"[ \t]*/?[ \t]*(?:[Nn][ \t0-9.]*)?[Oo]")
+_FLOW_LINE: Final = re.compile(r"[ \t]*/?[ \t]*(?:[Nn][ \t0-9.]*)?[Oo]|[ \t]*:[ \t]*[0-9]")
 _NUMBERED: Final = re.compile(r"[ \t]*/?[ \t]*[Nn][ \t]*(\d+)(?![.\d])")
 _MACRO_LINE: Final = re.compile(r"(if|while)\s*\[|goto|do\s*[1-9]|end\s*[1-9]|popen|pclos|[db]prnt", re.IGNORECASE)
 _CLOSERS: Final = {"endsub": "sub", "endwhile": "while", "endif": "if", "endrepeat": "repeat"}

@@ -29,6 +29,9 @@ _CURRENT: Final = 5420
 _SYSTEM: Final = 5061
 _LOCAL: Final = 33
 """Last parameter that belongs to a macro; the control keeps the values of the others."""
+_ALARM: Final = 3000
+_FANUC_OFFSETS: Final = range(2001, 3000)
+"""Tool offsets (#2001 to #2499) and work offsets (#2500 to #2999): an assignment shifts what follows."""
 _INPUT: Final = 5399
 """Result of M66."""
 _OF_THE_MACHINE: Final = (
@@ -282,6 +285,15 @@ class Parameters:
             raise self.fault(
                 "the parameter belongs to the machine", column, f"#{number}", "Set offsets with G10, G52 or G92"
             )
+        if number == _ALARM:
+            raise self.fault(
+                "the program stops here with an alarm (#3000)", column, f"#{number}", "Look at the condition before it"
+            )
+        if number in _FANUC_OFFSETS:
+            raise self.fault(
+                "the parameter is a tool or work offset of Fanuc and Haas", column, f"#{number}",
+                "Set offsets with G10 L2, G52 or G92; take another number for a value (#100 to #199, #500 to #999)",
+            )  # fmt: skip
         self._values[number] = value
 
     def set_named(self, name: str, value: float | Unknown, column: int) -> None:

@@ -24,6 +24,10 @@ from counterflex.programs.program import Word
 _NUMBER: Final = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _PLAIN_LINE: Final = re.compile(rf"[ \t]*(?:[A-NP-Za-np-z][ \t]*{_NUMBER}[ \t]*)+")
 _PLAIN_WORD: Final = re.compile(rf"([A-Za-z])[ \t]*({_NUMBER})")
+_LEVEL: Final = re.compile(r"/[1-9][a-z#]")
+"""Begin of a line with the number of a switch for block delete."""
+_FILE_NAME: Final = re.compile(r"<[^<>#]{1,64}>")
+"""Name of a program that stands alone in its line (Fanuc 30i)."""
 _BLANK: Final = " \t\r"
 _LONGEST_LINE: Final = LINUXCNC.line_characters  # it also bounds how deep an expression can become
 FLOW_KEYWORDS: Final = (
@@ -154,8 +158,12 @@ def scan_line(text: str, name: str, line: int) -> ScannedLine:
         raise error_at(name, line, "the line is too long", columns[_LONGEST_LINE], f"{len(clean)} characters")
     cursor = Cursor(clean, columns, lambda what, column, value, hint: error_at(name, line, what, column, value, hint))
     block_delete = cursor.take("/")
+    if block_delete and _LEVEL.match(clean):  # Fanuc: one of nine switches
+        cursor.place += 1
     if clean == "%":
         return ScannedLine(comments=tuple(comments), percent=True)
+    if _FILE_NAME.fullmatch(text.strip()):
+        return ScannedLine(comments=(text.strip(),))
     words: list[ScannedWord] = []
     assignments: list[Assignment] = []
     flow: FlowWord | None = None
@@ -167,7 +175,7 @@ def scan_line(text: str, name: str, line: int) -> ScannedLine:
             if not cursor.take("="):
                 raise cursor.error("= is expected after a parameter", repr(cursor.peek(8) or "end of line"))
             assignments.append(Assignment(target, cursor.assigned(), column))
-        elif character == "o":
+        elif character == "o" or (character == ":" and cursor.place == 0):
             if flow is not None or assignments or any(word.letter != "N" for word in words):
                 raise cursor.error("an O word must come first on its line", repr(text.strip()[:30]))
             flow = _flow(cursor)
@@ -181,8 +189,23 @@ def scan_line(text: str, name: str, line: int) -> ScannedLine:
             number = value.value if isinstance(value, Number) else None
             words.append(ScannedWord(character.upper(), number, None if number is not None else value, start, end))
         else:
-            raise cursor.error("a letter is expected", repr(character))
+            raise _no_letter(cursor)
     return ScannedLine(tuple(words), tuple(assignments), flow, tuple(comments), block_delete)
+
+
+def _no_letter(cursor: Cursor) -> ProgramError:
+    """Name what stands where a letter must be."""
+    if cursor.peek() == "," and cursor.peek(2)[1:].isdigit():
+        return cursor.error("a decimal comma", repr(cursor.peek(8)), "Write numbers with a point, X1.5")
+    if cursor.peek(2) in (",c", ",r", ",a"):
+        return cursor.error(
+            "chamfers ,C, rounded corners ,R and angles ,A of one control are not read",
+            repr(cursor.peek(8)),
+            "Let the CAM system write the moves",
+        )
+    if cursor.peek() == "$":
+        return cursor.error("a command of GRBL or a name of another control", repr(cursor.peek(8)), "Take it out")
+    return cursor.error("a letter is expected", repr(cursor.peek()))
 
 
 def _flow(cursor: Cursor) -> FlowWord:
