@@ -95,16 +95,16 @@ def with_intervals(figures: dict[str, Any], plan: Plan, cell: Cell) -> dict[str,
         predicted error, and the lowest mode that was taken.
     """
     out = dict(figures) | {"lowest_mode": at_largest_force(cell, plan).shown}
-    found = foreseen(plan, cell)
-    if found is None:
+    errors = foreseen(plan, cell)
+    if errors is None:
         return out
     headline: dict[str, Any] = {}
-    for name, key, one in (("nominal", "before_mm", found.nominal), ("compensated", "after_mm", found.compensated)):
+    for name, key, one in (("nominal", "before_mm", errors.nominal), ("compensated", "after_mm", errors.compensated)):
         median, low, high = (round(value / MM, 4) for value in (one.median_m, one.low_m, one.high_m))
         headline[key] = [median, low, high]
         error = {"p997_median_mm": median, "p997_90_mm": [low, high]}
         out[f"predicted_{name}"] = figures[f"predicted_{name}"] | error
-    return {"headline": headline | {"probability_of_worse": round(found.worse_share, 4)}, **out}
+    return {"headline": headline | {"probability_of_worse": round(errors.worse_share, 4)}, **out}
 
 
 def headline_text(ends_mm: Sequence[float]) -> str:

@@ -222,17 +222,17 @@ def _verdict(summary: Mapping[str, Any]) -> str:
 
 def _headline(data: PredictionData) -> list[dict[str, str]]:
     """Cards of the predicted path error, the figures to plan with first; none where it was not predicted."""
-    found = data.headline
-    if found is None:
+    headline = data.headline
+    if headline is None:
         return []
     share = "99.7 % of the path in the cut"
-    model = _card("Model without its unknowns", *found.model_mm) | {"note": share}
-    if found.before_mm is None or found.after_mm is None:
+    model = _card("Model without its unknowns", *headline.model_mm) | {"note": share}
+    if headline.before_mm is None or headline.after_mm is None:
         return [model | {"note": f"{share}. Not looked at: what is not known of the cell"}]
-    before, after = found.before_mm, found.after_mm
+    before, after = headline.before_mm, headline.after_mm
     note = (
         f"Range in nine of ten such cells: before {before[1]:.2f} to {before[2]:.2f} mm, after {after[1]:.2f} to "
-        f"{after[2]:.2f} mm. Probability that it gets worse: {found.worse}"
+        f"{after[2]:.2f} mm. Probability that it gets worse: {headline.worse}"
     )
     return [_card("Expected path error, median", before[0], after[0], 2) | {"note": note}, model]
 

@@ -315,11 +315,11 @@ def _headline(prediction: Mapping[str, Any]) -> Headline:
     """The figures to plan with; those of the model alone where the unknowns were not counted."""
     first, last = prediction["predicted_nominal"], prediction["predicted_compensated"]
     model = (first["p997_mm"], last["p997_mm"])
-    found = prediction.get("headline")
-    if found is None:
+    headline = prediction.get("headline")
+    if headline is None:
         return Headline(model)
-    worse = worse_text(found["probability_of_worse"])
-    return Headline(model, tuple(found["before_mm"]), tuple(found["after_mm"]), worse)
+    worse = worse_text(headline["probability_of_worse"])
+    return Headline(model, tuple(headline["before_mm"]), tuple(headline["after_mm"]), worse)
 
 
 def beyond_measured(cell: Cell, plan: Plan) -> list[str]:
