@@ -222,7 +222,7 @@ CELLS: dict[str, tuple[str, str, list[str]]] = {
     "constant missing": ("kc11_n_mm2 = 780\n", "", ["material", "kienzle", "kc11_n_mm2"]),
     "constant in Pa": ("kc11_n_mm2 = 780", "kc11_n_mm2 = 780e6", ["material.kc11_n_mm2", "780000000.0", "20000"]),
     "law unknown": ('"kienzle"', '"kinzle"', ["material.law", "kinzle", "linear_edge", "Did you mean 'kienzle'?"]),
-    "material unknown": (LAW, 'catalog = "en-aw-2017-vdi"\n', ["material.catalog", "Did you mean en-aw-2017-vdi22"]),
+    "material unknown": (LAW, 'catalog = "en-aw-2017-vdi"\n', ["material.catalog", "Did you mean 'en-aw-2017-vdi22'"]),
     "material twice": ('law = "kienzle"\n', 'catalog = "c45-qt-vdi3"\n', ["material", "remove kc11_n_mm2"]),
     "posture unknown": ('elbow = "up"', 'elbow = "sideways"', ["posture.elbow", "'sideways'", "'up' or 'down'"]),
     "mode of zero": (
