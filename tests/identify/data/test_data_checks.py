@@ -92,7 +92,7 @@ def test_too_few_measurements(arm: Any) -> None:
         check_enough(parameters, [points.subset(np.arange(4) < 3)])
     with pytest.raises(InputError, match="expected >= 9"):
         check_enough(parameters, [points], ["axis1.offset"])
-    with pytest.raises(InputError, match="--propose"):
+    with pytest.raises(InputError, match="counterflex identify proposes them"):
         check_enough(parameters, [])
 
 
