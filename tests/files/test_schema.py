@@ -136,7 +136,10 @@ def test_header_of_this_and_of_older_versions(version: int) -> None:
         ({"helix": 30}, "unknown key 'helix'. Write the unit into the key: helix_deg$"),
         ({"runout_mm": 0.01}, "unknown key 'runout_mm'. Its unit is another: runout_um$"),
         ({"fluets": 3}, "unknown key 'fluets'. Did you mean 'flutes'\\?$"),
-        ({"colour": "red"}, "unknown key 'colour'. The keys of this table: centre_cutting, coolant, corner_radius_mm, "),
+        (
+            {"colour": "red"},
+            "unknown key 'colour'. The keys of this table: centre_cutting, coolant, corner_radius_mm, ",
+        ),
         ({"stiffness": 1e9}, "unknown key 'stiffness'. The keys of this table"),
         ({"corner_radius_mm": 8.001}, "corner_radius_mm = 8.001 does not fit diameter_mm = 16; expected at most 8$"),
     ],

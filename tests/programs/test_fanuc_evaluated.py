@@ -266,17 +266,6 @@ def test_a_place_by_axes_between_cuts_follows_from_the_cell() -> None:
     assert asked == [(1, 2, 3, 4, 5, 6)]
     with pytest.raises(ProgramError, match="by axes"):
         read_fanuc(text)
-    rest = (
-        "J P[9] 20% FINE",
-        HEAD[2],
-        "L P[2] 9mm/sec FINE",
-        "L P[3] 9mm/sec FINE",
-        "J P[9] 20% FINE",
-        "WAIT 1.00(sec)",
-    )
-    program = read_fanuc(listing(*HEAD[:2], *rest, entries=POINTS + axes), cell=cell(tip_of_axes=tip))
-    assert ends(program) == [(10, 0, 0, 9), (20, 0, 0, 9)]  # no straight way to the rest place is made up
-    assert len(program.moves) == len(program.Rs_part_tcp) == 3
 
 
 AWAY = "P[9]{\n   GP1:\n\tUF : 1, UT : 1,\n" + ",\n".join(f"\tJ{n}= {n}.0 deg" for n in range(1, 7)) + "\n};\n"

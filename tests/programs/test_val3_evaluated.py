@@ -215,10 +215,6 @@ def test_a_joint_between_cuts_follows_from_the_cell() -> None:
     assert asked == [(1, 2, 3, 4, 5, 6)]
     with pytest.raises(ProgramError, match="by axes"):
         read_val3(text, data=files())
-    rest = program("movej(jA,tMill,mRun)", HEAD, to("p[1]"), to("p[2]"), "movej(jA,tMill,mRun)", "delay(1)")
-    made = read_val3(rest, data=files(), cell=cell(tip_of_axes=tip))
-    assert ends(made) == [(10, 0, 0, 50), (20, 0, 0, 50)]  # no straight way to the rest place is made up
-    assert len(made.moves) == len(made.Rs_part_tcp) == 3
 
 
 def by_axes(*lines: str) -> Val3Program:
