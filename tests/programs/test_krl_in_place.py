@@ -324,7 +324,7 @@ def test_targets_that_are_no_literals_of_the_motion(what: str) -> None:
 def test_a_line_of_a_loop_is_not_corrected_for_all_its_passes() -> None:
     start = "DEF p( )\n$VEL.CP=0.02\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\n"
     program = read_krl(f"{start}FOR I=1 TO 2\nLIN {{X 20.0*I}}\nENDFOR\nEND\n", name="p.src")
-    with pytest.raises(ProgramError, match=r"executed several times .*convert the program"):
+    with pytest.raises(ProgramError, match=r"executed several times .*counterflex convert p.src --to krl"):
         write_krl_in_place(program, corrected(program, 3e-4, 8.0))
     constant = read_krl(f"{start}$ORI_TYPE=#CONSTANT\nLIN {{X 20.0}}\nEND\n", name="p.src")
     write_krl_in_place(constant, corrected(constant, 3e-4, 8.0))

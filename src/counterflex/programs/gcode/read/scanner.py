@@ -26,8 +26,8 @@ _PLAIN_LINE: Final = re.compile(rf"[ \t]*(?:[A-NP-Za-np-z][ \t]*{_NUMBER}[ \t]*)
 _PLAIN_WORD: Final = re.compile(rf"([A-Za-z])[ \t]*({_NUMBER})")
 _LEVEL: Final = re.compile(r"/[1-9][a-z#]")
 """Begin of a line with the number of a switch for block delete."""
-_FILE_NAME: Final = re.compile(r"<[^<>#]{1,64}>")
-"""Name of a program that stands alone in its line (Fanuc 30i)."""
+_FILE_NAME: Final = re.compile(r"<[A-Za-z0-9+_.-]{1,32}>")
+"""Name of a program that stands alone in its line (Fanuc 30i: letters, digits, + - _ and a point, 32 at most)."""
 _BLANK: Final = " \t\r"
 _LONGEST_LINE: Final = LINUXCNC.line_characters  # it also bounds how deep an expression can become
 FLOW_KEYWORDS: Final = (
