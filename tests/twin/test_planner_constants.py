@@ -45,10 +45,6 @@ COMMON = {
     ("plant.STEP_S", "elastic_motion.STEP_S"): "step of integration",
     ("column_material._TINY_M", "column_block_kernels._TINY_M"): "below it two ends of material are one: rounding",
     ("column_material._TINY_M", "step_kernels._TINY_M"): "below it two ends of material are one: rounding",
-    (
-        "column_material._THIN_M",
-        "step_kernels._THIN_M",
-    ): "OPEN: 50 um, below which a full column gives a ridge up; a judgement, as the twin's",
     ("controller.Controller.acceleration_m_s2", "survey.RobotHere.acceleration_m_s2"): "key of the cell file, round",
     ("posture_springs._FADE_RAD", "elastic_region.FADE_RAD"): "meaning of the cell file's regions",
     ("posture_springs._FADE_RAD", "drive_error.FADE_RAD"): "meaning of the cell file's regions",
