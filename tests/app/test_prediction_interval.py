@@ -10,7 +10,7 @@ import pytest
 
 from counterflex.app import prediction_interval, unknowns
 from counterflex.app.compensation.compensate import compensate
-from counterflex.app.compensation.prediction import worse_lines, worse_warnings
+from counterflex.app.compensation.headline import worse_lines, worse_warnings
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.prediction_interval import Foreseen, foreseen, worse_text
 from counterflex.app.unknown_stiffness import Expected

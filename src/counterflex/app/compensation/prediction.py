@@ -13,11 +13,19 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
 from counterflex.app.compensation.chip_remark import extrapolation, extrapolation_text
+from counterflex.app.compensation.headline import (
+    LISTED,
+    error_rows,
+    headline_of,
+    named_lines,
+    worse_lines,
+    worse_warnings,
+)
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
 from counterflex.app.inputs import Job, setting_of
-from counterflex.app.prediction_interval import headline_text, with_intervals, worse_text
+from counterflex.app.prediction_interval import with_intervals
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
@@ -30,16 +38,13 @@ from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
 from counterflex.programs.gcode.read.reader import doubtful_readings
-from counterflex.report.data import Fact, FeedData, Headline, PredictionData
+from counterflex.report.data import Fact, FeedData, PredictionData
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions
 
 _OVERSHOOT: Final = 2.0
 _FREE_PLAY_M: Final = 20.0 * UM
 """Beside the overshoot: what play and friction leave open."""
-_LISTED: Final = 6
-_WORSE_M: Final = 1.0 * UM
-"""A line counts as worse from here on: programs are written to a micrometre."""
 
 
 def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
@@ -80,34 +85,6 @@ def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
     out["chatter"] = chatter(plan)
     out["lasting_swings"] = lasting(plan)
     return out
-
-
-def worse_lines(plan: Plan) -> list[dict[str, Any]]:
-    """Lines whose largest predicted path error is larger with compensation than without, the worst first."""
-    if np.any(np.isnan(plan.deviation_compensated_part)):
-        return []
-    before, after = (
-        np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
-        for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
-    )
-    rows = []
-    for line in np.unique(plan.line[plan.cutting]).tolist():
-        at = plan.cutting & (plan.line == line)
-        most, left = float(before[at].max()), float(after[at].max())
-        if left > most + _WORSE_M:
-            rows.append({"line": line, "before_mm": round(most / MM, 4), "after_mm": round(left / MM, 4)})
-    return sorted(rows, key=lambda row: float(row["before_mm"]) - float(row["after_mm"]))
-
-
-def worse_warnings(rows: list[dict[str, Any]]) -> list[str]:
-    """The same in words; empty where no line gets worse."""
-    if not rows:
-        return []
-    worst = rows[0]
-    return [
-        f"compensation makes the predicted error larger in line {_lines(rows)}: most in line {worst['line']}, from "
-        f"{worst['before_mm']:.3f} to {worst['after_mm']:.3f} mm"
-    ]
 
 
 def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
@@ -152,15 +129,10 @@ def chatter_warnings(regions: list[dict[str, Any]]) -> list[str]:
         return []
     hardest = max(regions, key=lambda item: float(item["deviation_mm"]))
     return [
-        f"the model chatters in line {_lines(regions)}, up to {hardest['deviation_mm']:.3g} mm "
+        f"the model chatters in line {named_lines(regions)}, up to {hardest['deviation_mm']:.3g} mm "
         f"in line {hardest['line']}: predicted errors there are no forecast. Less depth (pecks: G83), another feed or "
         "spindle speed, a stiffer tool"
     ]
-
-
-def _lines(rows: list[dict[str, Any]]) -> str:
-    """Numbers of the first lines."""
-    return ", ".join(str(row["line"]) for row in rows[:_LISTED]) + (", ..." if len(rows) > _LISTED else "")
 
 
 def lasting(plan: Plan) -> list[dict[str, Any]]:
@@ -178,7 +150,7 @@ def swing_warnings(swings: list[dict[str, Any]]) -> list[str]:
         return []
     hardest = max(swings, key=lambda item: float(item["amplitude_mm"]))
     return [
-        f"the arm of the model swings in line {_lines(swings)} and does not come to rest, by "
+        f"the arm of the model swings in line {named_lines(swings)} and does not come to rest, by "
         f"{hardest['amplitude_mm']:.3g} mm in line {hardest['line']} (the feed's direction included): the cut "
         "feeds it, and no correction takes it away. Less depth, another posture or spindle "
         "speed; plan stability says which damping of the arm it needs"
@@ -272,26 +244,6 @@ def prediction(
     )
 
 
-def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Name, value, remark of the predicted path errors, the figures to plan with first; none without a prediction."""
-    if "predicted_compensated" not in predicted:
-        return []
-    rows: list[tuple[str, str, str]] = []
-    headline, share = predicted.get("headline"), "99.7 % of the path in the cut"
-    if headline is not None:
-        rows = [
-            (f"Expected path error {what}", headline_text(headline[f"{what}_mm"]), share)
-            for what in ("before", "after")
-        ]
-        worse = worse_text(headline["probability_of_worse"])
-        rows.append(("Probability that compensation makes it worse", worse, "by all that is not known of the cell"))
-    for name, what in (("nominal", "before"), ("compensated", "after")):
-        error = predicted[f"predicted_{name}"]
-        text = f"{error['p997_mm']:.3f} mm, largest {error['max_mm']:.3f} mm"
-        rows.append((f"Model without its unknowns, {what}", text, share))
-    return rows
-
-
 def _feed(limited: LimitedFeed) -> FeedData:
     path = limited.path
     way = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1))
@@ -306,18 +258,7 @@ def _errors(plan: Plan, prediction: dict[str, Any]) -> dict[str, Any]:
         np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
         for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
     )
-    return {"error_before_m": before, "error_after_m": after, "headline": _headline(prediction)}
-
-
-def _headline(prediction: Mapping[str, Any]) -> Headline:
-    """The figures to plan with; those of the model alone where the unknowns were not counted."""
-    first, last = prediction["predicted_nominal"], prediction["predicted_compensated"]
-    model = (first["p997_mm"], last["p997_mm"])
-    headline = prediction.get("headline")
-    if headline is None:
-        return Headline(model)
-    worse = worse_text(headline["probability_of_worse"])
-    return Headline(model, tuple(headline["before_mm"]), tuple(headline["after_mm"]), worse)
+    return {"error_before_m": before, "error_after_m": after, "headline": headline_of(prediction)}
 
 
 def beyond_measured(cell: Cell, plan: Plan) -> list[str]:
@@ -416,7 +357,7 @@ def calm_feed_text(calm: Mapping[str, Any]) -> str:
         return ""
     least = min(float(line["feed_percent"]) for line in lines)
     length = sum(float(line["length_mm"]) for line in lines)
-    named = ", ".join(str(line["line"]) for line in lines[:_LISTED]) + (", ..." if len(lines) > _LISTED else "")
+    named = ", ".join(str(line["line"]) for line in lines[:LISTED]) + (", ..." if len(lines) > LISTED else "")
     return (
         f"the feed is lowered, down to {least:g} %, over {length:.0f} mm before first contact, "
         f"at it and where the path turns, so that the arm does not swing (line {named}): "

@@ -264,7 +264,8 @@ def _written_rows(written: dict[str, Any]) -> list[list[str]]:
 
 def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
     from counterflex.app.compensation.chip_remark import extrapolation_text
-    from counterflex.app.compensation.prediction import calm_feed_text, error_rows
+    from counterflex.app.compensation.headline import error_rows
+    from counterflex.app.compensation.prediction import calm_feed_text
 
     prediction = summary["prediction"]
     rows = [list(row) for row in error_rows(prediction)]

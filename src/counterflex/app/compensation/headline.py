@@ -1,0 +1,82 @@
+"""Figures that a plan begins with: path error with all that is not known, and lines that compensation makes worse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.prediction_interval import headline_text, worse_text
+from counterflex.core.units import MM, UM
+from counterflex.plan.plan import Plan, across
+from counterflex.report.data import Headline
+
+LISTED: Final = 6
+"""Most lines that a warning names."""
+_WORSE_M: Final = 1.0 * UM
+"""A line counts as worse from here on: programs are written to a micrometre."""
+
+
+def worse_lines(plan: Plan) -> list[dict[str, Any]]:
+    """Lines whose largest predicted path error is larger with compensation than without, the worst first."""
+    if np.any(np.isnan(plan.deviation_compensated_part)):
+        return []
+    before, after = (
+        np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)
+        for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
+    )
+    rows = []
+    for line in np.unique(plan.line[plan.cutting]).tolist():
+        at = plan.cutting & (plan.line == line)
+        most, left = float(before[at].max()), float(after[at].max())
+        if left > most + _WORSE_M:
+            rows.append({"line": line, "before_mm": round(most / MM, 4), "after_mm": round(left / MM, 4)})
+    return sorted(rows, key=lambda row: float(row["before_mm"]) - float(row["after_mm"]))
+
+
+def worse_warnings(rows: list[dict[str, Any]]) -> list[str]:
+    """The same in words; empty where no line gets worse."""
+    if not rows:
+        return []
+    worst = rows[0]
+    return [
+        f"compensation makes the predicted error larger in line {named_lines(rows)}: most in line {worst['line']}, "
+        f"from {worst['before_mm']:.3f} to {worst['after_mm']:.3f} mm"
+    ]
+
+
+def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Name, value, remark of the predicted path errors, the figures to plan with first; none without a prediction."""
+    if "predicted_compensated" not in predicted:
+        return []
+    rows: list[tuple[str, str, str]] = []
+    headline, share = predicted.get("headline"), "99.7 % of the path in the cut"
+    if headline is not None:
+        rows = [
+            (f"Expected path error {what}", headline_text(headline[f"{what}_mm"]), share)
+            for what in ("before", "after")
+        ]
+        worse = worse_text(headline["probability_of_worse"])
+        rows.append(("Probability that compensation makes it worse", worse, "by all that is not known of the cell"))
+    for name, what in (("nominal", "before"), ("compensated", "after")):
+        error = predicted[f"predicted_{name}"]
+        text = f"{error['p997_mm']:.3f} mm, largest {error['max_mm']:.3f} mm"
+        rows.append((f"Model without its unknowns, {what}", text, share))
+    return rows
+
+
+def headline_of(prediction: Mapping[str, Any]) -> Headline:
+    """The figures to plan with; those of the model alone where the unknowns were not counted."""
+    first, last = prediction["predicted_nominal"], prediction["predicted_compensated"]
+    model = (first["p997_mm"], last["p997_mm"])
+    headline = prediction.get("headline")
+    if headline is None:
+        return Headline(model)
+    worse = worse_text(headline["probability_of_worse"])
+    return Headline(model, tuple(headline["before_mm"]), tuple(headline["after_mm"]), worse)
+
+
+def named_lines(rows: list[dict[str, Any]]) -> str:
+    """Numbers of the first lines."""
+    return ", ".join(str(row["line"]) for row in rows[:LISTED]) + (", ..." if len(rows) > LISTED else "")
