@@ -1,4 +1,4 @@
-"""Whether a plan file belongs to a cell: where its joint angles put the tool in this cell."""
+"""Return whether a plan file belongs to a cell: where its joint angles put the tool in this cell."""
 
 from __future__ import annotations
 

@@ -115,14 +115,14 @@ def check(
 
 
 def machining_of(cell: Cell) -> Machining:
-    """What a cell says of tools, spindle and stiffness."""
+    """Tools, spindle and stiffness as the cell file states them."""
     unknown = cell.unknown_axes
     rigid = f"axes {', '.join(str(axis + 1) for axis in unknown)}" if unknown else ""
     return Machining(cell.process_limits, {tool.number: tool.bounds for tool in cell.tables.tools}, rigid)
 
 
 def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: bool) -> AsWritten:
-    """What a program says of its run on the controller.
+    """Statements of a program about its run on the controller.
 
     Args:
         job: The program.

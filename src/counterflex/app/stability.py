@@ -57,7 +57,7 @@ class Judged:
 def structure_of(
     cell: Cell, damping_ratio: float | None, response: str | Path | None, modal: str | Path | None
 ) -> Structure:
-    """What swings.
+    """The swinging structure.
 
     Args:
         cell: The cell.

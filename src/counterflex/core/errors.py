@@ -10,7 +10,7 @@ import re
 from typing import Any, Final
 
 _NO_SUCH: Final = re.compile(r"\b(unknown|no such|is none of)\b|\bno (robot|material|row|recipe|tool|body)\b")
-"""What an error says of a name that there is not; ``limit`` then lists the names."""
+"""Return the hint of an error about an unknown name; ``limit`` then lists the names."""
 
 
 class CounterflexError(Exception):

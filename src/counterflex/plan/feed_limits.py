@@ -91,7 +91,7 @@ def known(limits: ProcessLimits) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class CutDemand:
-    """What a cut asks of spindle, tool and robot, row by row; 0 where nothing is cut.
+    """Demand of a cut on spindle, tool and robot, row by row; 0 where nothing is cut.
 
     Attributes:
         values: (n,) by name of the limit that it is held against, SI.

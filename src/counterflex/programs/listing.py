@@ -49,7 +49,7 @@ def _shown(value: float) -> float:
 
 @dataclass(frozen=True)
 class Orientations:
-    """How the tool is held at the end of each motion.
+    """Orientation of the tool at the end of each motion.
 
     Attributes:
         axis_part: (motions, 3) from the tip to the spindle, in the part frame; NaN where it is not known.

@@ -48,7 +48,7 @@ the advance run of KRL."""
 
 @dataclass(frozen=True, eq=False)
 class Stated:
-    """What a program states beside its motions.
+    """Statements of a program beside its motions.
 
     Attributes:
         length_offset: (motions,) number of the tool length offset, or :data:`NONE`, :data:`OWN`, :data:`UNSAID`.

@@ -14,7 +14,7 @@ from functools import cached_property
 
 
 class Treatment(StrEnum):
-    """What a reader does with a statement."""
+    """Treatment of a statement by a reader."""
 
     EVALUATED = "evaluated"
     NEUTRAL = "neutral"

@@ -130,7 +130,7 @@ def _by_axes(program: Program) -> list[str]:
 
 
 def _homing(program: Program) -> list[str]:
-    """What leads to places of the milling machine, in words.
+    """Return the words that lead to places of the milling machine.
 
     Raises:
         ProgramError: That was the way out of the cut: the robot would stay there.

@@ -109,7 +109,7 @@ def _axis(k: int) -> Callable[[View], float | None]:
 
 @functools.lru_cache(maxsize=8)
 def _axes_of(cell: str) -> ControllerAxes | None:
-    """How the controller of a run's cell counts the axes; None where its file is gone or cannot be read."""
+    """Return the axis convention of a run's cell; None where its file is gone or cannot be read."""
     from counterflex.files.cell.cell import read_cell  # heavy, and not needed before a run
 
     if not cell:

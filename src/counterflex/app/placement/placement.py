@@ -178,7 +178,7 @@ def _row(what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Jo
 
 
 def stretches_of_task(task: Task, cell: Cell) -> list[Stretch]:
-    """What the program cuts, for the criterion of chatter."""
+    """Cuts of the program, for the criterion of chatter."""
     return stretches_of(task.path, cell.stock(), task.setting.cutter_of, cell.blank_box())
 
 

@@ -177,7 +177,7 @@ SixAngles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 
 
 class ControllerAxesTable(Table):
-    """How the controller counts the axes of a robot that the cell file describes itself."""
+    """Axis convention of the controller, for a robot that the cell file describes itself."""
 
     maker: MakerName | None = None
     axis_3_from: Axis3 | None = None

@@ -114,7 +114,7 @@ class ToolTable(Table):
 
     @property
     def bounds(self) -> ToolBounds:
-        """What the tool may be asked for, and its holder, in SI; None is not known."""
+        """Limits of the tool, and its holder, in SI; None is not known."""
         feed, speed = self.feed_per_tooth_mm, self.cutting_speed_m_min
         return ToolBounds(
             centre_cutting=self.centre_cutting,

@@ -367,7 +367,7 @@ def _cuts(first: Body, second: Body) -> bool:
 
 
 def holds_stock(first: Body, second: Body) -> bool:
-    """Whether a pair is the holder of a tool and the blank: no posture changes how they stand to each other."""
+    """Return whether a pair is the holder of a tool and the blank: no posture changes how they stand to each other."""
     return any(a.tool is not None and not a.cuts and b.name == STOCK for a, b in ((first, second), (second, first)))
 
 

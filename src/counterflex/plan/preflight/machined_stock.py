@@ -94,7 +94,7 @@ class MachinedStock:
 
 
 class LeftOver:
-    """What is left of the blank along the path, in place of its box.
+    """Machined stock along the path, in place of its box.
 
     Args:
         stock: The stock while the program is cut.

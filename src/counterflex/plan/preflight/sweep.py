@@ -26,7 +26,7 @@ _FACTORS: Final = np.array([1, 73856093, 19349663, 83492791, 49979687, 15485863]
 
 
 class Sweep:
-    """Which rows of a path need not be looked at, for bodies that move alike.
+    """Rows of a path that need no distance computation, for bodies that move alike.
 
     Args:
         place: (n, k) m, coordinates of the bodies.

@@ -42,7 +42,7 @@ TOOL = "spindle and tool"
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """What swings.
+    """The swinging structure.
 
     Attributes:
         damping: Of the robot's modes.

@@ -132,7 +132,7 @@ class Run:
             raise self._fault(part, f"an unknown word of APT: {major}", hint=hint)
 
     def _is_harmless(self, part: Statement) -> bool:
-        """Whether a word is neutral with its arguments: ``CUTCOM/OFF``, ``ORIGIN/0,0,0``."""
+        """Return whether a word is neutral with its arguments: ``CUTCOM/OFF``, ``ORIGIN/0,0,0``."""
         for major, arguments in HARMLESS:
             if part.major != major:
                 continue

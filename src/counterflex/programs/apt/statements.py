@@ -123,7 +123,7 @@ def statements(lines: Sequence[str], name: str) -> Iterator[Statement]:
 
 
 def _comment_goes_on(lines: Sequence[str], first: int, index: int) -> bool:
-    """Whether the comment that begins in line ``first`` goes on in the line ``index``."""
+    """Return whether the comment that begins in line ``first`` goes on in the line ``index``."""
     last = lines[index - 1].rstrip()
     if not last.endswith("$") or last.endswith("$$") or index == len(lines):
         return False

@@ -46,7 +46,7 @@ NEEDS_CUT: Final = (*_OF_VOLUME, *_OF_FORCE)
 
 @dataclass(frozen=True, eq=False)
 class AsWritten:
-    """What the program itself says of its run on the controller.
+    """Statements of the program about its run on the controller.
 
     Attributes:
         approximation_m: (motions,) distance at which the rounding of the corner at its end begins, 0 for an exact stop,
@@ -68,7 +68,7 @@ class AsWritten:
 
 @dataclass(frozen=True, eq=False)
 class Machining:
-    """What the cell says of tools, spindle and cutting constants.
+    """Tools, spindle and cutting constants as the cell file states them.
 
     Attributes:
         limits_of: Gives the limits of the process for a tool number.

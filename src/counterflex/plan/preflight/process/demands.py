@@ -1,4 +1,4 @@
-"""What the predicted cut asks of spindle, tool and robot, against the limits of the cell file.
+"""Demand of the predicted cut on spindle, tool and robot, against the limits of the cell file.
 
 Forces, torques and powers are means over a tooth period, by the same functions with which compensation lowers the feed
 (:mod:`counterflex.plan.feed_limits`).

@@ -1,4 +1,4 @@
-"""What a tool may be asked for, and the outline of its holder; None is not known."""
+"""Limits of a tool, and the outline of its holder; None is not known."""
 
 from __future__ import annotations
 

@@ -181,7 +181,7 @@ class Branches(MotionExecution):
         return alarm and at is not None and at >= len(routine.texts) and self.depth == 1
 
     def _waits_on(self, routine: Routine, number: int, back: int, condition: Unknown) -> bool:
-        """Whether a label leads back to a statement with nothing but signals, waits and registers on the way."""
+        """Return whether a label leads back to a statement with nothing but signals, waits and registers on the way."""
         at, seen, jumps = routine.labels.get(number), list[int](), 0
         while at is not None and at != back and at < len(routine.texts) and jumps < _DEEPEST:
             row = row_of(routine.texts[at]) if routine.texts[at] else None

@@ -135,7 +135,7 @@ class Flow(Branches):
         return end if then == step.at + 1 else then
 
     def _fits(self, step: Step, case: str, value: Value) -> bool:
-        """Whether a branch of SELECT is for a value."""
+        """Return whether a branch of SELECT is for a value."""
         label = case.partition(",")[0].strip()
         if not label or label.upper() == "ELSE":
             return bool(label)

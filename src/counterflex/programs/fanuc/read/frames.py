@@ -24,7 +24,7 @@ _SET_IT: Final = (
 
 @dataclass(frozen=True, kw_only=True)
 class FanucCell(RobotTextCell):
-    """What must be known of a cell to read a FANUC program for it.
+    """Data of a cell that a FANUC program is read against.
 
     Attributes:
         tool_number: ``controller.tool_number``: the UTOOL that the cell plans with.

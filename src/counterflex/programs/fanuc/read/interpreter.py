@@ -90,7 +90,7 @@ class Interpreter(Flow):
 
     @staticmethod
     def _never_left(routine: Routine, begin: int, at: int) -> bool:
-        """Whether a jump back is made always, and nothing between its label and it leads elsewhere."""
+        """Return whether a jump back is made always, and nothing between its label and it leads elsewhere."""
         if not routine.texts[at].upper().startswith("JMP"):
             return False
         return not any(_LEAVES.match(routine.texts[index]) for index in range(begin, at))

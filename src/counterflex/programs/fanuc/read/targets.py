@@ -1,4 +1,4 @@
-"""Where the motions of a FANUC program end: positions, position registers, offsets, increments; and at which speed."""
+"""Targets of the motions of a FANUC program: positions, position registers, offsets, increments; and at which speed."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ def element_key(value: Mapping[str, Value], index: int) -> str:
 
 @dataclass
 class Values:
-    """What the registers hold.
+    """Values of the registers.
 
     Attributes:
         where: ``file:line`` of the statement that runs.

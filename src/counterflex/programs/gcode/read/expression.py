@@ -32,7 +32,7 @@ class ParameterSource(Protocol):
         """Whether ``#<name>`` has a value."""
 
     def vacant(self, index: float, column: int) -> bool:
-        """Whether ``#index`` has no value."""
+        """Return whether ``#index`` has no value."""
 
     def fault(self, what: str, column: int, value: object = None, hint: str | None = None) -> ProgramError:
         """Make an error at a column (0-based) of the line being executed."""
@@ -163,7 +163,7 @@ class Operation:
 
 
 def _is_null(expression: Expression) -> bool:
-    """Whether it is ``#0``, which has no value on Fanuc's controls."""
+    """Return whether it is ``#0``, which has no value on Fanuc's controls."""
     return isinstance(expression, NumberedParameter) and expression.index == Number(0.0)
 
 

@@ -37,7 +37,7 @@ class Rotation:
 
 @dataclass(frozen=True)
 class Frame:
-    """What a program does to its coordinates.
+    """Coordinate transforms of a program.
 
     Attributes:
         rotation: G68; None without.
@@ -56,7 +56,7 @@ class Frame:
 
     @cached_property
     def plain(self) -> bool:
-        """Whether program values are lengths along the axes of the part."""
+        """Return whether program values are lengths along the axes of the part."""
         return self.rotation is None and not self.mirror_m and not self.polar and not self.pending
 
     @cached_property

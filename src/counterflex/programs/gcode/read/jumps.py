@@ -235,7 +235,7 @@ class FlowRunner:
     # M97, M98, M99, G65 ---------------------------------------------------------------------------------------------
 
     def _subprogram(self, source: Source, block: BlockWords) -> Callable[[], Place | None] | None:
-        """Where M97, M98, M99 or G65 lead; None where the block has none of them."""
+        """Return the target of M97, M98, M99 or G65; None where the block has none of them."""
         stop, index = block.m.get("stopping"), self._place.index
         if block.g.get("non-modal") == 650:
             return self._macro(source, block)

@@ -154,7 +154,7 @@ class Parameters:
         return value
 
     def vacant(self, index: float, column: int) -> bool:
-        """Whether ``#index`` has no value; of the parameters that the control keeps that is not known."""
+        """Return whether ``#index`` has no value; of the parameters that the control keeps that is not known."""
         number = self._index(index, column)
         if number not in self._values and number > _LOCAL:
             raise UnknownValue(Unknown(f"the control keeps it (#{number})", self.here()))

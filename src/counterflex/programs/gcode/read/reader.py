@@ -164,7 +164,7 @@ def _moved(motion: Motion, zero: Point) -> Motion:
 
 
 def _has_further(program: Program) -> bool:
-    """Whether a program uses G54.1, so that L20 is that of Fanuc."""
+    """Return whether a program uses G54.1, so that L20 is that of Fanuc."""
     return any(_FURTHER_OFFSET.search(line) for line in program.lines)
 
 

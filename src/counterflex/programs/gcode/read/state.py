@@ -105,7 +105,7 @@ class State:
 
     @property
     def plain(self) -> bool:
-        """Whether straight moves need no more than the sum of value and origin."""
+        """Return whether straight moves need no more than the sum of value and origin."""
         return self.feed_mode == 94 and not self.unknown and self.work_offsets.fixed and self.frame.plain
 
     def to_work(self, position: Six) -> Six:

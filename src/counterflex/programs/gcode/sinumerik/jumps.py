@@ -1,4 +1,4 @@
-"""Where a Sinumerik program goes on: jumps, loops, conditions, subprograms, and the variables that they need."""
+"""Control flow of Sinumerik programs: jumps, loops, conditions, subprograms, and the variables that they need."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ class MoveMaker:
             )  # fmt: skip
 
     def _displaced(self, block: Block, letter: str, axis: int, here: float) -> float:
-        """Where an incremental word counts from, in the programmed axes, m."""
+        """Origin of incremental words, in the programmed axes, m."""
         state = self._state
         if axis not in state.named and not state.start_known:
             raise block.fault(f"a displacement along {letter} from a place that is not known", letter,

@@ -1,4 +1,4 @@
-"""Which statements of a KRL job are executed, in which order: routines, branches, loops and jumps.
+"""Control flow of a KRL job: routines, branches, loops and jumps.
 
 Where a condition is not known, its branches are swept: every statement in them is looked at once, in doubt. A variable
 that is set there becomes unknown; a motion or a machine function there is refused.

@@ -40,7 +40,7 @@ class KrlCell(RobotTextCell):
 
 @dataclass
 class _Taken:
-    """What the program gave $TOOL or $BASE last."""
+    """Last value that the program gave to $TOOL or $BASE."""
 
     value: Value = None
     where: str = ""
@@ -100,7 +100,7 @@ class Frames(NumberedFrames):
             )  # fmt: skip
 
     def values(self) -> tuple[Value, Value]:
-        """What $TOOL and $BASE were given last; None where nothing was."""
+        """Last values given to $TOOL and $BASE; None where none was given."""
         return self._taken["TOOL"].value, self._taken["BASE"].value
 
     def state(self) -> tuple[object, ...]:

@@ -38,7 +38,7 @@ _STAYS: Final = re.compile(r"\$(?:AXIS|POS)_ACT", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Place:
-    """Where a motion leads.
+    """Target of a motion.
 
     Attributes:
         target: A Cartesian target; None otherwise.

@@ -152,7 +152,7 @@ class Branches(MotionExecution):
 
     @staticmethod
     def _says_why(routine: Routine, at: int) -> bool:
-        """Whether a message stands before return in its branch: the end of a job that cannot go on."""
+        """Return whether a message stands before return in its branch: the end of a job that cannot go on."""
         for line in range(at - 1, routine.first - 1, -1):
             row = row_of(routine.codes[line]) if routine.codes[line] else None
             if row is not None and row.word in ("popUpMsg", "logMsg", "putln", "put"):
@@ -186,7 +186,7 @@ class Branches(MotionExecution):
         self._blocks.append(Block(at + 1, routine.lines[at], (), self.modal("G1"), len(self.motions), 0, file=file))
 
     def is_output(self, code: str, target: str) -> bool:
-        """Whether an assignment sets an output."""
+        """Return whether an assignment sets an output."""
         name = re.match(r"[A-Za-z_][\w:]*", target)
         if name is not None and self.store.bound(name[0]) is not None:
             return self.store.is_signal(name[0])

@@ -91,7 +91,7 @@ class Interpreter(Flow):
 
     @staticmethod
     def _never_left(routine: Routine, at: int) -> bool:
-        """Whether the condition of a loop is constant, and nothing within it ends the program."""
+        """Return whether the condition of a loop is constant, and nothing within it ends the program."""
         begin = routine.ends[at]
         if _FOREVER.fullmatch(routine.codes[begin]) or _FOREVER.fullmatch(routine.codes[at]):
             return not any(routine.codes[index].startswith("return") for index in range(min(begin, at), at))

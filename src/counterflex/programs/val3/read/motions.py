@@ -33,7 +33,7 @@ _AWAY: Final = "such places before the first target and behind the last one"
 
 @dataclass(frozen=True, kw_only=True)
 class Val3Cell(RobotTextCell):
-    """What must be known of a cell to read a VAL3 program for it.
+    """Data of a cell that a VAL3 program is read against.
 
     Attributes:
         tool_of_data: Number of the tool by the name of its tool variable (``tools.tooldata``).

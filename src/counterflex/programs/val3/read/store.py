@@ -126,7 +126,7 @@ class Store:
         return variable
 
     def is_signal(self, name: str) -> bool:
-        """Whether a name is an input or output."""
+        """Return whether a name is an input or output."""
         variable = self.bound(name)
         return variable is not None and variable[0].kind in SIGNALS
 
