@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.robot_programs import held_as_programmed, robot_cell, with_spindle
+from counterflex.app.robot_programs import by_axes_of, held_as_programmed, robot_cell, with_spindle
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, ProgramError
@@ -38,6 +38,7 @@ from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
 from counterflex.programs.rotary.poses import Words, turned_path
 from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.kinematics.joint_path import ByAxes
 
 _PER_MINUTE: Final = 94
 """G94: F in units per minute."""
@@ -330,6 +331,7 @@ def _start_known(program: Program, path: ToolPath) -> ToolPath:
 
 def setting_of(
     cell: Cell,
+    program: Program | None = None,
     *,
     normal_only: bool = False,
     orientation: bool = False,
@@ -338,6 +340,8 @@ def setting_of(
     part_may_be_held: bool = False,
 ) -> Setting:
     """The plan's setting for a cell; ``chain`` and ``law`` replace what the cell file says about robot and force.
+
+    A ``program`` says which motions its controller makes by axes.
 
     Raises:
         InputError: Without ``chain``, a cell with axes of unknown stiffness; without ``part_may_be_held``, a robot that
@@ -367,4 +371,5 @@ def setting_of(
         allow_extrapolation=cell.material.allow_extrapolation,
         drive_errors=cell.drive_errors,
         damping=tables.dynamics.damping,
+        by_axes=ByAxes() if program is None else by_axes_of(program, cell),
     )

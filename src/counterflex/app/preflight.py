@@ -25,6 +25,7 @@ from counterflex.plan.preflight.row import RANK, Row
 from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m
 from counterflex.programs.program import Program
+from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.stated import stated
 
 SHOP: Final[dict[str, tuple[str, float]]] = {
@@ -86,7 +87,7 @@ def check(
     result = preflight(
         job.machined,
         stock,
-        setting_of(cell, chain=cell.chain, part_may_be_held=True),
+        setting_of(cell, job.program, chain=cell.chain, part_may_be_held=True),
         tables.limits.preflight(tables.controller, cell.robot),
         machining_of(cell),
         coarse_bodies(job, cell, stock),
@@ -137,7 +138,7 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
     known = bool(np.all(job.path.p_part_tcp[end, 2] == job.sampled.p_part_tcp[end, 2]))
     return AsWritten(
         approximation_m(program), program_size(job, cell, language), remarks, known, silent_spindle and not wired,
-        0 if remarks.robot else _arrival(program),
+        0 if remarks.robot else _arrival(program), program.left_out if isinstance(program, RobotProgram) else (),
     )  # fmt: skip
 
 

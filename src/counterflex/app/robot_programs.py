@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.robot_axes import in_world, part_in_world, tcp_of_axes
+from counterflex.app.robot_axes import axes_in, in_world, part_in_world, tcp_of_axes
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM, RPM
@@ -29,6 +29,7 @@ from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.programs.val3.read.application import job_files as val3_job_files
 from counterflex.programs.val3.read.motions import Val3Cell
+from counterflex.robot.kinematics.joint_path import ByAxes
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6
@@ -162,6 +163,22 @@ def _tip_of_axes(cell: Cell, language: str, axes_deg: Sequence[float]) -> Float:
     T_base_tcp = tcp_of_axes(cell, language, np.asarray(axes_deg, dtype=np.float64) * DEG)
     out: Float = pose.inverse(replace(cell, R_part_plane=None).T_base_part) @ T_base_tcp
     return out
+
+
+def by_axes_of(program: Program, cell: Cell) -> ByAxes:
+    """Motions that the controller makes by axes, with the axes that the program states at their ends.
+
+    Args:
+        program: As read; others than programs of robots have none.
+        cell: The cell.
+    """
+    if not isinstance(program, RobotProgram):
+        return ByAxes()
+    stated = {}
+    if program.axes_deg:
+        axes, _ = axes_in(cell, program.dialect)
+        stated = {motion: axes.model(np.asarray(values) * DEG) for motion, values in program.axes_deg.items()}
+    return ByAxes(program.by_axes, stated)
 
 
 _CELLS: Final[dict[str, Callable[[Cell], RobotCell]]] = {

@@ -103,7 +103,7 @@ def judge(
     job = read_job(program, cell, reading=reading)
     parts[READING](1.0)
     with faults_in(job):
-        setting = setting_of(cell, part_may_be_held=True)
+        setting = setting_of(cell, job.program, part_may_be_held=True)
         values = margins(job.machined, cell.stock(), setting, structure, cell.blank_box(), progress=parts[MARGINS])
     if not values:
         raise ProgramError("the program cuts nothing sideways", where=str(program), hint="Does it reach the blank?")

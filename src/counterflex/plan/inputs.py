@@ -23,10 +23,11 @@ from counterflex.plan.relative_motion import RelativeMotion, hand_poses, part_ca
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveErrors
-from counterflex.robot.kinematics.inverse import PathSolution, inverse_path
+from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_path
+from counterflex.robot.kinematics.joint_path import ByAxes, Pieces, solve_pieces
 from counterflex.signals.preview import Mode, Shaping
 
-_NO_ERRORS, _ASSUMED = DriveErrors(), Damping.of(None)
+_NO_ERRORS, _ASSUMED, _ALL_LINES = DriveErrors(), Damping.of(None), ByAxes()
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ class Setting:
         turning: How the free rotation changes along the program; ``rotation_about_tool_rad`` is that of its beginning.
         damping: Damping ratio of the robot's modes, against chatter.
         drive_errors: Periodic errors and sag of the drives: what the links of ``chain`` truly do at commanded angles.
+        by_axes: Motions of the program that the controller makes by axes.
     """
 
     chain: ElasticChain
@@ -97,6 +99,7 @@ class Setting:
     damping: Damping = _ASSUMED
     turning: ToolRotation | None = None
     T_base_tcp: Float | None = None
+    by_axes: ByAxes = _ALL_LINES
 
     def rotations_rad(self, p_part_tcp: Float) -> float | Float:
         """Free rotation at all points (n, 3) m of a program, in their order: one angle, or (n,) where it turns."""
@@ -209,15 +212,65 @@ def programmed_poses(path: ToolPath, setting: Setting) -> Float:
     return hand_poses(setting.T_base_part, setting.T_base_tcp, setting.poses_in_part(path))
 
 
+def joint_angles(
+    path: ToolPath, setting: Setting, *, enforce_limits: bool = True, sigma_floor: float = SIGMA_FLOOR
+) -> PathSolution:
+    """Joint angles along a path: of lines, and of motions by axes between them, which pass no singularity.
+
+    Args:
+        path: n rows.
+        setting: Robot, part and posture.
+        enforce_limits: As :func:`~counterflex.robot.kinematics.inverse.inverse_path`.
+        sigma_floor: Likewise.
+
+    Raises:
+        ReachError: Names the first row that fails.
+    """
+    chain, Ts = setting.controller_chain, programmed_poses(path, setting)
+    begins, between = setting.by_axes.rows(path.motion)
+    if not np.any(begins):
+        return inverse_path(chain, Ts, setting.branch, enforce_limits=enforce_limits, sigma_floor=sigma_floor)
+    kept = np.flatnonzero(~between)
+    stated = {
+        row: setting.by_axes.stated_rad[motion]
+        for row, motion in enumerate(path.motion[kept].tolist())
+        if begins[kept[row]] and motion in setting.by_axes.stated_rad
+    }
+    try:
+        out = solve_pieces(
+            chain, Ts[kept], setting.branch, Pieces(begins[kept], stated),
+            enforce_limits=enforce_limits, sigma_floor=sigma_floor,
+        )  # fmt: skip
+    except ReachError as fault:
+        fault.data["point"] = int(kept[int(fault.data.get("point", 0))])
+        raise
+    return out if len(kept) == len(path) else _between(out, kept, len(path))
+
+
+def _between(solution: PathSolution, kept: Int, n: int) -> PathSolution:
+    """The solution of some rows with the rows between them, in joint space."""
+    rows = np.arange(n)
+    at = np.searchsorted(kept, rows)
+    q = np.stack([np.interp(rows, kept, column) for column in solution.q.T], axis=1)
+    here = kept[at] == rows
+
+    def column(values: Float, passed: float) -> Float:
+        return np.where(here, values[at], passed)
+
+    return PathSolution(
+        q, solution.branch, solution.limit_margin_rad[at], solution.limit_axis[at], column(solution.wrist, 1.0),
+        column(solution.sigma_min, np.inf), None if solution.extension_m is None else solution.extension_m[at],
+    )  # fmt: skip
+
+
 def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
     """Joint angles along the path, with the margins that the limits ask for.
 
     Raises:
         ReachError: Out of reach, out of limits, too near a limit or a singularity; names the source line.
     """
-    Ts_base_tcp = programmed_poses(path, setting)
     try:
-        joints = inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch)
+        joints = joint_angles(path, setting)
     except ReachError as fault:
         row = int(fault.data.get("point", 0))
         raise ReachError(

@@ -107,7 +107,7 @@ def compensate(
         check_machine(job, cell, kind.dialect)
     require_stiffness_for(job, cell, parts[PLANNING])
     setting = setting_of(
-        cell, normal_only=normal_only, orientation=kind.orientation or job.words is not None, part_may_be_held=True
+        cell, job.program, normal_only=normal_only, orientation=kind.orientation or job.words is not None, part_may_be_held=True
     )
     with faults_in(job):
         limited = None if programmed_feed else limited_feed(job, cell, setting)

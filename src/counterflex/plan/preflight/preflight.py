@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut import at_points
-from counterflex.plan.inputs import Setting, programmed_poses
+from counterflex.plan.inputs import Setting, joint_angles, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
 from counterflex.plan.preflight.approximation import approximation_rows, corners_of
 from counterflex.plan.preflight.bodies import Body
@@ -41,7 +41,8 @@ from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
 from counterflex.plan.preflight.size import size_rows
 from counterflex.plan.preflight.spacing import Blocks, blocks_of, spacing_rows
 from counterflex.plan.preflight.speed_row import speed_row
-from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_path
+from counterflex.plan.preflight.swung_arcs import Swung, axes_row, linear_rows, swung, taken
+from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution
 from counterflex.robot.kinematics.inverse_seeds import extension
 from counterflex.robot.model.controller_axes import room
 
@@ -124,8 +125,9 @@ def preflight(
         progress: Progress callback, fraction 0 to 1.
     """
     parts = in_parts(progress, {JOINTS: 1.0, CUTTING: 4.0, COLLISION: 3.0})
-    fine = with_points_in_rapids(path)
-    solution, reached, rows = _reach(fine, setting)
+    swung_path, reached, rows = _reach(path, setting)
+    fine, setting, solution = swung_path.path, swung_path.setting, swung_path.solution
+    rows.append(axes_row(swung_path, setting, written.left_out))
     parts[JOINTS](1.0)
     made = made_cut(fine, stock, setting, parts[CUTTING])
     rows += cut_rows(made, setting, machining, written)
@@ -143,7 +145,7 @@ def preflight(
         except CounterflexError as fault:
             turns, load_rows = [], [Row(CORRECTION, "fail", what=fault.what, advice="Lower the load of the cut")]
             reasons |= dict.fromkeys((*OF_LOAD, REVERSALS, UNLOADINGS), fault.what)
-        along = _along(first, q, setting, bounds, written, turns, cutting[:reached])
+        along = _along(first, q, swung_path, bounds, written, turns, cutting[:reached])
         rows += _joint_rows(first, solution, margin, along, bounds, "cutting path" if cuts else "path at feed")
         rows.append(joint_checks.between_row(setting.controller_chain.axes))
         rows += collision_rows(
@@ -163,35 +165,43 @@ def preflight(
 
 
 def _first_rows(path: ToolPath, count: int) -> ToolPath:
-    return ToolPath(**{item.name: getattr(path, item.name)[:count] for item in fields(path)})
+    return taken(path, np.arange(count))
 
 
-def _solved(setting: Setting, Ts_base_tcp: Float) -> PathSolution:
+def _solved(setting: Setting, path: ToolPath) -> PathSolution:
     """The solution that planning takes; where that leaves the joint limits, one that says by how much."""
-    chain = setting.controller_chain
     try:
-        return inverse_path(chain, Ts_base_tcp, setting.branch, sigma_floor=0.0)
+        return joint_angles(path, setting, sigma_floor=0.0)
     except ReachError:
-        return inverse_path(chain, Ts_base_tcp, setting.branch, enforce_limits=False, sigma_floor=0.0)
+        return joint_angles(path, setting, enforce_limits=False, sigma_floor=0.0)
 
 
-def _reach(path: ToolPath, setting: Setting) -> tuple[PathSolution | None, int, list[Row]]:
-    """Joint angles of the rows that are reached, how many, and the row of reach."""
-    Ts_base_tcp = programmed_poses(path, setting)
-    reserve = extension(setting.controller_chain, Ts_base_tcp, setting.branch)
+def _reach(path: ToolPath, setting: Setting) -> tuple[Swung, int, list[Row]]:
+    """The path with points in its rapids and joint angles, how many rows are reached, and the row of reach."""
+    path = linear_rows(path, setting)
+    path = with_points_in_rapids(path, lines=~setting.by_axes.rows(path.motion)[0])
+    reserve = extension(setting.controller_chain, programmed_poses(path, setting), setting.branch)
     try:
-        solution = _solved(setting, Ts_base_tcp)
+        solution = _solved(setting, path)
     except ReachError as fault:
         stop = int(fault.data.get("point", 0))
-        before = _solved(setting, Ts_base_tcp[:stop]) if stop > 0 else None
-        return before, stop, [_unreached(_reason(setting, Ts_base_tcp) or fault, stop, reserve)]
-    return solution, len(path), [_reach_row(solution, reserve)]
+        before = _solved(setting, _first_rows(path, stop)) if stop > 0 else None
+        row = _unreached(_reason(setting, path) or fault, stop, reserve)
+        out = swung(path, setting, before)
+        return out, 0 if stop == 0 else int(out.row[stop - 1]) + 1, [_at(row, out)]
+    out = swung(path, setting, solution)
+    return out, len(out.path), [_at(_reach_row(solution, reserve), out)]
 
 
-def _reason(setting: Setting, Ts_base_tcp: Float) -> ReachError | None:
+def _at(row: Row, out: Swung) -> Row:
+    """A row whose point is one of the path without arcs, at the same point of the path with them."""
+    return row if row.point is None else replace(row, point=int(out.row[row.point]))
+
+
+def _reason(setting: Setting, path: ToolPath) -> ReachError | None:
     """Why a path is not reached, as planning says it: a singularity has its name, which a search that fails has not."""
     try:
-        inverse_path(setting.controller_chain, Ts_base_tcp, setting.branch, enforce_limits=False)
+        joint_angles(path, setting, enforce_limits=False)
     except ReachError as fault:
         return fault
     return None
@@ -225,12 +235,13 @@ def _reach_row(solution: PathSolution, reserve: Float | None) -> Row:
 
 
 def _along(
-    path: ToolPath, q: Float, setting: Setting, bounds: Bounds, written: AsWritten, turns: Sequence[Event],
+    path: ToolPath, q: Float, swung_path: Swung, bounds: Bounds, written: AsWritten, turns: Sequence[Event],
     cutting: Bool,
 ) -> AlongPath:  # fmt: skip
-    """Curves along the rows that are reached."""
+    """Curves along the rows that are reached. Motions by axes keep to the speeds of the axes by themselves."""
+    setting = swung_path.setting
     q = setting.controller_chain.axes.shown(q)
-    speeds = joint_checks.joint_speeds(path, q)
+    speeds = np.where(swung_path.made[: len(path), None], 0.0, joint_checks.joint_speeds(path, q))
     accelerations = joint_checks.joint_accelerations(path, speeds, bounds.acceleration_m_s2)
     blocks = blocks_of(path)
     corners = corners_of(path, blocks, written.approximation_m, bounds.blending_m)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
@@ -95,15 +95,17 @@ def flute_row(
     )
 
 
-def with_points_in_rapids(path: ToolPath, step_m: float = STEP_M) -> ToolPath:
+def with_points_in_rapids(path: ToolPath, step_m: float = STEP_M, lines: Bool | None = None) -> ToolPath:
     """The same path with points between: a sampled path has those of feed motions only.
 
     Args:
         path: n rows.
         step_m: Longest step of a rapid, > 0.
+        lines: (n,) rows to which a rapid goes along a line; None: all.
     """
     step = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1)
-    count = np.where(path.kind == RAPID, np.maximum(1, np.ceil(step / step_m)), 1).astype(np.int64)
+    rapid = path.kind == RAPID if lines is None else (path.kind == RAPID) & lines
+    count = np.where(rapid, np.maximum(1, np.ceil(step / step_m)), 1).astype(np.int64)
     if np.all(count == 1):
         return path
     row = np.repeat(np.arange(len(path)), count)

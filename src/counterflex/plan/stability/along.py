@@ -26,12 +26,10 @@ from counterflex.cutting.tridexel.engaged_arcs import BlankBox
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.damping import Damping
 from counterflex.plan.elastic_motion import postures
-from counterflex.plan.inputs import Setting
-from counterflex.plan.relative_motion import hand_poses
+from counterflex.plan.inputs import Setting, joint_angles
 from counterflex.plan.stability.criterion import LARGEST, Limit, SharedLimits
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.stability.stretches import Stretch, stretches_of
-from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.signals.preview import Mode
 
 POSTURE_RAD: Final = 2.0 * DEG
@@ -135,8 +133,7 @@ def margins(
         return []
     rows = np.array([piece.row for piece in pieces])
     Ts_part_tcp = setting.poses_in_part(path)
-    Ts = hand_poses(setting.T_base_part, setting.T_base_tcp, Ts_part_tcp)
-    q = inverse_path(setting.controller_chain, Ts, setting.branch).q[rows]
+    q = joint_angles(path, setting).q[rows]
     to_part = setting.relative_motion(path).rows(rows).to_part
     Rs_part_tcp = Ts_part_tcp[rows, :3, :3]
     number, _ = postures(q, POSTURE_RAD)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -31,6 +31,7 @@ class Away(Generic[Move]):
         where: File and line.
         unknown: Why its end is not known, where its value is not.
         check: Refuses axes beside those of the robot that stand elsewhere than in the cell file.
+        axes_deg: (6,) axes at its end as the controller shows them; empty where they are not known.
     """
 
     block: int
@@ -42,6 +43,7 @@ class Away(Generic[Move]):
     where: str = ""
     unknown: Unknown | None = None
     check: Callable[[], None] | None = None
+    axes_deg: Sequence[float] = ()
 
     def motion(self, before: Motion) -> Motion:
         """Return its motion from the end of the one before."""
@@ -69,7 +71,7 @@ class ExecutionByAxes(Execution, Generic[Move]):
 
     def leave(
         self, move: Move, T_part_tcp: Float | None, where: str, unknown: Unknown | None = None,
-        check: Callable[[], None] | None = None,
+        check: Callable[[], None] | None = None, axes_deg: Sequence[float] = (),
     ) -> None:  # fmt: skip
         """Remember a motion by axes; :meth:`arrive` makes it where the path goes on.
 
@@ -79,10 +81,12 @@ class ExecutionByAxes(Execution, Generic[Move]):
             where: File and line.
             unknown: Why it is not known.
             check: Called before it is made, see :class:`Away`.
+            axes_deg: See :class:`Away`.
         """
         self.by_axes.append(len(self._blocks) - 1)
         self.away.append(Away(
-            len(self._blocks) - 1, move, T_part_tcp, self._rpm * RPM, self._in_spindle.tool, 0.0, where, unknown, check
+            len(self._blocks) - 1, move, T_part_tcp, self._rpm * RPM, self._in_spindle.tool, 0.0, where, unknown, check,
+            axes_deg,
         ))  # fmt: skip
 
     def rest(self, move: Move, time_s: float) -> bool:
@@ -119,6 +123,8 @@ class ExecutionByAxes(Execution, Generic[Move]):
             block = replace(self._blocks[index], first_motion=len(self.motions))
             one_here = made.get(index)
             if one_here is not None:
+                if len(one_here.axes_deg):
+                    self.axes_deg[len(self.motions)] = tuple(one_here.axes_deg)
                 self.motions.append(one_here.motion(self.motions[-1]))
                 T = one_here.T_part_tcp
                 self.rotations.append(self.rotations[-1] if T is None else T[:3, :3].copy())

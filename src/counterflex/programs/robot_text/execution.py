@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -35,6 +35,7 @@ class Execution:
         rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
         acting: Lines that act on the cell without the table of the cell file saying what they do.
         by_axes: Indices of the blocks of motions by axes, made or not.
+        axes_deg: By motion, the axes at its end, where its target gives them.
     """
 
     def __init__(self, in_spindle: ToolInSpindle) -> None:
@@ -43,6 +44,7 @@ class Execution:
         self.rotations: list[Float] = []
         self.acting: list[int] = []
         self.by_axes: list[int] = []
+        self.axes_deg: dict[int, Sequence[float]] = {}
         self._blocks: list[Block] = []
         self._rpm = 0.0
         self._words: list[Word] = []

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from counterflex.core.arrays import Float
 from counterflex.programs.program import Program
@@ -16,8 +17,16 @@ class RobotProgram(Program):
         Rs_part_tcp: (motions, 3, 3) orientation of the cell's TCP frame at the end of each motion, in the part.
         acting: Lines that act on the cell (outputs, waits for inputs, TRIGGER) and are not in the cell file's table.
         left_out: File and line of each motion by axes before the first target or behind the last one: none of the path.
+        axes_deg: By motion, the axes A1 to A6 (J1 to J6) at its end as the controller shows them, of motions whose
+            target the program gives by axes.
     """
 
     Rs_part_tcp: Float | None = None
     acting: tuple[int, ...] = ()
     left_out: tuple[str, ...] = ()
+    axes_deg: Mapping[int, Sequence[float]] = field(default_factory=dict)
+
+    @property
+    def by_axes(self) -> frozenset[int]:
+        """Motions behind the first that the controller makes by axes: every one that is no line, arc or wait."""
+        return frozenset(k for k, motion in enumerate(self.motions) if k > 0 and motion.kind == "rapid")

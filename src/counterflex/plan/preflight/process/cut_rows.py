@@ -56,6 +56,7 @@ class AsWritten:
         height_known: The program has named the height of the tool with or before its first motion.
         spindle_by_person: It says nothing of the spindle, and the cell wires no statement to it.
         arrival: Motion at whose end the program has named X, Y and Z: up to there the way is not known.
+        left_out: File and line of each motion by axes before the first target and behind the last one.
     """
 
     approximation_m: Float
@@ -64,6 +65,7 @@ class AsWritten:
     height_known: bool = True
     spindle_by_person: bool = False
     arrival: int = 0
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

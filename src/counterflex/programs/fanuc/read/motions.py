@@ -95,7 +95,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         if T is None or (by_axes and word == "J"):
             self.leave(
                 self._record(form, target, through, routine, statement), T, where, target.unknown,
-                lambda: self.targets.refuse_moving(target.external_axes, target.others, where),
+                lambda: self.targets.refuse_moving(target.external_axes, target.others, where), target.axes or (),
             )  # fmt: skip
             return form.at_time
         self.targets.refuse_moving(target.external_axes, target.others, where)

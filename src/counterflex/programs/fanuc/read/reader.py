@@ -67,6 +67,7 @@ def read_fanuc(
         Rs_part_tcp=rotations,
         acting=tuple(sorted(set(interpreter.acting))),
         left_out=interpreter.left_out(name),
+        axes_deg=interpreter.axes_deg,
         listings={name: routine.about(), **{key: one.about() for key, one in folder.routines.items()}},
         moves=tuple(interpreter.moves),
     )

@@ -276,7 +276,8 @@ class Motions(Modes):
         for index, axes, read in pending:
             assert tip is not None
             self.targets.check_external(axes, f"{read.file}:{read.line}")
-            self._stand_at(index, tip([axes[name] for name in AXES]), read)
+            self.axes_deg[len(self.motions)] = [axes[name] for name in AXES]
+            self._stand_at(index, tip(self.axes_deg[len(self.motions)]), read)
 
     def _stand_at(self, index: int, T_part_tcp: Float, read: KrlMotion) -> None:
         """Put a rapid to a place by axes into the block of its statement."""

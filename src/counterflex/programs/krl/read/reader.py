@@ -85,6 +85,7 @@ def read_krl(
         extra=interpreter.targets.extra_text,
         acting=tuple(dict.fromkeys(interpreter.acting)),
         left_out=interpreter.left_out(name),
+        axes_deg=interpreter.axes_deg,
         loose_triggers=interpreter.loose,
         reads_position=interpreter.reads_position,
     )

@@ -73,7 +73,7 @@ class Motions(Execution):
         self.now = Statement(0, 0, "", 1, False)
         self._call = -1
         self._displacement: list[list[float]] | None = None
-        self._away: list[tuple[Statement, Float | None, int]] = []
+        self._away: list[tuple[Statement, Float | None, int, list[float]]] = []
         self._states: dict[tuple[str, int, float], Modal] = {}
         self._rotations: dict[tuple[float, ...], Float] = {}
 
@@ -271,10 +271,12 @@ class Motions(Execution):
             return
         axes = parts[0] if len(parts) == 2 else value
         T: Float | None = None
+        numbers: list[float] = []
         tip = None if self.cell is None else self.cell.tip_of_axes
         if tip is not None and isinstance(axes, list) and len(axes) == _AXES and first_unknown(axes) is None:
-            T = tip([float(axis) for axis in axes if is_number(axis)])
-        self._away.append((statement, T, len(self.by_axes)))
+            numbers = [float(axis) for axis in axes if is_number(axis)]
+            T = tip(numbers)
+        self._away.append((statement, T, len(self.by_axes), numbers))
         self.by_axes.append(len(self._blocks) - 1)
 
     def _arrive(self, statement: Statement) -> None:
@@ -283,9 +285,10 @@ class Motions(Execution):
         if not away or not self.motions:
             return
         del self.by_axes[away[0][2] :]
-        for before, T, _ in away:
+        for before, T, _, axes in away:
             if T is None:
                 raise self._refuse_away(before, statement)
+            self.axes_deg[len(self.motions)] = axes
             self.straight(len(self._blocks) - 1, T[:3, 3], T[:3, :3], 0.0)
             self.moves.append(
                 RapidMotion(before.line, before.code.split()[0], self._call, before.start, before.end, np.eye(3))

@@ -69,6 +69,7 @@ def read_rapid(
         Rs_part_tcp=rotations,
         acting=tuple(sorted(set(interpreter.acting))),
         left_out=interpreter.left_out(name),
+        axes_deg=interpreter.axes_deg,
         text=text,
         files=tuple((part.name, part.start, part.end) for part in source.parts),
         moves=tuple(interpreter.moves),

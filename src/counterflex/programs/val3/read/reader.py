@@ -72,6 +72,7 @@ def read_val3(
         Rs_part_tcp=rotations,
         acting=tuple(sorted(set(interpreter.acting))),
         left_out=interpreter.left_out(name),
+        axes_deg=interpreter.axes_deg,
         sources={
             key: Val3Source(one.text, one.starts[one.first] if one.first < len(one.starts) else len(one.text))
             for key, one in sources.items()

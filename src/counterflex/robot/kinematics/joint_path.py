@@ -1,0 +1,152 @@
+"""Joint angles of a program that goes along lines and, between them, by axes.
+
+A linear motion keeps the branch and the turns of its start. A motion by axes (PTP, MoveJ, J, movej) starts and ends all
+axes at the same time: in joint space it is a straight line, whatever the tool does meanwhile. So the path falls into
+linear pieces; each begins where a motion by axes ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.errors import ReachError
+from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_all, inverse_path
+from counterflex.robot.model.controller_axes import room
+
+
+@dataclass(frozen=True, eq=False)
+class ByAxes:
+    """Motions of a program that its controller makes by axes.
+
+    Attributes:
+        motions: Their indices.
+        stated_rad: By motion, (6,) angles of the model at its end, where the program states them.
+    """
+
+    motions: frozenset[int] = frozenset()
+    stated_rad: Mapping[int, Float] = field(default_factory=dict)
+
+    def rows(self, motion: Int) -> tuple[Bool, Bool]:
+        """Rows at which a motion by axes ends, and rows between its ends.
+
+        Args:
+            motion: (n,) motion of each row.
+        """
+        made = np.isin(motion, np.fromiter(self.motions, dtype=np.int64, count=len(self.motions)))
+        made[:1] = False
+        last = np.append(motion[1:] != motion[:-1], True)[: len(motion)]
+        return made & last, made & ~last
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Linear pieces of a path of n rows.
+
+    Attributes:
+        begins: (n,) rows at which a motion by axes ends and a piece begins; row 0 begins one in any case.
+        stated_rad: By such a row, (6,) angles that the program states there.
+    """
+
+    begins: Bool
+    stated_rad: Mapping[int, Float]
+
+
+def solve_pieces(
+    chain: ElasticChain,
+    Ts_base_tcp: Float,
+    branch: str,
+    pieces: Pieces,
+    *,
+    enforce_limits: bool = True,
+    sigma_floor: float = SIGMA_FLOOR,
+) -> PathSolution:
+    """Solve a path piece by piece.
+
+    Where the program states the axes at the begin of a piece, the piece starts from them. Elsewhere it starts in the
+    branch, with the turns that are nearest to the end of the piece before. A piece of one row is no linear motion: it
+    passes no singularity.
+
+    Args:
+        chain: The chain.
+        Ts_base_tcp: (n, 4, 4) m.
+        branch: Of the arm.
+        pieces: Where they begin.
+        enforce_limits: As :func:`~counterflex.robot.kinematics.inverse.inverse_path`.
+        sigma_floor: Likewise.
+
+    Raises:
+        ReachError: Names the first row that fails.
+    """
+    starts = np.union1d([0], np.flatnonzero(pieces.begins)).astype(int).tolist()
+    solved: list[PathSolution] = []
+    for first, end in zip(starts, [*starts[1:], len(Ts_base_tcp)], strict=True):
+        before = solved[-1].q[-1] if solved else None
+        stated = pieces.stated_rad.get(first)
+        Ts = Ts_base_tcp[first:end]
+        try:
+            if stated is not None and end - first == 1:
+                solved.append(_stated(chain, stated, branch))
+                continue
+            start = stated if stated is not None else _start(chain, Ts[0], branch, before, enforce_limits)
+            alone = end - first == 1 and first > 0
+            one = inverse_path(
+                chain, Ts, start, enforce_limits=enforce_limits, sigma_floor=0.0 if alone else sigma_floor
+            )
+        except ReachError as fault:
+            point = first + int(fault.data.get("point", 0))
+            raise ReachError(
+                fault.what, where=f"path point {point}", value=fault.value, limit=fault.limit, hint=fault.hint,
+                **(fault.data | {"point": point}),
+            ) from fault  # fmt: skip
+        solved.append(_passing(one) if alone else one)
+    return _joined(solved)
+
+
+def _start(
+    chain: ElasticChain, T_base_tcp: Float, branch: str, before: Float | None, enforce_limits: bool
+) -> Float | str:
+    """Angles in a branch that are nearest to those before; the branch itself where there are none."""
+    if before is None:
+        return branch
+    try:
+        near = [one.q for one in inverse_all(chain, T_base_tcp, within_limits=enforce_limits) if one.branch == branch]
+    except ReachError:
+        return branch
+    return min(near, key=lambda q: float(np.max(np.abs(q - before)))) if near else branch
+
+
+def _stated(chain: ElasticChain, q: Float, branch: str) -> PathSolution:
+    """A row whose angles are stated."""
+    margin = room(chain.axes, chain.joint_limits_rad, q[None])
+    axis = margin.argmin(axis=1)
+    one, big = np.ones(1), np.full(1, np.inf)
+    return PathSolution(q[None].copy(), branch, margin.min(axis=1), axis, one, big, None)
+
+
+def _passing(one: PathSolution) -> PathSolution:
+    """A row on which no linear motion passes."""
+    n = len(one.q)
+    return PathSolution(
+        one.q, one.branch, one.limit_margin_rad, one.limit_axis, np.ones(n), np.full(n, np.inf), one.extension_m
+    )
+
+
+def _joined(solved: list[PathSolution]) -> PathSolution:
+    """All pieces as one; the reserve of reach is that of the path where every piece has one."""
+    extension = None
+    if all(one.extension_m is not None for one in solved):
+        extension = np.concatenate([one.extension_m for one in solved if one.extension_m is not None])
+    return PathSolution(
+        np.concatenate([one.q for one in solved]),
+        solved[0].branch,
+        np.concatenate([one.limit_margin_rad for one in solved]),
+        np.concatenate([one.limit_axis for one in solved]),
+        np.concatenate([one.wrist for one in solved]),
+        np.concatenate([one.sigma_min for one in solved]),
+        extension,
+    )
