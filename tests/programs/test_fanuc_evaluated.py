@@ -256,7 +256,7 @@ def test_a_place_by_axes_between_cuts_follows_from_the_cell() -> None:
     axes = "P[9]{\n   GP1:\n\tUF : 1, UT : 1,\n" + ",\n".join(f"\tJ{n}= {n}.0 deg" for n in range(1, 7)) + "\n};\n"
     asked: list[tuple[float, ...]] = []
 
-    def tip(axes_deg):  # type: ignore[no-untyped-def]
+    def tip(axes_deg, external):  # type: ignore[no-untyped-def]
         asked.append(tuple(axes_deg))
         return pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
 
@@ -275,7 +275,7 @@ def by_axes(*statements: str) -> FanucProgram:
     """A program for a cell that knows where axes lead: P[9] to (500, 250, 125) mm."""
     T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
     text = listing(*HEAD[:2], *statements, entries=POINTS + AWAY)
-    return read_fanuc(text, cell=cell(tip_of_axes=lambda _: T))
+    return read_fanuc(text, cell=cell(tip_of_axes=lambda *_: T))
 
 
 def test_rest_postures_around_the_path_are_no_motions_of_it() -> None:
@@ -321,7 +321,7 @@ def test_a_rail_moved_by_axes_between_cuts_is_refused(rail: str, way: tuple[str,
     """Elsewhere the rest posture may have the rail anywhere: the robot does not cut there."""
     T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
     entries = POINTS + AWAY.replace("P[9]", "P[8]").replace("\tJ6= 6.0 deg", f"\tJ6= 6.0 deg,\n\t{rail}")
-    at = cell(tip_of_axes=lambda _: T, external_axes={1: 0.0})
+    at = cell(tip_of_axes=lambda *_: T, external_axes={1: 0.0})
     around = listing(*HEAD, "L P[2] 9mm/sec FINE", *way, entries=entries)
     assert len(read_fanuc(around, cell=at).motions) == 2
     between = listing(*HEAD, "L P[2] 9mm/sec FINE", *way, "L P[3] 9mm/sec FINE", entries=entries)
@@ -334,7 +334,7 @@ def test_an_axis_that_a_posture_leaves_out_is_not_taken_for_zero() -> None:
     entries = POINTS + AWAY.replace(",\n\tJ6= 6.0 deg", "")
     text = listing(*HEAD, "L P[2] 9mm/sec FINE", "J P[9] 5% FINE", "L P[3] 9mm/sec FINE", entries=entries)
     with pytest.raises(ProgramError, match=r"P\[9\] has no J1 to J6"):
-        read_fanuc(text, cell=cell(tip_of_axes=lambda _: T))
+        read_fanuc(text, cell=cell(tip_of_axes=lambda *_: T))
 
 
 # ---- a job of several files --------------------------------------------------------------------------------------

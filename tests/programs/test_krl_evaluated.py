@@ -389,7 +389,7 @@ def test_axis_angles_between_cuts_lead_where_the_cell_says() -> None:
     """A rapid to the place of the robot of the cell; without a cell the place is not known."""
     axes = "PTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}"
     T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.4, 0.5, 0.6]))
-    made = job(f"{FIRST}{axes}\nLIN {{X 1}}\n{axes}", at=cell(tip_of_axes=lambda _: T))
+    made = job(f"{FIRST}{axes}\nLIN {{X 1}}\n{axes}", at=cell(tip_of_axes=lambda *_: T))
     assert ends(made) == [[0, 0, 10], [400, 500, 600], [1, 500, 600]]
     assert [motion.kind for motion in made.motions] == ["rapid", "rapid", "feed"]
     assert [made.blocks[motion.block].line for motion in made.motions] == [5, 6, 7]

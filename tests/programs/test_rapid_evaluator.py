@@ -241,7 +241,7 @@ def cell_with_robot() -> RapidCell:
     return RapidCell(
         where="cell.toml", tools=[1], tool_of_data={}, work_object="", T_base_tcp=None, T_flange_tcp=np.eye(4),
         T_base_part=np.eye(4), functions=MachineFunctions("rapid", {}),
-        tip_of_axes=lambda axes: pose.make(Rotation.from_euler("x", 180, degrees=True).as_matrix(),
+        tip_of_axes=lambda axes, _: pose.make(Rotation.from_euler("x", 180, degrees=True).as_matrix(),
          np.array([axes[0] * MM, 0, 0])),
     )  # fmt: skip
 

@@ -205,7 +205,7 @@ def test_geometry_is_that_of_scipy(frame: tuple[float, ...], point: tuple[float,
 def test_a_joint_between_cuts_follows_from_the_cell() -> None:
     asked: list[tuple[float, ...]] = []
 
-    def tip(axes_deg):  # type: ignore[no-untyped-def]
+    def tip(axes_deg, external):  # type: ignore[no-untyped-def]
         asked.append(tuple(axes_deg))
         return pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
 
@@ -220,7 +220,7 @@ def test_a_joint_between_cuts_follows_from_the_cell() -> None:
 def by_axes(*lines: str) -> Val3Program:
     """A program for a cell that knows where axes lead: jA to (500, 250, 125) mm."""
     T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
-    return read_val3(program(*lines), data=files(), cell=cell(tip_of_axes=lambda _: T))
+    return read_val3(program(*lines), data=files(), cell=cell(tip_of_axes=lambda *_: T))
 
 
 AWAY = "movej(jA,tMill,mRun)"
@@ -263,7 +263,7 @@ def test_between_cuts_every_stop_by_axes_is_a_motion_of_its_own_line() -> None:
 def test_joints_are_added_and_written_in_braces(before: str, joint: str) -> None:
     asked: list[tuple[float, ...]] = []
 
-    def tip(axes_deg):  # type: ignore[no-untyped-def]
+    def tip(axes_deg, external):  # type: ignore[no-untyped-def]
         asked.append(tuple(axes_deg))
         return pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
 

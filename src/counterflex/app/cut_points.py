@@ -77,7 +77,7 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
     Raises:
         CounterflexError: The program does not fit the cell.
     """
-    setting = setting_of(cell, job.program, chain=cell.chain)
+    setting = setting_of(cell, job, chain=cell.chain)
     path, line = job.path, job.line_of_motion[job.path.motion]
     with faults_in(job):
         q = solve_joints(path, line, setting).q

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.external_moves import changes_along, places_along, refuse_moves, turned_with_places
 from counterflex.app.robot_programs import by_axes_of, held_as_programmed, robot_cell, with_spindle
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
@@ -21,6 +22,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.tilted_stock import may_touch, working_plane
 from counterflex.files.cell.cell import Cell
 from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE
+from counterflex.path.external_axes import Change, ExternalPlaces, with_places
 from counterflex.path.tool_rotation import APART_M
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.path.turning import TurnedPath
@@ -61,6 +63,8 @@ class Job:
         feeds: Where the feed can be changed.
         turned: Of a program that turns the tool, ``path`` in the part frame and the words at its rows.
         words: What those words mean; None where the tool stays along z.
+        changes: Where external axes go to another place.
+        places: Their places; None where they stand in one.
     """
 
     program: Program
@@ -71,6 +75,8 @@ class Job:
     feeds: FeedGroups
     turned: TurnedPath | None = None
     words: Words | None = None
+    changes: tuple[Change, ...] = ()
+    places: ExternalPlaces | None = None
 
 
 @dataclass(frozen=True)
@@ -120,10 +126,20 @@ AS_IT_IS: Final = Reading()
 """A whole program that says all by itself."""
 
 
-def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_m: float = STEP_M) -> Job:
+def read_job(
+    file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_m: float = STEP_M, may_move: bool = False
+) -> Job:
     """Read a program and sample its path with the cell's rapid speed.
 
+    Args:
+        file: The program.
+        cell: The cell.
+        reading: How it is read.
+        step_m: Longest step of the path.
+        may_move: External axes may move between its operations.
+
     Raises:
+        InputError: They do, and may not.
         FileFormatError: The cell file describes no milling, or turns the tool along another program.
         ProgramError: The program cannot be read exactly, or makes no motion.
     """
@@ -136,6 +152,8 @@ def read_job(file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_
         raise ProgramError(what, where=str(file))
     job = _turned_job(program, cell, step_m) if turns(program) else _job(program, cell, step_m)
     _check_tool_rotation(job, cell)
+    if not may_move:
+        refuse_moves(job.places, str(file))
     return job
 
 
@@ -159,19 +177,31 @@ def _check_tool_rotation(job: Job, cell: Cell) -> None:
 
 def _job(program: Program, cell: Cell, step_m: float) -> Job:
     """The job of a program whose tool stays along z."""
-    bare = tool_path(program, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_m_s)
+    rapid_m_s = cell.tables.controller.rapid_m_s
+    bare = tool_path(program, step_m=step_m, rapid_speed_m_s=rapid_m_s)
+    changes = changes_along(program, _start_known(program, bare), cell)
+    places = places_along(changes, cell)
+    bare = bare if places is None else with_places(bare, changes, places, rapid_m_s)
     path = with_settling(bare)
     _check_tools(program, cell)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
-    return Job(program, _start_known(program, path), path, lines, _start_known(program, bare), _feeds(program, path))
+    return Job(
+        program, _start_known(program, path), path, lines, _start_known(program, bare), _feeds(program, path),
+        changes=changes, places=places,
+    )  # fmt: skip
 
 
 def _turned_job(program: Program, cell: Cell, step_m: float) -> Job:
     """The job of a program that turns the tool; its path is given in the working plane of the cell."""
     program = fitted(program, machine_of(cell))
     words = Words.of(program, machine_of(cell))
-    turned = turned_path(program, words, step_m=step_m, rapid_speed_m_s=cell.tables.controller.rapid_m_s)
+    rapid_m_s = cell.tables.controller.rapid_m_s
+    turned = turned_path(program, words, step_m=step_m, rapid_speed_m_s=rapid_m_s)
     R_part_plane = np.eye(3) if cell.R_part_plane is None else cell.R_part_plane
+    changes = changes_along(program, turned_by(turned.path, R_part_plane.T), cell)
+    places = places_along(changes, cell)
+    if places is not None:
+        turned = turned_with_places(turned, changes, places, rapid_m_s)
     bare = turned_by(turned.path, R_part_plane.T)
     path = with_settling(bare)
     _check_tools(program, cell)
@@ -179,7 +209,7 @@ def _turned_job(program: Program, cell: Cell, step_m: float) -> Job:
     angle_rad = with_settling(replace(turned.path, p_part_tcp=turned.angle_rad)).p_part_tcp
     rows = TurnedPath(turned_by(path, R_part_plane), with_settling(turned.programmed), angle_rad)
     lines = np.array([program.blocks[motion.block].line for motion in program.motions], dtype=np.int64)
-    return Job(program, path, path, lines, bare, _feeds(program, path), rows, words)
+    return Job(program, path, path, lines, bare, _feeds(program, path), rows, words, changes, places)
 
 
 def machine_of(cell: Cell) -> RotaryMachine | None:
@@ -331,7 +361,7 @@ def _start_known(program: Program, path: ToolPath) -> ToolPath:
 
 def setting_of(
     cell: Cell,
-    program: Program | None = None,
+    job: Job | None = None,
     *,
     normal_only: bool = False,
     orientation: bool = False,
@@ -341,7 +371,7 @@ def setting_of(
 ) -> Setting:
     """The plan's setting for a cell; ``chain`` and ``law`` replace what the cell file says about robot and force.
 
-    A ``program`` says which motions its controller makes by axes.
+    A ``job`` says which motions the controller makes by axes, and where external axes go.
 
     Raises:
         InputError: Without ``chain``, a cell with axes of unknown stiffness; without ``part_may_be_held``, a robot that
@@ -371,5 +401,6 @@ def setting_of(
         allow_extrapolation=cell.material.allow_extrapolation,
         drive_errors=cell.drive_errors,
         damping=tables.dynamics.damping,
-        by_axes=ByAxes() if program is None else by_axes_of(program, cell),
+        by_axes=ByAxes() if job is None else by_axes_of(job.program, cell),
+        places=None if job is None else job.places,
     )

@@ -129,7 +129,7 @@ def posture_of(
     parts[READING](0.0)
     cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
-    setting, path = setting_of(cell, job.program, part_may_be_held=True), job.machined
+    setting, path = setting_of(cell, job, part_may_be_held=True), job.machined
     line: Int = job.line_of_motion[path.motion]
     with faults_in(job):
         cut = loaded_path(path, line, cell.stock(), setting, surface, parts[CUTTING])

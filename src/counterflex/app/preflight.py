@@ -81,13 +81,13 @@ def check(
     """
     begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CHECKING: 9.0})
     cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading)
+    job = read_job(program, cell, reading=reading, may_move=True)
     parts[READING](1.0)
     tables, stock = cell.tables, cell.stock()
     result = preflight(
         job.machined,
         stock,
-        setting_of(cell, job.program, chain=cell.chain, part_may_be_held=True),
+        setting_of(cell, job, chain=cell.chain, part_may_be_held=True),
         tables.limits.preflight(tables.controller, cell.robot),
         machining_of(cell),
         coarse_bodies(job, cell, stock),

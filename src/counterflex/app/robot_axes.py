@@ -117,4 +117,4 @@ def tcp_of_axes(cell: Cell, language: str, axes_rad: Float) -> Float:
 
 def part_in_world(cell: Cell, language: str) -> Float:
     """(4, 4) m, the part frame as the controller gives it; identity where the robot holds the part."""
-    return pose.make() if cell.holds_part else in_world(cell, language, cell.T_base_part)
+    return pose.make() if cell.holds_part else in_world(cell, language, cell.T_frame_part)

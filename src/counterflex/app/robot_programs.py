@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -154,14 +154,17 @@ def _shared(cell: Cell, language: Dialect) -> dict[str, Any]:
         "T_base_part": part_in_world(replace(cell, R_part_plane=None), language),
         "functions": cell.machine_functions(language),
         "external_axes": {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes},
-        "tip_of_axes": None if cell.holds_part else lambda axes_deg: _tip_of_axes(cell, language, axes_deg),
+        "tip_of_axes": None
+        if cell.holds_part
+        else lambda axes_deg, external: _tip_of_axes(cell, language, axes_deg, external),
     }
 
 
-def _tip_of_axes(cell: Cell, language: str, axes_deg: Sequence[float]) -> Float:
-    """Return (4, 4) m, the TCP frame in the part frame where the controller shows these axes."""
+def _tip_of_axes(cell: Cell, language: str, axes_deg: Sequence[float], external: Mapping[int, float]) -> Float:
+    """Return (4, 4) m, the TCP frame in the part frame where the controller shows these axes, external ones too."""
     T_base_tcp = tcp_of_axes(cell, language, np.asarray(axes_deg, dtype=np.float64) * DEG)
-    out: Float = pose.inverse(replace(cell, R_part_plane=None).T_base_part) @ T_base_tcp
+    there = replace(cell if not external else cell.at_external(external), R_part_plane=None)
+    out: Float = pose.inverse(there.T_base_part) @ T_base_tcp
     return out
 
 

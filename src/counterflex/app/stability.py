@@ -100,10 +100,10 @@ def judge(
     begin = time.perf_counter()
     parts = in_parts(progress, {READING: 1.0, MARGINS: 5.0, DIAGRAMS: 4.0})
     cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading)
+    job = read_job(program, cell, reading=reading, may_move=True)
     parts[READING](1.0)
     with faults_in(job):
-        setting = setting_of(cell, job.program, part_may_be_held=True)
+        setting = setting_of(cell, job, part_may_be_held=True)
         values = margins(job.machined, cell.stock(), setting, structure, cell.blank_box(), progress=parts[MARGINS])
     if not values:
         raise ProgramError("the program cuts nothing sideways", where=str(program), hint="Does it reach the blank?")

@@ -5,7 +5,7 @@ A three-axis program leaves the rotation about the tool axis free; it is fixed h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -33,6 +33,8 @@ class ToolPath:
         time_s: (n,) s. Time of arrival at the programmed speed, non-decreasing, ``time_s[0] == 0``.
         motion: (n,) index of the program motion that the segment belongs to, non-decreasing.
         tool: (n,) number of the tool in the spindle.
+        place: (n,) number of the place of the external axes, between two of them where they move; zeros where it is
+            left out: they stand in one place.
     """
 
     p_part_tcp: Float
@@ -43,11 +45,14 @@ class ToolPath:
     time_s: Float
     motion: Int
     tool: Int
+    place: Float = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Check lengths and order."""
         n = len(self.p_part_tcp)
-        for name in ("axis_part", "kind", "feed_m_s", "spindle_rad_s", "time_s", "motion", "tool"):
+        if len(self.place) == 0:
+            object.__setattr__(self, "place", np.zeros(n))
+        for name in ("axis_part", "kind", "feed_m_s", "spindle_rad_s", "time_s", "motion", "tool", "place"):
             if len(getattr(self, name)) != n:
                 raise InputError(f"tool path column {name} has another length", value=len(getattr(self, name)), limit=n)
         if n and (np.any(np.diff(self.time_s) < 0.0) or np.any(np.diff(self.motion) < 0)):

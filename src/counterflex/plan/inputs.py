@@ -16,6 +16,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose
+from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import FEED, RAPID, ToolPath, tool_orientation
 from counterflex.plan.damping import Damping
@@ -77,6 +78,8 @@ class Setting:
         damping: Damping ratio of the robot's modes, against chatter.
         drive_errors: Periodic errors and sag of the drives: what the links of ``chain`` truly do at commanded angles.
         by_axes: Motions of the program that the controller makes by axes.
+        places: Places that external axes take along the program; ``T_base_part`` is that of the first. None: they
+            stand in one place.
     """
 
     chain: ElasticChain
@@ -100,10 +103,23 @@ class Setting:
     turning: ToolRotation | None = None
     T_base_tcp: Float | None = None
     by_axes: ByAxes = _ALL_LINES
+    places: ExternalPlaces | None = None
 
     def rotations_rad(self, p_part_tcp: Float) -> float | Float:
         """Free rotation at all points (n, 3) m of a program, in their order: one angle, or (n,) where it turns."""
         return self.rotation_about_tool_rad if self.turning is None else self.turning.along(p_part_tcp)
+
+    def Ts_base_part(self, path: ToolPath) -> Float:
+        """Part frame as the controller knows it along a path: (n, 4, 4), or (4, 4) where nothing carries it away."""
+        return self.T_base_part if self.places is None else self.places.Ts_base_part(path.place)
+
+    def Ts_base_before(self, path: ToolPath) -> Float | None:
+        """(n, 4, 4) robot base at the begin of the program in that along a path; None where it stands."""
+        if self.places is None:
+            return None
+        first = pose.inverse(self.places.Ts_base_floor(np.zeros(1))[0])
+        out: Float = self.places.Ts_base_floor(path.place) @ first
+        return out
 
     def poses_in_part(self, path: ToolPath) -> Float:
         """(n, 4, 4) poses of the tool frame in the part along a path of n rows."""
@@ -113,7 +129,7 @@ class Setting:
     def relative_motion(self, path: ToolPath) -> RelativeMotion:
         """How the tool moves relative to the part in the rows of a path when the robot's hand moves."""
         if self.T_base_tcp is None:
-            return tool_carried(self.T_base_part)
+            return tool_carried(self.T_base_part, None if self.places is None else self.Ts_base_part(path))
         return part_carried(self.T_base_tcp, self.poses_in_part(path))
 
 
@@ -209,7 +225,7 @@ class Inputs:
 
 def programmed_poses(path: ToolPath, setting: Setting) -> Float:
     """(n, 4, 4) m, poses of the hand (tool frame, or the part frame it holds) that a path of n rows asks for."""
-    return hand_poses(setting.T_base_part, setting.T_base_tcp, setting.poses_in_part(path))
+    return hand_poses(setting.Ts_base_part(path), setting.T_base_tcp, setting.poses_in_part(path))
 
 
 def joint_angles(

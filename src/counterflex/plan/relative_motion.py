@@ -28,7 +28,8 @@ class RelativeMotion:
 
     Attributes:
         to_part: (n, 6, 6) X, from base axes to part axes; (1, 6, 6) where it is the same in every row.
-        T_base_part: (4, 4) part frame as the controller knows it, or None where the robot carries the part.
+        T_base_part: (4, 4) part frame as the controller knows it, or None where the robot carries the part; where
+            external axes carry one of them along, that of the begin, where it was measured.
     """
 
     to_part: Float
@@ -53,14 +54,17 @@ class RelativeMotion:
         return self if len(self.to_part) == 1 else replace(self, to_part=self.to_part[rows])
 
 
-def tool_carried(T_base_part: Float) -> RelativeMotion:
+def tool_carried(T_base_part: Float, Ts_base_part: Float | None = None) -> RelativeMotion:
     """The robot carries the tool, the part stands.
 
     Args:
         T_base_part: (4, 4).
+        Ts_base_part: (n, 4, 4) along the path, where external axes carry part or robot to other places; the first is
+            ``T_base_part``.
     """
-    X = np.zeros((1, 6, 6))
-    X[:, :3, :3] = X[:, 3:, 3:] = T_base_part[:3, :3].T
+    Rs = T_base_part[None, :3, :3] if Ts_base_part is None else Ts_base_part[:, :3, :3]
+    X = np.zeros((len(Rs), 6, 6))
+    X[:, :3, :3] = X[:, 3:, 3:] = np.swapaxes(Rs, -1, -2)
     return RelativeMotion(X, T_base_part)
 
 
@@ -85,7 +89,7 @@ def hand_poses(T_base_part: Float, T_base_tcp: Float | None, Ts_part_tcp: Float)
     """Poses of the hand that a path asks for.
 
     Args:
-        T_base_part: (4, 4); not looked at where the robot carries the part.
+        T_base_part: (4, 4) or (n, 4, 4); not looked at where the robot carries the part.
         T_base_tcp: (4, 4) tool frame of a spindle that stands, or None where the robot carries the tool.
         Ts_part_tcp: (n, 4, 4) poses of the tool frame in the part.
 

@@ -79,7 +79,10 @@ def residual_sag(p_part: Float, q: Float, setting: Setting, relative: RelativeMo
         return np.where(np.abs(out) < _ROUNDING_M, 0.0, out)
     datum, q_datum = touched
     T_base_true = true_part_frame(setting.T_base_part, datum, _unloaded_offset(setting, q_datum)[:, :3])
-    return sag_deviation(setting.T_base_part, T_base_true, p_part, off[:, :3])
+    sag = off[:, :3]
+    if setting.places is not None:  # seen from the base as it stood when the frame was measured
+        sag = relative.displacement(off)[:, :3] @ setting.T_base_part[:3, :3].T
+    return sag_deviation(setting.T_base_part, T_base_true, p_part, sag)
 
 
 def touched_points(setting: Setting) -> tuple[Float, Float] | None:

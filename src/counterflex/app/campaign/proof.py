@@ -99,7 +99,7 @@ def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str
     job = read_job(program, cell)
     setting = exact_setting(job, cell, read_truth(truth_file))
     with faults_in(job):
-        limited = limited_feed(job, cell, setting_of(cell, job.program, part_may_be_held=True))
+        limited = limited_feed(job, cell, setting_of(cell, job, part_may_be_held=True))
         path = job.path if limited is None else limited.path
         plan = make_plan(path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
     for name, text in write(job, plan, cell, own_language(job.program))[0].items():

@@ -98,7 +98,7 @@ def compensate(
     begin, parts = time.perf_counter(), in_parts(progress, WORK)
     parts[READING](0.0)
     cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading)
+    job = read_job(program, cell, reading=reading, may_move=True)
     refuse_compensated(job.program)
     own = own_language(job.program)
     language = own if language is None else language
@@ -107,7 +107,7 @@ def compensate(
         check_machine(job, cell, kind.dialect)
     require_stiffness_for(job, cell, parts[PLANNING])
     setting = setting_of(
-        cell, job.program, normal_only=normal_only, orientation=kind.orientation or job.words is not None, part_may_be_held=True
+        cell, job, normal_only=normal_only, orientation=kind.orientation or job.words is not None, part_may_be_held=True
     )
     with faults_in(job):
         limited = None if programmed_feed else limited_feed(job, cell, setting)

@@ -15,6 +15,7 @@ import numpy as np
 
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.app.compensation.robot_program import omissions, other_lengths, routine_name, tool_data
+from counterflex.app.external_moves import written_places
 from counterflex.app.inputs import Job
 from counterflex.app.robot_axes import (
     axes_in,
@@ -206,7 +207,7 @@ def _krl(order: WritingOrder) -> Written:
         cycle_s=controller.cycle_s,
         cell=cell.label,
         job=job_hash(plan),
-        external_axes=held_axes(cell),
+        **external(order, "krl"),
         tool_data={tool: int(value) for tool, value in data.items()},
         fixed_tool=cell.holds_part,
     )
@@ -216,6 +217,18 @@ def _krl(order: WritingOrder) -> Written:
 def held_axes(cell: Cell) -> dict[int, float]:
     """Value of each external axis by its number, mm or deg."""
     return {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes}
+
+
+def turning_axes(cell: Cell) -> frozenset[int]:
+    """Numbers of the external axes that turn."""
+    return frozenset(int(axis.name[1:]) for axis in cell.tables.external_axes if axis.kind == "turning")
+
+
+def external(order: WritingOrder, language: Dialect) -> dict[str, Any]:
+    """What a writer needs of the external axes: where they begin, and the places that they take."""
+    cell, places = order.cell, order.job.places
+    taken = [] if language == "val3" else written_places(places, cell, language)
+    return {"external_axes": held_axes(cell), "places": taken, "turning_axes": turning_axes(cell)}
 
 
 def _rapid(order: WritingOrder) -> Written:
@@ -237,7 +250,7 @@ def _rapid(order: WritingOrder) -> Written:
         cycle_s=controller.cycle_s,
         cell=cell.label,
         job=job_hash(plan),
-        external_axes=held_axes(cell),
+        **external(order, "rapid"),
         tool_data=tool_data(job.program, cell, "rapid"),
     )
     return _robot_text(order, RapidWriter, settings, "rapid")
@@ -262,7 +275,7 @@ def _fanuc(order: WritingOrder) -> Written:
         cycle_s=controller.cycle_s,
         cell=cell.label,
         job=job_hash(plan),
-        external_axes=held_axes(cell),
+        **external(order, "fanuc"),
         tool_data={tool: int(value) for tool, value in data.items()},
     )
     return _robot_text(order, FanucWriter, settings, "fanuc")
@@ -285,7 +298,7 @@ def _val3(order: WritingOrder) -> Written:
         cycle_s=controller.cycle_s,
         cell=cell.label,
         job=job_hash(plan),
-        external_axes=held_axes(cell),
+        **external(order, "val3"),
         tool_data=tool_data(job.program, cell, "val3"),
     )
     return _robot_text(order, Val3Writer, settings, "val3")

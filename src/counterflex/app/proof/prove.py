@@ -108,13 +108,13 @@ def prove(
     parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), exact=exact))
     parts[PLANNING](0.0)
     with faults_in(job):
-        limited = limited_feed(job, cell, setting_of(cell, job.program, part_may_be_held=True))
+        limited = limited_feed(job, cell, setting_of(cell, job, part_may_be_held=True))
         slowed = job if limited is None else replace(job, path=limited.path)
         plan = make_plan(
             slowed.path,
             job.line_of_motion,
             cell.stock(),
-            setting_of(cell, job.program, orientation=job.words is not None, part_may_be_held=True),
+            setting_of(cell, job, orientation=job.words is not None, part_may_be_held=True),
             feeds=job.feeds,
             progress=_saying(parts[PLANNING], PLANNING),
         )

@@ -89,7 +89,7 @@ def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCu
         ProgramError: It mills no side of a wall, only slots or nothing.
         CounterflexError: It does not fit the cell.
     """
-    path, setting = job.path, setting_of(cell, job.program, part_may_be_held=True)
+    path, setting = job.path, setting_of(cell, job, part_may_be_held=True)
     line = job.line_of_motion[path.motion]
     with faults_in(job):
         q = solve_joints(path, line, setting).q

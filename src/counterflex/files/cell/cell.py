@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -230,6 +231,33 @@ class Cell:
             )
         T_base_part = self.T_base_floor @ moved(self.tables.external_axes, "part") @ self.part.matrix()
         return T_base_part if self.R_part_plane is None else T_base_part @ pose.make(self.R_part_plane)
+
+    @cached_property
+    def T_frame_part(self) -> Float:
+        """(4, 4) part frame as programs give it: in the robot base, external axes that the controller counts in at zero.
+
+        Such an axis (``coupled``) carries no frame away: the controller's world stands where it is when the axis is at
+        zero, and a frame on a positioner goes with that.
+        """
+        free = tuple(axis for axis in self.tables.external_axes if not axis.coupled)
+        T_base_floor = pose.inverse(moved(free, "robot"))
+        T_frame_part = T_base_floor @ moved(free, "part") @ self.part.matrix()
+        return T_frame_part if self.R_part_plane is None else T_frame_part @ pose.make(self.R_part_plane)
+
+    def at_external(self, values: Mapping[int, float]) -> Cell:
+        """The cell with external axes elsewhere.
+
+        Args:
+            values: By number of the axis, mm or deg; others stay.
+        """
+        axes = tuple(
+            axis.model_copy(update={
+                "at_mm" if axis.kind == "linear" else "at_deg": values.get(int(axis.name[1:]), axis.shown),
+                "moves_mm": (), "moves_deg": (), "moves_at_mm": (),
+            })
+            for axis in self.tables.external_axes
+        )  # fmt: skip
+        return replace(self, tables=self.tables.model_copy(update={"external_axes": axes}))
 
     @cached_property
     def T_base_tcp(self) -> Float | None:

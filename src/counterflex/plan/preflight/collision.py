@@ -141,14 +141,39 @@ class Closest:
     second: int
 
 
-def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, T_base_part: Float) -> Float:
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """Part and floor in the robot base along a path of n rows, where external axes carry them or the robot.
+
+    Attributes:
+        Ts_base_part: (n, 4, 4), or (4, 4) where nothing moves.
+        Ts_base_before: (n, 4, 4) the base that bodies on the floor are given in, in the base along the path; None where
+            the robot stands.
+        moved_m: (n,) bound of the way that a point of these bodies has gone from row 0 on, rising; None: nothing moves.
+    """
+
+    Ts_base_part: Float
+    Ts_base_before: Float | None = None
+    moved_m: Float | None = None
+
+    def rows(self, rows: Int | slice) -> Standing:
+        """The same for some rows."""
+        if self.Ts_base_part.ndim == 2:
+            return self
+        before, moved = self.Ts_base_before, self.moved_m
+        return Standing(
+            self.Ts_base_part[rows], None if before is None else before[rows], None if moved is None else moved[rows]
+        )
+
+
+def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, standing: Standing) -> Float:
     """Poses of bodies in the base.
 
     Args:
         chain: As the controller has it.
         bodies: k bodies.
         q: (n, 6) rad.
-        T_base_part: (4, 4).
+        standing: Part and floor.
 
     Returns:
         (n, k, 4, 4) m.
@@ -156,11 +181,14 @@ def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, T_base_part: Fl
     Ts = frames(chain, q)
     driven = np.flatnonzero(chain.joint >= 0)
     base = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    of = {"base": base, "part": np.broadcast_to(T_base_part, (len(q), 4, 4))}
+    of = {"base": base, "part": np.broadcast_to(standing.Ts_base_part, (len(q), 4, 4))}
+    floor = base if standing.Ts_base_before is None else standing.Ts_base_before
     of |= {f"joint{n + 1}": Ts[:, segment] for n, segment in enumerate(driven)}
     of["flange"] = Ts[:, chain.flange_segment] @ chain.T_segment_flange
     of["tcp"] = Ts[:, -1] @ chain.T_last_tcp
-    return np.stack([of[body.frame] @ body.T_frame_body for body in bodies], axis=1)
+    on_floor = [body.frame == "base" and body.surrounds for body in bodies]
+    placed = [(floor if on else of[body.frame]) @ body.T_frame_body for body, on in zip(bodies, on_floor, strict=True)]
+    return np.stack(placed, axis=1)
 
 
 def at_least(bodies: Sequence[Body], compared: Sequence[tuple[int, int]], Ts_base_body: Float) -> Float:
@@ -194,7 +222,7 @@ def closest(
     compared: Sequence[tuple[int, int]],
     q: Float,
     tool: Int,
-    T_base_part: Float,
+    standing: Standing,
     progress: Progress = silent,
     left_over: LeftOver | None = None,
 ) -> Closest | None:
@@ -209,7 +237,7 @@ def closest(
         compared: Pairs of indices.
         q: (n, 6) rad.
         tool: (n,) number of the tool in the spindle.
-        T_base_part: (4, 4).
+        standing: Part and floor.
         progress: Progress callback, fraction 0 to 1.
         left_over: What is left of the blank, for pairs with its box that come nearer than a distance.
 
@@ -222,8 +250,8 @@ def closest(
     for first, second in compared:
         low, high = sorted((bodies[first].link, bodies[second].link))
         by_links.setdefault((low, high), []).append((first, second))
-    watched = [(of, sweep_between(chain, bodies, q, tool, *links)) for links, of in by_links.items()]
-    placed = Placed(chain, bodies, q, T_base_part, left_over)
+    watched = [(of, sweep_between(chain, bodies, q, tool, *links, standing.moved_m)) for links, of in by_links.items()]
+    placed = Placed(chain, bodies, q, standing, left_over)
     best: Closest | None = None
     row = reported = 0
     while row < len(q):
@@ -250,14 +278,14 @@ class Placed:
         chain: As the controller has it.
         bodies: The bodies.
         q: (n, 6) rad.
-        T_base_part: (4, 4).
+        standing: Part and floor.
         left_over: What is left of the blank.
     """
 
     def __init__(
-        self, chain: ElasticChain, bodies: Sequence[Body], q: Float, T_base_part: Float, left_over: LeftOver | None
+        self, chain: ElasticChain, bodies: Sequence[Body], q: Float, standing: Standing, left_over: LeftOver | None
     ) -> None:
-        self._chain, self._bodies, self._q, self._T_base_part = chain, bodies, q, T_base_part
+        self._chain, self._bodies, self._q, self._standing = chain, bodies, q, standing
         self._left_over, self._scene, self._row = left_over, Scene(bodies), -1
         self._Ts: Float = np.empty(0)
 
@@ -273,7 +301,8 @@ class Placed:
             least_m: Least distance of the rows before: of what is farther away, a bound will do.
         """
         if row != self._row:
-            self._Ts = poses(self._chain, self._bodies, self._q[row : row + 1], self._T_base_part)
+            only = slice(row, row + 1)
+            self._Ts = poses(self._chain, self._bodies, self._q[only], self._standing.rows(only))
             self._scene.place(self._Ts[0])
             self._row = row
         bound_m = at_least(self._bodies, compared, self._Ts)[0]
@@ -298,7 +327,7 @@ def collision_rows(
     bodies: Sequence[Body],
     q: Float,
     tool: Int,
-    T_base_part: Float,
+    standing: Standing,
     clearance_m: float,
     progress: Progress = silent,
     machined: Callable[[], MachinedStock] | None = None,
@@ -311,7 +340,7 @@ def collision_rows(
         bodies: All bodies.
         q: (n, 6) rad.
         tool: (n,).
-        T_base_part: (4, 4).
+        standing: Part and floor.
         clearance_m: Least distance; tools and holders need none, they are as large as they are.
         progress: Progress callback, fraction 0 to 1.
         machined: Begins to cut the stock anew; None compares with the blank as it is.
@@ -328,7 +357,7 @@ def collision_rows(
         part: Progress = lambda fraction, k=k: progress((k + fraction) / 4.0)  # noqa: E731
         near = HOLDER_NEAR_M if name == HOLDER else least
         left = None if machined is None or near is None or not compared else LeftOver(machined(), bodies, near)
-        result = closest(chain, bodies, compared, q, tool, T_base_part, part, left)
+        result = closest(chain, bodies, compared, q, tool, standing, part, left)
         if name == HOLDER:
             rows.append(_holder_row(result, bodies, tool, 0.0 if left is None else left.grain_m))
         else:
@@ -336,7 +365,7 @@ def collision_rows(
     given = [pair for pair in sharp if not any(bodies[k].assumed and bodies[k].tool is None for k in pair)]
     if rapid is not None and rows[1].verdict == "ok":
         at = np.flatnonzero(rapid)
-        passed = closest(chain, bodies, given, q[at], tool[at], T_base_part)
+        passed = closest(chain, bodies, given, q[at], tool[at], standing.rows(at))
         if passed is not None and passed.distance_m < RAPID_CLEARANCE_M:
             what = f"{bodies[passed.first].name} to {bodies[passed.second].name} in a rapid"
             rows[1] = Row(TOOL, "warning", passed.distance_m, RAPID_CLEARANCE_M, "m", int(at[passed.point]), what,

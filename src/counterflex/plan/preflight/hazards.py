@@ -85,6 +85,8 @@ HAZARDS: Final = (
            "height over the blank until X, Y and Z are named: the way there is not known",
            "0; not in the blank", ("part.stock",), "fail in the blank; warning beside it below its top"),
     Hazard("rapids into the stock", "volume that the worst rapid removes", "0", ("part.stock",), "fail"),
+    Hazard("external axes", "height of the tool over the blank while an external axis moves; its travel",
+           "0; the limits of the axis", ("external_axes", "part.stock"), "fail"),
     Hazard("tool change", "height of the tool over the blank at a tool change", "0", ("part.stock",),
            "fail in the blank"),
     Hazard("end of the program", "height of the tool over the blank at the end", "0; spindle stopped",

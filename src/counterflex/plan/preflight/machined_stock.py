@@ -163,4 +163,5 @@ def _rows(path: ToolPath, begin: int, end: int) -> ToolPath:
     return ToolPath(
         path.p_part_tcp[begin:end], path.axis_part[begin:end], path.kind[begin:end], path.feed_m_s[begin:end],
         path.spindle_rad_s[begin:end], time, path.motion[begin:end], path.tool[begin:end],
+        path.place[begin:end],
     )  # fmt: skip

@@ -14,6 +14,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
+from counterflex.path.external_axes import moving
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.cut import at_points
 from counterflex.plan.inputs import Setting, joint_angles, programmed_poses
@@ -21,6 +22,7 @@ from counterflex.plan.preflight import joints as joint_checks
 from counterflex.plan.preflight.approximation import approximation_rows, corners_of
 from counterflex.plan.preflight.bodies import Body
 from counterflex.plan.preflight.collision import collision_rows
+from counterflex.plan.preflight.external_moves import external_row, standing_along
 from counterflex.plan.preflight.hazards import complete
 from counterflex.plan.preflight.held_speed import HeldSpeed, held_speed
 from counterflex.plan.preflight.machined_stock import MachinedStock
@@ -31,6 +33,7 @@ from counterflex.plan.preflight.process.cut_rows import (
     Machining,
     MadeCut,
     cut_rows,
+    cutter_or_none,
     demanded,
     made_cut,
 )
@@ -131,6 +134,7 @@ def preflight(
     parts[JOINTS](1.0)
     made = made_cut(fine, stock, setting, parts[CUTTING])
     rows += cut_rows(made, setting, machining, written)
+    rows.append(external_row(fine, setting, stock, cutter_or_none(setting.cutter_of)))
     contact = made.contact
     cuts = bool(np.any(contact))
     cutting = contact if cuts else fine.kind == FEED
@@ -149,7 +153,7 @@ def preflight(
         rows += _joint_rows(first, solution, margin, along, bounds, "cutting path" if cuts else "path at feed")
         rows.append(joint_checks.between_row(setting.controller_chain.axes))
         rows += collision_rows(
-            setting.controller_chain, bodies, q, fine.tool[:reached], setting.T_base_part, bounds.clearance_m,
+            setting.controller_chain, bodies, q, fine.tool[:reached], standing_along(first, setting), bounds.clearance_m,
             parts[COLLISION], None if made.result is None else lambda: MachinedStock(made.turning, stock, setting),
             fine.kind[:reached] == RAPID,
         )  # fmt: skip
@@ -238,10 +242,13 @@ def _along(
     path: ToolPath, q: Float, swung_path: Swung, bounds: Bounds, written: AsWritten, turns: Sequence[Event],
     cutting: Bool,
 ) -> AlongPath:  # fmt: skip
-    """Curves along the rows that are reached. Motions by axes keep to the speeds of the axes by themselves."""
+    """Curves along the rows that are reached.
+
+    Motions by axes, and those of external axes, keep to the speeds of the axes by themselves.
+    """
     setting = swung_path.setting
     q = setting.controller_chain.axes.shown(q)
-    speeds = np.where(swung_path.made[: len(path), None], 0.0, joint_checks.joint_speeds(path, q))
+    speeds = np.where((swung_path.made[: len(path)] | moving(path))[:, None], 0.0, joint_checks.joint_speeds(path, q))
     accelerations = joint_checks.joint_accelerations(path, speeds, bounds.acceleration_m_s2)
     blocks = blocks_of(path)
     corners = corners_of(path, blocks, written.approximation_m, bounds.blending_m)

@@ -120,5 +120,5 @@ def with_points_in_rapids(path: ToolPath, step_m: float = STEP_M, lines: Bool | 
 
     axis = between(path.axis_part)
     columns = {item.name: getattr(path, item.name)[row] for item in dataclasses.fields(path)}
-    columns |= {"p_part_tcp": between(path.p_part_tcp), "time_s": between(path.time_s)}
+    columns |= {"p_part_tcp": between(path.p_part_tcp), "time_s": between(path.time_s), "place": between(path.place)}
     return ToolPath(**(columns | {"axis_part": axis / np.linalg.norm(axis, axis=1, keepdims=True)}))

@@ -21,7 +21,7 @@ from counterflex.robot.elasticity.chain import ElasticChain, frames
 CELLS_M: Final = (8.0 * MM, 2.0 * MM, 0.5 * MM)
 """Sides of the cells: large ones leave out rows far from the closest place, the smallest is as fine as the result."""
 _CHUNK: Final = 2000
-_FACTORS: Final = np.array([1, 73856093, 19349663, 83492791, 49979687, 15485863], dtype=np.int64)
+_FACTORS: Final = np.array([1, 73856093, 19349663, 83492791, 49979687, 15485863, 67867967], dtype=np.int64)
 """Factors that number the cells (the first primes of Teschner et al. 2003, Optimized spatial hashing)."""
 
 
@@ -115,8 +115,9 @@ class Sweep:
 
 
 def sweep_between(
-    chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int, low: int = 0, high: int = 6
-) -> Sweep:
+    chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int, low: int = 0, high: int = 6,
+    moved_m: Float | None = None,
+) -> Sweep:  # fmt: skip
     """Return the sweep of bodies that ``high`` axes move, against those that ``low`` axes move.
 
     The axes between move the one against the other. What the flange carries has its own bound against what stands.
@@ -128,15 +129,17 @@ def sweep_between(
         tool: (n,).
         low: Axes that move the one body.
         high: Axes that move the other.
+        moved_m: (n,) bound of the way that surroundings have gone from row 0 on; None: they stand.
     """
-    if (low, high) == (0, 6):
+    if (low, high) == (0, 6) and moved_m is None:
         return sweep_of_flange(chain, bodies, q, tool)
-    return sweep_of_joints(chain, bodies, q, tool, low, high)
+    return sweep_of_joints(chain, bodies, q, tool, low, high, moved_m)
 
 
 def sweep_of_joints(
-    chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int, low: int = 0, high: int = 6
-) -> Sweep:
+    chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int, low: int = 0, high: int = 6,
+    moved_m: Float | None = None,
+) -> Sweep:  # fmt: skip
     """Return the sweep of any bodies of a robot: ``sum |dq_j| R_j`` bounds the motion of every one of their points.
 
     ``R_j`` is the longest way from axis j outward along the chain, with the farthest corner of what the flange carries.
@@ -148,12 +151,14 @@ def sweep_of_joints(
         tool: (n,).
         low: Axes that move the one body of a pair.
         high: Axes that move the other.
+        moved_m: See :func:`sweep_between`.
     """
     steps = np.array([np.linalg.norm(offset) for offset in joint_offsets(chain)])
     way = np.cumsum(steps[::-1])[::-1][1:]  # from axis j to the flange
     beyond = float(np.linalg.norm(chain.T_flange_tcp[:3, 3])) if chain.flange_segment < chain.n else 0.0
     size = max((_reach(b, np.eye(4)) for b in bodies if b.link), default=0.0)
-    return Sweep((q * (way + beyond + size))[:, low:high], None, 0.0, tool)
+    place = (q * (way + beyond + size))[:, low:high]
+    return Sweep(place if moved_m is None else np.column_stack([place, moved_m]), None, 0.0, tool)
 
 
 def sweep_of_flange(chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int) -> Sweep:

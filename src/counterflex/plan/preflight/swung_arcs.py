@@ -19,6 +19,7 @@ from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Setting
 from counterflex.plan.preflight.bodies import joint_offsets
+from counterflex.plan.preflight.external_moves import moved_m
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import PathSolution
@@ -28,7 +29,7 @@ from counterflex.robot.model.controller_axes import room
 CHECK: Final = "motions by axes"
 STEP_M: Final = 5.0 * MM
 """Longest step of any point of the robot between rows: that of rapids along a line."""
-_MOST: Final = 2000
+_MOST: Final = 4000
 """Rows of one motion: an arm of 3 m that turns by a full turn has them."""
 _SAME_RAD: Final = 1.0 * DEG
 
@@ -76,7 +77,8 @@ def swung(path: ToolPath, setting: Setting, solution: PathSolution | None) -> Sw
     count = np.ones(len(path), dtype=np.int64)
     if solution is not None:
         at = np.flatnonzero(ends[:reached])
-        count[at] = _counts(setting.controller_chain, solution.q, at)
+        away = np.zeros(len(path)) if setting.places is None else moved_m(setting.places, path.place)
+        count[at] = _counts(setting.controller_chain, solution.q, at, away[at] - away[at - 1])
     made = np.repeat(ends, count)
     if solution is None or np.all(count == 1):
         return Swung(path, setting, solution, np.arange(len(path)), made)
@@ -89,18 +91,20 @@ def swung(path: ToolPath, setting: Setting, solution: PathSolution | None) -> Sw
     q = np.where(part == 1.0, solution.q[own], solution.q[before] + part * (solution.q[own] - solution.q[before]))
     between = np.flatnonzero(share[:inside] < 1.0)
     columns = {item.name: getattr(path, item.name)[row] for item in dataclasses.fields(path)}
-    _swing(columns, setting, q, between)
     ahead = np.maximum(row - 1, 0)
-    columns["time_s"] = path.time_s[ahead] + share * (path.time_s[row] - path.time_s[ahead])
+    for name in ("time_s", "place"):
+        values = getattr(path, name)
+        columns[name] = np.where(share == 1.0, values[row], values[ahead] + share * (values[row] - values[ahead]))
+    _swing(columns, setting, q, between)
     out = ToolPath(**columns)
     return Swung(out, _along(setting, path, out, last), _solved(setting, solution, q, own, between), last, made)
 
 
-def _counts(chain: ElasticChain, q: Float, at: Int) -> Int:
-    """Rows of the motions that end at some rows, by the way that a point of the robot may go."""
+def _counts(chain: ElasticChain, q: Float, at: Int, away_m: Float) -> Int:
+    """Rows of the motions that end at some rows, by the way that a point of robot or surroundings may go."""
     steps = np.array([np.linalg.norm(offset) for offset in joint_offsets(chain)])
     way = np.cumsum(steps[::-1])[::-1][1:] + float(np.linalg.norm(chain.T_flange_tcp[:3, 3]))
-    length = np.abs(q[at] - q[at - 1]) @ way
+    length = np.abs(q[at] - q[at - 1]) @ way + away_m
     out: Int = np.clip(np.ceil(length / STEP_M), 1, _MOST).astype(np.int64)
     return out
 
@@ -109,7 +113,9 @@ def _swing(columns: dict[str, Float], setting: Setting, q: Float, between: Int) 
     """Enter tip and axis of the tool where the arm swings them."""
     Ts_base_hand = forward(setting.controller_chain, q[between])
     if setting.T_base_tcp is None:
-        Ts_part_tcp = pose.inverse(setting.T_base_part) @ Ts_base_hand
+        places = setting.places
+        Ts = setting.T_base_part if places is None else places.Ts_base_part(columns["place"][between])
+        Ts_part_tcp = pose.inverse(Ts) @ Ts_base_hand
     else:
         Ts_part_tcp = pose.inverse(Ts_base_hand) @ setting.T_base_tcp
     columns["p_part_tcp"][between] = Ts_part_tcp[:, :3, 3]

@@ -74,8 +74,9 @@ def fanuc_frames(settings: FanucSettings, tool: int) -> list[str]:
 
 
 def fanuc_motion(
-    settings: FanucSettings, tool: int, word: str, Ts_part_tcp: Sequence[Float], speed: str, termination: str
-) -> str:
+    settings: FanucSettings, tool: int, word: str, Ts_part_tcp: Sequence[Float], speed: str, termination: str,
+    external_axes: Mapping[int, float] | None = None,
+) -> str:  # fmt: skip
     """A motion with the entries of its positions, until :func:`fanuc_program` numbers them.
 
     Args:
@@ -85,9 +86,10 @@ def fanuc_motion(
         Ts_part_tcp: (4, 4) m, its points: of C the one on the circle first.
         speed: As written, with its unit.
         termination: ``FINE``, ``CNT100``.
+        external_axes: Where they stand; None: as at the begin.
     """
     names = "\n    :  ".join("P[#]" for _ in Ts_part_tcp)
-    external = _external(settings)
+    external = _external(settings, settings.external_axes if external_axes is None else external_axes)
     frames = f"\tUF : {settings.base}, UT : {settings.tool_of(tool)},\t\tCONFIG : '{settings.configuration}',\n"
     entries = "".join(f"{_POSE}{frames}{values_text(T)}{external}" for T in Ts_part_tcp)
     return f"{word} {names} {speed} {termination}{entries}"
@@ -98,12 +100,12 @@ def fanuc_joint_motion(settings: FanucSettings, tool: int) -> str:
     axes = enumerate(settings.start_axes_rad, start=1)
     values = ",\n".join(f"\tJ{i} = {number(angle / DEG, FANUC.angle_decimals)} deg" for i, angle in axes)
     frames = f"\tUF : {settings.base}, UT : {settings.tool_of(tool)},\n"
-    return f"J P[#] {settings.axis_percent}% FINE{_POSE}{frames}{values}{_external(settings)}"
+    return f"J P[#] {settings.axis_percent}% FINE{_POSE}{frames}{values}{_external(settings, settings.external_axes)}"
 
 
-def _external(settings: FanucSettings) -> str:
-    axes = sorted(settings.external_axes.items())
-    return "".join(f",\n\tE{axis} = {number(value, 4)} mm" for axis, value in axes)
+def _external(settings: FanucSettings, external_axes: Mapping[int, float]) -> str:
+    units = {axis: "deg" if axis in settings.turning_axes else "mm" for axis in external_axes}
+    return "".join(f",\n\tE{axis} = {number(value, 4)} {units[axis]}" for axis, value in sorted(external_axes.items()))
 
 
 def speed_text(speed_m_s: float) -> str:
@@ -191,4 +193,5 @@ class FanucWriter(RobotWriter[FanucSettings]):
 
     def _move(self, index: int, speed_m_s: float, termination: str) -> str:
         T = self.points.Ts_part_tcp[index]
-        return fanuc_motion(self.settings, self.tool, "L", [T], speed_text(speed_m_s), termination)
+        return fanuc_motion(self.settings, self.tool, "L", [T], speed_text(speed_m_s), termination,
+                            self.external_at(index))  # fmt: skip

@@ -135,7 +135,8 @@ class KrlProgram(RobotProgram):
         files: Files of the job that were read, by name: the main one, and data lists and subprograms that it uses.
         moves: One for each of ``motions``.
         R_tcp_tool: (3, 3) orientation of the controller's $TOOL in the cell's TCP frame.
-        extra: External axes as written, for added points: ``,E1 0.0``; empty where none are written.
+        extra: External axes as written, for added points: ``,E1 0.0``; empty where none are written, or where they
+            move: what a target does not name stays.
         loose_triggers: By file and line of a motion, the first line of the TRIGGER statements before it that count from
             its end; -1 where one that counts from its start stands behind them.
         reads_position: A target counts from where the robot is (``LIN_REL``, ``$POS_ACT``): it is written as numbers

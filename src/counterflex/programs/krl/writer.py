@@ -90,7 +90,7 @@ class KrlWriter(RobotWriter[KrlSettings]):
         settings = self.settings
         last, speed = self.speed, self.speed_to(index)
         out = [] if speed == last else [f"$VEL.CP={speed:.6f}"]
-        pose = krl_pose(self.points.Ts_part_tcp[index])
+        pose = self._pose(index)
         if index == 0 and settings.status is not None:
             return [*out, f"PTP {{{pose},S {settings.status},T {settings.turn}}}"]
         return [*out, f"LIN {{{pose}}}" + ("" if self.points.exact[index] or index == 0 else " C_DIS")]
@@ -98,8 +98,13 @@ class KrlWriter(RobotWriter[KrlSettings]):
     def enter(self, tool: int, place: int) -> list[str]:
         """Frames and speeds behind a change of tool, and the way back."""
         self.speed = self.settings.rapid_m_s
-        back = f"LIN {{{krl_pose(self.points.Ts_part_tcp[place])}}}"
+        back = f"LIN {{{self._pose(place)}}}"
         return [*krl_frames(self.settings, tool), f"$VEL.CP={self.speed:.6f}", back]
+
+    def _pose(self, index: int) -> str:
+        """Components of a point; external axes are named where they move along the program."""
+        text = krl_pose(self.points.Ts_part_tcp[index])
+        return text + (krl_external(self.external_at(index)) if self.settings.places else "")
 
     def start(self, lead: Sequence[str]) -> list[str]:
         """Where the program comes from, first tool, frames and speeds, start posture."""
@@ -122,10 +127,14 @@ class KrlWriter(RobotWriter[KrlSettings]):
         """The main ``.dat``: the start posture."""
         angles = enumerate(self.settings.start_axes_rad, start=1)
         axes = ",".join(f"A{i} {number(a / DEG, KRL.angle_decimals)}" for i, a in angles)
-        for i, value in sorted(self.settings.external_axes.items()):
-            axes += f",E{i} {number(value, KRL.position_decimals)}"
+        axes += krl_external(self.settings.external_axes)
         name = self.settings.name
         return {f"{name}.dat": krl_data(name, [f"DECL E6AXIS XSTART={{{axes}}}"])}
+
+
+def krl_external(values: Mapping[int, float]) -> str:
+    """``,E1 ..`` of external axes by number, mm or deg; empty where there are none."""
+    return "".join(f",E{axis} {number(value, KRL.position_decimals)}" for axis, value in sorted(values.items()))
 
 
 def krl_frames(settings: KrlSettings, tool: int) -> list[str]:

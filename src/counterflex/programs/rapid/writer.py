@@ -154,7 +154,7 @@ class RapidWriter(RobotWriter[RapidSettings]):
         settings = self.settings
         axes = ",".join(number(a / DEG, 5) for a in settings.start_axes_rad)
         tool, speed = self._tool_name(self.first_tool), self._speed_data(settings.start_m_s)
-        move = f"    MoveAbsJ [[{axes}],{self._external}],{speed},fine,{tool}\\WObj:={self._wobj};"
+        move = f"    MoveAbsJ [[{axes}],{rapid_external(settings.external_axes)}],{speed},fine,{tool}\\WObj:={self._wobj};"
         return [*lead, *self._indented(UNSUPERVISED), move]
 
     def finish(self) -> list[str]:
@@ -192,18 +192,17 @@ class RapidWriter(RobotWriter[RapidSettings]):
     def _speed_data(self, speed_m_s: float) -> str:
         return f"[{number(speed_m_s / MM_PER_S, 4)},{number(self.settings.orientation_deg_s, 3)},5000,1000]"
 
-    @cached_property
-    def _external(self) -> str:
-        """Where external axes stand; 9E9: there is none."""
-        held = self.settings.external_axes
-        return "[" + ",".join(number(held[i], 5) if i in held else _NO_EXTERNAL for i in range(1, 7)) + "]"
-
     def _move(self, index: int, zone: str) -> str:
         conf = "[" + ",".join(str(int(c)) for c in self.settings.configuration) + "]"
         T = self.points.Ts_part_tcp[index]
-        target = f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},{conf},{self._external}]"
+        target = f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},{conf},{rapid_external(self.external_at(index))}]"
         speed = self._speeds[self.speed or self.settings.rapid_m_s]
         return f"    MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
+
+
+def rapid_external(values: Mapping[int, float]) -> str:
+    """``[...]`` of external axes by number, mm or deg; 9E9: there is none."""
+    return "[" + ",".join(number(values[i], 5) if i in values else _NO_EXTERNAL for i in range(1, 7)) + "]"
 
 
 def rapid_tool(settings: RapidSettings, name: str) -> str:

@@ -12,6 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
+from counterflex.programs.program import Motion
 from counterflex.programs.robot_text.frame_limits import SAME_M, SAME_RAD
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
@@ -30,7 +31,8 @@ class RobotTextCell:
         functions: ``[controller.spindle]`` of the language.
         external_axes: Value of external axes by number, mm or deg.
         tip_of_axes: Returns (4, 4) m, the TCP frame of the cell in the part frame, where the axes A1 to A6 (J1 to J6)
-            stand as the controller shows them, deg; None where the cell has no robot that tells it.
+            stand as the controller shows them, deg, and external axes at values by number, mm or deg; None where the
+            cell has no robot that tells it.
     """
 
     where: str
@@ -39,7 +41,7 @@ class RobotTextCell:
     T_base_part: Float
     functions: MachineFunctions
     external_axes: Mapping[int, float] = field(default_factory=dict)
-    tip_of_axes: Callable[[Sequence[float]], Float] | None = None
+    tip_of_axes: Callable[[Sequence[float], Mapping[int, float]], Float] | None = None
 
     @property
     def only_tool(self) -> int:
@@ -171,18 +173,25 @@ class NumberedFrames:
 
 
 class ExternalAxes:
-    """Refuses external axes that move, or stand elsewhere than the cell says.
+    """Follows the external axes of a program: it begins where the cell says, and may go on between operations.
 
     Args:
         cell: Where they stand by it; None takes the first place for all.
+        made: Returns the number of motions made so far.
+
+    Attributes:
+        now: Value by number of the axis, mm or deg, of those that the program has named.
     """
 
-    def __init__(self, cell: RobotTextCell | None) -> None:
+    def __init__(self, cell: RobotTextCell | None, made: Callable[[], int]) -> None:
         self._expected = {} if cell is None else cell.external_axes
-        self._first: dict[int, float] = {}
+        self._may_move = cell is not None
+        self._made = made
+        self.now: dict[int, float] = {}
+        self._changes: dict[int, dict[int, tuple[float, str, str]]] = {}
 
     def check(self, number: int, value: float, name: str, where: str) -> None:
-        """An external axis of a target.
+        """Take an external axis of a target.
 
         Args:
             number: Of the axis, 1 to 6.
@@ -191,13 +200,46 @@ class ExternalAxes:
             where: File and line, for messages.
 
         Raises:
-            ProgramError: It moves.
+            ProgramError: It begins elsewhere than in the cell file, or moves and the cell file does not describe it.
         """
-        first = self._first.setdefault(number, value)
-        limit = self._expected.get(number, first)
-        if abs(value - limit) > _SAME_EXTERNAL:
-            raise ProgramError(
-                f"external axis {name} moves, or stands elsewhere than in the cell file", where=where,
-                value=f"{value:g}", limit=f"{limit:g}",
-                hint="External axes stand still in the cut: [[external_axes]] of the cell file says where",
-            )  # fmt: skip
+        motion = self._made()
+        now = self.now.setdefault(number, self._expected.get(number, value))
+        if abs(value - now) <= _SAME_EXTERNAL:
+            return
+        if motion == 0 or number not in self._expected or not self._may_move:
+            raise self._moves(value, now, name, where)
+        self.now[number] = value
+        self._changes.setdefault(motion, {})[number] = (value, name, where)
+
+    def changes(self, motions: Sequence[Motion]) -> dict[int, dict[int, float]]:
+        """Values that axes go to, by motion and number of the axis.
+
+        Args:
+            motions: Of the program.
+
+        Raises:
+            ProgramError: One moves along a cut: a motion at feed that leads to another place of the part.
+        """
+        out: dict[int, dict[int, float]] = {}
+        before: dict[int, float] = dict(self._expected)
+        for index, values in self._changes.items():
+            if index >= len(motions):
+                continue
+            motion = motions[index]
+            stands = float(np.linalg.norm(np.asarray(motion.p_end) - motion.p_start)) <= SAME_M
+            if motion.kind == "arc" or (motion.kind == "feed" and not stands):
+                number = next(iter(values))
+                value, name, where = values[number]
+                raise self._moves(value, before.get(number, value), name, where)
+            out[index] = {number: value for number, (value, _, _) in values.items()}
+            before |= out[index]
+        return out
+
+    @staticmethod
+    def _moves(value: float, limit: float, name: str, where: str) -> ProgramError:
+        return ProgramError(
+            f"external axis {name} moves, or stands elsewhere than in the cell file", where=where,
+            value=f"{value:g}", limit=f"{limit:g}",
+            hint="External axes stand still in the cut: [[external_axes]] of the cell file says where. Between two "
+            "cuts they may move, by a motion by axes or while the tool stands",
+        )  # fmt: skip

@@ -19,12 +19,14 @@ class RobotProgram(Program):
         left_out: File and line of each motion by axes before the first target or behind the last one: none of the path.
         axes_deg: By motion, the axes A1 to A6 (J1 to J6) at its end as the controller shows them, of motions whose
             target the program gives by axes.
+        external: By motion, the values that external axes go to along it, mm or deg by the number of the axis.
     """
 
     Rs_part_tcp: Float | None = None
     acting: tuple[int, ...] = ()
     left_out: tuple[str, ...] = ()
     axes_deg: Mapping[int, Sequence[float]] = field(default_factory=dict)
+    external: Mapping[int, Mapping[int, float]] = field(default_factory=dict)
 
     @property
     def by_axes(self) -> frozenset[int]:

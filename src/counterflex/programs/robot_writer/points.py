@@ -70,6 +70,7 @@ class RobotPoints:
         speed_m_s: (m,) speed along the segment that ends there.
         exact: (m,) True where the point must be reached without blending (before events and at the end).
         motion: (m,) program motion of the row.
+        place: (m,) number of the place of the external axes.
         merged: Points dropped for the controller's cycle.
         too_close: Points closer than the cycle allows that had to stay.
         largest_position_error_m: See :class:`RobotText`.
@@ -84,6 +85,7 @@ class RobotPoints:
     speed_m_s: Float
     exact: Bool
     motion: Int
+    place: Int
     merged: int
     too_close: int
     largest_position_error_m: float
@@ -171,6 +173,9 @@ def choose_points(
     ends = np.concatenate([path.motion[1:] != path.motion[:-1], [True]])
     exact = _exact(program, path, ends, events)
     exact[:-1] |= (way[1:] == way[:-1]) & moving[1:]  # the nominal path stands still, the commanded one moves back
+    moved, whole = np.diff(path.place) != 0.0, path.place == np.round(path.place)
+    exact[:-1] |= moved & whole[:-1]  # external axes move from here, the tool stands,
+    exact[1:] |= moved & whole[1:]  # and have arrived here
     stays = exact | (rapid & ends)
     stays[:-1] |= (speed[1:] != speed[:-1]) | (rapid[1:] != rapid[:-1])
     stays[0] = True
@@ -178,7 +183,7 @@ def choose_points(
     for at in np.flatnonzero(dwells & moving).tolist():
         if at > 0 and relieved_along_axis(path, p, at):
             exact[at] = stays[at] = True
-    usable = (moving & ~dwells) | (stays & (~dwells | exact))
+    usable = whole & ((moving & ~dwells) | (stays & (~dwells | exact)))
     travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     spacing = np.where(rapid | dwells, 0.0, point_spacing(1.0, cycle_s) * path.feed_m_s)
     vertices = simplify(way, p, tolerance_m, rotvec=turned, tolerance_rad=tolerance_rad, fixed=stays)
@@ -207,6 +212,7 @@ def choose_points(
         speed_m_s=point_speed,
         exact=fine.at_rows(exact)[at_point],
         motion=path.motion[row],
+        place=path.place[row].astype(np.int64),
         merged=max(0, int(usable[vertices].sum()) - int(usable[0]) - len(row)) if n > 1 else 0,
         too_close=_too_close(at_point, travel, spacing),
         largest_position_error_m=position,

@@ -41,7 +41,9 @@ class RobotSettings:
         cell: Name of the cell, for the header.
         job: Hash of the plan, for the header.
         tool_data: What the controller calls the tool frame, by number of the tool in the program.
-        external_axes: Value of external axis 1 to 6 by its number, mm or deg: where it stands all along.
+        external_axes: Value of external axis 1 to 6 by its number, mm or deg: where it stands at the begin.
+        places: The same for each place that they take along the program; empty: they stand all along.
+        turning_axes: Numbers of external axes that turn: their values are deg, those of others mm.
     """
 
     name: str
@@ -54,6 +56,8 @@ class RobotSettings:
     job: str = ""
     tool_data: Mapping[int, Any] = field(default_factory=dict)
     external_axes: Mapping[int, float] = field(default_factory=dict)
+    places: Sequence[Mapping[int, float]] = ()
+    turning_axes: frozenset[int] = frozenset()
 
     def check(self) -> None:
         """Check ranges.
@@ -175,6 +179,11 @@ class RobotWriter(ABC, Generic[S]):
     def dwell(self, time_s: float) -> str:
         """Line that waits."""
         return self.indent + self.wait.format(f"{time_s:.3f}")
+
+    def external_at(self, index: int) -> Mapping[int, float]:
+        """Values of the external axes at a point, by number."""
+        places = self.settings.places
+        return places[int(self.points.place[index])] if places else self.settings.external_axes
 
     def speed_to(self, index: int) -> float:
         """Speed to a point, m/s; that of the point before where its own is zero."""

@@ -144,7 +144,7 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
     """
     path, blank, tools = made.path, made.blank, machining.tools
     cutter_of, contact = setting.cutter_of, made.contact
-    maybe = _maybe(cutter_of)
+    maybe = cutter_or_none(cutter_of)
     by_person = written.spindle_by_person
     rows = [
         moves.first_row(path, blank, maybe, written.height_known, written.arrival),
@@ -206,7 +206,7 @@ def demanded(
     return [*rows, demands.correction_row(demand, bounds, machining.rigid)]
 
 
-def _maybe(cutter_of: Callable[[int], Cutter]) -> Callable[[int], Cutter | None]:
+def cutter_or_none(cutter_of: Callable[[int], Cutter]) -> Callable[[int], Cutter | None]:
     """The cutter of a tool number, or None for one that the cell does not have."""
 
     def find(number: int) -> Cutter | None:

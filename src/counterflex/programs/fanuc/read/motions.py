@@ -45,7 +45,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         self.frames = Frames(cell, self.values)
         super().__init__(self.frames)
         self.cell = cell
-        self.targets = Targets(cell, self.values, self.frames)
+        self.targets = Targets(cell, self.values, self.frames, lambda: len(self.motions))
         self.file = ""
         self._arcs: list[int] = []  # motions of the running chain of A
         self._T_part_end: Float | None = None  # end of the last motion
@@ -98,8 +98,9 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
                 lambda: self.targets.refuse_moving(target.external_axes, target.others, where), target.axes or (),
             )  # fmt: skip
             return form.at_time
-        self.targets.refuse_moving(target.external_axes, target.others, where)
         self.arrive(lambda away: self._refuse_away(away, routine, statement))
+        for one in (*through, target):
+            self.targets.refuse_moving(one.external_axes, one.others, where)
         R = T[:3, :3] if by_axes else T[:3, :3] @ self.frames.R_tcp_tool.T
         self._make(form, T, R, through, routine, statement)
         if word == "A":
@@ -123,7 +124,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
                   hint="Write the position itself, or set its register in the program")  # fmt: skip
         T = None
         if target.axes and self.cell is not None and self.cell.tip_of_axes is not None:
-            T = self.cell.tip_of_axes(target.axes)
+            T = self.cell.tip_of_axes(target.axes, {**self.targets.external.now, **target.external_axes})
         if T is None and word != "J":
             raise fault(routine.listing, statement, "axis angles are no target of a path without the cell's robot",
                         limit="X Y Z W P R", hint="Give that place by X Y Z W P R, or give the cell")  # fmt: skip

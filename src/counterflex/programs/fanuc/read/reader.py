@@ -68,6 +68,7 @@ def read_fanuc(
         acting=tuple(sorted(set(interpreter.acting))),
         left_out=interpreter.left_out(name),
         axes_deg=interpreter.axes_deg,
+        external=interpreter.targets.external.changes(interpreter.motions),
         listings={name: routine.about(), **{key: one.about() for key, one in folder.routines.items()}},
         moves=tuple(interpreter.moves),
     )

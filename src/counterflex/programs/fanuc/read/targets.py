@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, cast
 
@@ -38,8 +38,8 @@ class Target:
         config: CONFIG.
         axes: Axes in deg of one that is given by them.
         unknown: Why it is not known.
-        external_axes: External axes of one by axes, E1 to E3 (J7 to J9), by number: mm or deg.
-        others: Text of further motion groups of one by axes.
+        external_axes: External axes, E1 to E3 (J7 to J9), by number: mm or deg.
+        others: Text of further motion groups.
     """
 
     T_user_tool: Float | None
@@ -59,20 +59,22 @@ class Targets:
         cell: What they are held against.
         values: Registers.
         frames: Active frames.
+        made: Returns the number of motions made so far.
 
     Attributes:
+        external: External axes along the program.
         override: Factor of all speeds.
         linear_max_m_s: Largest speed along the path that the program sets; inf where it sets none.
         conditions: Position register and frame of OFFSET CONDITION and TOOL_OFFSET CONDITION, by ``offset`` and
             ``tool``.
     """
 
-    def __init__(self, cell: FanucCell | None, values: Values, frames: Frames) -> None:
+    def __init__(self, cell: FanucCell | None, values: Values, frames: Frames, made: Callable[[], int]) -> None:
         self.cell, self.values, self.frames = cell, values, frames
         self.override: Value = 1.0
         self.linear_max_m_s: Value = float("inf")
         self.conditions: dict[str, tuple[Value, int | None]] = {}
-        self._external = ExternalAxes(cell)
+        self.external = ExternalAxes(cell, made)
         self._others: str | None = None
 
     # ---- targets -------------------------------------------------------------------------------------------
@@ -97,7 +99,10 @@ class Targets:
                 return replace(_by_axes(values, "", name, where), others=literal.others)
             self._frames_of(literal, routine)
             computed = "" if form.index.isdigit() else f"{name} by a register"
-            return Target(frame_of(literal.values), literal, computed, literal.config)
+            return Target(
+                frame_of(literal.values), literal, computed, literal.config, external_axes=literal.external,
+                others=literal.others,
+            )  # fmt: skip
         if value is None:
             value = self.values.value_of(form.word, [(index,)])
         if isinstance(value, Unknown) or not isinstance(value, Mapping):
@@ -117,10 +122,8 @@ class Targets:
                 limit="UFRAME_NUM and UTOOL_NUM before the first motion",
                 hint="Write the numbers into the program: the controller's are not known",
             )  # fmt: skip
-        for number, axis in enumerate(("E1", "E2", "E3"), start=1):
-            if axis in value:
-                self._external.check(number, float(cast("float", value[axis])), axis, where)
-        return Target(matrix_of(value, name, where), None, name, str(value.get(CONFIG, "")))
+        external = {n: float(cast("float", value[f"E{n}"])) for n in (1, 2, 3) if f"E{n}" in value}
+        return Target(matrix_of(value, name, where), None, name, str(value.get(CONFIG, "")), external_axes=external)
 
     def displaced(
         self, target: Target, form: MotionForm, here: Value, routine: Routine, statement: Statement
@@ -158,7 +161,7 @@ class Targets:
                 T = _added(T, value, computed, where)
             else:
                 T = self._in_frame(T, value, frame, where)
-        return Target(T, None, f"{target.computed}, {computed}".removeprefix(", "), target.config)
+        return replace(target, T_user_tool=T, literal=None, computed=f"{target.computed}, {computed}".removeprefix(", "))
 
     def _displacement(self, option: str, register: str, routine: Routine, statement: Statement
                       ) -> tuple[Value, int | None]:  # fmt: skip
@@ -224,8 +227,6 @@ class Targets:
                         limit=f"U{'TOOL' if word == 'UT' else 'FRAME'}_NUM before the first motion",
                         hint="Write the number into the program: the controller's is not known",
                     )  # fmt: skip
-        if position.external or position.others:
-            self.refuse_moving(position.external, position.others, routine.listing.place(position.start))
 
     def _own_frame(self, active: int, own: int, word: str, position: FanucPosition, routine: Routine) -> int:
         if active >= 0:
@@ -239,7 +240,7 @@ class Targets:
     def refuse_moving(self, external_axes: Mapping[int, float], others: str, where: str) -> None:
         """Refuse external axes, and further groups, that move."""
         for number, value in external_axes.items():
-            self._external.check(number, value, f"E{number}", where)
+            self.external.check(number, value, f"E{number}", where)
         self._others = self._others or others
         if others and others != self._others:
             raise ProgramError(

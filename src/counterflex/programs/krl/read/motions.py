@@ -70,7 +70,7 @@ class Motions(Modes):
     def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
         super().__init__(job, cell, complete=complete)
         self.cell = cell
-        self.targets = Targets(self.memory, self.value, cell)
+        self.targets = Targets(self.memory, self.value, cell, lambda: len(self.motions))
         self.moves: list[KrlMotion] = []
         self.loose: dict[tuple[str, int], int] = {}
         self.memory.position = self._position
@@ -277,7 +277,8 @@ class Motions(Modes):
             assert tip is not None
             self.targets.check_external(axes, f"{read.file}:{read.line}")
             self.axes_deg[len(self.motions)] = [axes[name] for name in AXES]
-            self._stand_at(index, tip(self.axes_deg[len(self.motions)]), read)
+            external = self.targets.external.now
+            self._stand_at(index, tip(self.axes_deg[len(self.motions)], external), read)
 
     def _stand_at(self, index: int, T_part_tcp: Float, read: KrlMotion) -> None:
         """Put a rapid to a place by axes into the block of its statement."""

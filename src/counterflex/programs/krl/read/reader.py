@@ -70,6 +70,7 @@ def read_krl(
     rotations = orientations(interpreter)
     leans = tilted(rotations)
     main = job.main.file
+    external = interpreter.targets.external.changes(interpreter.motions)
     return KrlProgram(
         name=name,
         dialect=KRL_DIALECT,
@@ -82,10 +83,11 @@ def read_krl(
         moves=tuple(interpreter.moves),
         Rs_part_tcp=rotations,
         R_tcp_tool=interpreter.frames.R_tcp_tool,
-        extra=interpreter.targets.extra_text,
+        extra="" if external else interpreter.targets.extra_text,
         acting=tuple(dict.fromkeys(interpreter.acting)),
         left_out=interpreter.left_out(name),
         axes_deg=interpreter.axes_deg,
+        external=external,
         loose_triggers=interpreter.loose,
         reads_position=interpreter.reads_position,
     )

@@ -60,18 +60,23 @@ class Targets:
         memory: Values of names.
         evaluate: Returns the value of an expression of a statement.
         cell: See :class:`KrlCell`.
+        made: Returns the number of motions made so far.
 
     Attributes:
+        external: External axes along the program.
         module: File of the statement that runs.
         line: Of it.
     """
 
-    def __init__(self, memory: Memory, evaluate: Callable[[Node, str], Value], cell: KrlCell | None) -> None:
+    def __init__(
+        self, memory: Memory, evaluate: Callable[[Node, str], Value], cell: KrlCell | None,
+        made: Callable[[], int] = lambda: 0,
+    ) -> None:  # fmt: skip
         self.memory, self._evaluate = memory, evaluate
         self.module: Module = memory.job.main
         self.line = 0
         self._external: dict[str, Component] = {}
-        self._external_axes = ExternalAxes(cell)
+        self.external = ExternalAxes(cell, made)
         self._angles: list[float] | None = None
         self._base: Float | None = None
         self._R_part_tool: Float = np.eye(3)
@@ -414,7 +419,7 @@ class Targets:
         """
         for name, value in values.items():
             if name[0] == "E":
-                self._external_axes.check(int(name[1:]), value, name, where)
+                self.external.check(int(name[1:]), value, name, where)
 
     @property
     def _place_name(self) -> str:

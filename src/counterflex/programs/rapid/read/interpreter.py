@@ -57,7 +57,7 @@ class Interpreter(Flow, Instructions, Calls):
         self.memory.evaluator = self
         self.frames: Frames = Frames(cell, self.memory, part_object)
         super().__init__(self.frames)
-        self.targets = Targets(self.memory, cell)
+        self.targets = Targets(self.memory, cell, lambda: len(self.motions))
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code, statements_of)
         self.effects = EffectsOf(modules, self._begins_function)
         self._running: list[Routine] = []

@@ -73,7 +73,7 @@ class Motions(Execution):
         self.now = Statement(0, 0, "", 1, False)
         self._call = -1
         self._displacement: list[list[float]] | None = None
-        self._away: list[tuple[Statement, Float | None, int, list[float]]] = []
+        self._away: list[tuple[Statement, Float | None, int, list[float], object]] = []
         self._states: dict[tuple[str, int, float], Modal] = {}
         self._rotations: dict[tuple[float, ...], Float] = {}
 
@@ -121,11 +121,11 @@ class Motions(Execution):
         D = self.displacement()
         if D is not None:
             T_object = D if T_object is None else T_object @ D
+        self._arrive(statement)
         target = self.targets.target(points[-1])
         auxiliary = self.targets.target(points[0]) if len(points) > 1 else None
         at = Speed(0.0) if form.by_axes else self.targets.speed(speed)
         zone_given = self.targets.zone(zone)
-        self._arrive(statement)
         feed, limited = self._feed(at)
         p, R = self._placed(target, T_object)
         self.straight(len(self._blocks) - 1, p, R @ R_tcp_tool.T, feed)
@@ -275,8 +275,8 @@ class Motions(Execution):
         tip = None if self.cell is None else self.cell.tip_of_axes
         if tip is not None and isinstance(axes, list) and len(axes) == _AXES and first_unknown(axes) is None:
             numbers = [float(axis) for axis in axes if is_number(axis)]
-            T = tip(numbers)
-        self._away.append((statement, T, len(self.by_axes), numbers))
+            T = tip(numbers, self.targets.external.now | self.targets.external_of(parts[1] if len(parts) == 2 else []))
+        self._away.append((statement, T, len(self.by_axes), numbers, parts[1] if len(parts) == 2 else []))
         self.by_axes.append(len(self._blocks) - 1)
 
     def _arrive(self, statement: Statement) -> None:
@@ -285,9 +285,10 @@ class Motions(Execution):
         if not away or not self.motions:
             return
         del self.by_axes[away[0][2] :]
-        for before, T, _, axes in away:
+        for before, T, _, axes, external in away:
             if T is None:
                 raise self._refuse_away(before, statement)
+            self.targets.check_external(external, before.start)
             self.axes_deg[len(self.motions)] = axes
             self.straight(len(self._blocks) - 1, T[:3, 3], T[:3, :3], 0.0)
             self.moves.append(

@@ -70,6 +70,7 @@ def read_rapid(
         acting=tuple(sorted(set(interpreter.acting))),
         left_out=interpreter.left_out(name),
         axes_deg=interpreter.axes_deg,
+        external=interpreter.targets.external.changes(interpreter.motions),
         text=text,
         files=tuple((part.name, part.start, part.end) for part in source.parts),
         moves=tuple(interpreter.moves),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -70,12 +71,16 @@ class Targets:
     Args:
         memory: Data of the program.
         cell: What the program is held against.
+        made: Returns the number of motions made so far.
+
+    Attributes:
+        external: External axes along the program.
     """
 
-    def __init__(self, memory: Memory, cell: RobotTextCell | None) -> None:
+    def __init__(self, memory: Memory, cell: RobotTextCell | None, made: Callable[[], int]) -> None:
         self.memory, self.source = memory, memory.source
-        self._external = ExternalAxes(cell)
-        self._checked: set[str] = set()
+        self.external = ExternalAxes(cell, made)
+        self._checked = ""
         self._uses: dict[tuple[int, tuple[int, ...]], int] = {}
         self._spans: dict[int, set[int]] = {}
         self._names: dict[int, str] = {}
@@ -230,17 +235,21 @@ class Targets:
     def check_external(self, item: object, at: int) -> None:
         """Refuse external axes that move, or stand elsewhere than the cell says."""
         if isinstance(item, str):
-            if item in self._checked:
+            if item == self._checked:
                 return
             numbers = numbers_of(item)
-            if numbers is not None:
-                self._checked.add(item)
+            self._checked = item if numbers is not None else ""
             item = numbers or self.memory.evaluated(item, at)
         place = self.source.place(at)
         values = known(item, "the place of the external axes", place, hint="Write their values")
-        for index, value in enumerate(values if isinstance(values, list) else [], start=1):
-            if is_number(value) and abs(value) < _NONE_FROM:
-                self._external.check(index, value, f"{index}", place)
+        for index, value in self.external_of(values).items():
+            self.external.check(index, value, f"{index}", place)
+
+    @staticmethod
+    def external_of(values: object) -> dict[int, float]:
+        """Values of external axes by number; those that a target leaves out (9E9) are not in it."""
+        numbers = enumerate(values if isinstance(values, list) else [], start=1)
+        return {index: float(value) for index, value in numbers if is_number(value) and abs(value) < _NONE_FROM}
 
     # ---- speeds and zones ------------------------------------------------------------------------------------
 

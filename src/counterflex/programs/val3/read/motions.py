@@ -108,7 +108,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
             tip = None if self.cell is None else self.cell.tip_of_axes
             start = offset + code.index(word)
             move = Val3Motion(at + 1, word, start, routine.starts[at], R_tcp_tool, file=routine.name)
-            T = None if tip is None else tip(target.axes)
+            T = None if tip is None else tip(target.axes, {})
             self.leave(move, T, routine.place(at), axes_deg=target.axes)
             return
         self.arrive(lambda away: self._refuse_away(away, routine, at))

@@ -1,0 +1,169 @@
+"""Places of external axes along a program: those that it states, or those that the cell file chooses for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import FileFormatError, InputError, ProgramError
+from counterflex.core.next_command import next_command
+from counterflex.core.units import MM
+from counterflex.files.cell.cell import Cell
+from counterflex.geometry import pose
+from counterflex.path.external_axes import Change, ExternalPlaces, places_of, with_places
+from counterflex.path.tool_rotation import APART_M, NEAR_M
+from counterflex.path.toolpath import ToolPath
+from counterflex.path.turning import TurnedPath
+from counterflex.programs.program import Program
+from counterflex.programs.robot_text.program import RobotProgram
+
+_SAME: Final = 0.01
+"""mm or deg by which a program and the cell file may state the same place."""
+
+
+def changes_along(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
+    """Changes of place of a program.
+
+    Args:
+        program: As read.
+        path: As sampled, external axes standing.
+        cell: The cell.
+
+    Raises:
+        FileFormatError: The places of the cell file belong to another program.
+        ProgramError: A program for a robot moves its axes otherwise than the cell file says.
+        InputError: The robot holds the part.
+    """
+    chosen = _chosen(program, path, cell)
+    out = chosen
+    if isinstance(program, RobotProgram):
+        out = tuple(Change(motion, False, values) for motion, values in sorted(program.external.items()))
+        if chosen or any(axis.moves for axis in cell.tables.external_axes):
+            _require_same(program, out, cell)
+    if out and cell.holds_part:
+        raise InputError(
+            "external axes that move during a program of a robot that holds the part are not planned",
+            where=str(cell.path), value=f"{len(out)} moves", limit="axes that stand",
+            hint="Write a program for each operation",
+        )  # fmt: skip
+    return out
+
+
+def places_along(changes: tuple[Change, ...], cell: Cell) -> ExternalPlaces | None:
+    """Places that changes lead to; None where there are none."""
+    if not changes:
+        return None
+    axes = cell.tables.external_axes
+    at = {int(axis.name[1:]): axis.shown for axis in axes}
+    plane = pose.make() if cell.R_part_plane is None else pose.make(cell.R_part_plane)
+    return places_of(tuple(axis.axis() for axis in axes), at, changes, cell.part.matrix() @ plane)
+
+
+def _chosen(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
+    """Changes that the cell file states, at ends of motions of a program that names no external axis."""
+    if isinstance(program, RobotProgram):
+        return ()
+    values: dict[int, dict[int, float]] = {}
+    for axis in cell.tables.external_axes:
+        for (length_mm, value), point in zip(axis.moves, axis.moves_at_mm, strict=True):
+            motion = _motion_at(program, path, length_mm * MM, np.array(point) * MM)
+            if motion is None:
+                raise FileFormatError(
+                    f"{axis.name} moves along another program than this one", where=f"{cell.path}: external_axes",
+                    value=f"no rapid of {Path(program.name).name} ends at {list(point)} mm after {length_mm:.0f} mm",
+                    limit=f"within {APART_M / MM:g} mm",
+                    hint="Choose places for this program: "
+                    + next_command("plan placement", program.name, cell=cell.path, per_operation=True, out="DIR"),
+                )  # fmt: skip
+            values.setdefault(motion, {})[int(axis.name[1:])] = value
+    return tuple(Change(motion, True, moved) for motion, moved in sorted(values.items()))
+
+
+def _motion_at(program: Program, path: ToolPath, length_m: float, point: Float) -> int | None:
+    """Rapid of a program that ends at a point after a length of its path; None where none does."""
+    ends = np.flatnonzero(np.append(path.motion[1:] != path.motion[:-1], True))
+    along = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1))[ends]
+    rapid = np.array([program.motions[motion].kind == "rapid" for motion in path.motion[ends]], dtype=np.bool_)
+    away = np.linalg.norm(path.p_part_tcp[ends] - point, axis=1)
+    fits = np.flatnonzero(rapid & (np.abs(along - length_m) <= NEAR_M) & (away <= APART_M))
+    return None if len(fits) == 0 else int(path.motion[ends[fits[int(np.argmin(away[fits]))]]])
+
+
+def _require_same(program: RobotProgram, changes: tuple[Change, ...], cell: Cell) -> None:
+    """Refuse a program for a robot whose axes take other places, or another number of them, than the cell file says."""
+    for axis in cell.tables.external_axes:
+        number = int(axis.name[1:])
+        states = [change.values[number] for change in changes if number in change.values]
+        chosen = [value for _, value in axis.moves]
+        if len(states) != len(chosen) or any(abs(a - b) > _SAME for a, b in zip(states, chosen, strict=True)):
+            raise ProgramError(
+                f"the program moves {axis.name} otherwise than the cell file says", where=program.name,
+                value=", ".join(f"{value:g}" for value in states) or "it stands",
+                limit=", ".join(f"{value:g}" for value in chosen) or "it stands",
+                hint=f"Take the moves out of {cell.path}: those of the program count then",
+            )  # fmt: skip
+
+
+def written_places(places: ExternalPlaces | None, cell: Cell, language: str) -> list[dict[int, float]]:
+    """Values of the external axes at each place, as a language for robots writes them; empty where they stand.
+
+    Args:
+        places: Along the program.
+        cell: The cell.
+        language: Dialect.
+
+    Raises:
+        InputError: The frame of the targets does not go with an axis that moves, or nothing says whether it does.
+    """
+    if places is None:
+        return []
+    moves = np.ptp(places.values, axis=0) > 0.0
+    for axis, moving in zip(cell.tables.external_axes, moves, strict=True):
+        if not moving:
+            continue
+        one = f"a program for each operation, with {axis.name} at rest, needs no such frame"
+        if not axis.coupled:
+            raise InputError(
+                f"{axis.name} moves between operations, and the cell file does not say that the controller counts it in",
+                where=f"{cell.path}: external_axes.coupled", value="missing" if axis.coupled is None else "false",
+                limit="true", hint="Say coupled = true where the frame of the part stays right when the axis moves (the "
+                f"axis is part of the robot's kinematics on the controller); {one}",
+            )  # fmt: skip
+        named = language == "rapid" and cell.tables.controller.work_object
+        if axis.carries == "part" and not named:
+            raise InputError(
+                f"{axis.name} carries the part, and the frame of the targets that this program names stands",
+                where=str(cell.path), value=language, limit='RAPID with "controller.work_object", a work object that '
+                "goes with the axis (ufmec)", hint=f"Give its name for RAPID; {one}",
+            )  # fmt: skip
+    return [places.shown(place) for place in range(len(places.values))]
+
+
+def refuse_moves(places: ExternalPlaces | None, where: str) -> None:
+    """Refuse a program whose external axes move, for a command that looks at one place.
+
+    Raises:
+        InputError: They move.
+    """
+    if places is not None:
+        raise InputError(
+            "external axes move between the operations of the program, and this command takes them at rest",
+            where=where, value=f"{len(places.values)} places", limit="one place",
+            hint="compensate, preflight, convert, plan stability and plan placement take them; for this one write a "
+            "program for each operation, and a cell file with the place of each",
+        )  # fmt: skip
+
+
+def turned_with_places(
+    turned: TurnedPath, changes: tuple[Change, ...], places: ExternalPlaces, rapid_m_s: float
+) -> TurnedPath:
+    """A turned path with the places of the external axes, see :func:`~counterflex.path.external_axes.with_places`."""
+    angles = with_places(replace(turned.path, p_part_tcp=turned.angle_rad), changes, places, rapid_m_s)
+    return TurnedPath(
+        with_places(turned.path, changes, places, rapid_m_s),
+        with_places(turned.programmed, changes, places, rapid_m_s), angles.p_part_tcp,
+    )  # fmt: skip
