@@ -34,6 +34,7 @@ from counterflex.plan.posture.held import Held, Task, held
 from counterflex.plan.stability.stretches import Stretch, stretches_of
 
 READING, CUTTING, SEARCHING, CHOOSING = "reading the program", "cutting", "searching the place", "choosing the posture"
+OPERATIONS: Final = "a place for each operation"
 TABLE: Final = "candidates.csv"
 CANDIDATES: Final = 1024
 FINALISTS: Final = 3
@@ -61,6 +62,37 @@ class Placed:
     summary: dict[str, Any]
 
 
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A program whose place is searched.
+
+    Attributes:
+        job: As read.
+        cell: Its cell.
+        task: The program on it, with its load.
+        stretches: What it cuts.
+        frame: Where it may be.
+    """
+
+    job: Job
+    cell: Cell
+    task: Task
+    stretches: list[Stretch]
+    frame: Frame
+
+
+def prepared(
+    program: str | Path, cell: Cell, reading: Reading, surface: Surface, progress: Progress = silent
+) -> Prepared:
+    """Read a program and cut its stock, for :func:`placement_of`.
+
+    Raises:
+        CounterflexError: As :func:`task_of`.
+    """
+    job, cell, task = task_of(program, cell, reading, surface, progress)
+    return Prepared(job, cell, task, stretches_of_task(task, cell), frame_of(task, cell))
+
+
 def task_of(
     program: str | Path, cell: Cell, reading: Reading, surface: Surface, progress: Progress = silent
 ) -> tuple[Job, Cell, Task]:
@@ -69,6 +101,8 @@ def task_of(
     Raises:
         CounterflexError: The program cannot be cut so, or cuts nothing.
     """
+    if any(axis.moves for axis in cell.tables.external_axes):
+        cell = cell.at_external({})  # places are chosen anew
     cell = in_working_plane(program, cell, reading)
     job = read_job(program, cell, reading=reading)
     setting, path = setting_of(cell, job, part_may_be_held=True), job.machined
@@ -104,6 +138,7 @@ def placement_of(
     surface: Surface = "both",
     wish: Wish | None = None,
     count: int = CANDIDATES,
+    given: Prepared | None = None,
     progress: Progress = silent,
 ) -> Placed:
     """Choose the place of a program.
@@ -115,6 +150,7 @@ def placement_of(
         surface: Which surface matters.
         wish: Where the part may stand.
         count: Candidates.
+        given: The program as :func:`prepared` has it; None: it is read here.
         progress: Progress callback, fraction 0 to 1.
 
     Raises:
@@ -124,10 +160,11 @@ def placement_of(
     parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, CHOOSING: 4.0})
     wish = Wish() if wish is None else wish
     parts[CUTTING](0.0)
-    job, cell, task = task_of(program, cell, reading, surface, parts[CUTTING])
-    frame, begin = frame_of(task, cell), time.perf_counter()
+    given = prepared(program, cell, reading, surface, parts[CUTTING]) if given is None else given
+    job, cell, task, frame = given.job, given.cell, given.task, given.frame
+    begin = time.perf_counter()
     region = region_of(wish, frame)
-    site = site_of(task, stretches_of_task(task, cell))
+    site = site_of(task, given.stretches)
     judged = search(site, region, frame.seen, count, progress=parts[SEARCHING])
     alone, present = _here(task)
     now = Candidate() if present is None else Candidate("", 1.0, *worth(site, task.robot, present.q[site.rows]))
@@ -255,6 +292,7 @@ def run(
     out: str | Path,
     *,
     mounting: Mounting | None = None,
+    operations: bool = False,
     progress: Progress = silent,
     **options: Any,
 ) -> dict[str, Any]:
@@ -265,6 +303,7 @@ def run(
         cell_file: Cell file.
         out: Folder; made when missing.
         mounting: Angles of the spindle to choose from; every one costs a search. None: it stays as it is.
+        operations: Choose a place of the external axes for each operation.
         progress: Progress callback, fraction 0 to 1.
         options: As for :func:`placement_of`.
 
@@ -272,6 +311,11 @@ def run(
         The summary.
     """
     cell = read_cell(cell_file)
+    if operations:
+        if mounting is not None:
+            raise InputError("--mounting and --per-operation are chosen one after the other", value="both",
+                             hint="Choose the mounting first, then the places with the cell file that it writes")  # fmt: skip
+        return _run_per_operation(program, cell, Path(out), progress, options)
     with atomic.atomic_folder(out) as staging:
         mounted = None
         if mounting is None:
@@ -287,6 +331,48 @@ def run(
         atomic.write_text(staging / TABLE, table_of(done.judged, cell))
         write_summary(staging / "summary.json", done.summary)
     return done.summary
+
+
+def _run_per_operation(
+    program: str | Path, cell: Cell, out: Path, progress: Progress, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write the same with a place of the external axes for each operation; one place for all may be impossible."""
+    from counterflex.app.placement.operations import per_operation
+
+    parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, OPERATIONS: 6.0})
+    reading, surface = options.get("reading", AS_IT_IS), options.get("surface", "both")
+    with atomic.atomic_folder(out) as staging:
+        given = prepared(program, cell, reading, surface, parts[CUTTING])
+        done, why = None, ""
+        try:
+            done = placement_of(program, cell, given=given, progress=parts[SEARCHING], **options)
+        except ReachError as fault:
+            why = f"{fault.what}: {fault.value}"
+        one = None if done is None else (done.stand, done.chosen.best.branch, done.chosen.best.rotation_rad)
+        damping = -np.inf if done is None else done.summary["chosen"]["damping_in_cut"]
+        with faults_in(given.job):
+            divided = per_operation(
+                program, given.job, given.cell, given.task, given.stretches, given.frame,
+                region_of(options.get("wish") or Wish(), given.frame), reading=reading, one=one,
+                least_damping=-np.inf if damping is None else min(0.0, damping - _ROUNDING),
+                progress=parts[OPERATIONS],
+            )  # fmt: skip
+        nothing = dict.fromkeys(("present", "posture_alone", "chosen", "reduction_percent"))
+        summary = done.summary if done is not None else {
+            "program": given.job.program.name, "cell": given.cell.label, "robot": given.cell.robot.name,
+            "surface": surface, "external_axes": [axis.name for axis in given.frame.axes], **nothing,
+            "one_place_refused": why, "counterflex": __version__,
+        }  # fmt: skip
+        summary = summary | divided.summary
+        text = text_with_place(
+            cell.path, divided.stand.part, divided.branch, divided.rotation_rad / DEG, out, None, divided.stand.axes,
+            divided.moves,
+        )  # fmt: skip
+        atomic.write_text(staging / "cell.toml", text)
+        if done is not None:
+            atomic.write_text(staging / TABLE, table_of(done.judged, given.cell))
+        write_summary(staging / "summary.json", summary)
+    return summary
 
 
 def _best_mounting(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import tomlkit
 
@@ -16,6 +16,20 @@ from counterflex.path.tool_rotation import ToolRotation
 
 POSE_KEYS: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
 """Keys of a pose in a cell file."""
+
+
+class AxisMove(NamedTuple):
+    """An external axis goes to a value.
+
+    Attributes:
+        length_mm: Place along the path of the program, from its first point.
+        value: mm or deg.
+        point_mm: Tool tip there, part frame.
+    """
+
+    length_mm: float
+    value: float
+    point_mm: Sequence[float]
 
 
 def copied_text(path: Path, folder: Path) -> str:
@@ -77,6 +91,7 @@ def text_with_place(
     folder: Path,
     mounted: tuple[str, str, float] | None = None,
     axes: Mapping[str, float] | None = None,
+    moves: Mapping[str, Sequence[AxisMove]] | None = None,
 ) -> str:
     """Text of a cell file with the part (or the spindle that stands) elsewhere and a posture for it; all else is kept.
 
@@ -89,6 +104,7 @@ def text_with_place(
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
         mounted: Body of the end effector or ``tcp``, its key, and the angle in deg that it gets.
         axes: Values that external axes get, by name, mm or deg.
+        moves: Where they go along the program, by name; those of an axis that is not named are taken out.
 
     Raises:
         FileFormatError: The file cannot be read.
@@ -104,7 +120,14 @@ def text_with_place(
             table[key] = value
     for name, value in (axes or {}).items():
         row = row_of(doc, "external_axes", "name", name)
-        row["at_mm" if "at_mm" in row else "at_deg"] = value
+        unit = "mm" if "at_mm" in row else "deg"
+        row[f"at_{unit}"] = value
+        for key in (f"moves_{unit}", "moves_at_mm"):
+            row.pop(key, None)
+        given = (moves or {}).get(name, ())
+        if given:
+            row[f"moves_{unit}"] = [[round(one.length_mm, 3), one.value] for one in given]
+            row["moves_at_mm"] = [[round(float(x), 3) for x in one.point_mm] for one in given]
     _with_posture(doc, branch, rotation_deg)
     move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)

@@ -127,13 +127,16 @@ def worst(q: Float, robot: RobotHere, around: Surroundings) -> Closest | None:
     return kept(q, robot, around)[0]
 
 
-def kept(q: Float, robot: RobotHere, around: Surroundings) -> tuple[Closest | None, float]:
+def kept(
+    q: Float, robot: RobotHere, around: Surroundings, standing: Standing | None = None
+) -> tuple[Closest | None, float]:
     """The pair that is too close as :func:`worst` has it, and the clearance of the path.
 
     Args:
         q: (n, 6) rad at every point.
         robot: Robot, tool and place of the part.
         around: What must not touch.
+        standing: Part and floor where external axes move them; None: they stand.
 
     Returns:
         The pair, None where none is too close; the smallest distance of bodies that must keep one (all but tools), m,
@@ -143,8 +146,9 @@ def kept(q: Float, robot: RobotHere, around: Surroundings) -> tuple[Closest | No
     blunt = [(a, b) for a, b, tool in compared if tool is None]
     sharp = [(a, b) for a, b, tool in compared if tool is not None]
     problems, clearance = [], np.inf
+    standing = Standing(robot.T_base_part) if standing is None else standing
     for some, least in ((blunt, around.clearance_m), (sharp, 0.0)):
-        result = closest(robot.controller_chain, around.bodies, some, q, around.tool, Standing(robot.T_base_part))
+        result = closest(robot.controller_chain, around.bodies, some, q, around.tool, standing)
         if result is not None and some is blunt:
             clearance = result.distance_m
         if result is not None and result.distance_m < least:

@@ -53,6 +53,14 @@ def placement(
             callback=arguments.angles_of_body,
         ),
     ] = None,
+    per_operation: Annotated[
+        bool,
+        typer.Option(
+            "--per-operation",
+            help="Choose a place of the external axes for each operation: they move between two, the tool clear of the "
+            "blank.",
+        ),
+    ] = False,
     surface: Annotated[
         str,
         typer.Option(
@@ -82,6 +90,9 @@ def placement(
     Where the robot holds the part (part_on = "flange") the spindle that stands is placed: its tip in the region, its
     bodies (frame = "tcp") with it.
 
+    With --per-operation every operation gets its own place of rail or positioner: the cell file then says where along the
+    program they move, and KRL, RAPID and FANUC programs carry the values.
+
     With --mounting spindle.b_deg=0,-35 the angle of the spindle is chosen too, one of those that the shop has.
 
     Example: `counterflex plan placement part.ngc --cell cell.toml --region 900,1800,-400,400,300,1000 --out placement`
@@ -105,10 +116,15 @@ def placement(
             wish=Wish(box, None if angles is None else tuple(angles), axes or None),
             count=candidates,
             mounting=None if mounting is None else Mounting(*arguments.body_angles(mounting, "--mounting")),
+            operations=per_operation,
             progress=progress,
         )
-    _show(summary)
-    say_written(out, f"wrote {out}: cell.toml, candidates.csv, summary.json")
+    if summary["chosen"] is not None:
+        _show(summary)
+    if per_operation:
+        _show_operations(summary)
+    table = "candidates.csv, " if summary["chosen"] is not None else ""
+    say_written(out, f"wrote {out}: cell.toml, {table}summary.json")
 
 
 def _show(summary: dict[str, Any]) -> None:
@@ -128,6 +144,29 @@ def _show(summary: dict[str, Any]) -> None:
         typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present place and posture")
     refused = ", ".join(f"{count} {reason}" for reason, count in summary["refused"].items())
     typer.echo(f"{summary['candidates']} places judged in {summary['search_s']:g} s; refused: {refused or 'none'}")
+
+
+def _show_operations(summary: dict[str, Any]) -> None:
+    """Places of the operations, and what they gain."""
+    axes, whole = summary["external_axes"], summary["per_operation"]
+    rows = [
+        [
+            f"{row['lines'][0]}-{row['lines'][1]}", f"{row['cut_mm']:g}", *(f"{row[name]:g}" for name in axes),
+            f"{row['error_um']:g}", "" if row["in_one_place_um"] is None else f"{row['in_one_place_um']:g}",
+        ]
+        for row in summary["operations"]
+    ]  # fmt: skip
+    print_table(
+        "Operations", ["lines", "cut mm", *axes, "error um", "in one place um"], rows,
+        note=f"One posture for all: {whole['branch']}, {whole['rotation_about_tool_deg']:g} deg about the tool.",
+    )  # fmt: skip
+    if whole["in_one_place_um"] is None:
+        typer.echo(f"one place for all cannot be run ({summary.get('one_place_refused', 'in this posture')})")
+    else:
+        typer.echo(
+            f"{whole['moves']} moves between operations: {whole['error_um']:g} um of error, "
+            f"{whole['reduction_percent']:g} % less than {whole['in_one_place_um']:g} um in the best place for all"
+        )
 
 
 def _angle(row: dict[str, Any], made: dict[str, Any]) -> str:
