@@ -14,13 +14,15 @@ from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
-from counterflex.path.external_axes import Change, ExternalPlaces, places_of, with_places
+from counterflex.path.external_axes import Change, ExternalPlaces, moving, places_of, with_places
 from counterflex.path.tool_rotation import APART_M, NEAR_M
 from counterflex.path.toolpath import ToolPath
 from counterflex.path.turning import TurnedPath
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 
+_CUT_M3: Final = 1e-12
+"""Less is the grain of the stock."""
 _SAME: Final = 0.01
 """mm or deg by which a program and the cell file may state the same place."""
 
@@ -44,6 +46,7 @@ def changes_along(program: Program, path: ToolPath, cell: Cell) -> tuple[Change,
         out = tuple(Change(motion, False, values) for motion, values in sorted(program.external.items()))
         if chosen or any(axis.moves for axis in cell.tables.external_axes):
             _require_same(program, out, cell)
+        require_frames(places_along(out, cell), cell, program.dialect)
     if out and cell.holds_part:
         raise InputError(
             "external axes that move during a program of a robot that holds the part are not planned",
@@ -67,20 +70,20 @@ def _chosen(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
     """Changes that the cell file states, at ends of motions of a program that names no external axis."""
     if isinstance(program, RobotProgram):
         return ()
-    values: dict[int, dict[int, float]] = {}
+    values: dict[tuple[int, bool], dict[int, float]] = {}
     for axis in cell.tables.external_axes:
-        for (length_mm, value), point in zip(axis.moves, axis.moves_at_mm, strict=True):
-            motion = _motion_at(program, path, length_mm * MM, np.array(point) * MM)
+        for (from_mm, to_mm, value), point in zip(axis.moves, axis.moves_at_mm, strict=True):
+            motion = _motion_at(program, path, to_mm * MM, np.array(point) * MM)
             if motion is None:
                 raise FileFormatError(
                     f"{axis.name} moves along another program than this one", where=f"{cell.path}: external_axes",
-                    value=f"no rapid of {Path(program.name).name} ends at {list(point)} mm after {length_mm:.0f} mm",
+                    value=f"no rapid of {Path(program.name).name} ends at {list(point)} mm after {to_mm:.0f} mm",
                     limit=f"within {APART_M / MM:g} mm",
                     hint="Choose places for this program: "
                     + next_command("plan placement", program.name, cell=cell.path, per_operation=True, out="DIR"),
                 )  # fmt: skip
-            values.setdefault(motion, {})[int(axis.name[1:])] = value
-    return tuple(Change(motion, True, moved) for motion, moved in sorted(values.items()))
+            values.setdefault((motion, to_mm == from_mm), {})[int(axis.name[1:])] = value
+    return tuple(Change(motion, stands, moved) for (motion, stands), moved in sorted(values.items()))
 
 
 def _motion_at(program: Program, path: ToolPath, length_m: float, point: Float) -> int | None:
@@ -98,7 +101,7 @@ def _require_same(program: RobotProgram, changes: tuple[Change, ...], cell: Cell
     for axis in cell.tables.external_axes:
         number = int(axis.name[1:])
         states = [change.values[number] for change in changes if number in change.values]
-        chosen = [value for _, value in axis.moves]
+        chosen = [value for *_, value in axis.moves]
         if len(states) != len(chosen) or any(abs(a - b) > _SAME for a, b in zip(states, chosen, strict=True)):
             raise ProgramError(
                 f"the program moves {axis.name} otherwise than the cell file says", where=program.name,
@@ -117,10 +120,25 @@ def written_places(places: ExternalPlaces | None, cell: Cell, language: str) -> 
         language: Dialect.
 
     Raises:
-        InputError: The frame of the targets does not go with an axis that moves, or nothing says whether it does.
+        InputError: As :func:`require_frames`.
+    """
+    require_frames(places, cell, language)
+    return [] if places is None else [places.shown(place) for place in range(len(places.values))]
+
+
+def require_frames(places: ExternalPlaces | None, cell: Cell, language: str) -> None:
+    """Refuse axes that move where the frame of the targets does not go with them, or nothing says whether it does.
+
+    Args:
+        places: Along the program.
+        cell: The cell.
+        language: Dialect of the program.
+
+    Raises:
+        InputError: It does not.
     """
     if places is None:
-        return []
+        return
     moves = np.ptp(places.values, axis=0) > 0.0
     for axis, moving in zip(cell.tables.external_axes, moves, strict=True):
         if not moving:
@@ -140,7 +158,27 @@ def written_places(places: ExternalPlaces | None, cell: Cell, language: str) -> 
                 where=str(cell.path), value=language, limit='RAPID with "controller.work_object", a work object that '
                 "goes with the axis (ufmec)", hint=f"Give its name for RAPID; {one}",
             )  # fmt: skip
-    return [places.shown(place) for place in range(len(places.values))]
+
+
+def require_clear(path: ToolPath, volume_m3: Float, program: Program) -> None:
+    """Refuse external axes that move while material is removed.
+
+    Args:
+        path: n rows.
+        volume_m3: (n,) removed on the way to each row.
+        program: That it was sampled from.
+
+    Raises:
+        InputError: One does.
+    """
+    rows = np.flatnonzero(moving(path) & (volume_m3 > _CUT_M3))
+    if len(rows):
+        block = program.blocks[program.motions[int(path.motion[rows[0]])].block]
+        raise InputError(
+            "an external axis moves while the tool cuts", where=block.where(Path(program.name).name),
+            value=f"{volume_m3[rows].sum() / MM**3:.3g} mm3 removed", limit="external axes that stand in the cut",
+            hint="Retract above the blank before it moves",
+        )  # fmt: skip
 
 
 def refuse_moves(places: ExternalPlaces | None, where: str) -> None:

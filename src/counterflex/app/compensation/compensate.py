@@ -20,6 +20,7 @@ from counterflex.app.compensation.languages import own_language, require_toleran
 from counterflex.app.compensation.prediction import calm_feed, prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
+from counterflex.app.external_moves import require_clear
 from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, in_plane_of, in_working_plane, read_job, setting_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
@@ -125,6 +126,7 @@ def compensate(
         else:
             lowered = lowered_plan(slowed, cell, setting, feed, parts[PLANNING])
             plan = lowered.plan
+    require_clear(plan.path, plan.volume_m3, job.program)
     parts[WRITING](0.0)
     files, facts = write(job, plan, cell, language, tolerance_m)
     about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m)

@@ -317,9 +317,10 @@ def _made(job: Job, cell: Cell, search: _Search, values: Float, posture: tuple[s
         now = stands[0].axes[axis.name]
         for one, stand in zip(search.operations[:-1], stands[1:], strict=True):
             if stand.axes[axis.name] != now:
-                now, row = stand.axes[axis.name], one.last
-                point = (path.p_part_tcp[row] / MM).tolist()
-                moves.setdefault(axis.name, []).append(AxisMove(float(along[row]), now, point))
+                now = stand.axes[axis.name]
+                point = (path.p_part_tcp[one.arrival] / MM).tolist()
+                move = AxisMove(float(along[one.last]), float(along[one.arrival]), now, point)
+                moves.setdefault(axis.name, []).append(move)
     rows = [
         {
             "lines": [int(job.line_of_motion[path.motion[one.first]]), int(job.line_of_motion[path.motion[one.last]])],
@@ -338,7 +339,7 @@ def placed_cell(cell: Cell, divided: Divided) -> Cell:
         unit, moves = "mm" if axis.kind == "linear" else "deg", divided.moves.get(axis.name, [])
         axes.append(axis.model_copy(update={
             f"at_{unit}": divided.stand.axes[axis.name],
-            f"moves_{unit}": tuple((round(one.length_mm, 3), one.value) for one in moves),
+            f"moves_{unit}": tuple((round(one.from_mm, 3), round(one.to_mm, 3), one.value) for one in moves),
             "moves_at_mm": tuple((one.point_mm[0], one.point_mm[1], one.point_mm[2]) for one in moves),
         }))  # fmt: skip
     shoulder, elbow, wrist = divided.branch.split()

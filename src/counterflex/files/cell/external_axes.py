@@ -21,6 +21,8 @@ from counterflex.path.external_axes import ExternalAxis
 
 AxisName = Literal["E1", "E2", "E3", "E4", "E5", "E6"]
 Angle = Annotated[float, Field(ge=-3600.0, le=3600.0)]
+Along = Annotated[float, Field(ge=0.0, le=1e9)]
+"""Place along the path of a program, mm from its first point."""
 _UNITS = {"linear": "mm", "turning": "deg"}
 
 
@@ -38,8 +40,8 @@ class ExternalAxisTable(Table):
     at_deg: Angle | None = None
     min_deg: Angle | None = None
     max_deg: Angle | None = None
-    moves_mm: Annotated[tuple[tuple[Length, Length], ...], Field(max_length=1000)] = ()
-    moves_deg: Annotated[tuple[tuple[Length, Angle], ...], Field(max_length=1000)] = ()
+    moves_mm: Annotated[tuple[tuple[Along, Along, Length], ...], Field(max_length=1000)] = ()
+    moves_deg: Annotated[tuple[tuple[Along, Along, Angle], ...], Field(max_length=1000)] = ()
     moves_at_mm: Annotated[tuple[tuple[Length, Length, Length], ...], Field(max_length=1000)] = ()
     coupled: bool | None = None
 
@@ -66,15 +68,17 @@ class ExternalAxisTable(Table):
             raise ValueError(f"{self.name} is {self.kind}: moves_{other} has no meaning; give moves_{unit}")
         if len(self.moves_at_mm) != len(self.moves):
             raise ValueError(f"moves_at_mm has one point for each of moves_{unit}: the tool's tip in the part frame")
-        if any(b[0] <= a[0] for a, b in itertools.pairwise(self.moves)):
+        if any(end < begin for begin, end, _ in self.moves) or any(
+            b[0] <= a[1] for a, b in itertools.pairwise(self.moves)
+        ):
             raise ValueError(f"the places along the path of moves_{unit} do not rise")
-        for _, value in self.moves:
+        for *_, value in self.moves:
             if not low <= value <= high:
                 raise ValueError(f"{self.name} cannot go to {value:g} (moves_{unit}); limits {low:g} to {high:g} {unit}")
 
     @property
-    def moves(self) -> tuple[tuple[float, float], ...]:
-        """Places along the path, mm from its first point, and the values that the axis goes to there, mm or deg."""
+    def moves(self) -> tuple[tuple[float, float, float], ...]:
+        """Places along the path, mm from its first point, from and to which the axis goes to a value, mm or deg."""
         return self.moves_mm if self.kind == "linear" else self.moves_deg
 
     def axis(self) -> ExternalAxis:

@@ -22,12 +22,14 @@ class AxisMove(NamedTuple):
     """An external axis goes to a value.
 
     Attributes:
-        length_mm: Place along the path of the program, from its first point.
+        from_mm: Place along the path of the program, from its first point, at which it begins to move.
+        to_mm: Place at which it has arrived; the same where the tool stands meanwhile.
         value: mm or deg.
-        point_mm: Tool tip there, part frame.
+        point_mm: Tool tip at its arrival, part frame.
     """
 
-    length_mm: float
+    from_mm: float
+    to_mm: float
     value: float
     point_mm: Sequence[float]
 
@@ -126,7 +128,7 @@ def text_with_place(
             row.pop(key, None)
         given = (moves or {}).get(name, ())
         if given:
-            row[f"moves_{unit}"] = [[round(one.length_mm, 3), one.value] for one in given]
+            row[f"moves_{unit}"] = [[round(one.from_mm, 3), round(one.to_mm, 3), one.value] for one in given]
             row["moves_at_mm"] = [[round(float(x), 3) for x in one.point_mm] for one in given]
     _with_posture(doc, branch, rotation_deg)
     move_paths(doc, path.parent, folder)

@@ -40,10 +40,13 @@ class Operation:
     Attributes:
         first: Its first row.
         last: Its last row: of all but the last one, where the tool is clear of the blank.
+        arrival: Row at which external axes have arrived at their next place: the end of the rapid behind, where that
+            stays clear; else ``last``, where the tool stands meanwhile.
     """
 
     first: int
     last: int
+    arrival: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +100,8 @@ class OperationSite:
 def operations_of(path: ToolPath, cut_m: Float, top_m: float, clearance_m: float) -> list[Operation]:
     """Divide a path where the tool is clear of the blank: between two cuts, at the end of a rapid, as high as it goes.
 
+    External axes move along the rapid that follows where its end is clear, too: tool and robot then go together.
+
     Args:
         path: n rows.
         cut_m: (n,) m of path in the material that a row stands for.
@@ -114,14 +119,18 @@ def operations_of(path: ToolPath, cut_m: Float, top_m: float, clearance_m: float
     for before, after in itertools.pairwise(cutting.tolist()):
         between = np.flatnonzero(clear[before + 1 : after]) + before + 1
         if len(between):
-            divided.append(int(between[np.argmax(height[between])]))
-    firsts = [0, *(row + 1 for row in divided)]
-    out = [Operation(first, last) for first, last in zip(firsts, [*divided, len(path) - 1], strict=True)]
+            row = int(between[np.argmax(height[between])])
+            following = between[between > row]
+            behind = int(following[0]) if len(following) else row
+            divided.append((row, behind if np.all(path.kind[row + 1 : behind + 1] == RAPID) else row))
+    ends_at = [*divided, (len(path) - 1, len(path) - 1)]
+    firsts = [0, *(row + 1 for row, _ in divided)]
+    out = [Operation(first, *at) for first, at in zip(firsts, ends_at, strict=True)]
     while len(out) > MOST:
         lengths = [float(cut_m[one.first : one.last + 1].sum()) for one in out]
         k = int(np.argmin(lengths))
         at = k - 1 if k > 0 and (k == len(out) - 1 or lengths[k - 1] <= lengths[k + 1]) else k
-        out[at : at + 2] = [Operation(out[at].first, out[at + 1].last)]
+        out[at : at + 2] = [replace(out[at + 1], first=out[at].first)]
     return out
 
 

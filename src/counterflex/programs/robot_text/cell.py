@@ -218,16 +218,14 @@ class ExternalAxes:
             motions: Of the program.
 
         Raises:
-            ProgramError: One moves along a cut: a motion at feed that leads to another place of the part.
+            ProgramError: One moves along a circle, which is a cut. Whether a line is one, only the stock tells.
         """
         out: dict[int, dict[int, float]] = {}
         before: dict[int, float] = dict(self._expected)
         for index, values in self._changes.items():
             if index >= len(motions):
                 continue
-            motion = motions[index]
-            stands = float(np.linalg.norm(np.asarray(motion.p_end) - motion.p_start)) <= SAME_M
-            if motion.kind == "arc" or (motion.kind == "feed" and not stands):
+            if motions[index].kind == "arc":
                 number = next(iter(values))
                 value, name, where = values[number]
                 raise self._moves(value, before.get(number, value), name, where)
@@ -241,5 +239,5 @@ class ExternalAxes:
             f"external axis {name} moves, or stands elsewhere than in the cell file", where=where,
             value=f"{value:g}", limit=f"{limit:g}",
             hint="External axes stand still in the cut: [[external_axes]] of the cell file says where. Between two "
-            "cuts they may move, by a motion by axes or while the tool stands",
+            "cuts they may move, the tool clear of the blank",
         )  # fmt: skip
