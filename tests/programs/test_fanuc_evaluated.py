@@ -317,7 +317,7 @@ def test_where_the_robot_is_after_axes_is_not_known_to_inc() -> None:
 
 @pytest.mark.parametrize("rail", ["E1= 100.0 mm", "J7= 100.0 mm"])
 @pytest.mark.parametrize("way", [("J P[8] 5% FINE",), ("PR[1]=P[8]", "J PR[1] 5% FINE")])
-def test_a_rail_moved_by_axes_between_cuts_is_refused(rail: str, way: tuple[str, ...]) -> None:
+def test_a_rail_moved_by_axes_between_cuts_goes_to_another_place(rail: str, way: tuple[str, ...]) -> None:
     """Elsewhere the rest posture may have the rail anywhere: the robot does not cut there."""
     T = pose.make(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.25, 0.125]))
     entries = POINTS + AWAY.replace("P[9]", "P[8]").replace("\tJ6= 6.0 deg", f"\tJ6= 6.0 deg,\n\t{rail}")
@@ -325,8 +325,11 @@ def test_a_rail_moved_by_axes_between_cuts_is_refused(rail: str, way: tuple[str,
     around = listing(*HEAD, "L P[2] 9mm/sec FINE", *way, entries=entries)
     assert len(read_fanuc(around, cell=at).motions) == 2
     between = listing(*HEAD, "L P[2] 9mm/sec FINE", *way, "L P[3] 9mm/sec FINE", entries=entries)
+    moved = read_fanuc(between, cell=at)
+    assert moved.external == {2: {1: 100.0}}
+    assert tuple(moved.axes_deg[2]) == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
     with pytest.raises(ProgramError, match=r"external axis E1 .*got 100; expected 0"):
-        read_fanuc(between, cell=at)
+        read_fanuc(between, cell=cell(tip_of_axes=lambda *_: T))
 
 
 def test_an_axis_that_a_posture_leaves_out_is_not_taken_for_zero() -> None:

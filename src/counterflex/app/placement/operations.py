@@ -40,7 +40,9 @@ from counterflex.robot.model.opw import BRANCHES
 PLACES: Final = 25
 """Places that every operation is tried at, over the travel of all axes, before the best are refined."""
 POSTURES: Final = 3
-"""Postures whose places are refined."""
+"""Postures whose places are refined: the best by their error, lost motion and swing included, of :data:`TRIED`."""
+TRIED: Final = 16
+"""Postures that have the least deflection, each operation in its own best place."""
 _REFINED: Final = 12
 """Places that are tried about the best one of each operation and axis."""
 _MOVE: Final = 0.01
@@ -133,8 +135,7 @@ def per_operation(
     low, high = np.array(region.low[4:]), np.array(region.high[4:])
     best: tuple[float, Divided] | None = None
     fault: ReachError | None = None
-    postures = [(search.sites[0].site.freedom.grid_rad[turn], BRANCHES[branch], chosen)
-                for turn, branch, chosen in best_postures(costs, POSTURES)]  # fmt: skip
+    postures = _ranked(search, costs, grid, least_damping)[:POSTURES]
     if one is not None:  # no worse than one place for all
         freedom = search.sites[0].site.freedom
         turn, number = round(one[2] / freedom.step_rad) % freedom.rotations, BRANCHES.index(one[1])
@@ -153,21 +154,47 @@ def per_operation(
             best = min([*([] if best is None else [best]), made], key=lambda pair: pair[0])
         progress(0.5 + 0.5 * done / len(postures))
     if best is None:
-        raise fault or ReachError(
-            "an operation can be run nowhere in a posture that all operations share",
-            where=Path(job.program.name).name, value=f"{len(search.sites)} operations, {len(grid)} places",
-            limit="every point in one posture within all limits",
-            hint="Widen --region E1=A,B, or write a program for each operation",
-        )  # fmt: skip
+        raise fault or _nowhere(job, search, costs)
     return best[1]
 
 
-def _search_of(
-    program: str | Path, cell: Cell, task: Task, stretches: Sequence[Stretch], frame: Frame,
-    one: tuple[Stand, str, float] | None,
-) -> _Search:  # fmt: skip
-    """Operations of a program, and where its part stands."""
-    if cell.holds_part or not frame.axes:
+def _nowhere(job: Job, search: _Search, costs: Float) -> ReachError:
+    """Return the error of operations that share no posture; names the first that is reached in no place at all."""
+    value = f"{len(search.sites)} operations, {costs.shape[1]} places"
+    alone = np.flatnonzero(~np.isfinite(costs).any(axis=(1, 2, 3)))
+    if len(alone):
+        one, motion = search.operations[int(alone[0])], job.machined.motion
+        first, last = (int(job.line_of_motion[motion[row]]) for row in (one.first, one.last))
+        datum = alone[0] == 0 and search.sites[0].site.datum_points is not None
+        touched = " with the datum points of the part" if datum else ""
+        value = f"lines {first} to {last}{touched} are reached in none of {costs.shape[1]} places"
+    return ReachError(
+        "an operation can be run nowhere in a posture that all operations share", where=Path(job.program.name).name,
+        value=value, limit="every point in one posture within all limits",
+        hint="Widen --region E1=A,B, measure the part where the first operation is cut (part.datum_points_mm), or "
+        "write a program for each operation",
+    )  # fmt: skip
+
+
+def _ranked(search: _Search, costs: Float, grid: list[Float], least_damping: float) -> list[tuple[float, str, Int]]:
+    """Postures with their places of the grid, by the error that is left; those that cannot be run come last."""
+    out = []
+    for turn, number, chosen in best_postures(costs, TRIED):
+        rotation, branch = float(search.sites[0].site.freedom.grid_rad[turn]), BRANCHES[number]
+        total = sum(
+            search.cost(k, grid[place], branch, rotation, least_damping) for k, place in enumerate(chosen.tolist())
+        )
+        out.append((total, len(out), (rotation, branch, chosen)))
+    return [posture for *_, posture in sorted(out)]
+
+
+def require_operations(program: str | Path, cell: Cell, task: Task) -> list[Operation]:
+    """Return the operations of a program.
+
+    Raises:
+        InputError: The cell has no external axes, the robot holds the part, or the program is one operation.
+    """
+    if cell.holds_part or not cell.tables.external_axes:
         raise InputError(
             "a place for each operation needs external axes, and a part that stands", where=str(cell.path),
             value="the robot holds the part" if cell.holds_part else "no [[external_axes]]",
@@ -183,6 +210,15 @@ def _search_of(
             where=Path(program).name, limit=f"limits.clearance_mm = {clearance / MM:g} over the blank, {top / MM:g} mm",
             hint="Retract higher between the operations, or leave --per-operation out",
         )  # fmt: skip
+    return operations
+
+
+def _search_of(
+    program: str | Path, cell: Cell, task: Task, stretches: Sequence[Stretch], frame: Frame,
+    one: tuple[Stand, str, float] | None,
+) -> _Search:  # fmt: skip
+    """Operations of a program, and where its part stands."""
+    operations = require_operations(program, cell, task)
     part = frame.here[:4].copy()
     if one is not None:
         seen = frame.at(one[0])

@@ -337,12 +337,13 @@ def _run_per_operation(
     program: str | Path, cell: Cell, out: Path, progress: Progress, options: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Write the same with a place of the external axes for each operation; one place for all may be impossible."""
-    from counterflex.app.placement.operations import per_operation
+    from counterflex.app.placement.operations import per_operation, require_operations
 
     parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, OPERATIONS: 6.0})
     reading, surface = options.get("reading", AS_IT_IS), options.get("surface", "both")
     with atomic.atomic_folder(out) as staging:
         given = prepared(program, cell, reading, surface, parts[CUTTING])
+        require_operations(program, given.cell, given.task)
         done, why = None, ""
         try:
             done = placement_of(program, cell, given=given, progress=parts[SEARCHING], **options)

@@ -1,0 +1,246 @@
+"""External axes that move between operations: written, read back, judged by a second model, checked by preflight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import controller_arms as arms
+import external_axes as judge
+from controller_arms import Arm, Matrix
+from counterflex.app import conversion
+from counterflex.app import preflight as checking
+from counterflex.app.compensation.compensate import compensate
+from counterflex.app.inputs import read_job
+from counterflex.app.robot_axes import axes_in
+from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ProgramError
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.robot.model import catalog
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SOURCE = EXAMPLES / "cells" / "kr300_d16_small.toml"
+CUT = "G0 X-12 Y{y}\nG0 Z42\nG1 Z36 F3000\nG1 X{x} F1500\nG0 Z60\n"
+HEAD, END = "G17 G21 G90 G94\nM6 T1\nM3 S13000\nG0 Z60\n", "M5\nM30\n"
+PROGRAM = HEAD + CUT.format(y=15, x=20) + CUT.format(y=45, x=20) + END
+RAIL = (
+    '\n[[external_axes]]\nname = "E1"\nkind = "linear"\ncarries = "robot"\ndirection = [0, 1, 0]\nat_mm = -50\n'
+    "min_mm = -400\nmax_mm = 500\ncoupled = true\n"
+)
+TABLE = (
+    '\n[[external_axes]]\nname = "E2"\nkind = "turning"\ncarries = "part"\ndirection = [0, 0, 1]\n'
+    "origin_mm = [1380, 0, 1000]\nat_deg = 10\nmin_deg = -90\nmax_deg = 90\ncoupled = true\n"
+)
+ALONG = "moves_mm = [[80, 142.681, 300]]\nmoves_at_mm = [[-12, 45, 60]]\n"
+STANDING = "moves_mm = [[80, 80, 300]]\nmoves_at_mm = [[20, 15, 60]]\n"
+TURNED = "moves_deg = [[80, 80, -25]]\nmoves_at_mm = [[20, 15, 60]]\n"
+FENCE = (
+    '\n[[cell.body]]\nname = "post"\nshape = "box"\nframe = "base"\nx_mm = 200\ny_mm = 50\nz_mm = 100\n'
+    "size_mm = [60, 20, 200]\n"
+)
+ENDINGS = {"krl": "src", "rapid": "mod", "fanuc": "ls"}
+READERS: dict[str, Callable[..., list[tuple[Matrix, float]]]] = {
+    "krl": judge.krl_points, "rapid": judge.rapid_points, "fanuc": judge.fanuc_points,
+}  # fmt: skip
+
+
+def written(folder: Path, axes: str, program: str = PROGRAM, **changes: str) -> tuple[Path, Cell]:
+    folder.mkdir(exist_ok=True)
+    text = SOURCE.read_text(encoding="utf-8").replace("../", f"{EXAMPLES.as_posix()}/")
+    text = text.replace("cell_mm = 0.2", "cell_mm = 0.5")
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    (folder / "cell.toml").write_text(text + axes, encoding="utf-8")
+    (folder / "part.ngc").write_text(program, encoding="ascii")
+    return folder / "part.ngc", read_cell(folder / "cell.toml")
+
+
+def rows_of(program: Path, cell: Cell) -> dict[str, dict[str, Any]]:
+    return {row["check"]: row for row in checking.check(program, cell).summary["checks"]}
+
+
+def stored(folder: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return next(folder / name for name in files if name.split(".")[-1] in ENDINGS.values())
+
+
+def catalogue_arm(cell: Cell) -> Arm:
+    g = catalog.entry(cell.robot.name).geometry
+    return Arm(g.c1_mm, g.a1_mm, g.b_mm, g.c2_mm, -g.a2_mm, g.c3_mm, g.c4_mm)
+
+
+def pose_of(table: Any) -> Matrix:
+    return arms.shift(table.x_mm, table.y_mm, table.z_mm) @ arms.zyx(table.a_deg, table.b_deg, table.c_deg)
+
+
+@pytest.mark.parametrize("moves", [ALONG, STANDING])
+@pytest.mark.parametrize("language", ENDINGS)
+def test_a_rail_moves_between_operations(tmp_path: Path, language: str, moves: str) -> None:
+    """Each row of the plan stands at its own place: a second model of arm and rail puts the tool on its point.
+
+    The program has these values, reads back as the same motions, and passes preflight.
+    """
+    file, cell = written(tmp_path, RAIL + moves)
+    done = compensate(file, cell, predict=False, language=language)
+    path, arm = done.plan.path, catalogue_arm(cell)
+    shown = np.degrees(axes_in(cell, "krl")[0].shown(done.plan.q))
+    T_zero_part, T_flange_tcp = pose_of(cell.tables.part), pose_of(cell.tables.tcp)
+    for body in reversed(cell.tables.end_effector):
+        T_flange_tcp = pose_of(body) @ T_flange_tcp
+    values = -50.0 + np.clip(path.place, 0.0, 1.0) * 350.0
+    for row in range(0, len(path), 7):
+        T_world_tcp = judge.along((0, 1, 0), values[row]) @ arms.kuka(arm, shown[row]) @ T_flange_tcp
+        there = T_zero_part @ np.append(path.p_part_tcp[row] * 1e3, 1.0)
+        assert np.linalg.norm(T_world_tcp[:3, 3] - there[:3]) < 2e-3
+    assert {-50.0, 300.0} < set(np.round(values, 6))
+    points = READERS[language](done.files)
+    assert [value for _, value in points] == sorted(value for _, value in points)
+    changed = next(k for k, (_, value) in enumerate(points) if value == pytest.approx(300.0))
+    arrives = [-12.0, 45.0, 60.0] if moves == ALONG else [20.0, 15.0, 60.0]
+    np.testing.assert_allclose(points[changed - 1][0][:3, 3], [20, 15, 60], atol=1e-3)
+    np.testing.assert_allclose(points[changed][0][:3, 3], arrives, atol=1e-3)
+    again = read_job(stored(tmp_path, done.files), cell, may_move=True)
+    assert again.places is not None
+    np.testing.assert_allclose(again.places.values, [[-0.05], [0.3]], atol=1e-6)
+    rows = rows_of(stored(tmp_path, done.files), cell)
+    assert "fail" not in {row["verdict"] for row in rows.values()}
+    assert "1 moves" in rows["external axes"]["what"]
+    assert rows_of(file, cell)["reach"]["value"] == pytest.approx(rows["reach"]["value"], abs=2.0)
+
+
+def test_a_table_turns_the_part_between_operations(tmp_path: Path) -> None:
+    """Only RAPID names a work object that goes with the table; the cut of each side is planned at its own angle."""
+    named = {"[controller]\n": '[controller]\nwork_object = "wPart"\n'}
+    file, cell = written(tmp_path, TABLE + TURNED, **named)
+    done = compensate(file, cell, predict=False, language="rapid")
+    path, arm = done.plan.path, catalogue_arm(cell)
+    shown = np.degrees(axes_in(cell, "krl")[0].shown(done.plan.q))
+    T_flange_tcp = pose_of(cell.tables.tcp)
+    for body in reversed(cell.tables.end_effector):
+        T_flange_tcp = pose_of(body) @ T_flange_tcp
+    for row in range(0, len(path), 7):
+        value = 10.0 - 35.0 * float(np.clip(path.place[row], 0.0, 1.0))
+        turned = judge.about((0, 0, 1), (1380, 0, 1000), value) @ pose_of(cell.tables.part)
+        there = (turned @ np.append(path.p_part_tcp[row] * 1e3, 1.0))[:3]
+        assert np.linalg.norm((arms.kuka(arm, shown[row]) @ T_flange_tcp)[:3, 3] - there) < 2e-3
+    assert [value for _, value in judge.rapid_points(done.files, 2)][-1] == -25.0
+    assert rows_of(stored(tmp_path, done.files), cell)["external axes"]["verdict"] == "ok"
+    for language in ("krl", "fanuc"):
+        with pytest.raises(InputError, match="E2 carries the part"):
+            compensate(file, cell, predict=False, language=language)
+
+
+def test_the_correction_of_an_operation_is_that_of_a_cell_that_stands_there(tmp_path: Path) -> None:
+    """Stiffness, sag and swing are those of the place of each operation: as in two cells that stand."""
+    file, cell = written(tmp_path, RAIL + STANDING)
+    both = compensate(file, cell, predict=False, programmed_feed=True).plan
+    for place, at in ((0, -50), (1, 300)):
+        _, there = written(tmp_path / str(at), RAIL.replace("at_mm = -50", f"at_mm = {at}"))
+        alone = compensate(file, there, predict=False, programmed_feed=True).plan
+        rows = np.flatnonzero((both.path.place == place) & (both.volume_m3 > 0.0))
+        same = np.array([np.argmin(np.linalg.norm(alone.path.p_part_tcp - p, axis=1)) for p in both.path.p_part_tcp[rows]])
+        np.testing.assert_allclose(both.deflection_part[rows], alone.deflection_part[same], rtol=1e-6, atol=1e-9)
+    apart = np.abs(both.deflection_part[:, :3]).max(axis=0)
+    assert apart.max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("axes", "program", "told"),
+    [
+        (RAIL.replace("coupled = true\n", "") + STANDING, PROGRAM, "coupled.*got missing"),
+        (RAIL.replace("coupled = true", "coupled = false") + STANDING, PROGRAM, "coupled.*got false"),
+        (RAIL + STANDING, PROGRAM.replace("Y15", "Y25"), "moves along another program"),
+    ],
+)
+def test_what_is_not_known_of_an_axis_is_refused(tmp_path: Path, axes: str, program: str, told: str) -> None:
+    file, cell = written(tmp_path, axes, program)
+    with pytest.raises(CounterflexError, match=told):
+        compensate(file, cell, predict=False, language="krl")
+
+
+def test_val3_and_commands_that_look_at_one_place_refuse(tmp_path: Path) -> None:
+    file, cell = written(tmp_path, RAIL + STANDING)
+    with pytest.raises(InputError, match="points of VAL3 have no external axes"):
+        compensate(file, cell, predict=False, language="val3")
+    with pytest.raises(InputError, match="external axes move between the operations"):
+        read_job(file, cell)
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ("moves_mm = [[80, 80, 900]]\nmoves_at_mm = [[20, 15, 60]]\n", "E1 cannot go to 900"),
+        ("moves_mm = [[80, 80, 300]]\n", "one point for each"),
+        ("moves_mm = [[80, 70, 300]]\nmoves_at_mm = [[20, 15, 60]]\n", "do not rise"),
+        ("moves_deg = [[80, 80, 30]]\nmoves_at_mm = [[20, 15, 60]]\n", "moves_deg has no meaning"),
+    ],
+)
+def test_moves_of_a_cell_file_are_checked(tmp_path: Path, keys: str, told: str) -> None:
+    with pytest.raises(FileFormatError, match=told):
+        written(tmp_path, RAIL + keys)
+
+
+def krl_of(folder: Path, edit: Callable[[list[str]], list[str]]) -> Path:
+    """The program in KRL with the rail at 0 all along, and edited."""
+    file, cell = written(folder, RAIL.replace("at_mm = -50", "at_mm = 0"))
+    conversion.run(file, cell.path, folder / "out", "krl")
+    source = folder / "out" / "part.src"
+    source.write_text("\n".join(edit(source.read_text().splitlines())) + "\n")
+    return source
+
+
+def changed(lines: list[str], find: str, old: str, new: str) -> list[str]:
+    assert any(find in line for line in lines)
+    return [line.replace(old, new) if find in line else line for line in lines]
+
+
+FAULTS: dict[str, tuple[Callable[[list[str]], list[str]], str, str]] = {
+    # in the cut, along the feed
+    "cut": (lambda t: changed(t, "X 20.0000,Y 15.0000,Z 36", "C -180.00000}", "C -180.00000,E1 100}"),
+            "external axes", "in the blank"),
+    # standing, in the slot
+    "slot": (lambda t: changed(t, "X 20.0000,Y 15.0000,Z 60", "Z 60.0000", "Z 36.0000")[:0] or [
+        line for one in t for line in ([one, one.replace("C -180.00000}", "C -180.00000,E1 100}")]
+                                       if "X 20.0000,Y 15.0000,Z 36" in one else [one])],
+             "external axes", "in the blank"),
+    # beyond the travel
+    "travel": (lambda t: changed(t, "X -12.0000,Y 45.0000,Z 60", "C -180.00000}", "C -180.00000,E1 900}"),
+               "external axes", "E1 goes to 900 mm, limits -400 to 500 mm"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_of_external_axes_are_found(tmp_path: Path, fault: str) -> None:
+    edit, check, told = FAULTS[fault]
+    source = krl_of(tmp_path, edit)
+    row = rows_of(source, read_cell(tmp_path / "cell.toml"))[check]
+    assert row["verdict"] == "fail"
+    assert told in row["what"]
+
+
+def test_a_body_in_the_way_of_the_rail_is_found(tmp_path: Path) -> None:
+    """Both places are free; between them the robot passes a post beside the robot."""
+    verdicts = {}
+    rail = RAIL.replace("-400", "-1000").replace("500", "1000")
+    still, there = (rail.replace("at_mm = -50", f"at_mm = {value}") for value in (-700, 800))
+    moves = STANDING.replace("300", "800")
+    for name, axes in (("still", still), ("there", there), ("moves", still + moves)):
+        file, cell = written(tmp_path / name, axes + FENCE)
+        verdicts[name] = rows_of(file, cell)["robot and spindle to surroundings"]
+    assert (verdicts["still"]["verdict"], verdicts["there"]["verdict"]) == ("ok", "ok")
+    assert verdicts["moves"]["verdict"] == "fail"
+    assert "post" in verdicts["moves"]["what"]
+
+
+def test_a_program_that_moves_otherwise_than_the_cell_file_is_refused(tmp_path: Path) -> None:
+    source = krl_of(tmp_path, lambda t: changed(t, "Y 45.0000,Z 60", "C -180.00000}", "C -180.00000,E1 200}"))
+    cell = read_cell(tmp_path / "cell.toml")
+    assert read_job(source, cell, may_move=True).places is not None
+    text = cell.path.read_text().replace("at_mm = 0", "at_mm = 0\n" + STANDING.strip())
+    cell.path.write_text(text)
+    with pytest.raises(ProgramError, match=r"moves E1 otherwise than the cell file says.*got 200; expected 300"):
+        read_job(source, read_cell(cell.path), may_move=True)
