@@ -114,7 +114,7 @@ def _rewrite(path: Path, frame: pl.DataFrame, meta: Any) -> None:
         ({"format": "counterflex-run", "version": 1}, None, f"not a {KIND} file; got 'counterflex-run'"),
         ({}, None, f"not a {KIND} file"),
         ("[1]", None, f"not a {KIND} file"),
-        ("not json", None, "not a readable"),
+        ("not json", None, "not readable"),
         ({"format": KIND, "version": VERSION}, "fx_n", "missing or unknown.*fx_n"),
     ],
 )
@@ -148,7 +148,7 @@ def test_columns_that_are_not_known_are_refused(tmp_path: Path) -> None:
 
 def test_missing_and_damaged_files(tmp_path: Path) -> None:
     (tmp_path / "plan.parquet").write_bytes(b"PAR1 and nothing else")
-    with pytest.raises(FileFormatError, match="not a readable Parquet file"):
+    with pytest.raises(FileFormatError, match="not readable as a Parquet file"):
         read_plan(tmp_path / "plan.parquet")
     with pytest.raises(FileFormatError, match=r"no such file. Did you mean plan.parquet\?"):
         read_plan(tmp_path / "plans.parquet")

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from counterflex.core import file_content
+from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
 from counterflex.files.parquet_table import Column, columns, read, table, write
 from counterflex.path.toolpath import ToolPath
@@ -111,6 +113,7 @@ def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
 def is_corrected(path: Path) -> bool:
     """Whether a plan file has the columns of version 2; False for what is no plan file."""
     try:
-        return MEASURED[0].name in pl.read_parquet_schema(path)
-    except (pl.exceptions.PolarsError, OSError):
+        with file_content.readable(path, "a Parquet file"):
+            return MEASURED[0].name in pl.read_parquet_schema(path)
+    except FileFormatError:
         return False

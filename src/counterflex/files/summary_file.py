@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.summary import FORMAT, VERSION
 from counterflex.files.schema import check_header
@@ -30,12 +30,7 @@ def read_summary(path: Path) -> dict[str, Any]:
     Raises:
         FileFormatError: Missing, not JSON, another format, or newer than this program.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(path)) from fault
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as fault:
-        raise FileFormatError("not readable as JSON", where=str(path), value=str(fault)[:80]) from fault
+    data = file_content.json_value(path)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise FileFormatError(f"not a {FORMAT} file", where=str(path))
     check_header(data, kind=FORMAT, version=VERSION, where=str(path))

@@ -37,7 +37,7 @@ from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.robot_programs import companions
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, summary
@@ -215,8 +215,8 @@ def run(
             folder.rmdir()
         (staging / "original").mkdir()
         for file in (Path(program), *companions(Path(program))):
-            atomic.write_bytes(staging / "original" / file.name, file.read_bytes())
-        atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
+            atomic.write_bytes(staging / "original" / file.name, file_content.content(file))
+        atomic.write_bytes(staging / "cell.toml", file_content.content(cell_file))
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}
         about |= {key: proof.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in proof.summary}

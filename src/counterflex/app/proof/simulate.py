@@ -14,7 +14,7 @@ from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, in_working_plane, read_job
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.robot_programs import companions
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.next_command import next_command
@@ -249,7 +249,7 @@ def _keep_cell(cell: Cell, folder: Path) -> None:
         atomic.write_bytes(folder / CELL, _source(cell.path))
         return
     name = BLANKS.replace(".*", Path(named).suffix)
-    atomic.write_bytes(folder / name, (cell.path.parent / named).read_bytes())
+    atomic.write_bytes(folder / name, _source(cell.path.parent / named))
     tables = cell.tables.model_dump(mode="json", exclude_none=True)
     tables["part"]["stock"]["stl" if stock.stl else "result"] = name
     write_toml(folder / CELL, tables, comment=f"As {cell.path.name}, with the blank beside it.")
@@ -323,7 +323,4 @@ def tool_of(path: ToolPath) -> int:
 
 
 def _source(path: str | Path) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+    return file_content.content(path)

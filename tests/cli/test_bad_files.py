@@ -1,0 +1,195 @@
+"""Every option that takes a file, given files that are broken in every way: one line that names the file, status 2.
+
+The options are those of the parser itself, so that a new one is covered.
+"""
+
+from __future__ import annotations
+
+import inspect
+import io
+import typing
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from command_parser import command_of
+from counterflex.cli import arguments
+from counterflex.cli.main import app
+
+EXAMPLES: Final = Path(__file__).parents[2] / "examples"
+FILE_CHECKS: Final = (arguments.file, arguments.file_or_folder, arguments.robot_or_cell)
+
+SOUND: Final = {
+    "cell": "cell.toml", "program": "part.ngc", "truth": "truth.toml", "original": "part.ngc", "plan": "plan",
+    "before": "part.ngc", "after": "part.ngc", "target": "cell.toml", "tap_test": "tap_test.csv", "rsi": "rsi.xml",
+    "scan": "scan.csv", "holder": "across.toml", "files": "poses.csv", "touches": "touches.csv", "file": "rsi.xml",
+    "data": "data.toml", "proposal": "proposal.toml", "certificate": "ball_bar.xml", "result": "result.json",
+    "results": "result.json", "folder": "run", "folders": "run", "runs": "run", "response": "tap_test.csv",
+    "log": "run",
+}  # fmt: skip
+"""What is given for a parameter, by its name, where another one is broken."""
+WORDS: Final = {
+    "to": "127.0.0.1:9", "peer": "127.0.0.1:9", "listen": "127.0.0.1:0", "value": "1", "recipe": "payload",
+    "joints_deg": "0,-90,90,0,0,0", "language": "krl", "robot": "kuka_kr300_r2500_ultra", "name": "x", "seed": "1",
+    "force_n": "0,1,0", "country": "DE", "keys": "sensor.range_n", "robot_name": "kuka_kr300_r2500_ultra",
+}  # fmt: skip
+BESIDE: Final[dict[tuple[str, str], dict[str, str]]] = {
+    ("identify", ""): {"recipe": "payload", "data": "data.toml", "cell": "cell.toml", "out": "new/out"},
+    ("identify", "holdout"): {"data": "data.toml", "cell": "cell.toml", "out": "new/out"},
+    ("campaign", ""): {"cell": "cell.toml", "out": "new/out"},
+    ("diff", ""): {"before": "part.ngc", "after": "part.ngc"},
+    ("iso9283", ""): {"files": "poses.csv", "poses": "poses.ngc"},
+    ("iso9283", "path"): {"files": "poses.csv"},
+    ("iso230 circularity", ""): {"files": "poses.csv", "path": "circle.ngc"},
+    ("iso230 straightness", ""): {"files": "poses.csv", "path": "square.ngc"},
+    ("plan strategy", ""): {"program": "part.ngc", "cell": "cell.toml"},
+    ("run", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "plan": "plan.parquet"},
+    ("twin cell", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "truth": "truth.toml", "out": "new/out"},
+    ("twin egm", ""): {"peer": "127.0.0.1:9"},
+    ("cell import", ""): {"out": "new/cell.toml"},
+    ("campaign", "cell"): {"program": "part.ngc", "out": "new/out"},
+    ("production", ""): {"runs": "run", "plan": "plan.parquet", "out": "new/out"},
+    ("twin rsi", "program"): {"cell": "cell.toml"},
+    ("twin rsi", "cell"): {"program": "part.ngc"},
+    ("twin tracker", "cell"): {"run_log": "run"},
+    ("dcc apply", ""): {"cell": "cell.toml", "keys": "sensor.range_n", "out": "new/out.toml"},
+    ("dcc apply", "dataset"): {"keys": "sensor.range_n", "out": "new/out.toml"},
+    ("rsi make", "program"): {"out": "new/out"},
+    ("inspect", ""): {"scan": "scan.ply"},
+    ("inspect", "scan"): {},
+    ("inspect", "tool_log"): {},
+    ("inspect", "before"): {"scan": "scan.ply"},
+}
+"""Further options of a command, or of one that tries one of its files."""
+ENDINGS: Final = {
+    "program": (".ngc", ".src", ".mod", ".ls", ".pgx", ".mpf", ".apt", ".nc"),
+    "original": (".ngc", ".src", ".mod"),
+    "before": (".ngc", ".src", ".mod", ".ls", ".pgx"),
+    "after": (".ngc",),
+    "scan": (".stl", ".ply", ".csv", ".xyz", ".asc", ".obj", ".dmis", ".qif", ".npz"),
+    "nominal": (".stl",),
+    "tool_log": (".csv", ".parquet", ".mcap"),
+    "plan": (".parquet",),
+    "rsi": (".xml", ".rsi.xml"),
+    "context": (".rsi.xml",),
+    "krl": (".src",),
+    "files": (".csv", ".dat", ".cfg", ".json", ".xml", ".txt", ".log"),
+    "file": (".csv", ".xml", ".txt"),
+    "data": (".toml", ".csv", ".parquet"),
+    "holdout": (".toml",),
+    "certificate": (".xml", ".pem"),
+    "result": (".json",),
+    "results": (".json",),
+    "schema": (".xsd",),
+    "users": (".toml",),
+    "key": (".pem",),
+    "dataset": (".toml",),
+    "parameters": (".var",),
+    "log": (".csv", ".txt"),
+}
+
+
+def _zip(content: bytes) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("content.xml", content)
+    return stream.getvalue()
+
+
+BROKEN: Final[dict[str, bytes]] = {
+    "empty": b"",
+    "blank": b"\n  \n\n",
+    "zero bytes": b'format = "x"\n\0\0\0\0\n',
+    "noise": bytes((7 * k * k + 13 * k) % 256 for k in range(4000)),
+    "UTF-16": "\ufeffG1 X10 F100\n".encode("utf-16-le"),
+    "half a character": b'name = "caf\xc3"\n',
+    "huge line": b"1" * 2_000_000,
+    "huge line of words": b"a = 1 " * 200_000,
+    "huge number": b"a = " + b"1" * 6000 + b"\n",
+    "huge number, JSON": b'{"format": ' + b"1" * 6000 + b"}",
+    "deep, JSON": b'{"a":' * 30_000,
+    "deep, TOML": b"a = " + b"[" * 30_000,
+    "deep, XML": b"<a>" * 30_000,
+    "XML with entities": b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c"><!ENTITY d "&b;&b;">]><a>&d;</a>',
+    "XML of another kind": b"<html><body>404</body></html>",
+    "zip": _zip(b"<a/>"),
+    "zip cut off": _zip(b"<a/>" * 100)[:60],
+    "gzip cut off": b"\x1f\x8b\x08\0\0\0\0\0\0\x03abc",
+    "Parquet cut off": b"PAR1" + b"\x15\x04" * 40,
+    "Parquet with a wrong footer": b"PAR1" + b"\x15\x04" * 40 + b"\xff\xff\xff\x7fPAR1",
+    "MCAP cut off": b"\x89MCAP0\r\n" + b"\x01\xff\xff\xff\xff\0\0\0\0abc",
+    "STL of more than it holds": b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 20,
+    "STL without a facet": b"solid a\nendsolid a\n",
+    "PLY without points": b"ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nend_header\n1\n",
+    "null": b"null",
+    "list": b"[]",
+    "number": b"1",
+}
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option or argument of a command that takes a file.
+
+    Attributes:
+        command: Words that call the command.
+        name: Of the parameter.
+        words: Command line behind ``command``; ``@`` stands for the file.
+    """
+
+    command: tuple[str, ...]
+    name: str
+    words: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{' '.join(self.command)}: {self.name}"
+
+    def line(self, file: str) -> list[str]:
+        """Return the command line with a file."""
+        return [*self.command, *(file if word == "@" else word for word in self.words)]
+
+
+def _commands(app: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Callable[..., Any]]]:
+    for item in app.registered_commands:
+        yield (*path, item.name or item.callback.__name__.replace("_", "-")), item.callback
+    for group in app.registered_groups:
+        yield from _commands(group.typer_instance, (*path, group.name))
+
+
+def _flags(path: tuple[str, ...]) -> dict[str, list[str]]:
+    """Words in front of the value of each parameter: none for an argument."""
+    command, _ = command_of(list(path))
+    return {param.name: [word for word in param.opts if word.startswith("--")][:1] for param in command.params}
+
+
+def _options() -> list[Option]:
+    found = []
+    for path, function in _commands(app):
+        infos = {
+            name: typing.get_args(hint)[1]
+            for name, hint in typing.get_type_hints(function, include_extras=True).items()
+            if typing.get_origin(hint) is typing.Annotated
+        }
+        defaults, flags = inspect.signature(function).parameters, _flags(path)
+        needed = [name for name in infos if defaults[name].default is inspect.Parameter.empty]
+        for name, info in infos.items():
+            if info.callback not in FILE_CHECKS:
+                continue
+            words = [*flags[name], "@"]
+            beside = BESIDE.get((" ".join(path), name), BESIDE.get((" ".join(path), ""), {}))
+            for other in dict.fromkeys([*needed, *beside]):
+                if other != name:
+                    words += [*flags[other], beside.get(other) or _value(other, infos[other])]
+            found.append(Option(path, name, tuple(words)))
+    return found
+
+
+def _value(name: str, info: Any) -> str:
+    if getattr(info.callback, "__name__", "").startswith("output"):
+        return "new/out"
+    return SOUND.get(name) or WORDS.get(name, "x")
+
+
+OPTIONS: Final = _options()
