@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from command_parser import command_of
+from counterflex.app import examples
 from counterflex.cli import arguments
 from counterflex.cli.main import app
 
@@ -49,6 +50,8 @@ BESIDE: Final[dict[tuple[str, str], dict[str, str]]] = {
     ("twin cell", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "truth": "truth.toml", "out": "new/out"},
     ("twin egm", ""): {"peer": "127.0.0.1:9"},
     ("cell import", ""): {"out": "new/cell.toml"},
+    ("campaign", "placements"): {"cell": "cell.toml", "seeds": "1", "out": "new/out"},
+    ("pose", ""): {"joints_deg": "0,-90,90,0,0,0"},
     ("campaign", "cell"): {"program": "part.ngc", "out": "new/out"},
     ("production", ""): {"runs": "run", "plan": "plan.parquet", "out": "new/out"},
     ("twin rsi", "program"): {"cell": "cell.toml"},
@@ -193,3 +196,83 @@ def _value(name: str, info: Any) -> str:
 
 
 OPTIONS: Final = _options()
+LIGHT: Final = [option for option in OPTIONS if option.command != ("run",)]
+"""All but ``run``, which reads in processes of its own; it ends in one line too (``test_run_command.py``)."""
+NOT_FIRST: Final = {("production", "plan")}
+"""Read after another file of the command that no small example has."""
+EMPTY_IS_RIGHT: Final = {"parameters"}
+"""A parameter file without lines is a machine whose parameters are all 0."""
+
+
+@pytest.fixture(scope="module")
+def given(machined: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a sound file for every option."""
+    folder = tmp_path_factory.mktemp("given") / "work"
+    shutil.copytree(machined.folder, folder)
+    for name in ("tap_test.csv", "touches.csv", "holders/across.toml", "certificates/ball_bar.xml",
+                 "controller/poses.csv", "robot_tests/poses.ngc", "robot_tests/circle.ngc", "robot_tests/square.ngc"):  # fmt: skip
+        shutil.copy(EXAMPLES / name, folder)
+    shutil.copy(EXAMPLES / "scans" / "groove.ply", folder / "scan.ply")
+    (folder / "rsi.xml").write_text(examples.text("rsi.xml"), encoding="utf-8")
+    for name in ("plan.parquet", "data.toml", "proposal.toml", "result.json", "scan.csv"):
+        (folder / name).write_text("", encoding="utf-8")
+    (folder / "plan").mkdir()
+    return folder
+
+
+def _ends_well(given: Path, counterflex: Any, option: Option, kind: str, ending: str) -> None:
+    name = f"broken{ending}"
+    (given / name).write_bytes(BROKEN[kind])
+    ended = counterflex(*option.line(name))
+    (given / name).unlink()
+    assert ended.status == 2, (option, kind, ended)
+    assert ended.err.startswith("error: "), (option, kind, ended)
+    assert ended.err.count("\n") == 1, (option, kind, ended)
+    assert "Traceback" not in ended.err
+    assert name in ended.err or (" ".join(option.command), option.name) in NOT_FIRST, (option, kind, ended.err)
+    assert not (given / "new").exists()
+
+
+def _kinds(option: Option) -> list[str]:
+    return [kind for kind in BROKEN if option.name not in EMPTY_IS_RIGHT or kind not in ("empty", "blank")]
+
+
+@pytest.mark.parametrize("place", range(len(LIGHT)), ids=lambda place: str(LIGHT[place]))
+def test_every_option_of_the_parser(given: Path, counterflex: Any, monkeypatch: Any, place: int) -> None:
+    monkeypatch.chdir(given)
+    option = LIGHT[place]
+    kinds, endings = _kinds(option), ENDINGS.get(option.name, (".toml",))
+    _ends_well(given, counterflex, option, kinds[7 * place % len(kinds)], endings[place % len(endings)])
+
+
+READERS: Final = {
+    "cell check": "cell", "path": "program", "dataset check": "data", "rsi check": "file", "dcc show": "certificate",
+    "modes": "tap_test", "thermal": "model", "benchmark-part compare": "results", "inspect": "tolerances",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", READERS)
+def test_every_reader_with_every_fault(given: Path, counterflex: Any, monkeypatch: Any, command: str) -> None:
+    monkeypatch.chdir(given)
+    option = next(one for one in OPTIONS if (" ".join(one.command), one.name) == (command, READERS[command]))
+    for number, kind in enumerate(kind for kind in _kinds(option) if not kind.startswith("huge line")):
+        endings = ENDINGS.get(option.name, (".toml",))
+        _ends_well(given, counterflex, option, kind, endings[number % len(endings)])
+
+
+@pytest.mark.parametrize("command", READERS)
+@pytest.mark.parametrize("what", ["missing", "folder"])
+def test_a_file_that_vanishes_after_the_check(
+    given: Path, counterflex: Any, monkeypatch: Any, command: str, what: str
+) -> None:
+    monkeypatch.chdir(given)
+    monkeypatch.setattr(arguments, "_paths", lambda _: [])
+    option = next(one for one in OPTIONS if (" ".join(one.command), one.name) == (command, READERS[command]))
+    name = f"{what}{ENDINGS.get(option.name, ('.toml',))[0]}"
+    if what == "folder":
+        (given / name).mkdir(exist_ok=True)
+    ended = counterflex(*option.line(name))
+    assert ended.status == 2, ended
+    assert ended.err.count("\n") == 1
+    assert name in ended.err
+    assert ("no such file" if what == "missing" else "it is a folder") in ended.err

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +27,7 @@ _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 
 @contextlib.contextmanager
 def readable(
-    path: str | Path, kind: str, hint: str = _AGAIN, family: type[FileFormatError] = FileFormatError
+    path: str | os.PathLike[str], kind: str, hint: str = _AGAIN, family: type[FileFormatError] = FileFormatError
 ) -> Iterator[None]:
     """Raise what the system or a library says of a file as one error.
 
@@ -49,7 +50,7 @@ def readable(
         raise _refusal(Path(path), kind, hint, fault, family) from fault
 
 
-def content(path: str | Path, family: type[FileFormatError] = FileFormatError) -> bytes:
+def content(path: str | os.PathLike[str], family: type[FileFormatError] = FileFormatError) -> bytes:
     """Return the bytes of a file.
 
     Raises:
@@ -59,7 +60,7 @@ def content(path: str | Path, family: type[FileFormatError] = FileFormatError) -
         return Path(path).read_bytes()
 
 
-def text(path: str | Path, hint: str = "Save it as UTF-8 text") -> str:
+def text(path: str | os.PathLike[str], hint: str = "Save it as UTF-8 text") -> str:
     """Return the text of a file in UTF-8, with or without byte order mark.
 
     Args:
@@ -72,7 +73,7 @@ def text(path: str | Path, hint: str = "Save it as UTF-8 text") -> str:
     return decoded(content(path), path, hint)
 
 
-def decoded(data: bytes, path: str | Path, hint: str = "Save it as UTF-8 text") -> str:
+def decoded(data: bytes, path: str | os.PathLike[str], hint: str = "Save it as UTF-8 text") -> str:
     """Return bytes of a file as text, see :func:`text`."""
     try:
         found = data.decode("utf-8-sig")
@@ -86,7 +87,7 @@ def decoded(data: bytes, path: str | Path, hint: str = "Save it as UTF-8 text") 
     return found
 
 
-def json_value(path: str | Path, kind: str = "JSON", hint: str = _AGAIN) -> Any:
+def json_value(path: str | os.PathLike[str], kind: str = "JSON", hint: str = _AGAIN) -> Any:
     """Return the value of a JSON file.
 
     Raises:

@@ -27,7 +27,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance
 from counterflex.plan.feed_limits import LimitedFeed
@@ -172,7 +172,7 @@ def run(
         write_plan(
             staging / "plan.parquet", result.plan, {**about, "feed_lowered_s": lowered["extra_s"]}, cell.chain.axes
         )
-        write_summary(staging / "summary.json", result.summary)
+        write_folder_summary(staging, result.summary)
         if report:
             from counterflex.report.page import prediction_page, write_page
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from counterflex.app.correction.simulated_scan import simulated_scan
 from counterflex.app.inputs import Job
+from counterflex.app.plan_of_cell import require_same_cell
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.core import file_content
@@ -18,7 +19,7 @@ from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.next_command import next_command
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
-from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.part_deviations import MeasuredPart, read_part_deviations
 from counterflex.files.run_file import read_run
 
@@ -61,6 +62,7 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
     run, surface = _simulated_files(path)
     if run is not None and surface is not None:
         _check_original(path, program)
+        require_same_cell(read_cell(path / simulate.CELL), cell, path)
         reference = reference_of(job, cell)
         record, _ = read_run(run)
         judged = judge(reference, record, HeightMap.load(surface))

@@ -16,7 +16,7 @@ from counterflex.core import atomic, file_content
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.files.tool_path_file import LoggedPath, write_tool_path
 
 DEVIATIONS: Final = "deviations.parquet"
@@ -78,7 +78,7 @@ def run(
 
     with atomic.atomic_folder(out) as staging:
         _write_rows(staging, inspection, last, program)
-        write_summary(staging / SUMMARY, inspection.summary)
+        write_folder_summary(staging, inspection.summary)
         write_page(page_of(inspection), staging / REPORT)
         if more is not None:
             more(staging, inspection.summary)

@@ -213,7 +213,8 @@ def _start(file: Path, unit_m: float) -> Float:
     """Pose of a scan by points of it and of the part: columns scan x y z in its unit, part x y z in mm."""
     text = file_content.text(file)
     try:
-        rows = np.atleast_2d(np.loadtxt(text.splitlines(), delimiter="," if "," in text else None, comments="#"))
+        lines = [line for line in text.splitlines() if line.split("#")[0].strip()] or ["nan"]
+        rows = np.atleast_2d(np.loadtxt(lines, delimiter="," if "," in text else None, comments="#"))
     except ValueError as fault:
         raise FileFormatError(
             "datum points are not readable",

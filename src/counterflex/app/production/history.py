@@ -49,13 +49,19 @@ def read_history(folder: Path) -> list[KeptRun]:
     return out
 
 
-def require_alike(history: list[KeptRun], tool: int, material: str, where: Path) -> None:
-    """Refuse to go on with a history of another tool or material.
+def require_alike(history: list[KeptRun], tool: int, material: str, robot: str, where: Path) -> None:
+    """Refuse to go on with a history of another tool, material or robot.
 
     Raises:
         InputError: It names both.
     """
     for kept in history:
+        other = kept.facts.get("robot", robot)  # histories of former versions do not state it
+        if other != robot:
+            raise InputError(
+                "the history is of another robot", where=str(where / RUNS), value=other, limit=robot,
+                hint="Give each robot an --out of its own",
+            )  # fmt: skip
         if (kept.facts["tool"], kept.facts["material"]) != (tool, material):
             raise InputError(
                 "the history is of another tool or material",

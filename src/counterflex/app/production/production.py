@@ -174,7 +174,7 @@ def produce(
             require_of_cell(plan, about, cell, plan_file)
             cuts[key] = planned_cut(plan, about, cell, plan_file, compensated=one.compensated)
         tool = _tool(tool, cuts[key], plan_file)
-        require_alike(history, tool, material, out)
+        require_alike(history, tool, material, cell.chain.name, out)
         is_new = bool(options["new_tool"]) and not new
         new.append(_taken(one, cuts[key], model, tool, material, plan_file, digests[plan_file], is_new, options))
         if one.cell_sha256 and one.cell_sha256 != hashlib.sha256(file_content.content(cell.path)).hexdigest():
@@ -233,6 +233,7 @@ def _taken(
         "plan_sha256": digest,
         "tool": tool,
         "material": material,
+        "robot": model.robot.name,
         "begun_s": one.begun_s,
         "compensated": one.compensated,
         "new_tool": is_new,

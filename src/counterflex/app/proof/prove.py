@@ -45,7 +45,7 @@ from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
 from counterflex.files.run_file import write_run
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.plant.record import Record
@@ -216,7 +216,7 @@ def run(
         (staging / "original").mkdir()
         for file in (Path(program), *companions(Path(program))):
             atomic.write_bytes(staging / "original" / file.name, file_content.content(file))
-        atomic.write_bytes(staging / "cell.toml", file_content.content(cell_file))
+        simulate.keep_cell(read_cell(cell_file, assume_class=assume_class), staging)
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}
         about |= {key: proof.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in proof.summary}
@@ -233,7 +233,7 @@ def run(
             item = proof.judged[proof.first_seed, variant]
             write_run(staging / f"{variant}.parquet", item.run, {**about, "seed": proof.first_seed, "variant": variant})
             simulate.save_part(item.actual, item.columns, staging, f"{variant}-")
-        write_summary(staging / "summary.json", proof.summary)
+        write_folder_summary(staging, proof.summary)
         write_page(proof_page(proof), staging / "report.html")
     return proof.summary
 
