@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import inspect
 import io
+import shutil
 import typing
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
+
+import pytest
 
 from command_parser import command_of
 from counterflex.app import examples
@@ -40,26 +43,35 @@ BESIDE: Final[dict[tuple[str, str], dict[str, str]]] = {
     ("identify", ""): {"recipe": "payload", "data": "data.toml", "cell": "cell.toml", "out": "new/out"},
     ("identify", "holdout"): {"data": "data.toml", "cell": "cell.toml", "out": "new/out"},
     ("campaign", ""): {"cell": "cell.toml", "out": "new/out"},
+    ("panel", "certificate"): {"key": "cell.toml"},
+    ("panel", "key"): {"certificate": "cell.toml"},
+    ("opcua", "certificate"): {"key": "cell.toml"},
+    ("opcua", "key"): {"certificate": "cell.toml"},
+    ("campaign", "program"): {"cell": "cell.toml", "seeds": "1"},
+    ("egm check", "cell"): {"program": "dangerous.mod"},
+    ("egm make", ""): {"cell": "online.toml"},
+    ("rsi make", ""): {"cell": "online.toml"},
+    ("twin egm", "program"): {"cell": "online.toml", "peer": "127.0.0.1:9"},
+    ("benchmark-part judge", ""): {"method": "catalogue"},
     ("diff", ""): {"before": "part.ngc", "after": "part.ngc"},
-    ("iso9283", ""): {"files": "poses.csv", "poses": "poses.ngc"},
-    ("iso9283", "path"): {"files": "poses.csv"},
-    ("iso230 circularity", ""): {"files": "poses.csv", "path": "circle.ngc"},
-    ("iso230 straightness", ""): {"files": "poses.csv", "path": "square.ngc"},
+    ("iso9283", ""): {"files": "log.csv", "poses": "poses.ngc"},
+    ("iso9283", "path"): {"files": "log.csv"},
+    ("iso230 circularity", ""): {"files": "log.csv", "path": "circle.ngc"},
+    ("iso230 straightness", ""): {"files": "log.csv", "path": "square.ngc"},
     ("plan strategy", ""): {"program": "part.ngc", "cell": "cell.toml"},
     ("run", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "plan": "plan.parquet"},
     ("twin cell", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "truth": "truth.toml", "out": "new/out"},
-    ("twin egm", ""): {"peer": "127.0.0.1:9"},
+    ("twin egm", "cell"): {"peer": "127.0.0.1:9"},
     ("cell import", ""): {"out": "new/cell.toml"},
     ("campaign", "placements"): {"cell": "cell.toml", "seeds": "1", "out": "new/out"},
     ("pose", ""): {"joints_deg": "0,-90,90,0,0,0"},
-    ("campaign", "cell"): {"program": "part.ngc", "out": "new/out"},
+    ("campaign", "cell"): {"program": "part.ngc", "seeds": "1", "out": "new/out"},
     ("production", ""): {"runs": "run", "plan": "plan.parquet", "out": "new/out"},
     ("twin rsi", "program"): {"cell": "cell.toml"},
     ("twin rsi", "cell"): {"program": "part.ngc"},
     ("twin tracker", "cell"): {"run_log": "run"},
     ("dcc apply", ""): {"cell": "cell.toml", "keys": "sensor.range_n", "out": "new/out.toml"},
     ("dcc apply", "dataset"): {"keys": "sensor.range_n", "out": "new/out.toml"},
-    ("rsi make", "program"): {"out": "new/out"},
     ("inspect", ""): {"scan": "scan.ply"},
     ("inspect", "scan"): {},
     ("inspect", "tool_log"): {},
@@ -198,8 +210,12 @@ def _value(name: str, info: Any) -> str:
 OPTIONS: Final = _options()
 LIGHT: Final = [option for option in OPTIONS if option.command != ("run",)]
 """All but ``run``, which reads in processes of its own; it ends in one line too (``test_run_command.py``)."""
-NOT_FIRST: Final = {("production", "plan")}
-"""Read after another file of the command that no small example has."""
+NOT_FIRST: Final = {
+    ("correct", "scan"), ("benchmark-part judge", "scan"), ("production", "plan"), ("identify", "holdout"),
+    ("twin measure", "cell"), ("twin measure", "truth"), ("twin tracker", "cell"), ("dcc write", "schema"),
+    ("dcc apply", "cell"), ("cell import", "poses"),
+}  # fmt: skip
+"""Read after another file of the command that no small example has: that one is named."""
 EMPTY_IS_RIGHT: Final = {"parameters"}
 """A parameter file without lines is a machine whose parameters are all 0."""
 
@@ -209,11 +225,16 @@ def given(machined: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a sound file for every option."""
     folder = tmp_path_factory.mktemp("given") / "work"
     shutil.copytree(machined.folder, folder)
-    for name in ("tap_test.csv", "touches.csv", "holders/across.toml", "certificates/ball_bar.xml",
-                 "controller/poses.csv", "robot_tests/poses.ngc", "robot_tests/circle.ngc", "robot_tests/square.ngc"):  # fmt: skip
+    names = (
+        "tap_test.csv touches.csv holders/across.toml certificates/ball_bar.xml controller/poses.csv egm/dangerous.mod"
+    )
+    for name in (*names.split(), *(f"robot_tests/{kind}.ngc" for kind in ("poses", "circle", "square"))):
         shutil.copy(EXAMPLES / name, folder)
     shutil.copy(EXAMPLES / "scans" / "groove.ply", folder / "scan.ply")
     (folder / "rsi.xml").write_text(examples.text("rsi.xml"), encoding="utf-8")
+    (folder / "log.csv").write_text("time_s,x_mm,y_mm,z_mm\n0,0,0,0\n1,1,0,0\n", encoding="utf-8")
+    cell = (folder / "cell.toml").read_text(encoding="utf-8")
+    (folder / "online.toml").write_text(f'{cell}\n[online]\nforce = "pilot"\nperiod_ms = 24\n', encoding="utf-8")
     for name in ("plan.parquet", "data.toml", "proposal.toml", "result.json", "scan.csv"):
         (folder / name).write_text("", encoding="utf-8")
     (folder / "plan").mkdir()

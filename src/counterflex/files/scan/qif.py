@@ -21,10 +21,14 @@ def read_qif(path: Path) -> Scan:
         FileFormatError: No XML, no QIF, no measured points, a wrong number of coordinates, balls of different radius,
             or points of both kinds.
     """
+    from defusedxml.common import DefusedXmlException
     from defusedxml.ElementTree import parse
 
-    with file_content.readable(path, "XML", "Export the results as QIF again"):  # entities are refused too
-        root = parse(path).getroot()
+    with file_content.readable(path, "XML", "Export the results as QIF again"):
+        try:
+            root = parse(path).getroot()
+        except DefusedXmlException as fault:
+            raise FileFormatError("the XML holds what is not read here", where=str(path), value=str(fault)) from fault
     if root is None or _name(root) != "QIFDocument":
         raise FileFormatError(
             "the XML file is no QIF document", where=str(path), value=None if root is None else _name(root)
