@@ -162,6 +162,9 @@ def compensate(
     Limits of [process_limits] in the cell file (force, spindle torque and power, bending of the tool, torque on each
     axis, deflection, acceleration) lower it too; the one that binds is named line by line.
 
+    A robot program whose loops need another target in each pass is written out first, each motion once; that program
+    is then in written-out.
+
     Table of the scenario: compensation.
 
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
@@ -170,7 +173,7 @@ def compensate(
     from counterflex.files.scenario_file import read_scenario
 
     wish, table = None, read_scenario(scenario or (), ("compensation",)).compensation
-    from counterflex.app.compensation import compensate as job
+    from counterflex.app import written_out as job
     from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
 
