@@ -21,6 +21,7 @@ from counterflex.app.compensation.prediction import calm_feed, prediction, summa
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, in_plane_of, in_working_plane, read_job, setting_of
+from counterflex.app.named_lines import with_files
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -134,6 +135,7 @@ def compensate(
     about |= {} if feed is None else {"feed": shown_feed(lowered, feed)}
     about |= in_plane_of(cell)
     about |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
+    about = with_files(about, job.program)
     return Compensated(plan, files, about["written"], about, job.program.encoding, limited)
 
 

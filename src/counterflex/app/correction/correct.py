@@ -31,6 +31,7 @@ from counterflex.app.inputs import (
     read_job,
     setting_of,
 )
+from counterflex.app.named_lines import with_files
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -138,6 +139,7 @@ def correct(
         "explanations": shown(weighed),
         "alike": [e.name for e in weighed if weighed[0].log_evidence - e.log_evidence < ALIKE],
     }
+    summary = with_files(summary, job.program)
     summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
     progress(1.0)
     return Corrected(
