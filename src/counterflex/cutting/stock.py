@@ -158,6 +158,26 @@ class HeightMap:
         z = np.repeat(np.repeat(self.z, times, axis=0), times, axis=1)
         return HeightMap(self.x0_m + shift, self.y0_m + shift, cell, z, self.bottom_m)
 
+    def finer_block(self, cell_m: float) -> HeightMap:
+        """Return the same block in smaller cells, of any ratio that divides both sides evenly.
+
+        Args:
+            cell_m: Largest side of a cell, at most the present one; the cells become at most one division smaller.
+
+        Raises:
+            InputError: The top is not one plane, or the grid is too large.
+        """
+        if self.z.min() != self.z.max():
+            raise InputError("a stock whose top is not one plane is divided by whole numbers only")
+        shared = math.gcd(*self.z.shape)
+        parts = math.ceil(shared * self.cell_m / cell_m - 1e-9)
+        cell = self.cell_m * shared / parts
+        shape = (self.z.shape[0] // shared * parts, self.z.shape[1] // shared * parts)
+        shift = 0.5 * (cell - self.cell_m)
+        _check_grid(shape, cell)
+        z = np.full(shape, self.z.flat[0], dtype=np.float32)
+        return HeightMap(self.x0_m + shift, self.y0_m + shift, cell, z, self.bottom_m)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the map as a compressed NumPy archive, whole or not at all.
 
