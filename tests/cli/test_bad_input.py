@@ -547,8 +547,8 @@ def test_program_the_twin_refuses(
 
 DAMAGED: dict[str, tuple[str, bytes | None, list[str]]] = {
     "run missing": ("run.parquet", None, ["run", "run.parquet", "counterflex simulate"]),
-    "run damaged": ("run.parquet", b"damaged", ["run.parquet", "not a readable Parquet file"]),
-    "run empty": ("run.parquet", b"", ["run.parquet", "not a readable Parquet file"]),
+    "run damaged": ("run.parquet", b"damaged", ["run.parquet", "not readable as a Parquet file"]),
+    "run empty": ("run.parquet", b"", ["run.parquet", "not readable as a Parquet file"]),
     "surface missing": ("surface.npz", None, ["surface.npz", "no such file"]),
     "surface damaged": ("surface.npz", b"damaged", ["surface.npz", "damaged"]),
     "surface cut off": ("surface.npz", b"PK\x03\x04-\x00\x00\x00\x08", ["surface.npz", "damaged"]),

@@ -65,3 +65,24 @@ def test_unmapped_statements_do_not_leave_their_language(folder: Path, counterfl
     assert "part.src:12" in ended.err
     assert "$OUT[7]=TRUE" in ended.err
     assert not (folder / "out").exists()
+
+
+def test_a_loop_whose_passes_need_targets_of_their_own_is_written_out(folder: Path, counterflex: Any) -> None:
+    """Two cuts of one loop, side by side: each pass has a correction of its own in the written program."""
+    cut = "LIN {Z 17.000} C_DIS\nLIN {X 10.000} ; the slot\n"
+    loop = f"FOR N=1 TO 2\n{cut}LIN {{Z 22.000}}\nLIN {{X -12.000,Y 17.000}}\nENDFOR\n"
+    assert cut in SOURCE
+    (folder / "part.src").write_text(SOURCE.replace(cut, loop), encoding="utf-8")
+    (folder / "part.dat").write_text(DATA, encoding="utf-8")
+    made = counterflex("compensate", "part.src", "--cell", "cell.toml", "--out", "out", "--no-report", "--no-predict")
+    assert made.status == 0, made.err
+    assert "runs several times and each pass needs another correction" in " ".join(made.out.split())
+    assert (folder / "out" / "written-out" / "part.src").is_file()
+    written = (folder / "out" / "part.src").read_text(encoding="utf-8")
+    assert "FOR " not in written
+    about = json.loads(counterflex("diff", "part.src", "out/part.src", "--json").out)
+    assert about["points_added"] > 0
+    moved = about["largest_um"]
+    assert 50.0 < moved < 3000.0
+    refused = counterflex("compensate", "out/part.src", "--cell", "cell.toml", "--out", "again")
+    assert "compensated already" in refused.err

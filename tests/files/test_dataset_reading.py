@@ -270,7 +270,7 @@ def test_parquet_is_read_like_csv(tmp_path: Path) -> None:
     data = read_dataset(lab(tmp_path, '[[files]]\npath = "a.parquet"\n' + PULL))
     np.testing.assert_array_equal(data.values("f_tcp_base"), [[1, 3, 5], [2, 4, 6]])
     (tmp_path / "a.parquet").write_bytes(b"PAR1 not really")
-    assert "not a readable Parquet" in fault(tmp_path, '[[files]]\npath = "a.parquet"\n' + PULL)
+    assert "not readable as a Parquet" in fault(tmp_path, '[[files]]\npath = "a.parquet"\n' + PULL)
     frame.with_columns(Fx=pl.Series([1.0, None])).write_parquet(tmp_path / "a.parquet")
     assert "a.parquet:2: column 'Fx'" in fault(tmp_path, '[[files]]\npath = "a.parquet"\n' + PULL)
 

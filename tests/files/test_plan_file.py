@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError
 from counterflex.files.plan_file import KIND, LAYOUT, MEASURED, VERSION, plan_table, read_plan, write_plan
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.plan import Plan, job_hash
 from counterflex.robot.model.controller_axes import MAKERS, from_geometry
@@ -50,6 +53,19 @@ def same(a: Any, b: Any) -> None:
         else:
             assert one.dtype == two.dtype
             np.testing.assert_allclose(one, two, rtol=1e-14, atol=0.0)
+
+
+def test_a_plan_of_another_folder_is_refused(tmp_path: Path) -> None:
+    for name, seed in (("one", 1), ("two", 2)):
+        with atomic.atomic_folder(tmp_path / name) as staging:
+            write_plan(staging / "plan.parquet", a_plan(4, seed), ABOUT)
+            write_folder_summary(staging, {})
+    assert len(read_plan(tmp_path / "one" / "plan.parquet")[0].path) == 4
+    shutil.copyfile(tmp_path / "two" / "plan.parquet", tmp_path / "one" / "plan.parquet")
+    with pytest.raises(FileFormatError, match=r"plan\.parquet: the files of this folder do not belong together"):
+        read_plan(tmp_path / "one" / "plan.parquet")
+    shutil.copyfile(tmp_path / "two" / "plan.parquet", tmp_path / "alone.parquet")
+    same(read_plan(tmp_path / "alone.parquet")[0], a_plan(4, 2))
 
 
 @given(st.integers(0, 40), st.integers(0, 10**6))
@@ -114,7 +130,7 @@ def _rewrite(path: Path, frame: pl.DataFrame, meta: Any) -> None:
         ({"format": "counterflex-run", "version": 1}, None, f"not a {KIND} file; got 'counterflex-run'"),
         ({}, None, f"not a {KIND} file"),
         ("[1]", None, f"not a {KIND} file"),
-        ("not json", None, "not a readable"),
+        ("not json", None, "not readable"),
         ({"format": KIND, "version": VERSION}, "fx_n", "missing or unknown.*fx_n"),
     ],
 )
@@ -148,7 +164,7 @@ def test_columns_that_are_not_known_are_refused(tmp_path: Path) -> None:
 
 def test_missing_and_damaged_files(tmp_path: Path) -> None:
     (tmp_path / "plan.parquet").write_bytes(b"PAR1 and nothing else")
-    with pytest.raises(FileFormatError, match="not a readable Parquet file"):
+    with pytest.raises(FileFormatError, match="not readable as a Parquet file"):
         read_plan(tmp_path / "plan.parquet")
     with pytest.raises(FileFormatError, match=r"no such file. Did you mean plan.parquet\?"):
         read_plan(tmp_path / "plans.parquet")

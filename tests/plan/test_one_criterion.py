@@ -140,7 +140,9 @@ def test_placement_and_trial_say_of_a_program_what_stability_says(
     assert everywhere[worst.stretch.row]
     slot = [at for at in judged if abs(walls.p_part_tcp[at.stretch.row, 1] - 0.03) < 1e-6]
     assert not any(everywhere[at.stretch.row] for at in slot)
-    assert not chattering(loaded, 0.1 * loaded.deflection_part, _cuts(loaded)).any()
+    assert not chattering(loaded, 0.05 * loaded.deflection_part, _cuts(loaded)).any()
+    # a swing of a quarter of the deflection was not looked at, and its offset was commanded against
+    np.testing.assert_array_equal(chattering(loaded, 0.24 * loaded.deflection_part, _cuts(loaded)), everywhere)
     some = feeding([at.stretch for at in judged], np.arange(len(walls)), setting, setting.law)
     assert some.damping == setting.damping
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.inputs import setting_of
+from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
@@ -57,6 +58,26 @@ def test_finer_stock_is_the_same_body(block: Block) -> None:
     assert finer.x_m()[0] - 0.5 * finer.cell_m == pytest.approx(stock.x_m()[0] - 0.5 * stock.cell_m, abs=1e-12)
     at = np.searchsorted(finer.y_m(), stock.y_m()[9] + 0.49 * stock.cell_m) - 1
     assert finer.z[at, 0] == stock.z[9, 0] != finer.z[at + 1, 0]
+
+
+def test_a_block_gets_cells_as_small_as_the_grain_asks_where_whole_divisions_do_not_serve() -> None:
+    """The demonstration: 26 um in cells of 0.1 mm, of which the half is below what is divided by whole numbers."""
+    stock = HeightMap.from_box((0.0, 0.0, -0.04), (0.2, 0.15, 0.0), 0.1 * MM)
+    share = 26 * UM / (0.1 * MM)
+    finer = fine_enough(stock, share)
+    assert share * finer.cell_m <= GRAIN_M < share * finer.cell_m * 1.02
+    assert finer.volume_m3 == pytest.approx(stock.volume_m3, rel=1e-9)
+    for coarse, fine in ((stock.x_m(), finer.x_m()), (stock.y_m(), finer.y_m())):
+        for end in (0, -1):
+            side = 0.5 if end else -0.5
+            assert fine[end] + side * finer.cell_m == pytest.approx(coarse[end] + side * stock.cell_m, abs=1e-9)
+    assert fine_enough(stock, 100 * share).cell_m >= FINEST_M
+    carved = stock.copy()
+    carved.z[:10] = -3 * MM
+    carved.refresh()
+    assert fine_enough(carved, share).cell_m == pytest.approx(0.05 * MM)
+    with pytest.raises(InputError, match="whole numbers"):
+        carved.finer_block(0.07 * MM)
 
 
 @pytest.fixture(scope="module")

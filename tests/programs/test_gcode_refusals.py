@@ -168,9 +168,9 @@ def test_file_that_was_cut_off(tmp_path: Path) -> None:
 
 
 def test_files_that_are_no_programs(tmp_path: Path) -> None:
-    with pytest.raises(ProgramError, match="cannot read the program"):
+    with pytest.raises(ProgramError, match="no such file|it is a folder"):
         read_gcode_file(tmp_path / "missing.ngc")
-    with pytest.raises(ProgramError, match="cannot read the program"):
+    with pytest.raises(ProgramError, match="no such file|it is a folder"):
         read_gcode_file(tmp_path)
     binary = tmp_path / "binary.ngc"
     binary.write_bytes(b"G0\0X1")

@@ -16,6 +16,7 @@ from counterflex.app.proof import prove as job
 from counterflex.app.proof import simulate as cell_twin
 from counterflex.app.proof.judge import Judged, Reference, judge, reference_of
 from counterflex.app.proof.truth import truth_of
+from counterflex.core import file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
@@ -178,7 +179,7 @@ def compare(before: Machined, after: Machined | None = None) -> Evaluation:
         InputError: They were machined on different simulated cells, or stand for different programs.
     """
     runs = {BEFORE: before} | ({} if after is None else {AFTER: after})
-    if after is not None and before.original.read_bytes() != after.original.read_bytes():
+    if after is not None and file_content.content(before.original) != file_content.content(after.original):
         raise InputError("the two stand for different programs", value=f"{before.original}, {after.original}")
     if after is not None and (before.truth.seed, before.truth.family) != (after.truth.seed, after.truth.family):
         raise InputError(

@@ -1,4 +1,4 @@
-"""Return whether a plan file belongs to a cell: where its joint angles put the tool in this cell."""
+"""Refuse what was made for another cell: a plan by its joint angles, a part by robot, tool and place."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.tables import ToolTable
 from counterflex.files.plan_file import WORKING_PLANE
 from counterflex.plan.plan import Plan
 from counterflex.robot.elasticity.chain import forward
@@ -56,3 +57,48 @@ def require_of_cell(plan: Plan, about: Mapping[str, Any], cell: Cell, where: str
             limit=f"at most {APART_M / MM:g} mm in {cell.path}",
             hint="Plan the program again with this cell file",
         )
+
+
+def require_same_cell(made: Cell, cell: Cell, where: str | Path) -> None:
+    """Refuse a part that was machined in another cell: by another robot, with other tools, at another place.
+
+    Stiffness, force constants and a part frame that was measured again may differ: they are what is corrected.
+
+    Args:
+        made: Cell that the part was machined in.
+        cell: The cell in use.
+        where: Folder of the part.
+
+    Raises:
+        InputError: Names what differs.
+    """
+    differing = _differing(made, cell)
+    if differing is not None:
+        what, value, limit = differing
+        raise InputError(f"the part was machined in another cell: {what}", where=str(where), value=value, limit=limit,
+                         hint=f"Give a part of {cell.path}, or the cell file of this part")  # fmt: skip
+
+
+def _differing(made: Cell, cell: Cell) -> tuple[str, str, str] | None:
+    if made.chain.name != cell.chain.name:
+        return "another robot", made.chain.name, cell.chain.name
+    for tool in cell.tables.tools:
+        other = next((one for one in made.tables.tools if one.number == tool.number), None)
+        if other is not None and (other.diameter_mm, other.corner_radius_mm) != (
+            tool.diameter_mm,
+            tool.corner_radius_mm,
+        ):
+            shown = [
+                f"diameter {one.diameter_mm:g} mm, corner radius {one.corner_radius_mm:g} mm" for one in (other, tool)
+            ]
+            return f"another tool T{tool.number}", shown[0], shown[1]
+    if made.holds_part or cell.holds_part:
+        return None if made.holds_part == cell.holds_part else ("the robot holds the part in one of them", "yes", "no")
+    apart_m = float(np.linalg.norm(made.T_base_part[:3, 3] - cell.T_base_part[:3, 3]))
+    if apart_m > APART_M:
+        return "the part lies elsewhere", f"{apart_m / MM:.0f} mm away", f"at most {APART_M / MM:g} mm"
+    return None
+
+
+def _size(tool: ToolTable) -> str:
+    return f"diameter {tool.diameter_mm:g} mm, corner radius {tool.corner_radius_mm:g} mm"

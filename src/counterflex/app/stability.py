@@ -13,6 +13,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
+from counterflex.app.named_lines import with_files
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
@@ -140,7 +141,7 @@ def judge(
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,
     }
-    return Judged(job, values, diagrams, summary, pl.DataFrame(rows))
+    return Judged(job, values, diagrams, with_files(summary, job.program), pl.DataFrame(rows))
 
 
 def _over_interval(worst: Margin, tools: list[dict[str, Any]], needed: float, damping: Damping) -> str:

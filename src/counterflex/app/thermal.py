@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MINUTE, RPM, UM
@@ -134,10 +134,7 @@ def _read(path: Path | None, per_kelvin_m: float | None) -> GrowthModel:
     if path is None:
         return GrowthModel(per_kelvin_m=per_kelvin_m)
     where = str(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError) as fault:
-        raise FileFormatError("the model cannot be read", where=where, value=str(fault)[:80]) from fault
+    content = file_content.json_value(path, hint="counterflex thermal writes a model with --out")
     if not isinstance(content, dict) or content.get("format") != KIND:
         raise FileFormatError("not a model of thermal growth", where=where, hint="counterflex thermal writes one")
     if content.get("version") != VERSION or set(content) != {"format", "version", *_KEYS}:

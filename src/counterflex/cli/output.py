@@ -70,6 +70,16 @@ def keep_folders(out: Path, *folders: Path) -> None:
             )
 
 
+def line_of(row: Mapping[str, Any], *, bare: bool = False) -> str:
+    """Return a line of the program as people read it: with its file where the result names one.
+
+    Args:
+        row: With ``line``, and ``place`` in programs of several files.
+        bare: Only the number, in a column of lines.
+    """
+    return str(row.get("place") or (row["line"] if bare else f"line {row['line']}"))
+
+
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, note: str = "") -> None:
     """Print a table; numbers (columns whose header ends in a unit or a figure) are right-aligned."""
     from rich.console import Console

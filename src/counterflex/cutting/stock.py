@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import zipfile
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -15,7 +13,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Float32
 from counterflex.core.atomic import atomic_path
 from counterflex.core.errors import FileFormatError, InputError, ModelError
-from counterflex.core.similar import missing_file
+from counterflex.core.file_content import readable
 from counterflex.cutting.stock_mesh import STL_UNIT_M, heights_from_stl
 
 BLOCK_ROWS: Final = 8
@@ -160,6 +158,26 @@ class HeightMap:
         z = np.repeat(np.repeat(self.z, times, axis=0), times, axis=1)
         return HeightMap(self.x0_m + shift, self.y0_m + shift, cell, z, self.bottom_m)
 
+    def finer_block(self, cell_m: float) -> HeightMap:
+        """Return the same block in smaller cells, of any ratio that divides both sides evenly.
+
+        Args:
+            cell_m: Largest side of a cell, at most the present one; the cells become at most one division smaller.
+
+        Raises:
+            InputError: The top is not one plane, or the grid is too large.
+        """
+        if self.z.min() != self.z.max():
+            raise InputError("a stock whose top is not one plane is divided by whole numbers only")
+        shared = math.gcd(*self.z.shape)
+        parts = math.ceil(shared * self.cell_m / cell_m - 1e-9)
+        cell = self.cell_m * shared / parts
+        shape = (self.z.shape[0] // shared * parts, self.z.shape[1] // shared * parts)
+        shift = 0.5 * (cell - self.cell_m)
+        _check_grid(shape, cell)
+        z = np.full(shape, self.z.flat[0], dtype=np.float32)
+        return HeightMap(self.x0_m + shift, self.y0_m + shift, cell, z, self.bottom_m)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the map as a compressed NumPy archive, whole or not at all.
 
@@ -184,31 +202,22 @@ class HeightMap:
             FileFormatError: The file is missing, is no stock file, or was written by a newer version.
         """
         where = str(path)
-        try:
-            with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-                if "format" not in data or str(data["format"]) != STOCK_FORMAT:
-                    raise FileFormatError("not a counterflex stock file", where=where)
-                if int(data["version"]) > STOCK_VERSION:
-                    raise FileFormatError(
-                        "stock file was written by a newer version",
-                        where=where,
-                        value=int(data["version"]),
-                        limit=f"<= {STOCK_VERSION}",
-                    )
-                x0, y0, bottom = (float(v) for v in data["origin_m"])
-                return cls(x0, y0, float(data["cell_m"]), np.asarray(data["z_m"], np.float32), bottom)
-        except FileFormatError:
-            raise
-        except FileNotFoundError as fault:
-            raise FileFormatError(
-                "cannot read stock: no such file", where=where, hint=missing_file(Path(path))
-            ) from fault
-        except OSError as fault:
-            raise FileFormatError(f"cannot read stock: {fault.strerror or fault}", where=where) from fault
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as fault:
-            raise FileFormatError(
-                "stock file is damaged, or none", where=where, limit=f"a file of {STOCK_FORMAT}"
-            ) from fault
+        with (
+            readable(path, "a stock file", f"A file of {STOCK_FORMAT} is needed: simulate writes one"),
+            Path(path).open("rb") as stream,
+            np.load(stream, allow_pickle=False) as data,
+        ):
+            if "format" not in data or str(data["format"]) != STOCK_FORMAT:
+                raise FileFormatError("not a counterflex stock file", where=where)
+            if int(data["version"]) > STOCK_VERSION:
+                raise FileFormatError(
+                    "stock file was written by a newer version",
+                    where=where,
+                    value=int(data["version"]),
+                    limit=f"<= {STOCK_VERSION}",
+                )
+            x0, y0, bottom = (float(v) for v in data["origin_m"])
+            return cls(x0, y0, float(data["cell_m"]), np.asarray(data["z_m"], np.float32), bottom)
 
 
 def require_vertical(axis_part: Float, tolerance_rad: float = 1e-6) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Float32, Int
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.file_content import readable
 from counterflex.core.jit import kernel
-from counterflex.core.similar import missing_file
 
 STL_UNIT_M: Final = 1e-3
 """STL files carry no unit; CAM systems write mm."""
@@ -91,14 +91,10 @@ def read_stl(path: str | os.PathLike[str], unit_m: float = STL_UNIT_M) -> tuple[
     import trimesh
 
     where = str(path)
-    if not Path(path).is_file():
-        raise FileFormatError("cannot read stock: no such file", where=where, hint=missing_file(Path(path)))
-    try:
-        mesh: Any = trimesh.load_mesh(Path(path), file_type="stl")
+    with readable(path, "an STL file", "Export it again"), Path(path).open("rb") as stream:
+        mesh: Any = trimesh.load_mesh(stream, file_type="stl")
         vertices: Float = np.array(mesh.vertices, dtype=np.float64)
         faces: Int = np.array(mesh.faces, dtype=np.int64)
-    except Exception as fault:
-        raise FileFormatError("not an STL file", where=where, value=str(fault)[:80]) from fault
     if len(faces) < 4:
         raise FileFormatError("STL file holds no body", where=where, value=f"{len(faces)} triangles")
     if not np.all(np.isfinite(vertices)):

@@ -8,9 +8,8 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.files.schema import Table, check_header, parse
 
 KIND: Final = "counterflex-benchmark-result"
@@ -144,12 +143,7 @@ def read_benchmark_result(path: str | Path) -> BenchmarkResult:
         FileFormatError: Missing, not JSON, another format, newer than this program, of another part, or contradictory.
     """
     file = Path(path)
-    try:
-        data: Any = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as fault:
-        raise FileFormatError("not readable as JSON", where=str(file), value=str(fault)[:80]) from fault
+    data: Any = file_content.json_value(file)
     if not isinstance(data, dict):
         raise FileFormatError(f"not a {KIND} file", where=str(file))
     check_header(data, kind=KIND, version=VERSION, where=str(file))

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import tomlkit
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.files.dataset.manifest import read_manifest
 from counterflex.files.identification_file import read_identification
@@ -56,7 +56,7 @@ def keep_inputs(folder: Path, cell: Path, manifests: Sequence[Path]) -> None:
         manifests: Of the datasets. Files that lie elsewhere than below their manifest are put beside the copy, and
             the copied manifest names them there.
     """
-    atomic.write_bytes(folder / INPUTS / "cell.toml", _bytes(cell))
+    atomic.write_bytes(folder / INPUTS / "cell.toml", file_content.content(cell))
     for number, path in enumerate(manifests, 1):
         target = folder / INPUTS / str(number)
         moved: dict[str, str] = {}
@@ -66,8 +66,8 @@ def keep_inputs(folder: Path, cell: Path, manifests: Sequence[Path]) -> None:
             relative = str(name) if inside else f"file{i}{name.suffix}"
             if not inside:
                 moved[file.path] = relative
-            atomic.write_bytes(target / relative, _bytes(path.parent / file.path))
-        text = _bytes(path)
+            atomic.write_bytes(target / relative, file_content.content(path.parent / file.path))
+        text = file_content.content(path)
         if moved:
             doc: Any = tomlkit.parse(text.decode("utf-8-sig"))
             for table in doc["files"]:
@@ -94,10 +94,3 @@ def runs_below(folder: Path) -> list[Run]:
         key = (result["date"], result["recipe"], *(d["sha256"] for d in result["data"]), str(result["headline"]))
         results.setdefault(key, Run(path.parent, result))
     return sorted(results.values(), key=lambda run: (run.result["date"], run.folder.name))
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault

@@ -10,10 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.files.schema import check_header
 from counterflex.files.shop_unit import shop
 from counterflex.identify.recipe import Figure
@@ -134,12 +133,7 @@ def read_identification(path: Path) -> dict[str, Any]:
     Raises:
         FileFormatError: Missing, not JSON, another format, or newer than this program.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as fault:
-        raise FileFormatError("not readable as JSON", where=str(path), value=str(fault)[:80]) from fault
+    data = file_content.json_value(path)
     if not isinstance(data, dict):
         raise FileFormatError(f"not a {FORMAT} file", where=str(path))
     check_header(data, kind=FORMAT, version=VERSION, where=str(path))

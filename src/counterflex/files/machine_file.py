@@ -11,7 +11,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError
 
 KIND: Final = "counterflex-machine"
@@ -82,11 +82,11 @@ def read_verdict(path: Path) -> StoredVerdict | None:
     Raises:
         FileFormatError: The file is not what it should be.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except (OSError, ValueError) as fault:
+    try:
+        data = file_content.json_value(path)
+    except FileFormatError as fault:
         raise _unusable(path) from fault
     if not isinstance(data, dict) or data.get("format") != KIND or data.get("version") != VERSION:
         raise _unusable(path)

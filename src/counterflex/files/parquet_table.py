@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,9 +12,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.files.schema import check_header
 
 _KEY = "counterflex"
@@ -91,13 +91,10 @@ def read(
     Raises:
         FileFormatError: Missing or damaged file, another format, newer version, missing or unknown columns.
     """
-    if not path.is_file():
-        raise FileFormatError("no such file", where=str(path), hint=missing_file(path))
-    try:
-        meta = json.loads(pl.read_parquet_metadata(path).get(_KEY, "{}"))
-        frame = pl.read_parquet(path)
-    except (pl.exceptions.PolarsError, OSError, json.JSONDecodeError) as fault:
-        raise FileFormatError("not a readable Parquet file", where=str(path), value=str(fault)[:80]) from fault
+    data = file_content.content(path)
+    with file_content.readable(path, "a Parquet file"):
+        meta = json.loads(pl.read_parquet_metadata(io.BytesIO(data)).get(_KEY, "{}"))
+        frame = pl.read_parquet(io.BytesIO(data))
     if not isinstance(meta, dict) or "format" not in meta:
         raise FileFormatError(f"not a {kind} file", where=str(path), hint="It was not written by counterflex")
     check_header(meta, kind=kind, version=version, where=str(path))

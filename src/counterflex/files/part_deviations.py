@@ -10,6 +10,7 @@ from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.files.parquet_table import Column, columns, read, write
+from counterflex.files.summary_file import require_whole
 
 KIND: Final = "counterflex-part-deviations"
 VERSION: Final = 1
@@ -61,6 +62,7 @@ def read_part_deviations(path: Path) -> tuple[PartDeviations, MeasuredPart]:
         FileFormatError: See :func:`counterflex.files.parquet_table.read`; or a row or an entry of the metadata is no
             valid one.
     """
+    require_whole(path.parent)
     data, about = read(path, KIND, VERSION, LAYOUT)
     try:
         deviations = PartDeviations(**data)

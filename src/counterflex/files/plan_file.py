@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from counterflex.core import file_content
+from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM, URAD
 from counterflex.files.parquet_table import Column, columns, read, table, write
+from counterflex.files.summary_file import require_whole
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.plan import Plan, job_hash
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
@@ -93,11 +96,12 @@ def write_plan(path: Path, plan: Plan, about: Mapping[str, Any], axes: Controlle
 
 
 def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
-    """Read a plan and its metadata.
+    """Read a plan and its metadata; its folder must be whole, see ``require_whole``.
 
     Raises:
         FileFormatError: See :func:`counterflex.files.parquet_table.read`.
     """
+    require_whole(path.parent)
     layout = LAYOUT + MEASURED if is_corrected(path) else LAYOUT
     data, about = read(path, KIND, VERSION, layout)
     tool_path = ToolPath(**{name.removeprefix("path."): data.pop(name) for name in list(data) if "." in name})
@@ -111,6 +115,7 @@ def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
 def is_corrected(path: Path) -> bool:
     """Whether a plan file has the columns of version 2; False for what is no plan file."""
     try:
-        return MEASURED[0].name in pl.read_parquet_schema(path)
-    except (pl.exceptions.PolarsError, OSError):
+        with file_content.readable(path, "a Parquet file"):
+            return MEASURED[0].name in pl.read_parquet_schema(path)
+    except FileFormatError:
         return False

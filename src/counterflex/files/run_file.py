@@ -11,6 +11,7 @@ from typing import Any
 
 from counterflex.core.units import DEG, MM, URAD
 from counterflex.files.parquet_table import Column, columns, read, write
+from counterflex.files.summary_file import require_whole
 from counterflex.path.run import Run
 
 KIND = "counterflex-run"
@@ -42,6 +43,12 @@ def write_run(path: Path, run: Run, about: Mapping[str, Any]) -> None:
 
 
 def read_run(path: Path) -> tuple[Run, dict[str, Any]]:
-    """Read a run and its metadata. Raises FileFormatError as :func:`counterflex.files.parquet_table.read`."""
+    """Read a run and its metadata; its folder must be whole.
+
+    Raises:
+        FileFormatError: See :func:`counterflex.files.parquet_table.read` and
+            :func:`counterflex.files.summary_file.require_whole`.
+    """
+    require_whole(path.parent)
     data, about = read(path, KIND, VERSION, LAYOUT, AXIS)
     return Run(**data), about

@@ -14,10 +14,10 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content, file_kind
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import close_to, missing_file
+from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, MM, UM_PER_KN, URAD_PER_KNM
 from counterflex.files import foreign_file
 from counterflex.geometry import pose
@@ -136,33 +136,21 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
         FileFormatError: It does not exist, cannot be read, or is not TOML; with line and column.
     """
     file = Path(path)
-    try:
-        data = file.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as fault:
-        foreign = foreign_file.of_bytes(data)
-        if foreign is not None:
-            raise _foreign(file, foreign, kind) from fault
-        raise FileFormatError(
-            "not a text file in UTF-8",
-            where=str(file),
-            value=f"byte 0x{data[fault.start]:02x} in line {len(data[: fault.start].splitlines()) or 1}",
-            hint="Save it as UTF-8 text",
-        ) from fault
+    data = file_content.content(file)
+    foreign = file_kind.of_bytes(data)
+    if foreign is not None:
+        raise _foreign(file, foreign, kind)
+    text = file_content.decoded(data, file)
     if not text.strip():
-        raise FileFormatError("the file is empty", where=str(file))
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as fault:
-        foreign = foreign_file.of_bytes(data) or foreign_file.of_text(text)
-        if foreign is not None:
-            raise _foreign(file, foreign, kind) from fault
-        raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault
+        raise FileFormatError("the file is empty", where=str(file), hint=foreign_file.what_to_do(kind))
+    with file_content.readable(file, "TOML", foreign_file.what_to_do(kind) or "Correct it"):
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as fault:
+            foreign = file_kind.of_text(text)
+            if foreign is not None:
+                raise _foreign(file, foreign, kind) from fault
+            raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault
 
 
 def _foreign(file: Path, what: str, kind: str) -> FileFormatError:

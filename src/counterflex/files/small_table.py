@@ -12,9 +12,8 @@ import re
 from pathlib import Path
 from typing import Final
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
-from counterflex.files.foreign_file import of_bytes
 
 _COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _GROUPED: Final = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+,\d+")
@@ -32,21 +31,7 @@ def read_rows(path: str | Path) -> list[tuple[int, list[str]]]:
     Raises:
         FileFormatError: The file cannot be read, or a row has decimal commas between commas.
     """
-    file = Path(path)
-    try:
-        data = file.read_bytes()
-        text = data.decode("utf-8-sig")
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
-    except UnicodeDecodeError as fault:
-        kind = of_bytes(data)
-        raise FileFormatError(
-            "cannot be read: not a text file in UTF-8", where=str(file), value=kind or str(fault)[:80],
-            hint="Save it as CSV, UTF-8",
-        ) from fault  # fmt: skip
-    return rows_of(text, str(file))
+    return rows_of(file_content.text(path, "Save it as CSV, UTF-8"), str(path))
 
 
 def rows_of(text: str, where: str) -> list[tuple[int, list[str]]]:
@@ -63,7 +48,9 @@ def rows_of(text: str, where: str) -> list[tuple[int, list[str]]]:
     header = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     separator = next((mark for mark in (";", "\t") if mark in header), ",")
     out: list[tuple[int, list[str]]] = []
-    for number, row in enumerate(csv.reader(lines, delimiter=separator), start=1):
+    with file_content.readable(where, "a table", "Save it as CSV, UTF-8"):
+        rows = list(csv.reader(lines, delimiter=separator))
+    for number, row in enumerate(rows, start=1):
         cells = [cell.strip() for cell in row]
         if not any(cells) or cells[0].startswith("#"):
             continue

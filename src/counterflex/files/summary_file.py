@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.summary import FORMAT, VERSION
 from counterflex.files.schema import check_header
 
+SUMMARY: Final = "summary.json"
+FILES: Final = "files_sha256"
+"""Key of a summary: SHA-256 by name of the files that were written with it."""
 _FORMER_LEVELS = {"same": "exact", "seeded": "catalogue"}
 """Truth levels of version 1 and what they are called since."""
 
@@ -24,18 +28,66 @@ def write_summary(path: Path, data: Mapping[str, Any]) -> None:
     atomic.write_text(path, json.dumps({"format": FORMAT, "version": VERSION, **_plain(data)}, indent=2) + "\n")
 
 
+def write_folder_summary(folder: Path, data: Mapping[str, Any]) -> None:
+    """Write the summary of a folder, with the SHA-256 of each file that is in it: the files belong together.
+
+    Args:
+        folder: Staging folder in which all files that other commands read are written.
+        data: As :func:`write_summary`.
+    """
+    files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.name != SUMMARY]
+    listed = {file.relative_to(folder).as_posix(): _sha256(file) for file in files}
+    write_summary(folder / SUMMARY, {**data, FILES: listed})
+
+
+def require_whole(folder: Path) -> bool:
+    """Refuse a folder whose files were not written together.
+
+    A command that was killed while it replaced the files of a folder leaves some of the former ones; a person may have
+    copied a file of another cell or program to the name of one of these.
+
+    Args:
+        folder: Of the file that is read. Files that were deleted are not missed here.
+
+    Returns:
+        True: all files are those of the summary. False: not looked at, the folder has no summary that lists files.
+
+    Raises:
+        FileFormatError: A file is another one; names it.
+    """
+    path = folder / SUMMARY
+    listed = read_summary(path).get(FILES) if path.is_file() else None
+    if not isinstance(listed, dict):
+        return False
+    for name, digest in listed.items():
+        file = folder / str(name)
+        if file.is_file() and _sha256(file) != digest:
+            raise FileFormatError(
+                "the files of this folder do not belong together: this one was not written with the others",
+                where=str(file), value=f"SHA-256 {_sha256(file)[:12]}", limit=f"{str(digest)[:12]} ({SUMMARY})",
+                hint="It was replaced or edited, or the command was killed while it wrote. Write the folder again",
+            )  # fmt: skip
+    return True
+
+
+def not_compared(folder: Path) -> str | None:
+    """Return a sentence where nothing says that the files of a folder belong together."""
+    if require_whole(folder):
+        return None
+    return f"not looked at: whether the files of {folder} belong together; it has no {SUMMARY} that lists them"
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file_content.content(file)).hexdigest()
+
+
 def read_summary(path: Path) -> dict[str, Any]:
     """Read a summary; the truth levels of version 1 get their present names.
 
     Raises:
         FileFormatError: Missing, not JSON, another format, or newer than this program.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(path)) from fault
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as fault:
-        raise FileFormatError("not readable as JSON", where=str(path), value=str(fault)[:80]) from fault
+    data = file_content.json_value(path)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise FileFormatError(f"not a {FORMAT} file", where=str(path))
     check_header(data, kind=FORMAT, version=VERSION, where=str(path))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.core.similar import missing_file
+from counterflex.core.file_content import content
 
 _LARGEST_FILE: Final = 500_000_000
 
@@ -19,14 +19,9 @@ def read_text(file: Path) -> tuple[str, str]:
     Raises:
         ProgramError: The file cannot be read, is too large, or is no text.
     """
-    try:
-        if file.is_file() and file.stat().st_size > _LARGEST_FILE:
-            raise ProgramError("the file is too large", where=str(file), value=file.stat().st_size, limit=_LARGEST_FILE)
-        data = file.read_bytes()
-    except FileNotFoundError as fault:
-        raise ProgramError("cannot read the program: no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise ProgramError(f"cannot read the program: {fault.strerror or fault}", where=str(file)) from fault
+    if file.is_file() and file.stat().st_size > _LARGEST_FILE:
+        raise ProgramError("the file is too large", where=str(file), value=file.stat().st_size, limit=_LARGEST_FILE)
+    data = content(file, ProgramError)
     head = data[:64]
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or 3 * head.count(b"\0") > len(head) > 0:
         raise ProgramError("the file is in UTF-16 or UTF-32", where=str(file), hint="Save it as ASCII or UTF-8")

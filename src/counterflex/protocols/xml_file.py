@@ -2,29 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Final
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
+from counterflex.core.file_content import readable
 
-
-def file_bytes(path: str | Path) -> bytes:
-    """Content of a file.
-
-    Raises:
-        FileFormatError: It is missing or cannot be read.
-    """
-    file = Path(path)
-    try:
-        return file.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+_HINT: Final = "Give the XML file as the maker's software writes it"
 
 
 def xml_root(text: bytes, where: str) -> Element:
@@ -33,8 +20,9 @@ def xml_root(text: bytes, where: str) -> Element:
     Raises:
         FileFormatError: Not XML, or with entities.
     """
-    try:
-        root: Element = fromstring(text)
-    except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
-        raise FileFormatError(f"not an XML file: {fault}", where=where) from fault
+    with readable(where, "XML"):
+        try:
+            root: Element = fromstring(text)
+        except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
+            raise FileFormatError(f"not an XML file: {fault}", where=where, hint=_HINT) from fault
     return root

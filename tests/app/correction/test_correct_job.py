@@ -115,7 +115,7 @@ def test_a_cell_file_and_its_folder_are_written_both_or_neither(
     def full(path: Path, *_: object) -> None:
         raise OutputError("cannot write: No space left on device", where=str(path))
 
-    monkeypatch.setattr(correct, "write_summary", full)
+    monkeypatch.setattr(correct, "write_folder_summary", full)
     new = tmp_path / "made" / "cell.toml"
     with pytest.raises(OutputError, match="No space left"):
         correct.run(shop.program, CELL, shop.plan, [shop.part], tmp_path / "out", apply=new, report=False)

@@ -133,7 +133,7 @@ def test_simulated_and_evaluated_from_files(cell_file: Path, program: Path, tmp_
         assert judged_there.max_m * 1e6 == pytest.approx(figures[kind]["max_um"], rel=0.15)
     _columns_end_where_the_tool_was(tmp_path / "run", judged.columns)
     (tmp_path / "run" / simulate.COLUMNS).write_bytes(b"PK")
-    with pytest.raises(FileFormatError, match="columns of material cannot be read"):
+    with pytest.raises(FileFormatError, match="do not belong together"):
         compare([tmp_path / "run"])
 
 

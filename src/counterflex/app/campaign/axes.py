@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.set_up import POSE_KEYS
 from counterflex.robot.model.opw import BRANCHES
@@ -85,11 +86,9 @@ def read_placements(file: str | Path) -> tuple[Placement, ...]:
         FileFormatError: The file is not so, a value is no number, or a name is no name or is there twice.
     """
     where = str(file)
-    try:
-        with Path(file).open(encoding="utf-8-sig", newline="") as stream:
-            rows = list(csv.DictReader(stream, strict=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as fault:
-        raise FileFormatError("cannot be read as CSV", where=where, value=str(fault)[:80]) from fault
+    text = file_content.text(file, "Save it as CSV, UTF-8")
+    with file_content.readable(file, "CSV", "Save it as CSV, UTF-8"):
+        rows = list(csv.DictReader(text.splitlines(), strict=True))
     if not rows:
         raise FileFormatError("there is no placement in this file", where=where, limit="a header and a row for each")
     known = ("name", *POSE_KEYS)

@@ -31,7 +31,7 @@ from counterflex.app.long_jobs.workers import count_of
 from counterflex.app.proof.simulate import check_same_cell
 from counterflex.app.proof.truth import make_truth
 from counterflex.app.unknown_stiffness import require_stiffness
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.evaluate.summary import SeedResult, summary
@@ -144,13 +144,13 @@ def _kept_inputs(cell_file: Path, out: Path, programs: Sequence[str | Path]) -> 
         _keep(data, target)
     _keep(text.encode("utf-8"), out / CELL)
     for program in programs:
-        _keep(Path(program).read_bytes(), out / "original" / Path(program).name)
+        _keep(file_content.content(program), out / "original" / Path(program).name)
     return tuple(str(file) for file in sorted(files))
 
 
 def _keep(data: bytes, target: Path) -> None:
     """Write a file unless it is there already, byte for byte."""
-    if not target.is_file() or target.read_bytes() != data:
+    if not target.is_file() or file_content.content(target) != data:
         atomic.write_bytes(target, data)
 
 

@@ -19,7 +19,7 @@ from counterflex.app.posture import posture_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Reference, judge, reference_of
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import DEG
@@ -150,7 +150,7 @@ _references: Final[dict[str, Reference]] = {}
 
 
 def _reference(original: str, cell_file: str) -> Reference:
-    content = hashlib.sha256(Path(original).read_bytes() + b"\n" + Path(cell_file).read_bytes()).hexdigest()
+    content = hashlib.sha256(file_content.content(original) + b"\n" + file_content.content(cell_file)).hexdigest()
     reference = _references.get(content)
     if reference is None:
         cell = in_working_plane(original, read_cell(cell_file))

@@ -6,12 +6,11 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.files.certificate.document import read_certificate
 from counterflex.files.certificate.result_document import About, result_document
 from counterflex.files.identification_file import read_identification
-from counterflex.protocols.xml_file import file_bytes
 
 
 def write_document(
@@ -47,7 +46,7 @@ def write_document(
         InputError: The schema refuses the document.
     """
     result = read_identification(result_file)
-    digest = hashlib.sha256(file_bytes(result_file)).hexdigest()
+    digest = hashlib.sha256(file_content.content(result_file)).hexdigest()
     day = str(result.get("date", ""))[:10]
     begin, end = dates or (day, day)
     number = f"counterflex-{result.get('recipe')}-{day}-{digest[:12]}"

@@ -22,13 +22,14 @@ from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.external_moves import require_clear
 from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, in_plane_of, in_working_plane, read_job, setting_of
+from counterflex.app.named_lines import with_files
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance
 from counterflex.plan.feed_limits import LimitedFeed
@@ -136,6 +137,7 @@ def compensate(
     about |= {} if feed is None else {"feed": shown_feed(lowered, feed)}
     about |= in_plane_of(cell)
     about |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
+    about = with_files(about, job.program)
     return Compensated(plan, files, about["written"], about, job.program.encoding, limited)
 
 
@@ -174,7 +176,7 @@ def run(
         write_plan(
             staging / "plan.parquet", result.plan, {**about, "feed_lowered_s": lowered["extra_s"]}, cell.chain.axes
         )
-        write_summary(staging / "summary.json", result.summary)
+        write_folder_summary(staging, result.summary)
         if report:
             from counterflex.report.page import prediction_page, write_page
 

@@ -94,13 +94,15 @@ def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
     setting, size = setting_of(cell, part_may_be_held=True), np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     omega = mode_of(setting.chain, plan.q[int(np.argmax(size))], setting.mode).omega_rad_s
     per_cell = grain_per_cell(job.path, plan.deflection_part, plan.cutting, setting.cutter_of, omega)
-    grain_m = per_cell * fine_enough(cell.stock(), per_cell).cell_m
+    used = fine_enough(cell.stock(), per_cell)
+    grain_m = per_cell * used.cell_m
     if grain_m <= GRAIN_M:
         return []
     return [
         "the plan has not converged in the cells of the stock: they shake the tool of the model by "
-        f"{grain_m / UM:.0f} um (at most {GRAIN_M / UM:g} um), though planning divides them. "
-        f"[part.stock] cell_mm = {cell.stock().cell_m * GRAIN_M / grain_m / MM:.2g} or less"
+        f"{grain_m / UM:.1f} um (at most {GRAIN_M / UM:g} um) in cells of {used.cell_m / MM:.3g} mm, the "
+        "smallest that planning makes of this stock, which adds to the predicted errors. A smaller blank can have "
+        f"[part.stock] cell_mm = {used.cell_m * GRAIN_M / grain_m / MM:.2g} or less"
     ]
 
 

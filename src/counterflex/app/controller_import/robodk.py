@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.app.controller_import.frames import ControllerData
+from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM
@@ -25,10 +26,8 @@ def read_robodk(text: str, where: str) -> ControllerData:
     Raises:
         FileFormatError: It is of another form.
     """
-    try:
+    with file_content.readable(where, "JSON", "Write it by the script of docs/cell-import.md"):
         content = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as fault:
-        raise FileFormatError("the file is no JSON", where=where, value=str(fault)[:80]) from fault
     if not isinstance(content, dict) or not ({"tools", "frames"} & content.keys()):
         raise FileFormatError("the file holds no tools and frames of a station", where=where,
                               limit='{"tools": {...}, "frames": {...}}')  # fmt: skip

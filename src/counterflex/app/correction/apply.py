@@ -10,6 +10,7 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.correction.causes import changes_of
 from counterflex.app.correction.result import Corrected
+from counterflex.core import file_content
 from counterflex.core.errors import ModelError
 from counterflex.evaluate.path_error.estimate import EVIDENCE
 from counterflex.files.cell.cell import Cell
@@ -74,4 +75,4 @@ def apply_constants(result: Corrected, cell: Cell, target: Path, place: Path, sc
 def _digest(scan: Path) -> str:
     """SHA-256 of a scan; of a folder, of the machined surface or the deviations in it."""
     files = [scan] if scan.is_file() else sorted(scan.glob("*surface.npz")) or sorted(scan.glob("deviations.parquet"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+    return hashlib.sha256(b"".join(file_content.content(file) for file in files)).hexdigest()

@@ -31,6 +31,7 @@ from counterflex.app.inputs import (
     read_job,
     setting_of,
 )
+from counterflex.app.named_lines import with_files
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -45,7 +46,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.path_error_file import read_path_error, write_path_error
 from counterflex.files.plan_file import WORKING_PLANE, read_plan, write_plan
-from counterflex.files.summary_file import read_summary, write_summary
+from counterflex.files.summary_file import read_summary, write_folder_summary
 from counterflex.path.toolpath import FEED
 from counterflex.plan.feed_schedule import at_feed, share_between
 from counterflex.plan.inputs import Inputs
@@ -138,6 +139,7 @@ def correct(
         "explanations": shown(weighed),
         "alike": [e.name for e in weighed if weighed[0].log_evidence - e.log_evidence < ALIKE],
     }
+    summary = with_files(summary, job.program)
     summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
     progress(1.0)
     return Corrected(
@@ -295,7 +297,7 @@ def run(
             for m in result.measured
         ]
         keep_parts(folder, staging, new, about)
-        write_summary(staging / SUMMARY, summary)
+        write_folder_summary(staging, summary)
         if report:
             from counterflex.app.correction.page import correction_page
             from counterflex.report.page import write_page

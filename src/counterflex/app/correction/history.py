@@ -10,8 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.core import atomic
-from counterflex.core.errors import FileFormatError
+from counterflex.core import atomic, file_content
 from counterflex.core.units import UM
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.repeated import MeasuredError
@@ -20,6 +19,7 @@ from counterflex.files.path_error_file import read_path_error, write_path_error
 
 PARTS: Final = "parts"
 ERROR, SCAN, FACTS = "path-error.parquet", "deviations.parquet", "part.json"
+_INCOMPLETE: Final = "Copy the folder of the plan again, or write it again with counterflex correct"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +44,7 @@ def read_parts(plan_folder: Path) -> list[Part]:
     out = []
     for folder in sorted((plan_folder / PARTS).glob("[0-9]*")):
         error, _ = read_path_error(folder / ERROR)
-        try:
-            facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as fault:
-            raise FileFormatError("a part of the history cannot be read", where=str(folder / FACTS)) from fault
+        facts = file_content.json_value(folder / FACTS, hint=_INCOMPLETE)
         out.append(Part(error, facts))
     return out
 

@@ -11,13 +11,15 @@ import numpy as np
 
 from counterflex.app.correction.simulated_scan import simulated_scan
 from counterflex.app.inputs import Job
+from counterflex.app.plan_of_cell import require_same_cell
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.next_command import next_command
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
-from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.part_deviations import MeasuredPart, read_part_deviations
 from counterflex.files.run_file import read_run
 
@@ -56,14 +58,15 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
         FileFormatError: It is none of these.
         InputError: It is a part of another program.
     """
-    digest = hashlib.sha256(program.read_bytes()).hexdigest()
+    digest = hashlib.sha256(file_content.content(program)).hexdigest()
     run, surface = _simulated_files(path)
     if run is not None and surface is not None:
         _check_original(path, program)
+        require_same_cell(read_cell(path / simulate.CELL), cell, path)
         reference = reference_of(job, cell)
         record, _ = read_run(run)
         judged = judge(reference, record, HeightMap.load(surface))
-        seed = int(hashlib.sha256(surface.read_bytes()).hexdigest()[:8], 16) + number
+        seed = int(hashlib.sha256(file_content.content(surface)).hexdigest()[:8], 16) + number
         scan = simulated_scan(reference.surface, judged, seed=seed)
         return Scan(scan, MeasuredPart(program.name, digest, path.name, "mm", (), 0.0), True)
     file = path / DEVIATIONS if path.is_dir() else path
@@ -73,7 +76,7 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
             where=str(path),
             limit=f"{DEVIATIONS} of counterflex inspect, or the folder of simulate or prove",
         )
-    with file.open("rb") as stream:
+    with file_content.readable(file, "part deviations"), file.open("rb") as stream:
         if stream.read(4) != _PARQUET:
             raise FileFormatError(
                 "not a file of part deviations",
@@ -120,7 +123,7 @@ def _check_original(folder: Path, program: Path) -> None:
     """Refuse a simulated part of another original."""
     originals = [simulate.kept(folder, simulate.ORIGINAL), *sorted((folder / "original").glob("*"))]
     source = next((file for file in originals if file.is_file()), None)
-    if source is None or source.read_bytes() != program.read_bytes():
+    if source is None or file_content.content(source) != file_content.content(program):
         raise InputError(
             "the simulated part was made by another program",
             where=str(folder),

@@ -50,7 +50,8 @@ def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
         recipe: Only this one.
 
     Returns:
-        ``runs``: one row each; ``compared``: per recipe with two runs or more, one row for each parameter.
+        ``runs``: one row each; ``compared``: per recipe with two runs or more, one row for each parameter, runs of the
+        cell of the latest run only; ``not_compared``: folders of the other cells' runs.
 
     Raises:
         FileFormatError: The folder does not exist or holds no identification.
@@ -63,11 +64,16 @@ def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
             hint="Every identification is kept in the folder archive of its --out, or in its --archive",
         )
     names = list(dict.fromkeys(run.result["recipe"] for run in runs))
-    rows = {name: [run for run in runs if run.result["recipe"] == name][-SHOWN:] for name in names}
-    return {
-        "runs": [_line(run, folder) for run in runs],
-        "compared": {name: _compare(latest) for name, latest in rows.items() if len(latest) > 1},
-    }
+    compared: dict[str, Any] = {}
+    others: dict[str, list[str]] = {}
+    for name in names:
+        own = [run for run in runs if run.result["recipe"] == name]
+        alike = [run for run in own if run.result["cell"] == own[-1].result["cell"]]
+        if len(alike) > 1:
+            compared[name] = _compare(alike[-SHOWN:])
+        if len(alike) < len(own):
+            others[name] = [run.folder.relative_to(folder).as_posix() for run in own if run not in alike]
+    return {"runs": [_line(run, folder) for run in runs], "compared": compared, "not_compared": others}
 
 
 def _line(run: Run, folder: Path) -> dict[str, Any]:

@@ -12,11 +12,11 @@ from counterflex.app.inspection.path_entry import path_rows
 from counterflex.app.inspection.summary import Inspected
 from counterflex.app.inspection.tool_log import LogHow
 from counterflex.app.inspection.tool_path import InspectedPath
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.files.tool_path_file import LoggedPath, write_tool_path
 
 DEVIATIONS: Final = "deviations.parquet"
@@ -78,7 +78,7 @@ def run(
 
     with atomic.atomic_folder(out) as staging:
         _write_rows(staging, inspection, last, program)
-        write_summary(staging / SUMMARY, inspection.summary)
+        write_folder_summary(staging, inspection.summary)
         write_page(page_of(inspection), staging / REPORT)
         if more is not None:
             more(staging, inspection.summary)
@@ -88,7 +88,7 @@ def run(
 
 def _write_rows(folder: Path, inspection: Inspection, last: Inspected | InspectedPath, program: Path) -> None:
     """The measured places: of a surface, or of the path of the tool."""
-    digest = hashlib.sha256(program.read_bytes()).hexdigest()
+    digest = hashlib.sha256(file_content.content(program)).hexdigest()
     if isinstance(last, InspectedPath):
         logged = LoggedPath(
             program.name, digest, last.file, last.log.position, last.log.frame, frame_fitted=last.log.fitted

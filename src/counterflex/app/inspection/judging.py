@@ -16,6 +16,7 @@ from counterflex.app.inspection.tool_log import LogHow, ToolLog, read_tool_log
 from counterflex.app.inspection.tool_path import InspectedPath, judged_path
 from counterflex.app.proof.cut_logs import log_of_path, top_of
 from counterflex.app.proof.judge import candidates_of, outline_of, reference_of
+from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, silent
@@ -210,9 +211,11 @@ def _seen(names: tuple[str, ...], points: Float, part: NominalPart, T_start: Flo
 
 def _start(file: Path, unit_m: float) -> Float:
     """Pose of a scan by points of it and of the part: columns scan x y z in its unit, part x y z in mm."""
+    text = file_content.text(file)
     try:
-        rows = np.atleast_2d(np.loadtxt(file, delimiter="," if "," in file.read_text() else None, comments="#"))
-    except (ValueError, OSError, UnicodeDecodeError) as fault:
+        lines = [line for line in text.splitlines() if line.split("#")[0].strip()] or ["nan"]
+        rows = np.atleast_2d(np.loadtxt(lines, delimiter="," if "," in text else None, comments="#"))
+    except ValueError as fault:
         raise FileFormatError(
             "datum points are not readable",
             where=str(file),

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError, InputError
 
 LARGEST_BYTES: Final = 2**30
@@ -49,7 +49,7 @@ def packed(root: Path, files: Iterable[Path], facts: Mapping[str, Any]) -> bytes
         archive.writestr(_FACTS, json.dumps(facts, allow_nan=False))
         for file in files:
             try:
-                archive.writestr(_FILES + name_below(root, file), file.read_bytes())
+                archive.writestr(_FILES + name_below(root, file), file_content.content(file))
             except OSError as fault:
                 raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
     return data.getvalue()

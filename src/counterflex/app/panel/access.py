@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import ssl
 import time
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from counterflex.core.errors import InputError
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.file_content import readable
 from counterflex.files.panel_users import Role
 
 COOKIE: Final = "counterflex-panel"
@@ -75,12 +77,15 @@ def require_protected(server: str, encryption: str, settings: Served) -> None:
 
     Raises:
         InputError: Users or encryption are missing, or only one of certificate and key is given.
+        FileFormatError: They cannot be used.
     """
     if (settings.certificate is None) != (settings.key is None):
         raise InputError(
             f"{encryption} needs a certificate and its key", value="one of them",
             limit="--certificate FILE --key FILE",
         )  # fmt: skip
+    if settings.certificate is not None and settings.key is not None:
+        _require_usable(settings.certificate, settings.key)
     lacking = [] if settings.users is not None else ["passwords (--users FILE)"]
     lacking += [] if settings.certificate is not None else [f"{encryption} (--certificate FILE --key FILE)"]
     if settings.host not in LOOPBACK and lacking:
@@ -90,6 +95,19 @@ def require_protected(server: str, encryption: str, settings: Served) -> None:
             value=f"without {' and '.join(lacking)}",
             hint="Make users with counterflex panel-user; leave out --host to serve this computer only",
         )
+
+
+def _require_usable(certificate: Path, key: Path) -> None:
+    """Refuse a certificate and a key that are none, or do not belong to each other."""
+    with readable(certificate, "a certificate"):
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
+        except ssl.SSLError as fault:
+            raise FileFormatError(
+                "no certificate with its key", where=f"--certificate {certificate} --key {key}",
+                value=fault.reason or str(fault), limit="two PEM files, of which the key is that of the certificate",
+                hint="Write both with the tool of your certificate authority; the key without a password",
+            ) from fault  # fmt: skip
 
 
 class Sessions:

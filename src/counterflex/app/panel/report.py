@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from html import escape
 from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.run.recorder import SUMMARY
+from counterflex.core import file_content
+from counterflex.core.errors import FileFormatError
 
 _SHOWN: Final = 50
 
@@ -15,8 +16,8 @@ _SHOWN: Final = 50
 def read_run(folder: Path) -> dict[str, Any]:
     """Summary of the last run of a folder; empty where there is none that can be read."""
     try:
-        content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = file_content.json_value(folder / SUMMARY)
+    except FileFormatError:
         return {}
     return content if isinstance(content, dict) and content.get("job") == "run" else {}
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.production_run_file import read_production_run, write_production_run
 from counterflex.identify.production.stretches import Stretches
@@ -39,11 +39,8 @@ def read_history(folder: Path) -> list[KeptRun]:
     out = []
     for place in sorted((folder / RUNS).glob("[0-9]*")):
         stretches, _ = read_production_run(place / STRETCHES)
-        try:
-            facts = json.loads((place / FACTS).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as fault:
-            raise FileFormatError("a run of the history cannot be read", where=str(place / FACTS)) from fault
-        lacking = [name for name in _NEEDED if name not in facts]
+        facts = file_content.json_value(place / FACTS)
+        lacking = [name for name in _NEEDED if not isinstance(facts, dict) or name not in facts]
         if lacking:
             raise FileFormatError(
                 "a run of the history is not complete", where=str(place / FACTS), value=f"without {lacking[0]}"
@@ -52,13 +49,19 @@ def read_history(folder: Path) -> list[KeptRun]:
     return out
 
 
-def require_alike(history: list[KeptRun], tool: int, material: str, where: Path) -> None:
-    """Refuse to go on with a history of another tool or material.
+def require_alike(history: list[KeptRun], tool: int, material: str, robot: str, where: Path) -> None:
+    """Refuse to go on with a history of another tool, material or robot.
 
     Raises:
         InputError: It names both.
     """
     for kept in history:
+        other = kept.facts.get("robot", robot)  # histories of former versions do not state it
+        if other != robot:
+            raise InputError(
+                "the history is of another robot", where=str(where / RUNS), value=other, limit=robot,
+                hint="Give each robot an --out of its own",
+            )  # fmt: skip
         if (kept.facts["tool"], kept.facts["material"]) != (tool, material):
             raise InputError(
                 "the history is of another tool or material",

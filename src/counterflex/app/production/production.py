@@ -24,7 +24,7 @@ from counterflex.app.production.known import known_constants
 from counterflex.app.production.maps import planned_cut
 from counterflex.app.production.result import Produced, identification_of, result_of
 from counterflex.app.production.runs import LoggedRun, plan_of, read_runs
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -155,7 +155,7 @@ def produce(
     material = cell.material.name or str(cell.material.catalog or "material")
     history = read_history(out)
     logged = sorted((one for folder in folders for one in read_runs(folder)), key=lambda one: one.begun_s)
-    digests = {plan: hashlib.sha256(plan.read_bytes()).hexdigest() for plan in plans}
+    digests = {plan: hashlib.sha256(file_content.content(plan)).hexdigest() for plan in plans}
     known = {kept.facts["sha256"] for kept in history}
     remarks: list[str] = []
     new: list[KeptRun] = []
@@ -174,10 +174,10 @@ def produce(
             require_of_cell(plan, about, cell, plan_file)
             cuts[key] = planned_cut(plan, about, cell, plan_file, compensated=one.compensated)
         tool = _tool(tool, cuts[key], plan_file)
-        require_alike(history, tool, material, out)
+        require_alike(history, tool, material, cell.chain.name, out)
         is_new = bool(options["new_tool"]) and not new
         new.append(_taken(one, cuts[key], model, tool, material, plan_file, digests[plan_file], is_new, options))
-        if one.cell_sha256 and one.cell_sha256 != hashlib.sha256(cell.path.read_bytes()).hexdigest():
+        if one.cell_sha256 and one.cell_sha256 != hashlib.sha256(file_content.content(cell.path)).hexdigest():
             remarks.append(
                 f"{one.record.name} was made with another state of the cell file: the weight behind its sensor was "
                 "taken off as identified then; the zero is that of its own air cuts"
@@ -233,6 +233,7 @@ def _taken(
         "plan_sha256": digest,
         "tool": tool,
         "material": material,
+        "robot": model.robot.name,
         "begun_s": one.begun_s,
         "compensated": one.compensated,
         "new_tool": is_new,

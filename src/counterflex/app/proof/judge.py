@@ -13,6 +13,7 @@ from counterflex import __version__
 from counterflex.app.inputs import Job
 from counterflex.app.proof import simulate
 from counterflex.app.proof.cut_logs import log_of_path, log_of_run, top_of, undisturbed_columns
+from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.next_command import next_command
@@ -263,10 +264,7 @@ def _check_same(paths: Sequence[Path]) -> None:
             files += sorted(file for file in (path / pattern).glob("*") if file not in files)
             if not files and pattern != simulate.BLANKS:
                 raise FileFormatError("a file of the run is missing", where=str(path / name))
-            try:
-                hashes.add(tuple(file.read_bytes() for file in files))
-            except OSError as fault:
-                raise FileFormatError("a file of the run cannot be read", where=str(fault.filename)) from fault
+            hashes.add(tuple(file_content.content(file) for file in files))
         if len(hashes) > 1:
             raise InputError(
                 f"the runs cannot be compared: their {what} differ",

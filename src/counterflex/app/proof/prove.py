@@ -37,7 +37,7 @@ from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.robot_programs import companions
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, summary
@@ -45,7 +45,7 @@ from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
 from counterflex.files.run_file import write_run
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.plant.record import Record
@@ -215,8 +215,8 @@ def run(
             folder.rmdir()
         (staging / "original").mkdir()
         for file in (Path(program), *companions(Path(program))):
-            atomic.write_bytes(staging / "original" / file.name, file.read_bytes())
-        atomic.write_bytes(staging / "cell.toml", Path(cell_file).read_bytes())
+            atomic.write_bytes(staging / "original" / file.name, file_content.content(file))
+        simulate.keep_cell(read_cell(cell_file, assume_class=assume_class), staging)
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}
         about |= {key: proof.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in proof.summary}
@@ -233,7 +233,7 @@ def run(
             item = proof.judged[proof.first_seed, variant]
             write_run(staging / f"{variant}.parquet", item.run, {**about, "seed": proof.first_seed, "variant": variant})
             simulate.save_part(item.actual, item.columns, staging, f"{variant}-")
-        write_summary(staging / "summary.json", proof.summary)
+        write_folder_summary(staging, proof.summary)
         write_page(proof_page(proof), staging / "report.html")
     return proof.summary
 

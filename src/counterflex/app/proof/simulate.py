@@ -14,7 +14,7 @@ from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, in_working_plane, read_job
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.robot_programs import companions
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.next_command import next_command
@@ -27,7 +27,7 @@ from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.run_file import write_run
 from counterflex.files.schema import write_toml
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.limits import ENDINGS
 from counterflex.programs.reading import dialect_of
@@ -192,7 +192,7 @@ def run(
         write_truth(staging / TRUTH, truth)
         write_run(staging / RUN, record, {key: summary[key] for key in ("program", "cell", "seed", "counterflex")})
         save_part(record.stock, columns_of(record), staging)
-        write_summary(staging / SUMMARY, summary)
+        write_folder_summary(staging, summary)
     return summary
 
 
@@ -212,7 +212,7 @@ def keep_inputs(
         for file in files:
             own = file.name if file in parts else f"{name}{file.suffix.lower()}"
             atomic.write_bytes(inside / own, _source(file))
-    _keep_cell(cell, folder)
+    keep_cell(cell, folder)
 
 
 def read_original(folder: Path, cell: Cell) -> Job:
@@ -241,7 +241,7 @@ def read_cell_of(folder: Path) -> Cell:
     return in_working_plane(kept(folder, ORIGINAL), read_cell(folder / CELL), reading_of(folder))
 
 
-def _keep_cell(cell: Cell, folder: Path) -> None:
+def keep_cell(cell: Cell, folder: Path) -> None:
     """Write the cell file into a folder as it was; a blank that it names by a file goes along, under a new name."""
     stock = cell.part.stock
     named = None if stock is None else stock.stl or stock.result
@@ -249,7 +249,7 @@ def _keep_cell(cell: Cell, folder: Path) -> None:
         atomic.write_bytes(folder / CELL, _source(cell.path))
         return
     name = BLANKS.replace(".*", Path(named).suffix)
-    atomic.write_bytes(folder / name, (cell.path.parent / named).read_bytes())
+    atomic.write_bytes(folder / name, _source(cell.path.parent / named))
     tables = cell.tables.model_dump(mode="json", exclude_none=True)
     tables["part"]["stock"]["stl" if stock.stl else "result"] = name
     write_toml(folder / CELL, tables, comment=f"As {cell.path.name}, with the blank beside it.")
@@ -323,7 +323,4 @@ def tool_of(path: ToolPath) -> int:
 
 
 def _source(path: str | Path) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+    return file_content.content(path)

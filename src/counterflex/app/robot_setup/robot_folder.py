@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.core import atomic
-from counterflex.core.errors import FileFormatError, InputError, ProgramError
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.file_content import content
 from counterflex.core.next_command import next_command
-from counterflex.core.similar import missing_file
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.finding import Finding
 
@@ -36,12 +36,7 @@ def read_program(path: Path, suffixes: tuple[str, ...], what: str, language: str
             limit=f"a {suffixes[0]} file",
             hint=f"{next_command('compensate', 'PROGRAM', cell='CELL', as_=language, out='DIR')} writes one",
         )
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+    data = content(path)
     if b"\0" in data:
         raise ProgramError("not a text", where=str(path))
     return data.decode(_ENCODING)

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.core.similar import missing_file
+from counterflex.core.file_content import content
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED
 from counterflex.plan.plan import Plan
@@ -96,12 +96,7 @@ def program_job(program: Path) -> int:
 
 
 def _marks(program: Path) -> tuple[str, ...]:
-    try:
-        return marks(program.read_bytes().decode("latin-1"))
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(program), hint=missing_file(program)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(program)) from fault
+    return marks(content(program).decode("latin-1"))
 
 
 def job_of(planned: tuple[Plan, Mapping[str, Any]] | None, *, compensated: bool) -> int | None:

@@ -17,7 +17,7 @@ from counterflex.app.run.job_check import cell_of_run
 from counterflex.app.run.loop import loop_plan, online_loop
 from counterflex.app.run.missing import LogMissing
 from counterflex.app.run.process_events import shown_process
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Int
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import NS, UM
@@ -300,7 +300,7 @@ def _notes(about: dict[str, Any], files: dict[str, Path], sha256: str, *, compen
             notes.append(f"the run had a {name} file ({about.get('files', {}).get(name, '?')}) and none is given")
         elif name in files and name not in logged:
             notes.append(f"the run had no {name} file and one is given")
-        elif name in files and hashlib.sha256(files[name].read_bytes()).hexdigest() != logged[name]:
+        elif name in files and hashlib.sha256(file_content.content(files[name])).hexdigest() != logged[name]:
             notes.append(f"the {name} file is not the one of the run: another SHA-256")
     if bool(about.get("compensated", True)) != compensated:
         ran = "compensated" if about.get("compensated", True) else "original"

@@ -22,6 +22,7 @@ from counterflex.app.run.process_start import first_word, signals_wait
 from counterflex.app.run.recorder import SUMMARY, NoLog, Recorder, recorder_process
 from counterflex.app.run.session import RunSettings, one_protocol
 from counterflex.app.run.status import Status, StatusReader
+from counterflex.core import file_content
 from counterflex.core.arrays import Int
 from counterflex.core.errors import OutputError
 from counterflex.core.units import NS
@@ -334,7 +335,9 @@ class Supervised:
 def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:
     files = {"cell": settings.cell, "rsi": settings.rsi, "plan": settings.plan, "program": settings.program}
     hashes = {
-        name: hashlib.sha256(Path(p).read_bytes()).hexdigest() for name, p in files.items() if p and Path(p).is_file()
+        name: hashlib.sha256(file_content.content(p)).hexdigest()
+        for name, p in files.items()
+        if p and Path(p).is_file()
     }
     return {
         "counterflex": __version__,

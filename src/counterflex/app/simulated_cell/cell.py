@@ -24,7 +24,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.files.run_file import write_run
-from counterflex.files.summary_file import write_summary
+from counterflex.files.summary_file import write_folder_summary
 from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench
 from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.netft import NetftServer
@@ -221,7 +221,7 @@ def run(
             about = {key: summary[key] for key in ("program", "cell", "seed", "counterflex")}
             write_run(staging / simulate.RUN, record, about)
             record.stock.save(staging / simulate.SURFACE)
-            write_summary(staging / simulate.SUMMARY, summary)
+            write_folder_summary(staging, summary)
     finally:
         server.close()
         if plc is not None:

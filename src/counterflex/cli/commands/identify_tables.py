@@ -110,6 +110,8 @@ def show_history(changes: dict[str, Any]) -> None:
             for run in changes["runs"]
         ],
     )
+    for name, folders in changes["not_compared"].items():
+        typer.echo(f"note: {name}: not compared, of another cell than the latest: {', '.join(folders)}")
     for name, rows in changes["compared"].items():
         count = max(len(row["values"]) for row in rows)
         columns = [f"{count - 1 - i} before" if i < count - 1 else "latest" for i in range(count)]

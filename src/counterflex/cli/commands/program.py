@@ -10,7 +10,7 @@ import typer
 
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.cli import arguments
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING, DIALECTS
@@ -162,6 +162,9 @@ def compensate(
     Limits of [process_limits] in the cell file (force, spindle torque and power, bending of the tool, torque on each
     axis, deflection, acceleration) lower it too; the one that binds is named line by line.
 
+    A robot program whose loops need another target in each pass is written out first, each motion once; that program
+    is then in written-out.
+
     Table of the scenario: compensation.
 
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
@@ -170,7 +173,7 @@ def compensate(
     from counterflex.files.scenario_file import read_scenario
 
     wish, table = None, read_scenario(scenario or (), ("compensation",)).compensation
-    from counterflex.app.compensation import compensate as job
+    from counterflex.app import written_out as job
     from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
 
@@ -212,7 +215,7 @@ def _show_feed(lowered: dict[str, Any]) -> None:
             ["line", "feed", "before um", "after um", ""],
             [
                 [
-                    str(line["line"]),
+                    line_of(line, bare=True),
                     f"{line['feed_percent']:g} %",
                     f"{line['before_um']:g}",
                     f"{line['after_um']:g}",
@@ -236,7 +239,7 @@ def _show_limits(limited: dict[str, Any]) -> None:
             ["line", "feed", "binds", "before", "after"],
             [
                 [
-                    str(line["line"]),
+                    line_of(line, bare=True),
                     f"{line['feed_percent']:g} %",
                     line["limit"],
                     f"{line['before_percent']:g} %",
@@ -285,7 +288,7 @@ def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
     if chips := extrapolation_text(prediction["extrapolation"]):
         typer.echo(chips)
     for collision in prediction["collisions"]:
-        typer.echo(f"warning: rapid in line {collision['line']} cuts {collision['volume_mm3']:.1f} mm3 of material")
+        typer.echo(f"warning: rapid in {line_of(collision)} cuts {collision['volume_mm3']:.1f} mm3 of material")
     for warning in summary["written"].get("warnings", []):
         typer.echo(f"warning: {warning}")
     typer.echo(f"wrote {out}: {', '.join(files)} ({summary['seconds']:.1f} s)")

@@ -12,7 +12,15 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.output import keep_folders, keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import (
+    keep_folders,
+    keep_inputs,
+    line_of,
+    print_json,
+    print_table,
+    progress_bar,
+    say_written,
+)
 from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING
 from counterflex.twin.truth.family import FAMILIES
@@ -299,7 +307,7 @@ def show_proof(summary: dict[str, Any], out: Path) -> None:
     peak = summary["prediction"]
     typer.echo(
         f"predicted peak force {peak['peak_force_n']['value']:.0f} N and deflection "
-        f"{peak['peak_deflection_um']['value'] / 1000:.2f} mm in line {peak['peak_force_n']['line']}, "
+        f"{peak['peak_deflection_um']['value'] / 1000:.2f} mm in {line_of(peak['peak_force_n'])}, "
         f"depth {peak['peak_axial_depth_mm']['value']:.1f} mm, joints "
         f"{json.dumps([round(v, 1) for v in peak['peak_deflection_um']['joints_deg']])} deg"
     )

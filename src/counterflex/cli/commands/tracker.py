@@ -12,7 +12,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import address
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Format
-from counterflex.core.errors import FileFormatError
+from counterflex.core import file_content
 
 _tracker = typer.Typer(no_args_is_help=True, help="Laser trackers: bring their measurements to the loop.")
 
@@ -65,11 +65,8 @@ def bridge(
     if file is None:
         summary = forward(sys.stdin, peer, "standard input", form=form, complain=complain)
     else:
-        try:
-            with file.open(encoding="utf-8-sig") as lines:
-                summary = forward(lines, peer, str(file), form=form, complain=complain)
-        except (FileNotFoundError, IsADirectoryError, UnicodeDecodeError) as fault:
-            raise FileFormatError("the file cannot be read", where=str(file), value=str(fault)) from fault
+        lines = file_content.text(file).splitlines()
+        summary = forward(lines, peer, str(file), form=form, complain=complain)
     if as_json:
         print_json(summary)
     else:

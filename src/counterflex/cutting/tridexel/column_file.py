@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from counterflex.core.atomic import atomic_path
 from counterflex.core.errors import FileFormatError
+from counterflex.core.file_content import readable
 from counterflex.cutting.tridexel.column_block_kernels import STRETCHES
 from counterflex.cutting.tridexel.columns import ColumnStock
 
@@ -44,21 +44,22 @@ def load_columns(path: str | os.PathLike[str]) -> ColumnStock:
     Raises:
         FileFormatError: The file is missing, holds no columns, or was written by a newer version.
     """
-    try:
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            if "format" not in data or str(data["format"]) != FORMAT:
-                raise FileFormatError("not a file of columns of material", where=str(path))
-            if int(data["version"]) > VERSION:
-                raise FileFormatError(
-                    "columns were written by a newer version",
-                    where=str(path),
-                    value=int(data["version"]),
-                    limit=f"<= {VERSION}",
-                )
-            x0, y0 = (float(value) for value in data["origin_m"])
-            count = np.asarray(data["count"], np.uint8)
-            low, high = (np.zeros((max(STRETCHES, len(data["low_m"])), *count.shape), np.float32) for _ in range(2))
-            low[: len(data["low_m"])], high[: len(data["high_m"])] = data["low_m"], data["high_m"]
-            return ColumnStock(x0, y0, float(data["cell_m"]), low, high, count)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as fault:
-        raise FileFormatError("columns of material cannot be read", where=str(path), value=str(fault)) from fault
+    with (
+        readable(path, "a file of columns of material", "simulate writes one"),
+        Path(path).open("rb") as stream,
+        np.load(stream, allow_pickle=False) as data,
+    ):
+        if "format" not in data or str(data["format"]) != FORMAT:
+            raise FileFormatError("not a file of columns of material", where=str(path))
+        if int(data["version"]) > VERSION:
+            raise FileFormatError(
+                "columns were written by a newer version",
+                where=str(path),
+                value=int(data["version"]),
+                limit=f"<= {VERSION}",
+            )
+        x0, y0 = (float(value) for value in data["origin_m"])
+        count = np.asarray(data["count"], np.uint8)
+        low, high = (np.zeros((max(STRETCHES, len(data["low_m"])), *count.shape), np.float32) for _ in range(2))
+        low[: len(data["low_m"])], high[: len(data["high_m"])] = data["low_m"], data["high_m"]
+        return ColumnStock(x0, y0, float(data["cell_m"]), low, high, count)

@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.core.units import MM
 
 MOST_PIECES: Final = 96
@@ -40,14 +40,10 @@ def convex_pieces(path: Path) -> list[Float]:
     """
     import trimesh  # heavy
 
-    try:
+    with file_content.readable(path, "an STL mesh of a body"):
         with path.open("rb") as stream:
             mesh: Any = trimesh.load_mesh(stream, file_type="stl")
         empty = len(mesh.faces) == 0
-    except FileNotFoundError as fault:
-        raise FileFormatError("cannot read a body: no such file", where=str(path), hint=missing_file(path)) from fault
-    except Exception as fault:  # whatever a parser of foreign files raises
-        raise FileFormatError("cannot read a body: no STL mesh", where=str(path), value=str(fault)[:80]) from fault
     if empty or not np.all(np.isfinite(mesh.vertices)):
         raise FileFormatError("a body has no triangles, or corners that are not finite", where=str(path))
     diagonal = float(np.linalg.norm(mesh.extents))

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
-from counterflex.core.errors import FileFormatError
+from counterflex.core import file_content
 
 FILES: Final = (("robot", "urdf"), ("part", "stock", "stl"), ("part", "stock", "result"))
 """Keys under which a cell file names another file."""
@@ -23,10 +22,9 @@ def parsed(path: Path) -> tomlkit.TOMLDocument:
     Raises:
         FileFormatError: It cannot be read.
     """
-    try:
-        return tomlkit.parse(path.read_bytes().decode("utf-8-sig"))
-    except (OSError, UnicodeDecodeError, TOMLKitError) as fault:
-        raise FileFormatError("the file cannot be read", where=str(path), value=str(fault)[:80]) from fault
+    text = file_content.text(path)
+    with file_content.readable(path, "TOML"):
+        return tomlkit.parse(text)
 
 
 def new_table() -> Any:

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import tomlkit
 
-from counterflex.core.errors import FileFormatError
+from counterflex.core import file_content
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.document import FILES, Doc, move_paths, parsed, row_of, table_of
 from counterflex.path.tool_rotation import ToolRotation
@@ -201,9 +201,6 @@ def text_with_files(path: Path, folder: Path, inputs: Path) -> tuple[str, dict[P
             continue
         source = path.parent / str(table[last])
         target = inputs / f"{'-'.join((*keys, last))}{source.suffix}"
-        try:
-            files[target] = source.read_bytes()
-        except OSError as fault:
-            raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(source)) from fault
+        files[target] = file_content.content(source)
         table[last] = Path(os.path.relpath(target, folder)).as_posix()
     return tomlkit.dumps(doc), files

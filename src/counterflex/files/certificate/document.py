@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
 from counterflex.files.certificate.quantities import DCC, Quantity, child, content, local, read_quantities, text_of
-from counterflex.protocols.xml_file import file_bytes, xml_root
+from counterflex.protocols.xml_file import xml_root
 
 ROOT: Final = "digitalCalibrationCertificate"
 VERSIONS: Final = ("3",)
@@ -65,7 +66,7 @@ def read_certificate(path: Path) -> Certificate:
     Raises:
         FileFormatError: No XML, no certificate, another version, or a quantity that contradicts itself.
     """
-    where, data = str(path), file_bytes(path)
+    where, data = str(path), file_content.content(path)
     if len(data) > _MOST_BYTES:
         raise FileFormatError("the file is too large", where=where, value=f"{len(data)} bytes", limit=_MOST_BYTES)
     if data[:5] == b"%PDF-":

@@ -6,6 +6,7 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError, InputError
 
 
@@ -53,12 +54,12 @@ def require_valid(file: Path, schema: Path) -> None:
 
 def _schemas_beside(schema: Path) -> list[tuple[str, str]]:
     """Schemas in the folder of a schema, by the namespace that they define."""
-    from counterflex.protocols.xml_file import file_bytes, xml_root
+    from counterflex.protocols.xml_file import xml_root
 
     schemas = []
     for other in sorted(schema.parent.glob("*.xsd")):
         if other.resolve() != schema.resolve():
-            space = xml_root(file_bytes(other), str(other)).get("targetNamespace", "")
+            space = xml_root(file_content.content(other), str(other)).get("targetNamespace", "")
             if space:
                 schemas.append((space, str(other)))
     return schemas

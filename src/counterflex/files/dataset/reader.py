@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.files.dataset.channel import Cells, Raw, build
@@ -221,6 +222,6 @@ def _groups(joined: _Joined, manifest: Manifest, where: str) -> Int:
 def _fingerprint(manifest: Path, tables: Sequence[TextTable]) -> str:
     """SHA-256 over manifest and files: each by its length and its bytes, in the manifest's order."""
     digest = hashlib.sha256()
-    for data in (manifest.read_bytes(), *(table.data for table in tables)):
+    for data in (file_content.content(manifest), *(table.data for table in tables)):
         digest.update(str(len(data)).encode() + b"\n" + data)
     return digest.hexdigest()

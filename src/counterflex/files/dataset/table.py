@@ -16,9 +16,10 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import close_to, missing_file
+from counterflex.core.similar import close_to
 from counterflex.files.dataset.manifest import FileTable
 
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
@@ -183,12 +184,7 @@ def read_table(path: Path, how: FileTable) -> TextTable:
     Raises:
         FileFormatError: Missing, not readable, rows with too many cells, no rows.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(path), hint=missing_file(path)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
+    data = file_content.content(path)
     if data.startswith(_WORKBOOKS):
         raise FileFormatError(
             "a spreadsheet workbook is not read",
@@ -203,10 +199,8 @@ def read_table(path: Path, how: FileTable) -> TextTable:
 
 
 def _parquet(path: Path, how: FileTable, data: bytes) -> TextTable:
-    try:
+    with file_content.readable(path, "a Parquet file"):
         frame = pl.read_parquet(io.BytesIO(data))
-    except (pl.exceptions.PolarsError, OSError) as fault:
-        raise FileFormatError("not a readable Parquet file", where=str(path), value=str(fault)[:80]) from fault
     columns: list[Sequence[str] | Float] = []
     for name, kind in frame.schema.items():
         if kind.is_numeric():

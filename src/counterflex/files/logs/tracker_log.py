@@ -14,9 +14,10 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import close_to, missing_file
+from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, MM, NS
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.telegram import NO_ORIENTATION, TrackerPose, spherical_point
@@ -145,13 +146,7 @@ def read_tracker_log(path: str | Path) -> TrackerLog:
     Raises:
         FileFormatError: Missing, not text, without rows, times that do not go on, or as :class:`TrackerLines`.
     """
-    file = Path(path)
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except (OSError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
+    file, text = Path(path), file_content.text(path)
     results = list(measurements(text.splitlines(), str(file)))
     if not results:
         raise FileFormatError("a tracker log without rows", where=str(file))

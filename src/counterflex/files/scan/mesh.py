@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.core import file_content
 from counterflex.core.arrays import Float, batches
 from counterflex.core.errors import FileFormatError
 from counterflex.files.scan.scan import PointStore, Scan
@@ -68,7 +69,7 @@ def _by_library(path: Path, kind: str) -> Any:
     """Triangles (t, 3, 3) as trimesh reads them."""
     import trimesh  # heavy
 
-    try:
+    with file_content.readable(path, f"a mesh ({kind.upper()})", "Export it again"):
         mesh = trimesh.load(path, file_type=kind, process=False, force="mesh")
         faces = np.asarray(getattr(mesh, "faces", np.empty((0, 3))))
         if len(faces) > LIMIT_TRIANGLES:
@@ -76,12 +77,6 @@ def _by_library(path: Path, kind: str) -> Any:
         if len(faces) == 0:
             raise FileFormatError("the mesh has no triangles", where=str(path), hint="Export points as PLY or XYZ")
         return np.asarray(mesh.vertices, np.float64)[faces]
-    except FileFormatError:
-        raise
-    except Exception as fault:  # whatever a damaged file makes the library do
-        raise FileFormatError(
-            f"the {kind.upper()} file cannot be read", where=str(path), value=f"{type(fault).__name__}: {fault}"[:80]
-        ) from fault
 
 
 def _too_many(path: Path, count: int) -> FileFormatError:

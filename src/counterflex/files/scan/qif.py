@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
 from counterflex.files.scan.scan import PointStore, Scan
 
@@ -20,14 +21,14 @@ def read_qif(path: Path) -> Scan:
         FileFormatError: No XML, no QIF, no measured points, a wrong number of coordinates, balls of different radius,
             or points of both kinds.
     """
-    from defusedxml.ElementTree import ParseError, parse
+    from defusedxml.common import DefusedXmlException
+    from defusedxml.ElementTree import parse
 
-    try:
-        root = parse(path).getroot()
-    except ParseError as fault:
-        raise FileFormatError("not readable as XML", where=str(path), value=str(fault)[:80]) from fault
-    except ValueError as fault:  # entities and the like, refused
-        raise FileFormatError("the XML holds what is not read here", where=str(path), value=str(fault)[:80]) from fault
+    with file_content.readable(path, "XML", "Export the results as QIF again"):
+        try:
+            root = parse(path).getroot()
+        except DefusedXmlException as fault:
+            raise FileFormatError("the XML holds what is not read here", where=str(path), value=str(fault)) from fault
     if root is None or _name(root) != "QIFDocument":
         raise FileFormatError(
             "the XML file is no QIF document", where=str(path), value=None if root is None else _name(root)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
-from counterflex.files import foreign_file
+from counterflex.core.file_kind import of_bytes
 from counterflex.files.scan.dmis import is_dmis, read_dmis
 from counterflex.files.scan.mesh import is_binary_stl, read_mesh
 from counterflex.files.scan.ply import read_header, vertex_blocks
@@ -25,14 +25,10 @@ def read_scan(path: Path) -> Scan:
     Raises:
         FileFormatError: No such file, an empty or a damaged one, another format, or no valid point in it.
     """
-    if not path.is_file():
-        raise FileFormatError("no such file", where=str(path), hint=missing_file(path))
-    try:
+    with file_content.readable(path, "a scan", "Export it again, as PLY, STL or a table of x, y, z"):
         with path.open("rb") as stream:
             head = stream.read(4096)
         return _read(path, head)
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
 
 
 def _read(path: Path, head: bytes) -> Scan:
@@ -53,7 +49,7 @@ def _read(path: Path, head: bytes) -> Scan:
         return read_mesh(path, "stl")
     if suffix == ".obj" or re.search(rb"^v\s+[-+.\d]", head, re.MULTILINE):
         return read_mesh(path, "obj")
-    other = foreign_file.of_bytes(head)
+    other = of_bytes(head)
     if other is not None:
         raise FileFormatError(f"the file is {other}", where=str(path), limit="a cloud of points, a mesh or a table")
     if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<"):

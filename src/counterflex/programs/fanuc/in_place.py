@@ -187,15 +187,16 @@ class _InPlace(InPlace):
             )
         return move.auxiliary
 
-    def _refusal(self, move: FanucMotion, what: str, hint: str) -> ProgramError:
+    def _refusal(self, move: FanucMotion, what: str, hint: str, **data: bool) -> ProgramError:
         text = self.program.listings[move.file].text[move.start : move.end]
-        return ProgramError(what, where=f"{move.file}:{move.line}", value=" ".join(text.split())[:60], hint=hint)
+        shown = " ".join(text.split())[:60]
+        return ProgramError(what, where=f"{move.file}:{move.line}", value=shown, hint=hint, **data)
 
     def _refuse_repeated(self, move: FanucMotion) -> None:
         """Refuse to change an instruction that runs more than once: each run has a correction of its own."""
         if self._again[move.file, move.start] > 1:
             raise self._refusal(move, "an instruction that runs more than once is corrected, and is not written back",
-                                _CONVERT)  # fmt: skip
+                                _CONVERT, each_pass=True)  # fmt: skip
 
     def _like(self, index: int) -> FanucMotion:
         """The instruction that an added one is like: that of the motion, of a wait the one before."""

@@ -308,4 +308,5 @@ def _refuse_repeated(program: KrlProgram, rows: MotionRows) -> None:
                 value=program.files[move.file].lines[move.line - 1].strip()[:60],
                 hint="Write it once for each pass, or compensate what this writes: "
                 + next_command("convert", program.name, to="krl", cell="CELL", out="OUT"),
+                each_pass=True,
             )

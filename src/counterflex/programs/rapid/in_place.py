@@ -118,6 +118,7 @@ class _InPlace(InPlace):
                     limit="one correction for each instruction",
                     hint="Write it out: "
                     + next_command("convert", self.program.name, to="rapid", cell="CELL", out="OUT"),
+                    each_pass=True,
                 )
 
     # ---- language --------------------------------------------------------------------------------------------

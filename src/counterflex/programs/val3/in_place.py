@@ -203,15 +203,15 @@ class _InPlace(InPlace):
 
     # ---- data ------------------------------------------------------------------------------------------------
 
-    def _refusal(self, move: Val3Motion, what: str) -> ProgramError:
+    def _refusal(self, move: Val3Motion, what: str, **data: bool) -> ProgramError:
         line = self.program.sources[move.file].text[move.head :].partition("\n")[0]
         return ProgramError(f"{what}, and is not written back", where=f"{move.file}:{move.line}",
-                            value=line.strip()[:60], hint=_CONVERT)  # fmt: skip
+                            value=line.strip()[:60], hint=_CONVERT, **data)  # fmt: skip
 
     def _refuse_repeated(self, move: Val3Motion) -> None:
         """Refuse to change a statement that runs more than once, or stands in a library."""
         if self._again[move.file, move.start] > 1:
-            raise self._refusal(move, "a statement that runs more than once is corrected")
+            raise self._refusal(move, "a statement that runs more than once is corrected", each_pass=True)
         if "/" in move.file:
             raise self._refusal(move, "a motion of a library is corrected")
 

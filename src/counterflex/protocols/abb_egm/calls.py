@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
+from counterflex.core.file_content import content
 
 _WORD: Final = re.compile(r"[A-Za-z]\w*")
 _MODULE: Final = re.compile(r"\s*MODULE\s+\w+", re.IGNORECASE)
@@ -69,12 +69,7 @@ def read_egm_calls(path: str | Path) -> EgmCalls:
         FileFormatError: Missing, or no RAPID module.
     """
     file = Path(path)
-    try:
-        text = file.read_bytes().decode("latin-1")
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    text = content(file).decode("latin-1")
     return parse_egm_calls(text, str(file))
 
 

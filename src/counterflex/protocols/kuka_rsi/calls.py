@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
+from counterflex.core.file_content import content
 from counterflex.protocols.kuka_rsi.context import decimal
 
 Mode = Literal["absolute", "relative"]
@@ -102,12 +102,7 @@ def read_calls(path: str | Path) -> RsiCalls:
         FileFormatError: Missing, or no KRL program.
     """
     file = Path(path)
-    try:
-        text = file.read_bytes().decode("latin-1")
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    text = content(file).decode("latin-1")
     return parse_calls(text, str(file))
 
 

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Final, Literal
 from xml.etree.ElementTree import Element
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
-from counterflex.protocols.xml_file import file_bytes, xml_root
+from counterflex.protocols.xml_file import xml_root
 
 Kind = Literal["DOUBLE", "LONG", "BOOL", "STRING"]
 _KINDS: Final = ("DOUBLE", "LONG", "BOOL", "STRING")
@@ -118,7 +119,7 @@ def read_config(path: str | Path) -> RsiConfig:
     Raises:
         FileFormatError: Missing, not XML, an unknown or repeated tag, a type, channel or port out of range.
     """
-    return parse_config(file_bytes(path), str(path))
+    return parse_config(file_content.content(path), str(path))
 
 
 def parse_config(text: bytes, where: str) -> RsiConfig:

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Final
 from xml.etree.ElementTree import Element
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
-from counterflex.protocols.xml_file import file_bytes, xml_root
+from counterflex.protocols.xml_file import xml_root
 
 _FIRST_INDEX: Final = {"rsiobjects": 1, "rsidata": 1, "rsicontext": 0}
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", re.ASCII)
@@ -137,7 +138,7 @@ def read_context(path: str | Path) -> RsiContextFile:
     Raises:
         FileFormatError: Missing, not XML, no RSI context, an object without type or name, an index out of range.
     """
-    return parse_context(file_bytes(path), str(path))
+    return parse_context(file_content.content(path), str(path))
 
 
 def parse_context(text: bytes, where: str) -> RsiContextFile:

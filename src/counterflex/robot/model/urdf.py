@@ -18,6 +18,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, frozen
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.file_content import readable
 from counterflex.geometry import pose, rotation
 from counterflex.robot.model.description import Robot, Segment
 from counterflex.robot.model.opw_fit import fit_opw
@@ -102,18 +103,14 @@ def _parse(file: Path) -> Any:
         raise InputError(
             "reading URDF files needs the package yourdfpy", hint='Run: pip install "counterflex[urdf]"'
         ) from fault
-    try:
-        ElementTree.parse(file)  # the library repairs broken XML and carries on; a robot must not be guessed
+    with readable(file, "a URDF", "Export the robot as URDF (no xacro)"):
+        try:
+            ElementTree.parse(file)  # the library repairs broken XML and carries on; a robot must not be guessed
+        except ElementTree.ParseError as fault:
+            line, column = fault.position
+            place = f"{file}:{line}:{column + 1}"
+            raise FileFormatError("not well-formed XML", where=place, value=str(fault)) from fault
         return library.URDF.load(str(file), build_scene_graph=False, load_meshes=False).robot
-    except OSError as fault:
-        raise InputError(f"cannot read the URDF file: {fault.strerror}", where=str(file)) from fault
-    except ElementTree.ParseError as fault:
-        line, column = fault.position
-        raise FileFormatError("not well-formed XML", where=f"{file}:{line}:{column + 1}", value=str(fault)) from fault
-    except Exception as fault:
-        raise FileFormatError(
-            "not a URDF the library can read", where=str(file), value=f"{type(fault).__name__}: {fault}"
-        ) from fault
 
 
 def _tree(model: Any, where: str) -> tuple[dict[str, Any], dict[str, list[Any]]]:

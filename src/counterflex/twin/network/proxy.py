@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final, Protocol, TextIO
 
+from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError, OutputError
 from counterflex.twin.network.impairment import Delivery
 
@@ -80,19 +81,16 @@ def read_decisions(path: Path) -> tuple[Recorded, Recorded]:
         FileFormatError: It is none.
     """
     decisions: tuple[dict[int, tuple[Delivery, ...]], dict[int, tuple[Delivery, ...]]] = ({}, {})
-    try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            rows = csv.DictReader(stream)
-            if tuple(rows.fieldnames or ()) != COLUMNS:
-                raise FileFormatError("not a log of the proxy", where=str(path), hint=f"columns {', '.join(COLUMNS)}")
-            for row in rows:
-                way, number = decisions[WAYS.index(row["way"])], int(row["number"])
-                copies = way.get(number, ())
-                way[number] = (*copies, *_delivery(row))
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
-    except (ValueError, KeyError, TypeError, UnicodeDecodeError) as fault:
-        raise FileFormatError("not a log of the proxy", where=str(path), value=str(fault)[:80]) from fault
+    hint = f"twin proxy --log writes one, with columns {', '.join(COLUMNS)}"
+    text = file_content.text(path, hint)
+    with file_content.readable(path, "a log of the proxy", hint):
+        rows = csv.DictReader(text.splitlines())
+        if tuple(rows.fieldnames or ()) != COLUMNS:
+            raise FileFormatError("not a log of the proxy", where=str(path), hint=hint)
+        for row in rows:
+            way, number = decisions[WAYS.index(row["way"])], int(row["number"])
+            copies = way.get(number, ())
+            way[number] = (*copies, *_delivery(row))
     return Recorded(decisions[THERE]), Recorded(decisions[BACK])
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import tomli_w
 
+from counterflex.core import file_content
 from counterflex.core.atomic import write_text
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.core.similar import missing_file
 from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.robot.model.description import Counterbalance, ElasticRegion
 from counterflex.twin.truth.family import MILD, family_of
@@ -23,6 +22,8 @@ from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, SensorPlace,
 
 FORMAT: Final = "counterflex-truth"
 VERSION: Final = 1
+
+_HINT: Final = "counterflex truth writes one"
 
 
 def to_dict(truth: Truth) -> dict[str, Any]:
@@ -266,14 +267,9 @@ def read_truth(path: str | os.PathLike[str]) -> Truth:
     Raises:
         FileFormatError: The file is missing, is no TOML, or is not a truth of version 1.
     """
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(path), hint=missing_file(Path(path))) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise FileFormatError(f"not valid TOML: {fault}", where=str(path)) from fault
+    text = file_content.text(path, _HINT)
+    with file_content.readable(path, "TOML", _HINT):
+        data = tomllib.loads(text)
     if not data:
-        raise FileFormatError("the file is empty", where=str(path))
+        raise FileFormatError("the file is empty", where=str(path), hint=_HINT)
     return from_dict(data, str(path))

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar
 from counterflex.core.units import DEG, MM
 from counterflex.programs.limits import BY_ENDING
 
@@ -69,7 +69,7 @@ def entry(
 def _show(summary: dict[str, Any], out: Path) -> None:
     rows = [
         [
-            str(row["line"]),
+            line_of(row, bare=True),
             row["kind"],
             row["move"] or f"kept: {row['kept']}",
             _pair(row["peak_force_n"], ".0f"),

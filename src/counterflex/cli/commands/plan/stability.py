@@ -9,7 +9,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written
 from counterflex.programs.limits import BY_ENDING
 
 
@@ -110,7 +110,7 @@ def _show(summary: dict[str, Any]) -> None:
         rows.append(
             [
                 f"T{tool['tool']}",
-                f"line {worst['line']}",
+                line_of(worst),
                 _number(worst["axial_depth_mm"], "mm"),
                 f"{worst['entry_deg']:.0f} to {worst['exit_deg']:.0f} deg",
                 f"{worst['spindle_rpm']:.0f} rpm",
@@ -127,7 +127,7 @@ def _show(summary: dict[str, Any]) -> None:
     )
     worst = summary["worst"]
     typer.echo(
-        f"{summary['verdict']}: least margin {worst['margin']:.3g} at line {worst['line']} ({worst['method']}); "
+        f"{summary['verdict']}: least margin {worst['margin']:.3g} at {line_of(worst)} ({worst['method']}); "
         f"{summary['below_1']} of {summary['stretches']} stretches below 1"
     )
     needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])

@@ -9,7 +9,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Parameters, WithoutEnd
-from counterflex.cli.output import print_json, print_table, progress_bar
+from counterflex.cli.output import line_of, print_json, print_table, progress_bar
 from counterflex.core.units import DEG, MM, PERCENT, RPM
 from counterflex.programs.limits import BY_ENDING
 
@@ -174,7 +174,7 @@ def _modes(modes: dict[str, Any]) -> str:
     nearest = modes["nearest"]
     if nearest is None:
         return text
-    where = "" if nearest["line"] is None else f" in line {nearest['line']}"
+    where = "" if nearest["line"] is None else f" in {line_of(nearest)}"
     return (
         f"{text}; of tooth passing and runout, {nearest['what']} ({nearest['hz']:g} Hz) swings the tool most{where}: "
         f"{nearest['magnified']:g} of the displacement at rest, the nearest mode is at {nearest['mode_hz']:g} Hz"

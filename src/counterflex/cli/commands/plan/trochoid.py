@@ -86,7 +86,7 @@ def trochoid(
 def _show(summary: dict[str, Any], out: Path) -> None:
     before, after = summary["time_s"]
     rows = [
-        ["slots in lines", ", ".join(str(line) for line in summary["lines"]), ""],
+        ["slots in lines", ", ".join(map(str, summary.get("places", summary["lines"]))), ""],
         ["loops", f"radius {summary['radius_mm']:g} mm", f"step {summary['step_mm']:g} mm"],
         [
             "engagement, computed",

@@ -9,9 +9,10 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
+from counterflex.core.file_kind import of_bytes
 from counterflex.core.units import NS
 from counterflex.files.logs.tracker_exports.dtrack import DTrackLines
 from counterflex.files.logs.tracker_exports.point_table import PointTableLines
@@ -95,15 +96,14 @@ def read_export(path: str | Path, name: str = OWN) -> Readings:
     Raises:
         FileFormatError: Missing, not text, without readings, as the format's reader, or times that run backwards.
     """
-    file = Path(path)
+    file, data = Path(path), file_content.content(path)
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = file.read_text(encoding="cp1252", errors="replace")
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault}", where=str(file)) from fault
+        text = data.decode("cp1252", errors="replace")
+    foreign = of_bytes(data)
+    if foreign is not None or "\0" in text:
+        raise FileFormatError("not a text file", where=str(file), value=foreign, hint="Export the measurements as text")
     if name == OWN and text.startswith("// SpatialAnalyzer"):
         raise FileFormatError("this is an export of SpatialAnalyzer", where=str(file), hint="--format spatial-analyzer")
     return collected(_measured(text.splitlines(), lines_of(name, str(file))), str(file))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.core.file_content import content
 from counterflex.programs.fanuc.program import FanucListing
 from counterflex.programs.fanuc.read.listing import Listing, Statement
 from counterflex.programs.fanuc.read.table import row_of
@@ -155,7 +156,7 @@ def job_files(program: Path) -> tuple[Path, ...]:
     open_files = [program]
     while open_files:
         file = open_files.pop()
-        text = file.read_bytes().decode("latin-1") if file.is_file() else ""
+        text = content(file).decode("latin-1") if file.is_file() else ""
         for match in _CALLED.finditer(text):
             name = match[1].upper()
             if name in listings and name not in reached:

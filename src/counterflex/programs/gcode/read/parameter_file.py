@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import FileFormatError
-from counterflex.core.similar import missing_file
+from counterflex.core.file_content import content
 from counterflex.core.units import MM
 from counterflex.programs.gcode.read.parameters import HOME_POSITION, LAST
 from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS
@@ -115,12 +115,7 @@ def _understood(parameters: dict[int, float], file: Path) -> None:
 
 
 def _text(file: Path) -> str:
-    try:
-        data = file.read_bytes()
-    except FileNotFoundError as fault:
-        raise FileFormatError("no such file", where=str(file), hint=missing_file(file)) from fault
-    except OSError as fault:
-        raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    data = content(file)
     try:
         return data.decode("ascii")
     except UnicodeDecodeError as fault:

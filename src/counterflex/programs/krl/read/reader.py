@@ -10,6 +10,7 @@ from pathlib import Path, PurePath
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.core.file_content import content
 from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.interpreter import Interpreter, orientations
@@ -130,7 +131,7 @@ def read_krl_file(path: str | os.PathLike[str], *, cell: KrlCell | None = None, 
     program = read_krl(text, name=file.name, folder=folder, cell=cell, complete=complete)
     if any(folder.encodings.get(name, encoding) != encoding for name in program.files):
         folder = Folder(file, "latin-1", only=True)
-        text = file.read_bytes().decode("latin-1")
+        text = content(file).decode("latin-1")
         program = read_krl(text, name=file.name, folder=folder, cell=cell, complete=complete)
         encoding = "latin-1"
     return replace(program, encoding=encoding)
@@ -194,7 +195,7 @@ class Folder(Mapping[str, str]):
         if name not in self._texts:
             file = self._paths[name]
             if self._only:
-                self._texts[name] = file.read_bytes().decode(self._only)
+                self._texts[name] = content(file).decode(self._only)
             else:
                 self._texts[name], self.encodings[name] = _decoded(file)
         return self._texts[name]

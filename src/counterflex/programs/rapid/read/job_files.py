@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.core.file_content import content
 from counterflex.programs.rapid.read.scanner import FilePart
 from counterflex.programs.source_text import read_text
 
@@ -89,7 +90,7 @@ def joined(files: Sequence[Path]) -> tuple[str, str, tuple[FilePart, ...]]:
     read = [read_text(file) for file in files]
     encodings = {encoding for _, encoding in read}
     if len(encodings) > 1:
-        read = [(file.read_bytes().decode("latin-1"), "latin-1") for file in files]
+        read = [(content(file).decode("latin-1"), "latin-1") for file in files]
     parts, at, line, texts = [], 0, 0, []
     for file, (text, _) in zip(files, read, strict=True):
         parts.append(FilePart(file.name, at, at + len(text), line))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.core.file_content import content
 from counterflex.programs.source_text import read_text
 from counterflex.programs.val3.read.data_file import DataFile, data_file_of
 from counterflex.programs.val3.read.program_file import Routine
@@ -103,7 +104,7 @@ def job_files(program: Path) -> tuple[Path, ...]:
     open_files = [program]
     while open_files:
         file = open_files.pop()
-        text = file.read_bytes().decode("latin-1") if file.is_file() else ""
+        text = content(file).decode("latin-1") if file.is_file() else ""
         for match in _CALLED.finditer(text):
             called = program.with_name(f"{match[1]}{program.suffix}")
             if called != program and match[1] not in reached and called.is_file():

@@ -1,0 +1,65 @@
+"""Compensate a robot program whose loops need another target in each pass: write it out, then compensate that."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.app import conversion
+from counterflex.app.compensation import compensate
+from counterflex.app.inputs import AS_IT_IS, Reading
+from counterflex.core import atomic
+from counterflex.core.errors import ProgramError
+from counterflex.core.progress import Progress, share_of, silent
+from counterflex.files.summary_file import write_folder_summary
+from counterflex.programs.limits import LANGUAGE_NAMES
+from counterflex.programs.reading import dialect_of
+
+FOLDER: Final = "written-out"
+"""Folder of the program with each motion once; lines in results are lines of it."""
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    out: str | Path,
+    *,
+    reading: Reading = AS_IT_IS,
+    progress: Progress = silent,
+    **options: Any,
+) -> dict[str, Any]:
+    """Compensate a program; one that cannot be written back in its loops is written out first.
+
+    Args:
+        program: The program.
+        cell_file: Cell file.
+        out: Folder; of a program that was written out it also has that one, in :data:`FOLDER`.
+        reading: How the program is read.
+        progress: Progress callback, fraction 0 to 1.
+        options: As for :func:`counterflex.app.compensation.compensate.run`.
+
+    Returns:
+        The summary.
+    """
+    try:
+        return compensate.run(program, cell_file, out, reading=reading, progress=progress, **options)
+    except ProgramError as fault:
+        if not fault.data.get("each_pass"):
+            raise
+        place = fault.where
+    dialect = dialect_of(program, reading.dialect)
+    language = next(name for name, known in LANGUAGE_NAMES.items() if known == dialect)
+    with tempfile.TemporaryDirectory() as folder, atomic.atomic_folder(out) as staging:
+        files = conversion.run(program, cell_file, folder, language, reading=reading)["files"]
+        again = share_of(progress, 0.5, 1.0)
+        summary = compensate.run(Path(folder) / files[0], cell_file, staging, progress=again, **options)
+        (staging / FOLDER).mkdir()
+        for name in files:
+            shutil.copyfile(Path(folder) / name, staging / FOLDER / name)
+        said = f"{place} runs several times and each pass needs another correction: the program was written out, each "
+        said += f"motion once, as counterflex convert does; lines are those of {FOLDER}/{files[0]}"
+        summary["written"]["warnings"] = [said, *summary["written"]["warnings"]]
+        write_folder_summary(staging, summary)
+    return summary

@@ -1,0 +1,115 @@
+"""Read files: every fault of the system or of a library becomes one :class:`FileFormatError`.
+
+All readers pass here: :func:`content` and :func:`text` for a whole file, :func:`json_value` for JSON, and
+:func:`readable` around a library that opens or decodes a file by itself. A test holds the code to it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.core.errors import CounterflexError, FileFormatError
+from counterflex.core.file_kind import of_bytes
+from counterflex.core.similar import missing_file
+from counterflex.core.system_fault import system_fault
+
+_LONGEST: Final = 80
+"""Characters of a library's message that are printed."""
+_AGAIN: Final = "Write or copy it again"
+_UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
+
+
+@contextlib.contextmanager
+def readable(
+    path: str | os.PathLike[str], kind: str, hint: str = _AGAIN, family: type[FileFormatError] = FileFormatError
+) -> Iterator[None]:
+    """Raise what the system or a library says of a file as one error.
+
+    Only the reading belongs into the block: every exception in it is taken for a fault of the file.
+
+    Args:
+        path: The file.
+        kind: What it should be, with its article: ``"a Parquet table"``.
+        hint: What to do where the content is wrong.
+        family: Class of the error.
+
+    Raises:
+        FileFormatError: Missing, a folder, not permitted, damaged, or of another kind.
+    """
+    try:
+        yield
+    except (CounterflexError, KeyboardInterrupt, SystemExit, GeneratorExit):
+        raise
+    except BaseException as fault:  # a panic in Rust is no Exception
+        raise _refusal(Path(path), kind, hint, fault, family) from fault
+
+
+def content(path: str | os.PathLike[str], family: type[FileFormatError] = FileFormatError) -> bytes:
+    """Return the bytes of a file.
+
+    Raises:
+        FileFormatError: Missing, a folder, or not permitted.
+    """
+    with readable(path, "a file", family=family):
+        return Path(path).read_bytes()
+
+
+def text(path: str | os.PathLike[str], hint: str = "Save it as UTF-8 text") -> str:
+    """Return the text of a file in UTF-8, with or without byte order mark.
+
+    Args:
+        path: The file.
+        hint: What to do where it is no such text.
+
+    Raises:
+        FileFormatError: Missing, a folder, not permitted, or another encoding; names kind of file or byte and line.
+    """
+    return decoded(content(path), path, hint)
+
+
+def decoded(data: bytes, path: str | os.PathLike[str], hint: str = "Save it as UTF-8 text") -> str:
+    """Return bytes of a file as text, see :func:`text`."""
+    try:
+        found = data.decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        kind = "text in UTF-16" if data.startswith(_UTF_16) else of_bytes(data)
+        byte = f"byte 0x{data[fault.start]:02x} in line {data[: fault.start].count(10) + 1}"
+        raise FileFormatError("not a text file in UTF-8", where=str(path), value=kind or byte, hint=hint) from fault
+    if "\0" in found:
+        line = found[: found.index("\0")].count("\n") + 1
+        raise FileFormatError("not a text file: it contains zero bytes", where=f"{path}:{line}", hint=hint)
+    return found
+
+
+def json_value(path: str | os.PathLike[str], kind: str = "JSON", hint: str = _AGAIN) -> Any:
+    """Return the value of a JSON file.
+
+    Raises:
+        FileFormatError: As :func:`text`, or it is no JSON.
+    """
+    found = text(path, hint)
+    with readable(path, kind, hint):
+        return json.loads(found)
+
+
+def _refusal(path: Path, kind: str, hint: str, fault: BaseException, family: type[FileFormatError]) -> FileFormatError:
+    where = str(path)
+    known = system_fault(fault)
+    if known is not None and known.errno == errno.ENOENT:
+        return family("no such file", where=where, hint=missing_file(path))
+    if known is not None and known.errno == errno.EISDIR:
+        return family("it is a folder", where=where, limit="a file", hint="Name a file in it")
+    if known is not None:
+        return family(f"cannot be read: {known.strerror}", where=where, hint="Check the file and the rights on it")
+    said = " ".join(str(fault).split()) or type(fault).__name__
+    if isinstance(fault, MemoryError):
+        said = "more than the memory of this computer"
+    if isinstance(fault, RecursionError):
+        said = "nested too deeply"
+    return family(f"not readable as {kind}", where=where, value=said[:_LONGEST], hint=hint)

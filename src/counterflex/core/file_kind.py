@@ -1,0 +1,45 @@
+"""Kind of a file by its first bytes or lines, for the message about a file of another kind."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+_BY_FIRST_BYTES: Final[tuple[tuple[bytes, str], ...]] = (
+    (b"PK\x03\x04", "a spreadsheet workbook (.xlsx, .ods) or another zip archive"),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a spreadsheet workbook (.xls) or another Office file"),
+    (b"PAR1", "a Parquet table"),
+    (b"\x89MCAP", "a run log (MCAP)"),
+    (b"\x89HDF\r\n", "an HDF5 or MATLAB file"),
+    (b"MATLAB 5.0 MAT-file", "a MATLAB file"),
+    (b"%PDF", "a PDF file"),
+    (b"\x1f\x8b", "a gzip archive"),
+)
+_TABLE_MARKS: Final = (";", "\t", ",")
+_GCODE: Final = re.compile(r"\s*(?:N\d+\s*)?[GMT]\d", re.IGNORECASE)
+_KEY: Final = re.compile(r"\s*(?:[A-Za-z0-9_.\-]+|\"[^\"]*\"|'[^']*')\s*=")
+
+
+def of_bytes(data: bytes) -> str | None:
+    """Return the kind of a binary file by its first bytes, or None where nothing is known about them."""
+    return next((name for head, name in _BY_FIRST_BYTES if data.startswith(head)), None)
+
+
+def of_text(text: str) -> str | None:
+    """Return the kind of a text: table of data, G-code, JSON, XML; None where it looks like TOML with a mistake."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")][:5]
+    if not lines:
+        return None
+    if lines[0].lstrip().startswith("<"):
+        return "an XML file"
+    if lines[0].lstrip().startswith("{"):
+        return "a JSON file"
+    if any(_KEY.match(line) or re.fullmatch(r"\s*\[\[?[^\[\]]+\]\]?\s*", line) for line in lines):
+        return None
+    if any(_GCODE.match(line) for line in lines):
+        return "a G-code program"
+    for mark in _TABLE_MARKS:
+        counts = [line.count(mark) for line in lines]
+        if min(counts) >= 1 and len(lines) > 1:
+            return "a table of data (CSV)"
+    return None
