@@ -135,7 +135,7 @@ def cycle(loops: Records, tables: Records) -> None:
     pids, kept = _pids(table), _pid_states(table)
     step(given, settings, state, ring, plan, loop.cycle, result, elastic, measured, predicted, pids, kept)
     play_after(given, result, _plays(table), _played(table), wholes(table.play_begun))
-    after_step(given, settings, state, ring, result, limits, swing_kg * monitored.acceleration, tests, work)
+    after_step(given, settings, state, ring, loop.cycle, result, limits, swing_kg * monitored.acceleration, tests, work)
     watch(given, result, place, plan, watched, monitors, memories)
     ask_speed(result, place, watched, monitors, memories)
     if monitor.speed_step > 0.0:  # the program's speed may be changed: the plan is read at it
