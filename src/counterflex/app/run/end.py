@@ -77,13 +77,19 @@ class RunEnd:
         return {"by": self._how, "cause": Cause(self._why).name.lower()}
 
 
+def _missing(summary: Mapping[str, Any]) -> str:
+    missing = summary.get("found", {}).get("missing_most_mm")
+    return f", but up to {missing:.2f} mm of the correction were missing at the robot" if missing else ""
+
+
 def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     """How a run ended.
 
     Args:
         summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``,
             ``holds_feed`` (the robot's link has a word for it),
-            ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`).
+            ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`), ``found``
+            (:func:`counterflex.protocols.session.found.found`).
         arm: It was started to correct.
 
     Returns:
@@ -117,6 +123,6 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         why = ": no telegram came" if not summary["cycles"] else f": {offset_message(off)}" if off is not None else ""
         end, sentence = End.NEVER_ARMED, what + why
     else:
-        end, sentence = End.PLANNED, "as planned"
+        end, sentence = End.PLANNED, "as planned" + _missing(summary)
     wrong = end in (End.DIED, End.FAULT, End.LOG_LOST)
     return {"status": int(end), "how": end.name.lower(), "said": sentence, "wrong": wrong}

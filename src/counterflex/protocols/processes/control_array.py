@@ -111,15 +111,29 @@ class Shown(IntEnum):
     TRACKER_TURN_UDEG = 42
     """The same of the orientation, millionths of a degree; -1 likewise."""
     TRACKER_TURN_LIMIT_UDEG = 43
+    MISSING_NM = 44
+    """Lasting part of the correction that is missing at the robot, where it is told; 0: none is."""
+    MISSING_MOST_NM = 45
+    """The largest so far; -1: the robot has not reported its pose, so nobody has looked."""
+    FRAME_NM = 46
+    """Offset of the frames of the program from those of the cell file, learnt before arming; -1: not looked at."""
+    FRAME_UDEG = 47
+    """The same of the orientation, millionths of a degree."""
+    PLAN_NM = 48
+    """Lasting distance of the program from the plan in the cut; -1: not looked at yet."""
+    PLAN_FEED_PPM = 49
+    """Its speed by the planned one; -1 likewise."""
+    PLAN_FORCE_PPM = 50
+    """Measured by predicted force; -1 likewise."""
 
 
 class Panel(IntEnum):
     """What the operator panel says of itself: places of the control array after those of :class:`Shown`."""
 
-    NS = 44
+    NS = 51
     """When it last said that it lives; 0: there is none, or it has left."""
-    PID = 45
-    CLIENTS = 46
+    PID = 52
+    CLIENTS = 53
     """Pages that are connected to it."""
 
 

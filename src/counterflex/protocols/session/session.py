@@ -141,7 +141,13 @@ class OnlineSession:
         self._teller: Teller | None = None
         if len(self.control) >= CONTROL:
             self._teller = Teller(
-                self.control, loop, link.counters, self._tare, force=force is not None, tracker=tracker is not None
+                self.control,
+                loop,
+                link.counters,
+                self._tare,
+                force=force is not None,
+                tracker=tracker is not None,
+                angles=self._angles,
             )
         self.trouble = ""
         self._silent_cycles = self._repeated = 0

@@ -4,7 +4,7 @@ The reported pose less the commanded one must be the correction. How late a robo
 so the test takes any answer between the correction that was sent last and the one that was to act some time ago. Three
 tests follow from the distance to the nearest of these answers:
 
-- *early*: almost nothing of it shows, or something else does: a fault within a few cycles;
+- *early*: along the correction almost nothing of it shows, or its opposite: a fault within a few cycles;
 - *lasting*: by more than a share of it, for longer than the arm swings: a fault;
 - *missing*: the mean of what is missing is told with its size, and beyond a limit it is a fault.
 
@@ -243,7 +243,8 @@ def judge_answer(
     the motion, a the nearest answer and d the distance ``|P (r - r0 - a)|`` to it:
 
     - WRONG where ``d > max(L, s |a|) + b + y`` in ``answer_cycles`` in a row, a at most ``answer_late`` cycles late,
-    - WRONG where ``d > max(L', s' |a|, y) + b`` in ``early_cycles`` in a row, a at most ``early_late`` cycles late,
+    - WRONG where ``-a . P (r - r0 - a) / |a| > max(L', s' |a|, y) + b`` in ``early_cycles`` in a row, a at most
+      ``early_late`` cycles late: along the correction the robot makes almost nothing of it, or the opposite,
     - SHORT or TOO_SHORT by the mean of ``P (r - r0 - a)``, see :func:`_judge_missing`.
 
     b is what a bend of the path explains (:func:`_bend_of_path`), y the yield of the drives (:func:`_yield_of_drives`).
@@ -274,8 +275,11 @@ def judge_answer(
         shown[k] = difference[k] - memory.standing[k]
     _across(memory, shown, 0)
     _nearest_answer(state, ring, here, limits.early_late, shown, legs, nearest, memory)
-    bound = max(limits.early_m, limits.early_share * _norm(nearest, 0), yield_m) + bend_m
-    memory.early_answer = 0 if nearest[6] <= bound else memory.early_answer + 1  # NaN is no agreement
+    expected, short = _norm(nearest, 0), 0.0
+    if expected > 0.0:
+        short = -(nearest[0] * nearest[3] + nearest[1] * nearest[4] + nearest[2] * nearest[5]) / expected
+    bound = max(limits.early_m, limits.early_share * expected, yield_m) + bend_m
+    memory.early_answer = 0 if short <= bound else memory.early_answer + 1  # NaN is no agreement
     _nearest_answer(state, ring, here, limits.answer_late, shown, legs, nearest, memory)
     bound = max(limits.least_m, limits.answer_share * _norm(nearest, 0)) + bend_m + yield_m
     memory.answer = 0 if nearest[6] <= bound else memory.answer + 1

@@ -23,7 +23,11 @@ _MANY: Final = 64
 _FREE: Final = {"state.reference": 7, "state.swing": 63, "state.known_ahead": 64, "scratch": 12 + 132}
 """Words behind a stretch that meant nothing, or nothing beyond their cycle, in logs that do not say their layout."""
 _ADDED: Final = frozenset(
-    f"tests.{name}" for name in ("heading", "bend", "bent", "missing", "early_answer", "short", "still")
+    f"tests.{name}"
+    for name in (
+        *("heading", "bend", "bent", "missing", "early_answer", "short", "still"),
+        *("plan_place", "plan_feed", "plan_force", "plan_cycles"),
+    )
 )
 """What a loop of today remembers besides: it begins at zero behind a state that does not have it."""
 Arrays: TypeAlias = Mapping[str, np.ndarray[Any, Any]]
