@@ -165,6 +165,8 @@ class Supervised:
             self.loop, self._loop_pipe, "the loop's process", lambda: int(self.control[Life.LOOP_NS])
         )
         self._up.append(self.loop)
+        if self._beat is not None:
+            self._beat.unlock()  # the loop has compiled what it needs: this one reads it from the cache
         self._about = {**_about(self._settings, loop_sha256), LAYOUT: layout}
         with contextlib.suppress(OSError):  # who has died is told below
             self._recorder_pipe.send(self._about)

@@ -15,6 +15,8 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+import numpy as np
+
 from counterflex.core.arrays import Int
 from counterflex.protocols.processes.control_array import Life
 
@@ -104,14 +106,15 @@ class Beat:
     """Says that this process lives, from a thread of its own: a disk or a terminal that stands still does not stop it.
 
     Args:
-        control: Shared.
+        control: Shared, (n,) whole 64-bit numbers.
         time_place: Where the time is written.
         number_place: Where the number of this process is written, once.
     """
 
     def __init__(self, control: Any, time_place: Life, number_place: Life) -> None:
         self._control, self._place = control, int(time_place)
-        self._end = threading.Event()
+        self._end, self._unlocked = threading.Event(), threading.Event()
+        self._ended: Int = np.zeros(1, dtype=np.int64)
         control[self._place] = time.monotonic_ns()
         control[number_place] = os.getpid()
         self._thread = threading.Thread(target=self._go_on, name="beat", daemon=True)
@@ -123,8 +126,29 @@ class Beat:
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
         while not self._end.wait(BEAT_S):
             self._control[self._place] = time.monotonic_ns()
+            if self._unlocked.is_set():
+                self._beat_unlocked()
+                return
+
+    def _beat_unlocked(self) -> None:
+        from counterflex.protocols.system.system_calls import BEATING, beat_until
+
+        beat_until(self._control, self._place, round(BEAT_S * 1e9), self._ended, np.zeros(BEATING, dtype=np.int64))
+
+    def unlock(self) -> None:
+        """Say it from now on without the interpreter lock, which another thread may keep for long on a busy computer.
+
+        Only on 64-bit Linux; what says it is compiled here, so the caller waits for it and not a beat.
+        """
+        from counterflex.core.jit import compile_stated
+        from counterflex.protocols.system.system_calls import THERE
+
+        if THERE:
+            compile_stated("counterflex.protocols.system.system_calls")
+            self._unlocked.set()
 
     def close(self) -> None:
         """Say nothing any more."""
         self._end.set()
+        self._ended[0] = 1
         self._thread.join()

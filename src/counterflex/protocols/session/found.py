@@ -48,9 +48,10 @@ def found_lines(numbers: Mapping[str, Any], cause: Cause, degraded: Cause) -> It
         )
     if cause == Cause.FRAME_OFFSET:
         yield (
-            f"FRAMES OFF by {numbers['frame_offset_mm'] or 0.0:.2f} mm and {numbers['frame_offset_deg'] or 0.0:.3f} deg:"
-            " BASE or TOOL of the program is not that of the cell file; correct one of them, or set frame_offset_mm and"
-            " frame_offset_deg in [online] where the difference is known"
+            f"FRAMES OFF by {numbers['frame_offset_mm'] or 0.0:.2f} mm and"
+            f" {numbers['frame_offset_deg'] or 0.0:.3f} deg: BASE or TOOL of the program is not that of the cell file;"
+            " correct one of them, or set frame_offset_mm and frame_offset_deg in [online] where the difference is"
+            " known"
         )
     if Cause.OFF_PATH in causes and numbers["off_plan_mm"] is not None:
         yield (
