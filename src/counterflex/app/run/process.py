@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.run.child import outlive_starter
 from counterflex.app.run.session import RunSettings, open_session
 from counterflex.app.run.shown import about_run
 from counterflex.core.arrays import Int
@@ -74,6 +75,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     except BaseException as fault:
         _say(pipe, fault)
         return
+    outlive_starter()
     living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
     control[Life.CANNOT_HOLD] = not session.link.holds_feed
     control[_LOOP_NS] = time.monotonic_ns()

@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.run.child import outlive_starter
 from counterflex.app.run.end import AS_REQUESTED, RunEnd
 from counterflex.app.run.incidents import numbered
 from counterflex.app.run.process_events import shown_process
@@ -182,6 +183,7 @@ def recorder_process(ring_name: str, words: Path, out: Path, pipe: Any) -> None:
         pipe.send(fault)
         return
     beat = Beat(control, Life.RECORDER_NS, Life.RECORDER_PID)
+    outlive_starter()
     loop, run = Living(control, Life.LOOP_PID), Living(control, Life.RUN_PID)
     done = actions_path(words)
     actions = Actions(done) if done.exists() else None

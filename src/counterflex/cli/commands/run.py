@@ -98,7 +98,7 @@ def run(
     one_protocol(rsi, egm)
     from counterflex.app.run import run as job
     from counterflex.app.run.session import RunSettings
-    from counterflex.cli.commands.operate.status_line import StatusLines
+    from counterflex.cli.commands.operate.status_line import Preparing, StatusLines
 
     tracker, strain = host_port(trial.tracker.address), host_port(trial.strain.address)
     if arm and not lockstep and not trust_machine:
@@ -135,7 +135,15 @@ def run(
     if line_period_s() > 0.0:
         other = "; start the simulated cell now, it is waited for" if lockstep else ""
         typer.echo(f"preparing the loop: cell, plan, sensors{other}", err=True)
-    summary = job.run(settings, out, watch=StatusLines(), most_s=trial.run.seconds, started=started, warn=warn)
+    summary = job.run(
+        settings,
+        out,
+        watch=StatusLines(),
+        most_s=trial.run.seconds,
+        started=started,
+        warn=warn,
+        preparing=Preparing(line_period_s()),
+    )
     if as_json:
         print_json(summary)
     else:

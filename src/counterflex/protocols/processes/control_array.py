@@ -137,5 +137,12 @@ class Panel(IntEnum):
     """Pages that are connected to it."""
 
 
-CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown) + len(Panel)
+class Start(IntEnum):
+    """How far the start of a run is: places of the control array after those of :class:`Panel`."""
+
+    COMPILED = 54
+    """Kernels that its processes have compiled."""
+
+
+CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown) + len(Panel) + len(Start)
 """Length of the whole array."""

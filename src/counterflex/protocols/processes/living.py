@@ -113,8 +113,9 @@ class Beat:
 
     def __init__(self, control: Any, time_place: Life, number_place: Life) -> None:
         self._control, self._place = control, int(time_place)
-        self._end, self._unlocked = threading.Event(), threading.Event()
+        self._end = threading.Event()
         self._ended: Int = np.zeros(1, dtype=np.int64)
+        self._beat_on: Callable[[Int, int, int, Int], None] | None = None
         control[self._place] = time.monotonic_ns()
         control[number_place] = os.getpid()
         self._thread = threading.Thread(target=self._go_on, name="beat", daemon=True)
@@ -126,26 +127,17 @@ class Beat:
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
         while not self._end.wait(BEAT_S):
             self._control[self._place] = time.monotonic_ns()
-            if self._unlocked.is_set():
-                self._beat_unlocked()
+            if self._beat_on is not None:
+                self._beat_on(self._control, self._place, round(BEAT_S * 1e9), self._ended)
                 return
 
-    def _beat_unlocked(self) -> None:
-        from counterflex.protocols.system.system_calls import BEATING, beat_until
-
-        beat_until(self._control, self._place, round(BEAT_S * 1e9), self._ended, np.zeros(BEATING, dtype=np.int64))
-
-    def unlock(self) -> None:
+    def unlock(self, beat_on: Callable[[Int, int, int, Int], None]) -> None:
         """Say it from now on without the interpreter lock, which another thread may keep for long on a busy computer.
 
-        Only on 64-bit Linux; what says it is compiled here, so the caller waits for it and not a beat.
+        Args:
+            beat_on: Compiled, of :func:`counterflex.protocols.system.system_calls.unlocked_beat`.
         """
-        from counterflex.core.jit import compile_stated
-        from counterflex.protocols.system.system_calls import THERE
-
-        if THERE:
-            compile_stated("counterflex.protocols.system.system_calls")
-            self._unlocked.set()
+        self._beat_on = beat_on
 
     def close(self) -> None:
         """Say nothing any more."""

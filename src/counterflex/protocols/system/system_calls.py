@@ -10,6 +10,7 @@ import ctypes
 import errno
 import socket
 import sys
+from collections.abc import Callable
 from typing import Any, Final
 
 import numba
@@ -17,7 +18,7 @@ import numpy as np
 from numba import carray, types
 
 from counterflex.core.arrays import Int
-from counterflex.core.jit import kernel
+from counterflex.core.jit import compile_stated, kernel
 from counterflex.protocols.decimal_kernel import ByteRows, Bytes
 
 THERE: Final = (
@@ -34,8 +35,6 @@ _INTERRUPTED: Final = errno.EINTR
 _AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0x40)
 _READABLE: Final = 1  # POLLIN
 _MONOTONIC: Final = 1  # CLOCK_MONOTONIC
-BEATING: Final = 4
-"""Numbers of eight bytes that a beat needs: two ``struct timespec``."""
 
 # struct mmsghdr in numbers of eight bytes (recvmmsg(2)).
 H_NAME: Final = 0
@@ -194,8 +193,8 @@ def send_to(fd: int, data: Bytes, length: int, name: Bytes) -> bool:
             return False
 
 
-@kernel("void(int64[::1], int64, int64, int64[::1], int64[::1])", waits=True, entry=True)
-def beat_until(words: Int, place: int, every_ns: int, end: Int, work: Int) -> None:
+@kernel("void(int64[::1], int64, int64, int64[::1])", waits=True, entry=True)
+def _beat_on(words: Int, place: int, every_ns: int, end: Int) -> None:
     """Write the monotonic time into a word again and again, without the interpreter lock.
 
     Args:
@@ -203,11 +202,19 @@ def beat_until(words: Int, place: int, every_ns: int, end: Int, work: Int) -> No
         place: Of the word.
         every_ns: Pause between two, less than a second.
         end: (1,) it ends when this is no longer 0.
-        work: (BEATING,) work space.
     """
+    work = np.zeros(4, dtype=np.int64)  # two struct timespec
     while end[0] == 0:
         if _clock_gettime(_MONOTONIC, work.ctypes.data) != 0:
             return
         words[place] = work[0] * 1_000_000_000 + work[1]
         work[2], work[3] = 0, every_ns
-        _nanosleep(work[2:].ctypes.data, 0)
+        _nanosleep(work.ctypes.data + 16, 0)
+
+
+def unlocked_beat() -> Callable[[Int, int, int, Int], None] | None:
+    """What beats without the interpreter lock, compiled; None on other systems."""
+    if not THERE:
+        return None
+    compile_stated(__name__)
+    return _beat_on

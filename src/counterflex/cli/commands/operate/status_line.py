@@ -17,6 +17,25 @@ from counterflex.runtime.state.states import State
 _STILL_S: Final = 0.5
 
 
+class Preparing:
+    """Prints now and then how long the loop has got ready, on standard error.
+
+    Args:
+        period_s: From one line to the next; 0: none.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s, self._due_s = period_s, period_s
+
+    def __call__(self, waited_s: float, compiled: int) -> None:
+        """Print a line where one is due."""
+        if self._period_s <= 0.0 or waited_s < self._due_s:
+            return
+        self._due_s = waited_s + self._period_s
+        what = f"{compiled} kernels compiled so far" if compiled else "waiting for its files, sensors or the compiler"
+        typer.echo(f"preparing the loop for {waited_s:.0f} s: {what}; the first start compiles for minutes", err=True)
+
+
 class StatusLines:
     """Prints what process monitoring has found, and how the run is, on standard error."""
 
