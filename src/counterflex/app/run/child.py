@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.core import compiling
-from counterflex.protocols.processes.control_array import CONTROL, Start
+from counterflex.protocols.processes.control_array import CONTROL, Course
 from counterflex.protocols.processes.shared_words import SharedWords
 
 _PR_SET_PDEATHSIG: Final = 1
@@ -75,6 +75,6 @@ def _count_compilations(shared: SharedWords) -> None:
     """Count the kernels that this process compiles, for who waits for it."""
 
     def compiled() -> None:
-        shared.words[Start.COMPILED] += 1
+        shared.words[Course.COMPILED] += 1
 
     compiling.tell(compiled)

@@ -30,7 +30,7 @@ from counterflex.core.units import NS
 from counterflex.files.logs.run_log import LAYOUT, RunLog
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.actions import Actions, actions_path
-from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Request, Shown, Start
+from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Request, Shown
 from counterflex.protocols.processes.living import SILENT_S, Beat
 from counterflex.protocols.processes.one_run import OneRun
 from counterflex.protocols.processes.operator_words import OperatorFile
@@ -90,18 +90,38 @@ def run(
             warn(line)
         started(where)
         begin = time.monotonic()
-        supervised.watch(watch, ended, None if most_s is None else begin + most_s)
-        summary = supervised.loop_report() | {"seconds": round(time.monotonic() - begin, 2)}
-        summary["ended"] = ended_how(summary, arm=settings.arm)
-        if not supervised.disk_stands:
-            with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
-                head = {"job": "run", "cell": settings.cell.name, "run": supervised.number}
-                write_summary(Path(out) / SUMMARY, {**head, **summary})
-        return summary
+        try:
+            supervised.watch(watch, ended, None if most_s is None else begin + most_s)
+            summary = supervised.loop_report()
+        except KeyboardInterrupt:  # the second one: the loop ramps out and ends by itself, and is still told
+            with signals_wait():
+                _finish(supervised, settings, Path(out), begin)
+            raise
+        return _summarise(supervised, summary, settings, Path(out), begin)
     finally:
         if supervised is not None:
             with signals_wait():  # bounded; cut short it would leave memory and locks behind
                 supervised.close()
+
+
+def _finish(supervised: Supervised, settings: RunSettings, out: Path, begin: float) -> None:
+    """Wait until a loop that is left alone has ended, for as long as it may take, and write its summary."""
+    supervised.control[Request.END] = 1
+    supervised.loop.join(2.0 * END_S)
+    _summarise(supervised, supervised.summary(), settings, out, begin)
+
+
+def _summarise(
+    supervised: Supervised, report: dict[str, Any], settings: RunSettings, out: Path, begin: float
+) -> dict[str, Any]:
+    """Complete the summary and write it, unless the disk stands still."""
+    summary = report | {"seconds": round(time.monotonic() - begin, 2)}
+    summary["ended"] = ended_how(summary, arm=settings.arm)
+    if not supervised.disk_stands:
+        with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
+            head = {"job": "run", "cell": settings.cell.name, "run": supervised.number}
+            write_summary(out / SUMMARY, {**head, **summary})
+    return summary
 
 
 class Supervised:
@@ -176,7 +196,7 @@ class Supervised:
             self._loop_pipe,
             "the loop's process",
             lambda: int(self.control[Life.LOOP_NS]),
-            lambda waited_s: preparing(waited_s, int(self.control[Start.COMPILED])),
+            lambda waited_s: preparing(waited_s, int(self.control[Course.COMPILED])),
         )
         self._up.append(self.loop)
         self._unlock_beat()
@@ -275,6 +295,7 @@ class Supervised:
             "recorder_died": died,
             "tracker_off": tracker_off(self.control),
             "found": found(self.control),
+            "another_port": int(self.control[Course.ANOTHER_PORT]) or None,
             "holds_feed": not self.control[Life.CANNOT_HOLD],
             "loop_ended": AS_REQUESTED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
         }

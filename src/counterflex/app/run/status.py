@@ -137,7 +137,7 @@ class StatusReader:
             _shared(int(control[Shown.PLACE_PPM]), 1e-6),
             _shared(int(control[Shown.FORCE_MN]), 1e-3),
             _shared(int(control[Shown.PLANNED_MN]), 1e-3),
-            (now - int(control[Life.LOOP_NS])) * NS,
+            0.0 if control[Life.ENDED] else (now - int(control[Life.LOOP_NS])) * NS,
             int(last[column("out_rejected")]),
             int(control[Tally.TRACKER_SET_BACK]),
             "" if off is None else offset_message(off),

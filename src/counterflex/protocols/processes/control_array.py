@@ -125,24 +125,29 @@ class Shown(IntEnum):
     """Its speed by the planned one; -1 likewise."""
     PLAN_FORCE_PPM = 50
     """Measured by predicted force; -1 likewise."""
+    FORCE_SPIKES = 51
+    """Single readings of the force sensor that were left out."""
 
 
 class Panel(IntEnum):
     """What the operator panel says of itself: places of the control array after those of :class:`Shown`."""
 
-    NS = 51
+    NS = 52
     """When it last said that it lives; 0: there is none, or it has left."""
-    PID = 52
-    CLIENTS = 53
+    PID = 53
+    CLIENTS = 54
     """Pages that are connected to it."""
 
 
-class Start(IntEnum):
-    """How far the start of a run is: places of the control array after those of :class:`Panel`."""
+class Course(IntEnum):
+    """How a run begins and why it ended early: places of the control array after those of :class:`Panel`."""
 
-    COMPILED = 54
+    COMPILED = 55
     """Kernels that its processes have compiled."""
+    ANOTHER_PORT = 56
+    """Port from which the controller began another session while the correction of the one before was in effect; 0:
+    none. The run has ended then."""
 
 
-CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown) + len(Panel) + len(Start)
+CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown) + len(Panel) + len(Course)
 """Length of the whole array."""

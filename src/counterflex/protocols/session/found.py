@@ -20,6 +20,7 @@ _NUMBERS: Final = (
     ("off_plan_mm", Shown.PLAN_NM, 1e-6),
     ("feed_by_plan", Shown.PLAN_FEED_PPM, 1e-6),
     ("force_by_plan", Shown.PLAN_FORCE_PPM, 1e-6),
+    ("force_spikes", Shown.FORCE_SPIKES, 1),
 )
 
 
@@ -63,6 +64,8 @@ def found_lines(numbers: Mapping[str, Any], cause: Cause, degraded: Cause) -> It
             f"FEED {100.0 * numbers['feed_by_plan']:.0f} % of the planned one: the planned forces do not come; set the"
             " override to 100 %, or plan for this feed"
         )
+    if numbers["force_spikes"]:
+        yield f"{numbers['force_spikes']:.0f} SPIKES of the force sensor left out: look for a loose plug or a bad cable"
     force = numbers["force_by_plan"]
     if Cause.FORCE_OFF_PLAN in causes and force is not None:
         yield f"FORCE {100.0 * force:.0f} % of the planned one since the contact: look for another depth or material"

@@ -18,6 +18,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import compile_stated
 from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Kept, Life, Request
 from counterflex.protocols.robot.link import RobotLink
+from counterflex.protocols.robot.port import restarted_at
 from counterflex.protocols.session.publisher import THERE, Publisher, panel_state
 from counterflex.protocols.session.record import write_record
 from counterflex.protocols.session.senses import Senses, Sensing
@@ -30,6 +31,7 @@ from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import Output
 from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.step.place import FAULT_LOST
 
 _FORGET_PEER_CYCLES = 250
 _IDLE, _READY, _ARMED = int(State.IDLE), int(State.READY), int(State.ARMED)
@@ -150,7 +152,7 @@ class OnlineSession:
                 angles=self._angles,
             )
         self.trouble = ""
-        self._silent_cycles = self._repeated = 0
+        self._silent_cycles = self._repeated = self._foreign = 0
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
         self.cycles = self.compute_ns = 0
@@ -221,7 +223,7 @@ class OnlineSession:
             soft = _CLAMPED
         soft, hard = self._watch_program(soft, hard, received_ns)
         if soft == 0 and result.state <= _READY:
-            soft = senses.lacking(self.watch.good, self.cycles)
+            soft = senses.lacking(self.watch.good, self.cycles, self._silent_cycles)
         self._fill_flags(received, soft, hard, new)
         loop.run()
         self._serve_requests()
@@ -247,6 +249,7 @@ class OnlineSession:
                 set_back=self.set_back,
                 force_age=self._senses.force_age,
                 tracker_age=self._senses.tracker_age,
+                spikes=self._senses.spikes,
             )
         if self._publisher is not None:
             self._publisher.show(
@@ -321,6 +324,7 @@ class OnlineSession:
         link, watch = self.link, self.watch
         counters = link.counters
         self._silent_cycles = 0 if received else self._silent_cycles + 1
+        self._foreign = counters.foreign if received else self._foreign
         if not received:
             return watch.silent(counters.malformed_in_a_row)
         if hard == _RESTARTED:
@@ -391,10 +395,29 @@ class OnlineSession:
             self._tare.again()
 
     def _let_go(self, reset: bool) -> None:
-        """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
-        idle = self._result.state == _IDLE
-        if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
+        """Another session may come from another port: after a person's reset, or when nothing is going on at all.
+
+        Also where the controller's computer already sends from another port, and nothing is in effect.
+        """
+        state, silent = self._result.state, self._silent_cycles
+        again = state <= _ARMED and self._another_port != 0
+        if again or (state == _IDLE and (reset or silent >= _FORGET_PEER_CYCLES)):
             self.link.forget()
+
+    @property
+    def another_port(self) -> int:
+        """Port of another session of the controller that cannot be answered: something is in effect in this one.
+
+        0: there is none.
+        """
+        return self._another_port if self._result.state > _ARMED else 0
+
+    @property
+    def _another_port(self) -> int:
+        """Port from which the controller's computer has sent since this session fell silent; 0: there is none."""
+        counters = self.link.counters
+        lost = self._silent_cycles >= FAULT_LOST and counters.foreign - self._foreign >= FAULT_LOST
+        return restarted_at(counters) if lost else 0
 
     @property
     def idle_force(self) -> Float:

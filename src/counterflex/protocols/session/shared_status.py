@@ -70,6 +70,7 @@ class Teller:
         set_back: int,
         force_age: int,
         tracker_age: int,
+        spikes: int = 0,
     ) -> None:
         """Tell of a cycle.
 
@@ -81,6 +82,7 @@ class Teller:
             set_back: How often the tracker's clock was set back.
             force_age: Cycles since the last good force.
             tracker_age: Cycles since the last good pose.
+            spikes: Of the force sensor, left out so far.
         """
         counters, tare, control = self._counters, self._tare, self._control
         control[_TALLIES] = (
@@ -121,6 +123,7 @@ class Teller:
             *self._missing(),
             *self._frame(),
             *self._plan(),
+            spikes,
         )
         control[_LOOP] = now_ns
 

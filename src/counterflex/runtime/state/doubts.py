@@ -109,6 +109,7 @@ MEMORY: Final = record(
     bend=float,  # by how much the last bends of the path may throw the robot off, m
     bent=(float, 3),  # mean of the deflection
     missing=(float, 3),  # mean of what is missing of the correction at the robot, m
+    anchor=(float, 6),  # sample of the tracker that the next ones are held against, and commanded position then
     plan_place=float,  # mean distance of the program from the plan in the cut, m
     plan_feed=float,  # mean speed by the planned one
     plan_force=float,  # mean measured by predicted force
