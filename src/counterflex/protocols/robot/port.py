@@ -238,9 +238,3 @@ def _number(host: str) -> int:
         return int.from_bytes(socket.inet_aton(socket.gethostbyname(host)), "big")
     except OSError as fault:
         raise InputError("the controller's address is none", value=host) from fault
-
-
-def restarted_at(counters: Counters) -> int:
-    """Port of a stranger on the computer of the controller, which may be its next session; 0: there is none."""
-    there = counters.sender != _NOBODY and counters.stranger not in (_NOBODY, counters.sender)
-    return counters.stranger & 0xFFFF if there and counters.stranger >> 16 == counters.sender >> 16 else 0

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import compile_stated
 from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Kept, Life, Request
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.robot.port import restarted_at
+from counterflex.protocols.session.another_session import AnotherSession
+from counterflex.protocols.session.checks import SessionChecks as SessionChecks
 from counterflex.protocols.session.publisher import THERE, Publisher, panel_state
 from counterflex.protocols.session.record import write_record
 from counterflex.protocols.session.senses import Senses, Sensing
@@ -31,7 +31,6 @@ from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import Output
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.runtime.step.place import FAULT_LOST
 
 _FORGET_PEER_CYCLES = 250
 _IDLE, _READY, _ARMED = int(State.IDLE), int(State.READY), int(State.ARMED)
@@ -49,38 +48,6 @@ _RUN, _GONE = int(Life.RUN_NS), int(Life.GONE)
 def compile_kernels() -> None:
     """Compile every kernel that a session may call, or read it from the cache: no cycle waits for a compilation."""
     compile_stated(*(f"counterflex.{room}" for room in ("core", "robot", "signals", "sensing", "runtime", "protocols")))
-
-
-@dataclass(frozen=True)
-class SessionChecks:
-    """What must hold before the correction may be armed.
-
-    Attributes:
-        settle_cycles: Good telegrams in a row.
-        force_n: Largest force that the sensor may show after its weight is taken off, without a cut (R17).
-        moment_nm: Largest moment.
-        tare: Take what then remains as zero, over 0.2 s; what is too much is tried again until it is not.
-        hold_without_log: A log that is lost while the correction acts is a hold; else it is told, and goes on. It is
-            never armed without one.
-        hold_without_panel: The loop is armed, and the correction acts, only while an operator panel says that it lives;
-            else none is needed, and one that dies is told.
-        job: Number of the job that the robot program must say it is of, where it says one
-            (:func:`counterflex.programs.compensated.job_number`); 0: none, the program is not a compensated one.
-            None: not tested.
-        run_silent_s: The process that started the loop says many times a second that it lives; silent for so long it
-            counts as lost. Not tested where nobody has ever said so, and None: never, a robot that waits for every
-            answer has time. A process that has died is seen by the operating system, see
-            :class:`counterflex.protocols.processes.living.Living`.
-    """
-
-    settle_cycles: int = 60
-    force_n: float = 15.0
-    moment_nm: float = 5.0
-    tare: bool = True
-    hold_without_log: bool = False
-    hold_without_panel: bool = False
-    job: int | None = None
-    run_silent_s: float | None = 0.08
 
 
 class OnlineSession:
@@ -152,7 +119,8 @@ class OnlineSession:
                 angles=self._angles,
             )
         self.trouble = ""
-        self._silent_cycles = self._repeated = self._foreign = 0
+        self._silent_cycles = self._repeated = 0
+        self._next = AnotherSession(link.counters)
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
         self.cycles = self.compute_ns = 0
@@ -324,7 +292,8 @@ class OnlineSession:
         link, watch = self.link, self.watch
         counters = link.counters
         self._silent_cycles = 0 if received else self._silent_cycles + 1
-        self._foreign = counters.foreign if received else self._foreign
+        if received:
+            self._next.heard()
         if not received:
             return watch.silent(counters.malformed_in_a_row)
         if hard == _RESTARTED:
@@ -400,7 +369,7 @@ class OnlineSession:
         Also where the controller's computer already sends from another port, and nothing is in effect.
         """
         state, silent = self._result.state, self._silent_cycles
-        again = state <= _ARMED and self._another_port != 0
+        again = state <= _ARMED and self._next.port(silent) != 0
         if again or (state == _IDLE and (reset or silent >= _FORGET_PEER_CYCLES)):
             self.link.forget()
 
@@ -410,14 +379,7 @@ class OnlineSession:
 
         0: there is none.
         """
-        return self._another_port if self._result.state > _ARMED else 0
-
-    @property
-    def _another_port(self) -> int:
-        """Port from which the controller's computer has sent since this session fell silent; 0: there is none."""
-        counters = self.link.counters
-        lost = self._silent_cycles >= FAULT_LOST and counters.foreign - self._foreign >= FAULT_LOST
-        return restarted_at(counters) if lost else 0
+        return self._next.port(self._silent_cycles) if self._result.state > _ARMED else 0
 
     @property
     def idle_force(self) -> Float:

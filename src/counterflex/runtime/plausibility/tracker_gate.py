@@ -127,10 +127,11 @@ def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
     for k in range(3):
         seen += (given.actual[9 + k] - memory.anchor[k]) ** 2
         moved += (stands[k] - memory.anchor[3 + k]) ** 2
-    if seen <= noise * noise:
+    if memory.anchor[6] == 1.0 and seen <= noise * noise:
         return bool(moved > (BEYOND_NOISE * noise) ** 2)
     for k in range(3):
         memory.anchor[k], memory.anchor[3 + k] = given.actual[9 + k], stands[k]
+    memory.anchor[6] = 1.0
     return False
 
 
