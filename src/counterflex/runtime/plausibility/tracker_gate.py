@@ -218,7 +218,7 @@ def sample_doubt(
         memory.same += 1
         return DOUBT_FROZEN if memory.same >= FROZEN else REPEATED
     memory.same = 0
-    if _stands_in_its_noise(given, stands, memory):
+    if _stands_in_its_noise(given, stands, memory) and state.cycles > limits.settle_cycles:
         return DOUBT_FROZEN
     if not corrects or memory.known == 0:
         return 0
