@@ -39,9 +39,10 @@ _TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
 _SCATTERED, _STOPPED = int(Cause.TELEGRAMS_SCATTERED), int(Cause.TELEGRAMS_STOPPED)
 _LONGEST_PAUSE: Final = 4
 """Longest usual pause of a force sensor, cycles: 100 Hz leaves out 2 at 4 ms."""
-_PAUSE_SHARE: Final = 0.02
+_PAUSE_KEPT: Final = 0.995
+"""Share of the longest pause that is kept from reading to reading: what was longer once is forgotten in a second."""
 _ROUNDED: Final = 0.2
-"""Mean pause that is still none: single readings that come late."""
+"""Pause that is none any more."""
 
 
 ProcessWrench: TypeAlias = SensorWrench | StrainWrench | PairWrench
@@ -172,12 +173,13 @@ class Senses:
         if good == 0 or force.frozen:
             self.force_age += 1
             return soft  # it ages: the step goes on by the plan for a while where there is one, then holds
-        if not self._spikes.takes(force.w_sensor):
-            self.force_age += 1
-            return soft
         self._learn_pause()
+        w_sensor = self._spikes.cleaned(force.w_sensor, force.samples[: min(good, len(force.samples))])
+        if w_sensor is None:  # the last one goes on
+            self.force_age = 0
+            return soft
         age = (self._clock_ns() - self._time_zero_ns) * 1e-9
-        w = self._wrench(self._q, force.w_sensor, age)
+        w = self._wrench(self._q, w_sensor, age)
         if self._wrench.doubt:
             self.force_age += 1
             return soft or self._wrench.doubt
@@ -200,7 +202,7 @@ class Senses:
         """Learn how many cycles a slow sensor leaves out between two readings, before the loop is armed."""
         if self._loop.quick_result.state > _READY or self.force_age >= _FORGET_CYCLES:
             return
-        self._pause += _PAUSE_SHARE * (min(self.force_age, _LONGEST_PAUSE) - self._pause)
+        self._pause = max(float(min(self.force_age, _LONGEST_PAUSE)), _PAUSE_KEPT * self._pause)
 
     @property
     def _overdue(self) -> int:

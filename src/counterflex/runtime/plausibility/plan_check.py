@@ -48,7 +48,8 @@ def hold_against_plan(state: Record, result: Record, feed: float, ratio: float, 
         limits: Of the tests.
         memory: Of the tests; changed.
     """
-    if result.cut <= 0.0 or memory.still > 0:
+    acts = _ARMED < state.supervisor.state < _FAULT
+    if not acts or result.cut <= 0.0 or memory.still > 0:
         memory.plan_cycles = 0
         return
     gain = 1.0 if memory.plan_cycles == 0 else limits.settle_gain
@@ -72,6 +73,5 @@ def hold_against_plan(state: Record, result: Record, feed: float, ratio: float, 
         told = _FORCE
     if told != 0 and result.degraded == 0:
         result.degraded = told
-    now = state.supervisor.state
-    if soft != 0 and memory.soft == 0 and _ARMED < now < _FAULT:
+    if soft != 0 and memory.soft == 0:
         memory.soft = soft
