@@ -49,6 +49,10 @@ def hold_against_plan(state: Record, result: Record, feed: float, ratio: float, 
         memory: Of the tests; changed.
     """
     acts = _ARMED < state.supervisor.state < _FAULT
+    if not acts:
+        memory.plan_soft = 0
+    elif memory.soft == 0:
+        memory.soft = memory.plan_soft  # it does not go away because the robot stands: stop, do not limp
     if not acts or result.cut <= 0.0 or memory.still > 0:
         memory.plan_cycles = 0
         return
@@ -74,4 +78,4 @@ def hold_against_plan(state: Record, result: Record, feed: float, ratio: float, 
     if told != 0 and result.degraded == 0:
         result.degraded = told
     if soft != 0 and memory.soft == 0:
-        memory.soft = soft
+        memory.soft = memory.plan_soft = soft

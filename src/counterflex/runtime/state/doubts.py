@@ -113,6 +113,7 @@ MEMORY: Final = record(
     plan_place=float,  # mean distance of the program from the plan in the cut, m
     plan_feed=float,  # mean speed by the planned one
     plan_force=float,  # mean measured by predicted force
+    plan_soft=int,  # cause of a hold by these, while the correction acts
     plan_cycles=int,  # cycles in the cut over which these are
     answer=int,
     early_answer=int,

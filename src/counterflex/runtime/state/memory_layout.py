@@ -26,7 +26,7 @@ _ADDED: Final = frozenset(
     f"tests.{name}"
     for name in (
         *("heading", "bend", "bent", "missing", "early_answer", "short", "still"),
-        *("plan_place", "plan_feed", "plan_force", "plan_cycles", "anchor"),
+        *("plan_place", "plan_feed", "plan_force", "plan_cycles", "plan_soft", "anchor"),
     )
 )
 """What a loop of today remembers besides: it begins at zero behind a state that does not have it."""
