@@ -18,6 +18,8 @@ _TALLIES: Final = slice(REQUESTS, REQUESTS + len(Tally))
 _SHOWN: Final = slice(min(Shown), max(Shown) + 1)
 _LOOP: Final = int(Life.LOOP_NS)
 _NOTHING: Final = -1
+_NOW_AND_THEN: Final = 25
+"""Cycles from one reading of what changes slowly to the next."""
 
 
 class Teller:
@@ -52,6 +54,7 @@ class Teller:
         self._force_ns, self._tracker_ns = (0 if force else _NOTHING), (0 if tracker else _NOTHING)
         self._robot_ns, self._angles, self._given = 0, angles, loop.quick_given
         self._missing_most_nm = _NOTHING
+        self._slowly = (_NOTHING,) * 5
         limits = loop.settings.plausibility
         self._plan_cycles = max(1, round(2.0 * limits.settle_s / loop.settings.period_s))
         self._frame_nm, self._frame_udeg = round(1e9 * limits.frame_m), round(1e6 * limits.frame_rad / DEG)
@@ -121,8 +124,7 @@ class Teller:
             _whole(1e3, *planned[:3]) if self._rows else _NOTHING,
             *self._tracker_off(),
             *self._missing(),
-            *self._frame(),
-            *self._plan(),
+            *self._slow(cycles),
             spikes,
         )
         control[_LOOP] = now_ns
@@ -136,6 +138,12 @@ class Teller:
         missing = _whole(1e9, *self._tests.missing)
         self._missing_most_nm = max(missing, self._missing_most_nm)
         return missing, self._missing_most_nm
+
+    def _slow(self, cycles: int) -> tuple[int, int, int, int, int]:
+        """What changes slowly, read now and then: reading it takes longer than the rest."""
+        if cycles % _NOW_AND_THEN == 0:
+            self._slowly = *self._frame(), *self._plan()
+        return self._slowly
 
     def _frame(self) -> tuple[int, int]:
         """Offset of the frames, position and angle."""

@@ -218,7 +218,9 @@ def sample_doubt(
         memory.same += 1
         return DOUBT_FROZEN if memory.same >= FROZEN else REPEATED
     memory.same = 0
-    if _stands_in_its_noise(given, stands, memory) and state.cycles > limits.settle_cycles:
+    if state.cycles <= limits.settle_cycles:
+        memory.anchor[6] = 0.0  # what was commanded then is not known yet
+    if _stands_in_its_noise(given, stands, memory):
         return DOUBT_FROZEN
     if not corrects or memory.known == 0:
         return 0
