@@ -14,6 +14,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose
 from counterflex.protocols.processes.control_array import REQUESTS, Request
+from counterflex.protocols.robot.port import Counters
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
@@ -41,7 +42,7 @@ class _Robot:
         self.cycle, self.counter, self.elapsed = -1, 1000, 1
         self.restarted = self.empty = self.clamped = False
         self.enable, self.job = False, 0
-        self.counters = type("Counters", (), {"malformed_in_a_row": 0, "late_at_robot": -1, "repeated": 0})()
+        self.counters = Counters()
         self.tool = pose.make(p=np.array([3.0, -4.0, 0.0]) * MM)
         self.base = np.eye(4)
         self.sent: list[Float] = []

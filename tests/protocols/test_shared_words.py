@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 
 from counterflex.core.errors import InputError
-from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Panel, Request, Shown, Tally
+from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Panel, Request, Shown, Tally
 from counterflex.protocols.processes.living import SILENT_S, Beat, Living
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.runtime.record_ring import RecordRing
 
 
 def test_every_place_of_the_array_is_named_once() -> None:
-    places = [int(place) for group in (Request, Tally, Kept, Life, Shown, Panel) for place in group]
+    places = [int(place) for group in (Request, Tally, Kept, Life, Shown, Panel, Course) for place in group]
     assert places == list(range(CONTROL))
 
 

@@ -18,6 +18,7 @@ from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.processes.control_array import REQUESTS, Request
+from counterflex.protocols.robot.port import Counters
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
@@ -62,7 +63,7 @@ class _Robot:
         self.counter, self.elapsed = 1000, 0
         self.restarted = self.empty = self.clamped = False
         self.enable, self.job = False, 0
-        self.counters = type("Counters", (), {"malformed_in_a_row": 0, "late_at_robot": -1, "repeated": 0})()
+        self.counters = Counters()
         self.x = 0.0
         self.waited = 1
         self.held = False

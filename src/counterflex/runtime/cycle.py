@@ -31,6 +31,7 @@ from counterflex.runtime.monitoring.override_kernel import ask_speed
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.plausibility.before_and_after import after_step, before_step
 from counterflex.runtime.plausibility.force_step import believe_force
+from counterflex.runtime.plausibility.plan_check import hold_against_plan
 from counterflex.runtime.state.loop_record import LOOP
 from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.step.axis_pid_kernel import PID, PID_STATE
@@ -135,9 +136,12 @@ def cycle(loops: Records, tables: Records) -> None:
     pids, kept = _pids(table), _pid_states(table)
     step(given, settings, state, ring, plan, loop.cycle, result, elastic, measured, predicted, pids, kept)
     play_after(given, result, _plays(table), _played(table), wholes(table.play_begun))
-    after_step(given, settings, state, ring, result, limits, swing_kg * monitored.acceleration, tests, work)
+    after_step(given, settings, state, ring, loop.cycle, result, limits, swing_kg * monitored.acceleration, tests, work)
     watch(given, result, place, plan, watched, monitors, memories)
     ask_speed(result, place, watched, monitors, memories)
+    if settings.has_plan == 1:
+        feed = monitored.rate / max(0.01, monitored.results.speed)
+        hold_against_plan(state, result, feed, monitored.results.ratio, limits, tests)
     if monitor.speed_step > 0.0:  # the program's speed may be changed: the plan is read at it
         state.speed = monitored.results.speed
         state.force_at_speed = monitored.results.speed**monitor.exponent

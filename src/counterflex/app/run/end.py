@@ -77,13 +77,59 @@ class RunEnd:
         return {"by": self._how, "cause": Cause(self._why).name.lower()}
 
 
+class RunCauses:
+    """Causes of a run: of what happened from arming on, or, where it was never armed, of what kept it from that.
+
+    What is lacking while the processes start one after the other, and what a robot that has ended no longer sends, is
+    no cause of anything.
+    """
+
+    def __init__(self) -> None:
+        self._state = int(State.IDLE)
+        self._since: set[int] = set()
+        self._before: set[int] = set()
+        self._armed = False
+
+    def add(self, rows: Float) -> None:
+        """Look at further records.
+
+        Args:
+            rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
+        """
+        states = rows[:, column("out_state")].astype(int)
+        causes, degraded = rows[:, column("out_cause")].astype(int), rows[:, column("out_degraded")].astype(int)
+        before = np.concatenate([[self._state], states[:-1]])
+        acts = states >= State.ARMED
+        left = (before >= State.ARMED) & ~acts
+        self._since |= set(causes[acts | left].tolist())
+        self._since |= set(degraded[states == State.ACTIVE].tolist())
+        self._armed = self._armed or bool(acts.any())
+        self._state = int(states[-1])
+        answered = ~acts & (rows[:, column("elapsed")] > 0)
+        if answered.any():
+            last = np.flatnonzero(answered)[-1]
+            self._before = {int(causes[last]), int(rows[last, column("out_soft")])}
+
+    @property
+    def names(self) -> list[str]:
+        """Their names."""
+        found = self._since if self._armed else self._before
+        return sorted(Cause(one).name.lower() for one in found if one)
+
+
+def _missing(summary: Mapping[str, Any]) -> str:
+    missing = summary.get("found", {}).get("missing_most_mm")
+    return f", but up to {missing:.2f} mm of the correction were missing at the robot" if missing else ""
+
+
 def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     """How a run ended.
 
     Args:
         summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``,
             ``holds_feed`` (the robot's link has a word for it),
-            ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`).
+            ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`), ``found``
+            (:func:`counterflex.protocols.session.found.found`), ``another_port`` of a session that is not answered.
         arm: It was started to correct.
 
     Returns:
@@ -92,7 +138,14 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     """
     by, cause = summary["correction_ended"]["by"], summary["correction_ended"]["cause"].replace("_", " ")
     lost, no_hold = summary["records_lost"], not summary.get("holds_feed", True)
-    if summary["loop_ended"] != AS_REQUESTED:
+    port = summary.get("another_port")
+    if port:
+        end = End.FAULT
+        sentence = (
+            f"the controller began another session from its port {port}, which is not answered while the correction of"
+            " the one before is in effect; start the run and the robot program again"
+        )
+    elif summary["loop_ended"] != AS_REQUESTED:
         end, sentence = End.DIED, f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out"
     elif summary["recorder_died"]:
         end, sentence = End.LOG_LOST, "the recorder died; the loop held the feed, ramped out and ended by itself"
@@ -117,6 +170,6 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         why = ": no telegram came" if not summary["cycles"] else f": {offset_message(off)}" if off is not None else ""
         end, sentence = End.NEVER_ARMED, what + why
     else:
-        end, sentence = End.PLANNED, "as planned"
+        end, sentence = End.PLANNED, "as planned" + _missing(summary)
     wrong = end in (End.DIED, End.FAULT, End.LOG_LOST)
     return {"status": int(end), "how": end.name.lower(), "said": sentence, "wrong": wrong}

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.run.child import outlive_starter
 from counterflex.app.run.session import RunSettings, open_session
 from counterflex.app.run.shown import about_run
 from counterflex.core.arrays import Int
@@ -17,7 +18,7 @@ from counterflex.core.errors import CounterflexError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.plausibility import unusual
 from counterflex.files.machine_file import machine_file
-from counterflex.protocols.processes.control_array import CONTROL, Life, Request
+from counterflex.protocols.processes.control_array import CONTROL, Course, Life, Request
 from counterflex.protocols.processes.instance_lock import InstanceLock
 from counterflex.protocols.processes.living import Beat, Living
 from counterflex.protocols.processes.shared_words import SharedWords
@@ -74,6 +75,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     except BaseException as fault:
         _say(pipe, fault)
         return
+    outlive_starter()
     living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
     control[Life.CANNOT_HOLD] = not session.link.holds_feed
     control[_LOOP_NS] = time.monotonic_ns()
@@ -122,6 +124,8 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
     A correction that is there is ramped out first.
     """
     quiet = 0.0
+    counters = session.link.counters
+    malformed = counters.malformed
     end_ns = 0
     reported = ""
     while True:
@@ -142,10 +146,14 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
         if session.cycles == 0:
             session.cycle(_SLICE_S)
             continue
+        if session.another_port:
+            control[Course.ANOTHER_PORT] = session.another_port
+            return
         if settings.lockstep:  # a robot that waits is never late: no cycle without a telegram
             received, waited = session.link.wait(_SLICE_S), _SLICE_S
-            if received:
-                session.handle_cycle(True)
+            if received or counters.malformed != malformed:
+                session.handle_cycle(received)
+            malformed = counters.malformed
         else:
             waited = session.patience_s
             received = session.cycle(waited)

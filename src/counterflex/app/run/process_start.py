@@ -58,7 +58,13 @@ def signals_wait() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def first_word(process: BaseProcess, pipe: Any, who: str, lived_ns: Callable[[], int]) -> Any:
+def first_word(
+    process: BaseProcess,
+    pipe: Any,
+    who: str,
+    lived_ns: Callable[[], int],
+    waiting: Callable[[float], None] = lambda _: None,
+) -> Any:
     """Wait for what a process says when it is ready.
 
     Args:
@@ -66,6 +72,7 @@ def first_word(process: BaseProcess, pipe: Any, who: str, lived_ns: Callable[[],
         pipe: On which it says it.
         who: What it is called in a message.
         lived_ns: When it last said that it lives, monotonic; 0: never.
+        waiting: Told again and again for how many seconds it has been waited for.
 
     Returns:
         What it said.
@@ -79,6 +86,7 @@ def first_word(process: BaseProcess, pipe: Any, who: str, lived_ns: Callable[[],
         while not pipe.poll(_POLL_S):
             now_ns = time.monotonic_ns()
             silent_s, waited_s = ((now_ns - then) * NS for then in (max(lived_ns(), begin_ns), begin_ns))
+            waiting(waited_s)
             if silent_s > SILENT_S:
                 raise OutputError(f"{who} does not come up", value=f"silent for {silent_s:.0f} s", hint=_HINT)
             if waited_s > READY_S:

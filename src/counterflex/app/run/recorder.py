@@ -19,7 +19,8 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.run.end import AS_REQUESTED, RunEnd
+from counterflex.app.run.child import outlive_starter
+from counterflex.app.run.end import AS_REQUESTED, RunCauses, RunEnd
 from counterflex.app.run.incidents import numbered
 from counterflex.app.run.process_events import shown_process
 from counterflex.core.arrays import Float, Int
@@ -35,7 +36,7 @@ from counterflex.protocols.processes.living import Beat, Living
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.system.signals import hear_signals
 from counterflex.runtime.record_ring import RESULTS, RecordRing, column
-from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.state.supervisor import State
 from counterflex.runtime.state_slots import LoopState
 
 SUMMARY: Final = "summary.json"
@@ -78,7 +79,7 @@ class Recorder:
         self._done: list[dict[str, Any]] = []
         self._times = LatencyHistogram()
         self._states: dict[str, int] = {}
-        self._causes: set[str] = set()
+        self._causes = RunCauses()
         self._cycles, self._worst = 0, 0.0
         self._seen = ProcessRecord()
         self._incidents = IncidentFinder()
@@ -115,8 +116,7 @@ class Recorder:
         for value, count in zip(*np.unique(rows[:, column("out_state")], return_counts=True), strict=True):
             name = State(int(value)).name.lower()
             self._states[name] = self._states.get(name, 0) + int(count)
-        for name in ("out_cause", "out_soft", "out_degraded"):
-            self._causes |= {Cause(int(c)).name.lower() for c in np.unique(rows[:, column(name)]) if c}
+        self._causes.add(rows)
 
     def _shown_incidents(self) -> dict[str, Any]:
         shown = [one.shown() for one in numbered({1: self._incidents})]
@@ -133,7 +133,7 @@ class Recorder:
         return {
             "cycles": self._cycles,
             "states": self._states,
-            "causes": sorted(self._causes),
+            "causes": self._causes.names,
             "correction_ended": self._end.shown(),
             **self._shown_incidents(),
             **shown_process(self._seen.figures()),
@@ -182,6 +182,7 @@ def recorder_process(ring_name: str, words: Path, out: Path, pipe: Any) -> None:
         pipe.send(fault)
         return
     beat = Beat(control, Life.RECORDER_NS, Life.RECORDER_PID)
+    outlive_starter()
     loop, run = Living(control, Life.LOOP_PID), Living(control, Life.RUN_PID)
     done = actions_path(words)
     actions = Actions(done) if done.exists() else None

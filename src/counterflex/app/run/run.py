@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import multiprocessing
+import pickle
 import threading
 import time
 from collections.abc import Callable
@@ -16,6 +17,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.environment import environment
+from counterflex.app.run.child import child
 from counterflex.app.run.end import AS_REQUESTED, ended_how
 from counterflex.app.run.process import END_S, loop_process
 from counterflex.app.run.process_start import first_word, signals_wait
@@ -29,12 +31,13 @@ from counterflex.core.units import NS
 from counterflex.files.logs.run_log import LAYOUT, RunLog
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.actions import Actions, actions_path
-from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Request, Shown
+from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Request, Shown
 from counterflex.protocols.processes.living import SILENT_S, Beat
 from counterflex.protocols.processes.one_run import OneRun
 from counterflex.protocols.processes.operator_words import OperatorFile
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.processes.snapshot import SnapshotMemory
+from counterflex.protocols.session.found import found
 from counterflex.protocols.session.tracker_off import tracker_off
 from counterflex.runtime.record_ring import RecordRing
 
@@ -55,6 +58,7 @@ def run(
     started: Callable[[tuple[str, int]], None] = lambda _: None,
     ended: Callable[[], bool] = lambda: False,
     warn: Callable[[str], None] = lambda _: None,
+    preparing: Callable[[float, int], None] = lambda _, __: None,
 ) -> dict[str, Any]:
     """Run the loop and the recorder in processes of their own and watch them from this one.
 
@@ -66,6 +70,8 @@ def run(
         started: Told the address at which telegrams are expected, once.
         ended: Whether the robot is known to be gone; asked now and then.
         warn: Told of what is unusual in the cell file, a line each.
+        preparing: Told again and again, until the robot is waited for, for how many seconds the loop has got ready and
+            how many kernels were compiled.
 
     Returns:
         Summary: cycles, times, states, losses, how it ended, what process monitoring found; also written as
@@ -80,23 +86,43 @@ def run(
     try:
         with signals_wait():
             supervised = Supervised(settings, Path(out).absolute())
-        where, unusual = supervised.begin()
+        where, unusual = supervised.begin(preparing)
         for line in unusual:
             warn(line)
         started(where)
         begin = time.monotonic()
-        supervised.watch(watch, ended, None if most_s is None else begin + most_s)
-        summary = supervised.loop_report() | {"seconds": round(time.monotonic() - begin, 2)}
-        summary["ended"] = ended_how(summary, arm=settings.arm)
-        if not supervised.disk_stands:
-            with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
-                head = {"job": "run", "cell": settings.cell.name, "run": supervised.number}
-                write_summary(Path(out) / SUMMARY, {**head, **summary})
-        return summary
+        try:
+            supervised.watch(watch, ended, None if most_s is None else begin + most_s)
+            summary = supervised.loop_report()
+        except KeyboardInterrupt:  # the second one: the loop ramps out and ends by itself, and is still told
+            with signals_wait():
+                _finish(supervised, settings, Path(out), begin)
+            raise
+        return _summarise(supervised, summary, settings, Path(out), begin)
     finally:
         if supervised is not None:
             with signals_wait():  # bounded; cut short it would leave memory and locks behind
                 supervised.close()
+
+
+def _finish(supervised: Supervised, settings: RunSettings, out: Path, begin: float) -> None:
+    """Wait until a loop that is left alone has ended, for as long as it may take, and write its summary."""
+    supervised.control[Request.END] = 1
+    supervised.loop.join(2.0 * END_S)
+    _summarise(supervised, supervised.summary(), settings, out, begin)
+
+
+def _summarise(
+    supervised: Supervised, report: dict[str, Any], settings: RunSettings, out: Path, begin: float
+) -> dict[str, Any]:
+    """Complete the summary and write it, unless the disk stands still."""
+    summary = report | {"seconds": round(time.monotonic() - begin, 2)}
+    summary["ended"] = ended_how(summary, arm=settings.arm)
+    if not supervised.disk_stands:
+        with contextlib.suppress(OutputError):  # a folder that is gone is told as a log that is lost
+            head = {"job": "run", "cell": settings.cell.name, "run": supervised.number}
+            write_summary(out / SUMMARY, {**head, **summary})
+    return summary
 
 
 class Supervised:
@@ -140,12 +166,17 @@ class Supervised:
 
     def _process(self, name: str, target: Callable[..., None], *args: Any) -> tuple[BaseProcess, Any]:
         ours, theirs = self._context.Pipe()
-        process = self._context.Process(target=target, name=name, args=(*args, theirs), daemon=True)
+        job = pickle.dumps((target, args))
+        process = self._context.Process(target=child, name=name, args=(job, self._words.path, theirs), daemon=True)
         self._pipes += [ours, theirs]
         return process, ours
 
-    def begin(self) -> tuple[tuple[str, int], list[str]]:
+    def begin(self, preparing: Callable[[float, int], None] = lambda _, __: None) -> tuple[tuple[str, int], list[str]]:
         """Start them.
+
+        Args:
+            preparing: Told again and again, while they get ready, for how many seconds they have and how many kernels
+                they have compiled.
 
         Returns:
             Where telegrams are expected, and what is unusual in the cell file.
@@ -162,9 +193,14 @@ class Supervised:
         for theirs in self._pipes[1::2]:
             theirs.close()
         where, loop_sha256, layout, unusual = first_word(
-            self.loop, self._loop_pipe, "the loop's process", lambda: int(self.control[Life.LOOP_NS])
+            self.loop,
+            self._loop_pipe,
+            "the loop's process",
+            lambda: int(self.control[Life.LOOP_NS]),
+            lambda waited_s: preparing(waited_s, int(self.control[Course.COMPILED])),
         )
         self._up.append(self.loop)
+        self._unlock_beat()
         self._about = {**_about(self._settings, loop_sha256), LAYOUT: layout}
         with contextlib.suppress(OSError):  # who has died is told below
             self._recorder_pipe.send(self._about)
@@ -176,6 +212,14 @@ class Supervised:
         self._operator = OperatorFile(self._out, self._words.path)
         self._status = StatusReader(self._ring.name, self.control)
         return where, unusual
+
+    def _unlock_beat(self) -> None:
+        """The loop has compiled what it needs: this process reads it from the cache."""
+        from counterflex.protocols.system.system_calls import unlocked_beat
+
+        beat_on = unlocked_beat()
+        if self._beat is not None and beat_on is not None:
+            self._beat.unlock(beat_on)
 
     def watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
         """Watch until the loop has ended; the first interrupt asks it to end.
@@ -251,6 +295,8 @@ class Supervised:
             "trouble": self._trouble,
             "recorder_died": died,
             "tracker_off": tracker_off(self.control),
+            "found": found(self.control),
+            "another_port": int(self.control[Course.ANOTHER_PORT]) or None,
             "holds_feed": not self.control[Life.CANNOT_HOLD],
             "loop_ended": AS_REQUESTED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
         }

@@ -216,7 +216,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         ring=ring,
         control=control,
         checks=checks,
-        watch=WatchSettings(clock=not settings.lockstep),
+        watch=WatchSettings(clock=not settings.lockstep, malformed_hold=1 if settings.lockstep else 3),
     )
 
 

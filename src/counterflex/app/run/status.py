@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from counterflex.core.units import NS
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.logs.place import trouble_message
 from counterflex.protocols.processes.control_array import Kept, Life, Shown, Tally
+from counterflex.protocols.session.found import found
 from counterflex.protocols.session.tracker_off import offset_message, tracker_off
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import RESULTS, RecordRing, column
@@ -49,6 +51,7 @@ class Status:
         set_back: How often the tracker's clock was set back, so far.
         tracker_off: How far from the controller's pose the tracker sees the tool, and what to do, where that keeps the
             loop from being armed; else empty.
+        found: What robot, frames and plan show (:func:`counterflex.protocols.session.found.found`).
     """
 
     state: State
@@ -76,6 +79,7 @@ class Status:
     rejected: int = 0
     set_back: int = 0
     tracker_off: str = ""
+    found: Mapping[str, float | None] = field(default_factory=dict)
 
 
 class StatusReader:
@@ -133,10 +137,11 @@ class StatusReader:
             _shared(int(control[Shown.PLACE_PPM]), 1e-6),
             _shared(int(control[Shown.FORCE_MN]), 1e-3),
             _shared(int(control[Shown.PLANNED_MN]), 1e-3),
-            (now - int(control[Life.LOOP_NS])) * NS,
+            0.0 if control[Life.ENDED] else (now - int(control[Life.LOOP_NS])) * NS,
             int(last[column("out_rejected")]),
             int(control[Tally.TRACKER_SET_BACK]),
             "" if off is None else offset_message(off),
+            found(control),
         )
 
 

@@ -98,7 +98,7 @@ def run(
     one_protocol(rsi, egm)
     from counterflex.app.run import run as job
     from counterflex.app.run.session import RunSettings
-    from counterflex.cli.commands.operate.status_line import show_status
+    from counterflex.cli.commands.operate.status_line import Preparing, StatusLines
 
     tracker, strain = host_port(trial.tracker.address), host_port(trial.strain.address)
     if arm and not lockstep and not trust_machine:
@@ -135,7 +135,15 @@ def run(
     if line_period_s() > 0.0:
         other = "; start the simulated cell now, it is waited for" if lockstep else ""
         typer.echo(f"preparing the loop: cell, plan, sensors{other}", err=True)
-    summary = job.run(settings, out, watch=show_status, most_s=trial.run.seconds, started=started, warn=warn)
+    summary = job.run(
+        settings,
+        out,
+        watch=StatusLines(),
+        most_s=trial.run.seconds,
+        started=started,
+        warn=warn,
+        preparing=Preparing(line_period_s()),
+    )
     if as_json:
         print_json(summary)
     else:
@@ -149,6 +157,8 @@ def run(
 
 def _show(summary: dict[str, Any], out: Path) -> None:
     """What a run was, for people."""
+    from counterflex.protocols.session.found import summary_lines
+
     print_table(
         "Online run",
         ["cycles", "seconds", "largest correction um", "compute p50 us", "p99 us", "records lost"],
@@ -163,6 +173,8 @@ def _show(summary: dict[str, Any], out: Path) -> None:
     )
     typer.echo("states: " + ", ".join(f"{name} {count}" for name, count in summary["states"].items()))
     show_process(summary)
+    for line in summary_lines(summary["found"]):
+        typer.echo(line)
     if summary["causes"]:
         typer.echo("causes: " + ", ".join(name.replace("_", " ") for name in summary["causes"]))
     typer.echo(f"wrote {out}")

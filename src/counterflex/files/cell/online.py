@@ -15,6 +15,7 @@ from counterflex.files.schema import Table
 from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.estimator.fusion import FusionTuning
 from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
+from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.settings import (
     Delays,
     ForceMode,
@@ -99,8 +100,12 @@ class OnlineTable(Table):
     axis_check: bool = True
     axis_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
     axis_deg: Annotated[float, Field(gt=0.0, le=10.0)] = 0.2
-    frame_offset_mm: Annotated[float, Field(gt=0.0, le=1000.0)] = 20.0
-    frame_offset_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 3.0
+    frame_offset_mm: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    frame_offset_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 0.2
+    missing_mm: Annotated[float, Field(gt=0.1, le=10.0)] = 0.3
+    plan_mm: Annotated[float, Field(gt=0.0, le=5.0)] = 1.0
+    plan_feed_percent: Annotated[float, Field(ge=5.0, le=100.0)] = 30.0
+    plan_force_percent: Annotated[float, Field(ge=10.0, le=200.0)] = 50.0
 
     @field_validator("mode")
     @classmethod
@@ -171,6 +176,12 @@ class OnlineTable(Table):
             hard_factor=self.hard_factor,
             ramp_m_s=self.ramp_mm_s * MM,
             supervisor=_supervisor(self.period_ms),
+            plausibility=Plausibility(
+                missing_m=self.missing_mm * MM,
+                plan_m=self.plan_mm * MM,
+                plan_feed=self.plan_feed_percent * PERCENT,
+                plan_force=self.plan_force_percent * PERCENT,
+            ),
         )
 
     @property

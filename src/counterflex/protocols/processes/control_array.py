@@ -111,17 +111,43 @@ class Shown(IntEnum):
     TRACKER_TURN_UDEG = 42
     """The same of the orientation, millionths of a degree; -1 likewise."""
     TRACKER_TURN_LIMIT_UDEG = 43
+    MISSING_NM = 44
+    """Lasting part of the correction that is missing at the robot, where it is told; 0: none is."""
+    MISSING_MOST_NM = 45
+    """The largest so far; -1: the robot has not reported its pose, so nobody has looked."""
+    FRAME_NM = 46
+    """Offset of the frames of the program from those of the cell file, learnt before arming; -1: not looked at."""
+    FRAME_UDEG = 47
+    """The same of the orientation, millionths of a degree."""
+    PLAN_NM = 48
+    """Lasting distance of the program from the plan in the cut; -1: not looked at yet."""
+    PLAN_FEED_PPM = 49
+    """Its speed by the planned one; -1 likewise."""
+    PLAN_FORCE_PPM = 50
+    """Measured by predicted force; -1 likewise."""
+    FORCE_SPIKES = 51
+    """Single readings of the force sensor that were left out."""
 
 
 class Panel(IntEnum):
     """What the operator panel says of itself: places of the control array after those of :class:`Shown`."""
 
-    NS = 44
+    NS = 52
     """When it last said that it lives; 0: there is none, or it has left."""
-    PID = 45
-    CLIENTS = 46
+    PID = 53
+    CLIENTS = 54
     """Pages that are connected to it."""
 
 
-CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown) + len(Panel)
+class Course(IntEnum):
+    """How a run begins and why it ended early: places of the control array after those of :class:`Panel`."""
+
+    COMPILED = 55
+    """Kernels that its processes have compiled."""
+    ANOTHER_PORT = 56
+    """Port from which the controller began another session while the correction of the one before was in effect; 0:
+    none. The run has ended then."""
+
+
+CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown) + len(Panel) + len(Course)
 """Length of the whole array."""

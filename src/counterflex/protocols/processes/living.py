@@ -15,6 +15,8 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+import numpy as np
+
 from counterflex.core.arrays import Int
 from counterflex.protocols.processes.control_array import Life
 
@@ -104,7 +106,7 @@ class Beat:
     """Says that this process lives, from a thread of its own: a disk or a terminal that stands still does not stop it.
 
     Args:
-        control: Shared.
+        control: Shared, (n,) whole 64-bit numbers.
         time_place: Where the time is written.
         number_place: Where the number of this process is written, once.
     """
@@ -112,6 +114,8 @@ class Beat:
     def __init__(self, control: Any, time_place: Life, number_place: Life) -> None:
         self._control, self._place = control, int(time_place)
         self._end = threading.Event()
+        self._ended: Int = np.zeros(1, dtype=np.int64)
+        self._beat_on: Callable[[Int, int, int, Int], None] | None = None
         control[self._place] = time.monotonic_ns()
         control[number_place] = os.getpid()
         self._thread = threading.Thread(target=self._go_on, name="beat", daemon=True)
@@ -123,8 +127,20 @@ class Beat:
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
         while not self._end.wait(BEAT_S):
             self._control[self._place] = time.monotonic_ns()
+            if self._beat_on is not None:
+                self._beat_on(self._control, self._place, round(BEAT_S * 1e9), self._ended)
+                return
+
+    def unlock(self, beat_on: Callable[[Int, int, int, Int], None]) -> None:
+        """Say it from now on without the interpreter lock, which another thread may keep for long on a busy computer.
+
+        Args:
+            beat_on: Compiled, of :func:`counterflex.protocols.system.system_calls.unlocked_beat`.
+        """
+        self._beat_on = beat_on
 
     def close(self) -> None:
         """Say nothing any more."""
         self._end.set()
+        self._ended[0] = 1
         self._thread.join()

@@ -49,6 +49,7 @@ class Counters:
         malformed: In all.
         malformed_in_a_row: Until the last good one.
         foreign: From an address that is not the controller's.
+        stranger: Who sent the last of these, ``address << 16 | port``.
         old: With a counter at or before the last one.
         astray: With a counter far away from the last one.
         lost: Cycles without a telegram, by the counter.
@@ -62,6 +63,7 @@ class Counters:
     malformed: int = 0
     malformed_in_a_row: int = 0
     foreign: int = 0
+    stranger: int = _NOBODY
     old: int = 0
     astray: int = 0
     lost: int = 0
@@ -176,6 +178,7 @@ class RobotPort:
         counters, sender = self.counters, int(self._senders[row])
         if sender != self._sender and not self._may_speak(sender):
             counters.foreign += 1
+            counters.stranger = sender
             return False
         self.data = self._rows[row]
         verdict = read(int(self._lengths[row]))

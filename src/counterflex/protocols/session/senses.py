@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from counterflex.core.units import MS, NS
 from counterflex.geometry import pose
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
+from counterflex.protocols.session.spikes import SpikeGate
 from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.tool_change import ToolChange
 from counterflex.protocols.tracker.kernel import tool_pose
@@ -27,13 +29,20 @@ from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.runtime.sensing.strain_wrench import StrainWrench
 from counterflex.runtime.settings import ForceMode, TrackerMode
 from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.step.place import FAULT_LOST
 from counterflex.signals.arrival import ArrivalClock
 
 _FORGET_CYCLES = 10_000
 _READY = int(State.READY)
 _SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 _TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
-_SCATTERED = int(Cause.TELEGRAMS_SCATTERED)
+_SCATTERED, _STOPPED = int(Cause.TELEGRAMS_SCATTERED), int(Cause.TELEGRAMS_STOPPED)
+_LONGEST_PAUSE: Final = 4
+"""Longest usual pause of a force sensor, cycles: 100 Hz leaves out 2 at 4 ms."""
+_PAUSE_KEPT: Final = 0.995
+"""Share of the longest pause that is kept from reading to reading: what was longer once is forgotten in a second."""
+_ROUNDED: Final = 0.2
+"""Pause that is none any more."""
 
 
 ProcessWrench: TypeAlias = SensorWrench | StrainWrench | PairWrench
@@ -122,7 +131,13 @@ class Senses:
         self._tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
         self.force_age = self.tracker_age = self.current_age = _FORGET_CYCLES
         self.since = 0
+        self._spikes, self._pause = SpikeGate(), 0.0
         self._time_zero_ns = clock_ns()
+
+    @property
+    def spikes(self) -> int:
+        """Spikes of the force sensor that were left out."""
+        return self._spikes.count
 
     @property
     def set_back(self) -> int:
@@ -132,7 +147,7 @@ class Senses:
     def fill_ages(self) -> None:
         """Write into the inputs of the step which sensors there are, and how old their readings are."""
         given = self._given
-        given.force_age = self.force_age if self._needs_force or self._force is None else 0
+        given.force_age = self._overdue if self._needs_force or self._force is None else 0
         given.tracker_age, given.current_age = self.tracker_age, self.current_age
         given.sources = self._sources
 
@@ -158,8 +173,13 @@ class Senses:
         if good == 0 or force.frozen:
             self.force_age += 1
             return soft  # it ages: the step goes on by the plan for a while where there is one, then holds
+        self._learn_pause()
+        w_sensor = self._spikes.cleaned(force.w_sensor, force.samples[: min(good, len(force.samples))])
+        if w_sensor is None:  # the last one goes on
+            self.force_age = 0
+            return soft
         age = (self._clock_ns() - self._time_zero_ns) * 1e-9
-        w = self._wrench(self._q, force.w_sensor, age)
+        w = self._wrench(self._q, w_sensor, age)
         if self._wrench.doubt:
             self.force_age += 1
             return soft or self._wrench.doubt
@@ -177,6 +197,17 @@ class Senses:
         elif self.since > 0:
             self._w[:] = self._without_inertia(self._inertia, w)
         return soft
+
+    def _learn_pause(self) -> None:
+        """Learn how many cycles a slow sensor leaves out between two readings, before the loop is armed."""
+        if self._loop.quick_result.state > _READY or self.force_age >= _FORGET_CYCLES:
+            return
+        self._pause = max(float(min(self.force_age, _LONGEST_PAUSE)), _PAUSE_KEPT * self._pause)
+
+    @property
+    def _overdue(self) -> int:
+        """Cycles by which the reading is older than those of this sensor usually get."""
+        return max(0, self.force_age - math.ceil(self._pause - _ROUNDED))
 
     def _without_inertia(self, inertia: SpindleInertia, w: Float) -> Float:
         """From where the motors stand: as the controller says, else as it should answer what was sent."""
@@ -204,18 +235,20 @@ class Senses:
             self._motors(self._q, self._torque)
             self.current_age = 0
 
-    def lacking(self, good_telegrams: int, cycles: int) -> int:
+    def lacking(self, good_telegrams: int, cycles: int, silent_cycles: int = 0) -> int:
         """Why it cannot be armed, where a sensor that is needed says nothing or the telegrams do not come steadily."""
         if self._needs_tracker and self.tracker_age >= self._tracker_stale:
             return _TRACKER_LOST
-        if self._needs_force and self.force_age >= self._loop.settings.stale_cycles:
+        if self._needs_force and self._overdue >= self._loop.settings.stale_cycles:
             return _FORCE_STALE
         settle = self._settle
+        if silent_cycles > 0:  # none comes: nothing is scattered
+            return _STOPPED if silent_cycles >= FAULT_LOST else 0
         return _SCATTERED if good_telegrams < settle < cycles - 2 * settle else 0
 
     def healthy(self, good_telegrams: int) -> int:
         """1 where telegrams and every sensor that is needed are as they must be for arming, else 0."""
-        force = not self._needs_force or (self._tare.accepted and self.force_age == 0)
+        force = not self._needs_force or (self._tare.accepted and self._overdue == 0)
         tracker = not self._needs_tracker or self.tracker_age < self._tracker_stale
         return int(good_telegrams >= self._settle and force and tracker)
 

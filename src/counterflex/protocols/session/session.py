@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import compile_stated
 from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Kept, Life, Request
 from counterflex.protocols.robot.link import RobotLink
+from counterflex.protocols.session.another_session import AnotherSession
+from counterflex.protocols.session.checks import SessionChecks as SessionChecks
 from counterflex.protocols.session.publisher import THERE, Publisher, panel_state
 from counterflex.protocols.session.record import write_record
 from counterflex.protocols.session.senses import Senses, Sensing
@@ -47,38 +48,6 @@ _RUN, _GONE = int(Life.RUN_NS), int(Life.GONE)
 def compile_kernels() -> None:
     """Compile every kernel that a session may call, or read it from the cache: no cycle waits for a compilation."""
     compile_stated(*(f"counterflex.{room}" for room in ("core", "robot", "signals", "sensing", "runtime", "protocols")))
-
-
-@dataclass(frozen=True)
-class SessionChecks:
-    """What must hold before the correction may be armed.
-
-    Attributes:
-        settle_cycles: Good telegrams in a row.
-        force_n: Largest force that the sensor may show after its weight is taken off, without a cut (R17).
-        moment_nm: Largest moment.
-        tare: Take what then remains as zero, over 0.2 s; what is too much is tried again until it is not.
-        hold_without_log: A log that is lost while the correction acts is a hold; else it is told, and goes on. It is
-            never armed without one.
-        hold_without_panel: The loop is armed, and the correction acts, only while an operator panel says that it lives;
-            else none is needed, and one that dies is told.
-        job: Number of the job that the robot program must say it is of, where it says one
-            (:func:`counterflex.programs.compensated.job_number`); 0: none, the program is not a compensated one.
-            None: not tested.
-        run_silent_s: The process that started the loop says many times a second that it lives; silent for so long it
-            counts as lost. Not tested where nobody has ever said so, and None: never, a robot that waits for every
-            answer has time. A process that has died is seen by the operating system, see
-            :class:`counterflex.protocols.processes.living.Living`.
-    """
-
-    settle_cycles: int = 60
-    force_n: float = 15.0
-    moment_nm: float = 5.0
-    tare: bool = True
-    hold_without_log: bool = False
-    hold_without_panel: bool = False
-    job: int | None = None
-    run_silent_s: float | None = 0.08
 
 
 class OnlineSession:
@@ -141,10 +110,17 @@ class OnlineSession:
         self._teller: Teller | None = None
         if len(self.control) >= CONTROL:
             self._teller = Teller(
-                self.control, loop, link.counters, self._tare, force=force is not None, tracker=tracker is not None
+                self.control,
+                loop,
+                link.counters,
+                self._tare,
+                force=force is not None,
+                tracker=tracker is not None,
+                angles=self._angles,
             )
         self.trouble = ""
         self._silent_cycles = self._repeated = 0
+        self._next = AnotherSession(link.counters)
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
         self.cycles = self.compute_ns = 0
@@ -215,7 +191,7 @@ class OnlineSession:
             soft = _CLAMPED
         soft, hard = self._watch_program(soft, hard, received_ns)
         if soft == 0 and result.state <= _READY:
-            soft = senses.lacking(self.watch.good, self.cycles)
+            soft = senses.lacking(self.watch.good, self.cycles, self._silent_cycles)
         self._fill_flags(received, soft, hard, new)
         loop.run()
         self._serve_requests()
@@ -241,6 +217,7 @@ class OnlineSession:
                 set_back=self.set_back,
                 force_age=self._senses.force_age,
                 tracker_age=self._senses.tracker_age,
+                spikes=self._senses.spikes,
             )
         if self._publisher is not None:
             self._publisher.show(
@@ -315,6 +292,8 @@ class OnlineSession:
         link, watch = self.link, self.watch
         counters = link.counters
         self._silent_cycles = 0 if received else self._silent_cycles + 1
+        if received:
+            self._next.heard()
         if not received:
             return watch.silent(counters.malformed_in_a_row)
         if hard == _RESTARTED:
@@ -385,10 +364,22 @@ class OnlineSession:
             self._tare.again()
 
     def _let_go(self, reset: bool) -> None:
-        """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
-        idle = self._result.state == _IDLE
-        if idle and (reset or self._silent_cycles >= _FORGET_PEER_CYCLES):
+        """Another session may come from another port: after a person's reset, or when nothing is going on at all.
+
+        Also where the controller's computer already sends from another port, and nothing is in effect.
+        """
+        state, silent = self._result.state, self._silent_cycles
+        again = state <= _ARMED and self._next.port(silent) != 0
+        if again or (state == _IDLE and (reset or silent >= _FORGET_PEER_CYCLES)):
             self.link.forget()
+
+    @property
+    def another_port(self) -> int:
+        """Port of another session of the controller that cannot be answered: something is in effect in this one.
+
+        0: there is none.
+        """
+        return self._next.port(self._silent_cycles) if self._result.state > _ARMED else 0
 
     @property
     def idle_force(self) -> Float:

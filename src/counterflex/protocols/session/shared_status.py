@@ -11,12 +11,15 @@ from counterflex.protocols.processes.control_array import REQUESTS, Life, Shown,
 from counterflex.protocols.robot.port import Counters
 from counterflex.protocols.session.tare import Tare
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.plausibility.axis_check import AxisCheck
 from counterflex.runtime.state.states import State
 
 _TALLIES: Final = slice(REQUESTS, REQUESTS + len(Tally))
 _SHOWN: Final = slice(min(Shown), max(Shown) + 1)
 _LOOP: Final = int(Life.LOOP_NS)
 _NOTHING: Final = -1
+_NOW_AND_THEN: Final = 25
+"""Cycles from one reading of what changes slowly to the next."""
 
 
 class Teller:
@@ -29,17 +32,31 @@ class Teller:
         tare: Zero of the force sensor.
         force: There is a force sensor.
         tracker: There is a tracker.
+        angles: Axis angles against poses, or None.
     """
 
-    def __init__(self, control: Int, loop: Loop, counters: Counters, tare: Tare, *, force: bool, tracker: bool) -> None:
+    def __init__(
+        self,
+        control: Int,
+        loop: Loop,
+        counters: Counters,
+        tare: Tare,
+        *,
+        force: bool,
+        tracker: bool,
+        angles: AxisCheck | None = None,
+    ) -> None:
         self._control, self._counters, self._tare, self._loop = control, counters, tare, loop
         self._result, self._tests = loop.quick_result, loop.quick_tests
         self._correction, self._measured = loop.correction.data, loop.result.measured.data  # read faster than arrays
         self._planned = loop.planned_force.data
         self._rows = loop.plan_rows - 1 if loop.planned else 0
         self._force_ns, self._tracker_ns = (0 if force else _NOTHING), (0 if tracker else _NOTHING)
-        self._robot_ns = 0
+        self._robot_ns, self._angles, self._given = 0, angles, loop.quick_given
+        self._missing_most_nm = _NOTHING
+        self._slowly = (_NOTHING,) * 5
         limits = loop.settings.plausibility
+        self._plan_cycles = max(1, round(2.0 * limits.settle_s / loop.settings.period_s))
         self._frame_nm, self._frame_udeg = round(1e9 * limits.frame_m), round(1e6 * limits.frame_rad / DEG)
         control[Shown.TRACKER_OFF_NM] = control[Shown.TRACKER_TURN_UDEG] = _NOTHING
         control[Shown.FORCE_NS], control[Shown.TRACKER_NS] = self._force_ns, self._tracker_ns
@@ -56,6 +73,7 @@ class Teller:
         set_back: int,
         force_age: int,
         tracker_age: int,
+        spikes: int = 0,
     ) -> None:
         """Tell of a cycle.
 
@@ -67,6 +85,7 @@ class Teller:
             set_back: How often the tracker's clock was set back.
             force_age: Cycles since the last good force.
             tracker_age: Cycles since the last good pose.
+            spikes: Of the force sensor, left out so far.
         """
         counters, tare, control = self._counters, self._tare, self._control
         control[_TALLIES] = (
@@ -104,8 +123,41 @@ class Teller:
             _NOTHING if self._force_ns == _NOTHING else _whole(1e3, *self._measured[:3]),
             _whole(1e3, *planned[:3]) if self._rows else _NOTHING,
             *self._tracker_off(),
+            *self._missing(),
+            *self._slow(cycles),
+            spikes,
         )
         control[_LOOP] = now_ns
+
+    def _missing(self) -> tuple[int, int]:
+        """What is missing of the correction at the robot, and the largest so far."""
+        if self._given.is_reported == 1:
+            self._missing_most_nm = max(0, self._missing_most_nm)
+        if self._tests.short == 0:
+            return 0, self._missing_most_nm
+        missing = _whole(1e9, *self._tests.missing)
+        self._missing_most_nm = max(missing, self._missing_most_nm)
+        return missing, self._missing_most_nm
+
+    def _slow(self, cycles: int) -> tuple[int, int, int, int, int]:
+        """What changes slowly, read now and then: reading it takes longer than the rest."""
+        if cycles % _NOW_AND_THEN == 0:
+            self._slowly = *self._frame(), *self._plan()
+        return self._slowly
+
+    def _frame(self) -> tuple[int, int]:
+        """Offset of the frames, position and angle."""
+        if self._angles is None or not self._angles.learnt:
+            return _NOTHING, _NOTHING
+        offset = self._angles.offset
+        return _whole(1e9, *offset[:3]), _whole(1e6 / DEG, *offset[3:])
+
+    def _plan(self) -> tuple[int, int, int]:
+        """Place, feed and force against the plan."""
+        tests = self._tests
+        if not self._rows or tests.plan_cycles < self._plan_cycles:
+            return _NOTHING, _NOTHING, _NOTHING
+        return round(1e9 * tests.plan_place), round(1e6 * tests.plan_feed), round(1e6 * tests.plan_force)
 
     def _tracker_off(self) -> tuple[int, int, int, int]:
         """Distance, its limit, angle, its limit; -1 for what was found where that does not keep the loop idle."""

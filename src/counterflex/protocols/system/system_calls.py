@@ -10,6 +10,7 @@ import ctypes
 import errno
 import socket
 import sys
+from collections.abc import Callable
 from typing import Any, Final
 
 import numba
@@ -17,7 +18,7 @@ import numpy as np
 from numba import carray, types
 
 from counterflex.core.arrays import Int
-from counterflex.core.jit import kernel
+from counterflex.core.jit import compile_stated, kernel
 from counterflex.protocols.decimal_kernel import ByteRows, Bytes
 
 THERE: Final = (
@@ -33,6 +34,7 @@ _REFUSED: Final = errno.ECONNREFUSED
 _INTERRUPTED: Final = errno.EINTR
 _AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0x40)
 _READABLE: Final = 1  # POLLIN
+_MONOTONIC: Final = 1  # CLOCK_MONOTONIC
 
 # struct mmsghdr in numbers of eight bytes (recvmmsg(2)).
 H_NAME: Final = 0
@@ -52,6 +54,8 @@ if THERE:
     _sendto: Any = types.ExternalFunction(
         "sendto", types.intp(types.int32, types.intp, types.uintp, types.int32, types.intp, types.uint32)
     )
+    _clock_gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
+    _nanosleep: Any = types.ExternalFunction("nanosleep", types.int32(types.intp, types.intp))
     _errno_location: Any = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
 
     @kernel("int64()")
@@ -71,6 +75,14 @@ else:
 
     @kernel("int64(int64, int64, int64, int64, int64, int64)", entry=True)
     def _sendto(_fd: int, _data: int, _length: int, _flags: int, _name: int, _size: int) -> int:
+        return -1
+
+    @kernel("int64(int64, int64)", entry=True)
+    def _clock_gettime(_clock: int, _time: int) -> int:
+        return -1
+
+    @kernel("int64(int64, int64)", entry=True)
+    def _nanosleep(_time: int, _rest: int) -> int:
         return -1
 
     @kernel("int64()")
@@ -179,3 +191,30 @@ def send_to(fd: int, data: Bytes, length: int, name: Bytes) -> bool:
             return True
         if _why() != _INTERRUPTED:
             return False
+
+
+@kernel("void(int64[::1], int64, int64, int64[::1])", waits=True, entry=True)
+def _beat_on(words: Int, place: int, every_ns: int, end: Int) -> None:
+    """Write the monotonic time into a word again and again, without the interpreter lock.
+
+    Args:
+        words: Shared.
+        place: Of the word.
+        every_ns: Pause between two, less than a second.
+        end: (1,) it ends when this is no longer 0.
+    """
+    work = np.zeros(4, dtype=np.int64)  # two struct timespec
+    while end[0] == 0:
+        if _clock_gettime(_MONOTONIC, work.ctypes.data) != 0:
+            return
+        words[place] = work[0] * 1_000_000_000 + work[1]
+        work[2], work[3] = 0, every_ns
+        _nanosleep(work.ctypes.data + 16, 0)
+
+
+def unlocked_beat() -> Callable[[Int, int, int, Int], None] | None:
+    """What beats without the interpreter lock, compiled; None on other systems."""
+    if not THERE:
+        return None
+    compile_stated(__name__)
+    return _beat_on

@@ -110,6 +110,11 @@ class AxisCheck:
         return out
 
     @property
+    def learnt(self) -> bool:
+        """Whether there is an offset."""
+        return bool(self._check.learnt == 1)
+
+    @property
     def disagreement(self) -> tuple[float, float]:
         """Disagreement of the last telegram, offset taken off, m and rad."""
         return float(self._check.distance_m), float(self._check.angle_rad)

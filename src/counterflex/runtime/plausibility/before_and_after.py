@@ -11,6 +11,7 @@ import math
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
+from counterflex.runtime.plausibility.answer import SHORT, TOO_SHORT, WRONG, judge_answer
 from counterflex.runtime.plausibility.doubts import direction_is_wrong, idle_is_wrong
 from counterflex.runtime.plausibility.force_step import REPORTED, SUSPECTED
 from counterflex.runtime.plausibility.kernel import (
@@ -23,8 +24,9 @@ from counterflex.runtime.plausibility.kernel import (
     DOUBT_OFFSET,
     DOUBT_RESIDUAL,
     DOUBT_RETURN,
+    DOUBT_SHORT,
     DOUBT_STEP,
-    answer_is_wrong,
+    DOUBT_TOO_SHORT,
     frame_is_wrong,
     residual_grows,
 )
@@ -33,6 +35,7 @@ from counterflex.runtime.plausibility.tracker_sample import judge_sample, judges
 from counterflex.runtime.primitives.finite import is_sample
 from counterflex.runtime.primitives.frames import all_finite, pose_deviation
 from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.doubts import LIMITS, MEMORY, WORK
 from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
@@ -42,13 +45,15 @@ from counterflex.runtime.state.supervisor import Cause, State
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _WRONG_FRAME, _DIVERGENCE = int(Cause.WRONG_FRAME), int(Cause.DIVERGENCE)
 _OFFSET, _TRACKER_LOST = int(Cause.FORCE_OFFSET), int(Cause.TRACKER_LOST)
-_DIFFERS = int(Cause.FORCE_DIFFERS)
+_DIFFERS, _SHORT = int(Cause.FORCE_DIFFERS), int(Cause.ANSWER_SHORT)
 _FORCE_INVALID, _MALFORMED = int(Cause.FORCE_INVALID), int(Cause.TELEGRAM_MALFORMED)
 _FAULT = int(State.FAULT)
 _FUSED = 4
 _NO_CURRENTS = 10_000
 _STANDS_M = 20e-6
 _TURN_BACK = 3
+_STOOD = 3
+_STANDING_M = 1e-6
 
 
 @kernel("int64(float64[::1], float64[::1], boolean, boolean, float64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
@@ -90,21 +95,21 @@ def _way(ring: Records, newer: int, older: int, out: Float) -> None:
 
 
 @kernel(
-    "int64(Given, Past[::1], int64, int64, int64, State, boolean, Limits, Memory, Work)",
+    "int64(Given, Settings, Past[::1], State, float64[::1], boolean, Limits, Memory, Work)",
     Limits=LIMITS,
     Memory=MEMORY,
     Work=WORK,
     Given=GIVEN,
+    Settings=SETTINGS,
     Past=PAST,
     State=STATE,
 )
 def watch_robot(
     given: Record,
+    settings: Record,
     ring: Records,
-    here: int,
-    back: int,
-    cycles: int,
     state: Record,
+    bent: Float,
     corrects: bool,
     limits: Record,
     memory: Record,
@@ -114,41 +119,34 @@ def watch_robot(
 
     Args:
         given: Inputs of the cycle.
+        settings: Of the loop.
         ring: Past cycles.
-        here: Its next row.
-        back: Cycles back to the commanded pose that the reported one belongs to.
-        cycles: Run so far; at the beginning nothing is known of the motion.
-        state: Of the step.
+        state: Of the step; at the beginning nothing is known of the motion.
+        bent: (3,) deflection under the load as it is known, m.
         corrects: The correction may act.
         limits: Of the tests.
         memory: Of the tests; changed.
         work: Work space.
     """
-    window = limits.window
-    if cycles <= max(_TURN_BACK * window + window, back) + 1:
+    window, back, here = limits.window, settings.reported_back, state.ring_row
+    if state.cycles <= max(_TURN_BACK * window + window, back) + 1:
         return 0
-    difference, moved, before, space = work.one[:3], work.one[3:6], work.one[6:9], work.one[9:12]
+    difference, moved, before = work.one[:3], work.one[3:6], work.one[6:9]
     row = (here - 1 - back + PAST_ROWS) % PAST_ROWS
     for k in range(3):
         past = given.nominal[9 + k] if back == 0 else ring[row].nominal[9 + k]
         difference[k] = given.reported[9 + k] - past
+    _way(ring, here - 1, here - 1 - _STOOD, moved)
+    stood = math.sqrt(moved[0] ** 2 + moved[1] ** 2 + moved[2] ** 2) < _STANDING_M
+    memory.still = min(memory.still + 1, limits.settle_cycles) if stood else 0
     _way(ring, here - 1, here - 1 - window, moved)
     _way(ring, here - 1 - _TURN_BACK * window, here - 1 - (_TURN_BACK + 1) * window, before)
-    change = 0.0
-    for k in range(3):
-        change += state.correction_rate[k] ** 2
-    wrong = answer_is_wrong(
-        difference,
-        state.in_effect[:3],
-        moved,
-        before,
-        math.sqrt(change),
-        space,
-        corrects,
-        limits,
-        memory,
-    )
-    return DOUBT_ANSWER if wrong else 0
+    found = judge_answer(difference, moved, before, bent, state, ring, corrects, work.answer[:], limits, memory)
+    if found == WRONG:
+        return DOUBT_ANSWER
+    if found == TOO_SHORT:
+        return DOUBT_TOO_SHORT
+    return DOUBT_SHORT if found == SHORT else 0
 
 
 @kernel("int64(float64[::1], Past[::1], int64, int64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Past=PAST)
@@ -176,7 +174,9 @@ def watch_frame(deviation: Float, ring: Records, here: int, at_state: int, limit
 @kernel("void(Memory)", Memory=MEMORY)
 def forget_doubts(memory: Record) -> None:
     """The operator's reset: what was counted towards a fault begins anew."""
-    memory.answer = memory.residual = memory.sign = memory.direction = 0
+    memory.answer = memory.early_answer = memory.residual = memory.sign = memory.direction = memory.short = 0
+    for k in range(3):
+        memory.missing[k] = 0.0
 
 
 @kernel("Tuple((int64, int64))(int64, int64)")
@@ -193,6 +193,8 @@ def causes(doubt: int, at_state: int) -> tuple[int, int]:
     wrong = 0
     if doubt & (DOUBT_ANSWER | DOUBT_DIRECTION):
         wrong = _WRONG_FRAME
+    elif doubt & DOUBT_TOO_SHORT:
+        wrong = _SHORT
     elif doubt & DOUBT_RESIDUAL:
         wrong = _DIVERGENCE
     if at_state == _FAULT:
@@ -284,8 +286,18 @@ def before_step(
     memory.early = early
 
 
+@kernel("int64(Memory, int64)", Memory=MEMORY)
+def degraded_by(memory: Record, degraded: int) -> int:
+    """Why the correction is worse than it could be: by the force, the robot's answer, or as found before."""
+    if memory.step == REPORTED:
+        return _OFFSET
+    if degraded == 0 and memory.short == 1:
+        return _SHORT
+    return _DIFFERS if degraded == 0 and memory.calm_told == 1 else degraded
+
+
 @kernel(
-    "void(Given, Settings, State, Past[::1], Result, Limits, float64, Memory, Work)",
+    "void(Given, Settings, State, Past[::1], Cycle, Result, Limits, float64, Memory, Work)",
     Limits=LIMITS,
     Memory=MEMORY,
     Work=WORK,
@@ -293,6 +305,7 @@ def before_step(
     Settings=SETTINGS,
     State=STATE,
     Past=PAST,
+    Cycle=CYCLE,
     Result=RESULT,
 )
 def after_step(
@@ -300,6 +313,7 @@ def after_step(
     settings: Record,
     state: Record,
     ring: Records,
+    cycle: Record,
     result: Record,
     limits: Record,
     swing_n: float,
@@ -313,6 +327,7 @@ def after_step(
         settings: Of the loop.
         state: Of the step.
         ring: Past cycles.
+        cycle: With the correction that the program contains.
         result: Of the step; written.
         limits: Of the tests.
         swing_n: Force at the sensor that inertia explains.
@@ -339,10 +354,10 @@ def after_step(
         if not good and given.force_age < settings.bridge:
             doubt |= DOUBT_BRIDGED
     if given.is_reported == 1 and given.elapsed > 0:
-        back, cycles = settings.reported_back, state.cycles
-        doubt |= watch_robot(
-            given, ring, here, back, cycles, state, acts, limits, memory, work
-        )  # fmt: skip
+        whole = work.two[:3]
+        for k in range(3):
+            whole[k] = result.deflection[k] - cycle.contained[k]
+        doubt |= watch_robot(given, settings, ring, state, whole, acts, limits, memory, work)
     if (settings.tracker != 0 or settings.force == _FUSED) and given.tracker_new == 1:
         row = (here - 1 - settings.nominal_back + PAST_ROWS) % PAST_ROWS
         nothing, from_tracker = work.one[:6], work.two[:6]
@@ -361,8 +376,5 @@ def after_step(
         why = memory.why if memory.why != 0 else tracker_cause(limits, memory)
         if why != 0:
             result.degraded = why
-    if memory.step == REPORTED:
-        result.degraded = _OFFSET
-    elif memory.calm_told == 1 and result.degraded == 0:
-        result.degraded = _DIFFERS
+    result.degraded = degraded_by(memory, result.degraded)
     memory.soft, memory.hard = causes(doubt, now)

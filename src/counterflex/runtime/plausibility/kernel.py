@@ -2,9 +2,10 @@
 
 What each can see, and what it cannot:
 
-- *answer*: the pose that the controller itself reports, minus the commanded one, must be the correction. It sees a
-  correction that is applied in another frame, with another sign or order of axes, or not at all; it needs no tracker.
-  It does not see what is wrong with the force sensor or the tracker.
+- *answer*: the pose that the controller itself reports, minus the commanded one, must be the correction
+  (:mod:`counterflex.runtime.plausibility.answer`). It sees a correction that is applied in another frame, with another
+  sign or order of axes, in part, or not at all; it needs no tracker. It does not see what is wrong with the force
+  sensor or the tracker.
 - *residual*: the tracker's deviation must not grow while the correction acts (the sign test, and divergence).
 - *frame*: before arming, the tracker must see the tool where the controller says it is.
 - *return*: after a broken beam the tracker must go on where the prediction is, else it may be another reflector.
@@ -50,6 +51,11 @@ DOUBT_OFFSET: Final = 4096
 DOUBT_DIFFERS: Final = 8192
 """In a calm cut it is off the plan otherwise than in such cuts before: deeper stock, another material, or its zero."""
 
+DOUBT_SHORT: Final = 16384
+"""A lasting part of the correction is missing at the robot."""
+DOUBT_TOO_SHORT: Final = 32768
+"""It is larger than it may be."""
+
 _FADE = 0.98
 _SETTLE = 0.05
 
@@ -57,73 +63,6 @@ _SETTLE = 0.05
 @kernel("float64(float64[::1])")
 def _norm(x: Float) -> float:
     return math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-
-
-@kernel(
-    "boolean(float64[::1], float64[::1], float64[::1], float64[::1], float64, float64[::1], boolean, Limits, Memory)",
-    Limits=LIMITS,
-    Memory=MEMORY,
-)
-def answer_is_wrong(
-    difference: Float,
-    in_effect: Float,
-    moved: Float,
-    moved_before: Float,
-    change_m_s: float,
-    work: Float,
-    corrects: bool,
-    limits: Record,
-    memory: Record,
-) -> bool:
-    """Whether the robot does something else than the correction it is sent (R19, WRONG_FRAME).
-
-    ``|P (r - r0 - c)| > max(L, s |c|) + t_c |dc/dt| + t_f |v| sin(turn)`` over ``answer_cycles`` in a row, with r the
-    reported minus the commanded position, r0 the same at rest without a correction, c the correction in effect, P the
-    projection across the motion (along it the robot lags), v the speed and ``turn`` how far the path has turned lately.
-
-    Args:
-        difference: (3,) r, m, part axes.
-        in_effect: (3,) c as the loop computes it, m, part axes.
-        moved: (3,) way of the commanded point over the last cycles, m.
-        moved_before: (3,) the same some time ago, over as many cycles.
-        change_m_s: Speed at which the correction changes.
-        work: (3,) work space.
-        corrects: The correction may act: r0 is not learnt.
-        limits: Of the tests.
-        memory: Of the tests; changed.
-
-    Returns:
-        Whether it has lasted long enough to be a fault.
-    """
-    way, before = _norm(moved), _norm(moved_before)
-    size = _norm(in_effect)
-    least = limits.least_m
-    if not corrects and size < 1e-6 and way < 1e-6:
-        for k in range(3):
-            memory.standing[k] += _SETTLE * (difference[k] - memory.standing[k])
-    if size < least:
-        memory.answer = 0
-        return False
-    along = 0.0
-    for k in range(3):
-        work[k] = difference[k] - memory.standing[k] - in_effect[k]
-        along += work[k] * moved[k]
-    turn = 0.0
-    if way > 1e-6:
-        for k in range(3):
-            work[k] -= along * moved[k] / (way * way)
-        if before > 1e-6:
-            cosine = 0.0
-            for k in range(3):
-                cosine += moved[k] * moved_before[k]
-            cosine = min(1.0, max(-1.0, cosine / (way * before)))
-            turn = math.sqrt(max(0.0, 1.0 - cosine * cosine)) if cosine > 0.0 else 1.0
-    speed = max(way, before) / (limits.window * limits.period)
-    bound = max(least, limits.answer_share * size)
-    bound += limits.answer_late_s * change_m_s + limits.follow_late_s * speed * turn
-    # NaN is no agreement.
-    memory.answer = 0 if _norm(work) <= bound else memory.answer + 1
-    return bool(memory.answer >= limits.answer_cycles)
 
 
 @kernel("boolean(float64[::1], float64[::1], float64, boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)

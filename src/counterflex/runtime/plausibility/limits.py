@@ -25,6 +25,19 @@ class Plausibility:
         answer_late_s: How much later than thought the robot may answer a correction.
         follow_late_s: How much later than thought it may follow its path, where that turns.
         answer_s: How long a wrong answer lasts before it is a fault.
+        early_m: Part of the correction against which the robot's answer falls short that is a fault after ``early_s``.
+        early_share: Likewise, share of the correction. A robot that answers 2.5 times as slowly as thought shows more
+            than 0.15 of it where the loop expects the first 0.12 mm, one that does nothing, or something else, less.
+        early_late_s: How much later than thought it may answer there.
+        early_s: How long that lasts.
+        load_share: Share of a change of the deflection by which the drives may yield until their controllers have
+            taken the load up; 0.17 in simulated cells whose load goes within a cycle.
+        settle_s: Over which drives and arm settle: a mean of what is missing of the correction, and how long the answer
+            is not judged behind a stop of the programmed point.
+        missing_m: Largest lasting part of the correction that may be missing at the robot.
+        plan_m: Largest lasting distance of the program from the plan in the cut; half of it is told.
+        plan_feed: Largest share by which the speed may lastingly differ from the planned one.
+        plan_force: Likewise, the measured from the predicted force.
         growth: Residual by what it was before the correction acted.
         against: Share of the correction's change by which the residual may grow against it where no force is known.
         residual_s: How long that lasts before it is a fault.
@@ -55,6 +68,16 @@ class Plausibility:
     answer_late_s: float = 60.0 * MS
     follow_late_s: float = 150.0 * MS
     answer_s: float = 100.0 * MS
+    early_m: float = 0.12 * MM
+    early_share: float = 0.85
+    early_late_s: float = 8.0 * MS
+    early_s: float = 12.0 * MS
+    load_share: float = 0.3
+    settle_s: float = 250.0 * MS
+    missing_m: float = 0.3 * MM
+    plan_m: float = 1.0 * MM
+    plan_feed: float = 0.3
+    plan_force: float = 0.5
     growth: float = 1.5
     against: float = 0.5
     residual_s: float = 250.0 * MS
@@ -104,7 +127,10 @@ class Plausibility:
             gain: Of the tracker's integrator, per cycle; 0: none, the mirror image is not judged.
         """
         out.least_m, out.answer_share = self.least_m, self.answer_share
-        out.answer_late_s, out.follow_late_s = self.answer_late_s, self.follow_late_s
+        out.follow_late_s, out.early_m, out.early_share = self.follow_late_s, self.early_m, self.early_share
+        out.load_share, out.missing_m = self.load_share, self.missing_m
+        out.plan_m, out.plan_feed, out.plan_force = self.plan_m, self.plan_feed, self.plan_force
+        out.settle_gain = 1.0 - math.exp(-period_s / self.settle_s)
         out.growth, out.against, out.mirrored = self.growth, self.against, self.mirrored
         out.frame_m, out.frame_rad, out.return_m = self.frame_m, self.frame_rad, self.return_m
         out.cosine, out.force_n = math.cos(self.angle_rad), self.force_n
@@ -116,6 +142,10 @@ class Plausibility:
         out.step_memory = math.exp(-turn / (4.0 * math.pi))
         for name, seconds in (
             ("answer_cycles", self.answer_s),
+            ("answer_late", self.answer_late_s),
+            ("early_cycles", self.early_s),
+            ("early_late", self.early_late_s),
+            ("settle_cycles", 2.0 * self.settle_s),
             ("residual_cycles", self.residual_s),
             ("gap_cycles", 2.0 * period_s),
             ("return_samples", self.return_s),

@@ -48,6 +48,8 @@ FROZEN: Final = 8
 """Repeats in a row that no living tracker sends; fewer are not used, and not counted against it."""
 REPEATED: Final = -1
 MOVED_M: Final = 20e-6
+BEYOND_NOISE: Final = 5.0
+"""Way of the program, in noises of the tracker, in which a living one leaves its noise."""
 CORRECTED_M: Final = 0.5e-3
 _LOST, _JUMP = int(Cause.TRACKER_LOST), int(Cause.TRACKER_JUMP)
 _FROZEN, _STAMP = int(Cause.TRACKER_FROZEN), int(Cause.TRACKER_STAMP)
@@ -112,6 +114,25 @@ def stamped_pose(
     for k in range(12):
         out[k] = past.nominal[k]
     return True
+
+
+@kernel("boolean(Given, float64[::1], Memory)", Memory=MEMORY, Given=GIVEN)
+def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
+    """Whether the samples stay within their noise although the program has moved the tool by many times as much.
+
+    Against the first of them: one that leaves the noise, or that the program has not moved, is the next first one.
+    """
+    noise = SIGMAS * max(LEAST_SIGMA_M, given.tracker_sigma)
+    seen = moved = 0.0
+    for k in range(3):
+        seen += (given.actual[9 + k] - memory.anchor[k]) ** 2
+        moved += (stands[k] - memory.anchor[3 + k]) ** 2
+    if memory.anchor[6] == 1.0 and seen <= noise * noise:
+        return bool(moved > (BEYOND_NOISE * noise) ** 2)
+    for k in range(3):
+        memory.anchor[k], memory.anchor[3 + k] = given.actual[9 + k], stands[k]
+    memory.anchor[6] = 1.0
+    return False
 
 
 @kernel("boolean(Given, float64[::1], Memory)", Memory=MEMORY, Given=GIVEN)
@@ -197,6 +218,10 @@ def sample_doubt(
         memory.same += 1
         return DOUBT_FROZEN if memory.same >= FROZEN else REPEATED
     memory.same = 0
+    if state.cycles <= limits.settle_cycles:
+        memory.anchor[6] = 0.0  # what was commanded then is not known yet
+    if _stands_in_its_noise(given, stands, memory):
+        return DOUBT_FROZEN
     if not corrects or memory.known == 0:
         return 0
     turned = 0.0

@@ -86,3 +86,9 @@ class Cause(IntEnum):
     """Two force sensors differ by more than noise, zeros and delays explain, for longer than they may."""
     PANEL_LOST = 42
     """The cell asks for an operator panel, and there is none, or it has died or stands still."""
+    ANSWER_SHORT = 43
+    """The robot makes less of the correction than it is sent, or more, for longer than it may."""
+    FEED_DIFFERS = 44
+    """The program runs at another feed than the plan was made for."""
+    FORCE_OFF_PLAN = 45
+    """The measured force lasts off the predicted one by more than a stated share, from the first contact on."""

@@ -115,6 +115,8 @@ def remember(given: Record, settings: Record, state: Record, ring: Records, cycl
         now.deflection[k] = result.deflection[k] if k < 3 or settings.orientation == 1 else 0.0
     if settings.force != _FUSED:
         answered(ring, here, settings.correction_back, settings, state)
+    for k in range(6):
+        now.in_effect[k] = state.in_effect[k]
     state.ring_row = (here + 1) % PAST_ROWS
 
 

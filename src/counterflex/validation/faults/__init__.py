@@ -7,6 +7,7 @@ from typing import Final
 
 from counterflex.validation.faults import (
     clocks,
+    disobedience,
     files,
     holds,
     lying_robot,
@@ -35,6 +36,7 @@ SCENARIOS: Final[tuple[Scenario, ...]] = tuple(
             *holds.SCENARIOS,
             *lying_sensors.SCENARIOS,
             *lying_robot.SCENARIOS,
+            *disobedience.SCENARIOS,
             *(replace(scenario, sensors=SENSORS[:1]) for scenario in _FORCE_ONLY),
         ),
         key=lambda scenario: int(scenario.requirement[1:]),

@@ -40,6 +40,7 @@ def _tracker(
     goes_on: bool = False,
     set_back: bool = False,
     settings: OnlineSettings | None = None,
+    named: Cause | None = None,
 ) -> Callable[[Effort], Outcome]:
     """The tracker lies from some cycle on; with ``cycles`` so many, and then no more.
 
@@ -49,6 +50,7 @@ def _tracker(
         goes_on: Nothing but going on is right.
         set_back: Its clock is set back: that is noticed once, said, and its samples are used again.
         settings: Of the loop; None: the measured force and the tracker's integrator.
+        named: Cause that must be said.
     """
 
     def run(effort: Effort) -> Outcome:
@@ -67,6 +69,7 @@ def _tracker(
             active = rig.state == State.ACTIVE
             noticed = rig.session.set_back
         reported = any("TRACKER" in cause.name or cause in _OF_A_TRACKER for cause in after.causes)
+        reported = reported and (named is None or named in after.causes)
         return after.outcome(
             after.followed_m <= _FOLLOWED_M
             and (active if goes_on else reported)
@@ -109,6 +112,10 @@ def _silent(tracker: SimulatedTracker) -> None:
 
 def _frozen(tracker: SimulatedTracker) -> None:
     tracker.frozen = True
+
+
+def _stuck(tracker: SimulatedTracker) -> None:
+    tracker.stuck = True
 
 
 def _status(bits: int) -> Callable[[SimulatedTracker], None]:
@@ -280,6 +287,12 @@ SCENARIOS: Final = (
     ),
     _tracked("tracker-silent", "the tracker says nothing any more", _REQUIRED, _tracker(_silent)),
     _tracked("tracker-frozen", "it sends the last pose again and again, with new times", _REQUIRED, _tracker(_frozen)),
+    _tracked(
+        "tracker-stuck",
+        "it sends its last pose with noise",
+        "named as frozen; not followed by more than 0.1 mm",
+        _tracker(_stuck, named=Cause.TRACKER_FROZEN),
+    ),
     _tracked("tracker-occluded", "its beam is broken", _REQUIRED, _tracker(_status(BEAM_BROKEN))),
     _tracked(
         "tracker-occluded-60ms",

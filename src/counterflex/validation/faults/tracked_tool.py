@@ -39,6 +39,7 @@ class SimulatedTracker:
         link: The loop's end.
         silent: It sends nothing.
         frozen: It sends the last pose again and again, with new numbers and times.
+        stuck: The same with its noise.
         status: Status bits of what it sends.
         change: What becomes of the pose before it is sent, or None.
         stamp: What becomes of the time stamp in ns, or None.
@@ -50,7 +51,8 @@ class SimulatedTracker:
         self._rng = np.random.default_rng([seed, 3])
         self._last: Float = np.eye(4)
         self._measured: tuple[Float, float] = (np.eye(4), -1.0)
-        self.silent = self.frozen = False
+        self.silent = self.frozen = self.stuck = False
+        self._stuck_at: Float = np.eye(4)
         self.status = 0
         self.change: Callable[[Float], Float] | None = None
         self.stamp: Callable[[int], int] | None = None
@@ -72,6 +74,11 @@ class SimulatedTracker:
         (T, time_s), self._measured = self._measured, (now, time_s)
         if self.frozen:
             T = self._last
+        elif self.stuck:
+            T = self._stuck_at.copy()
+            T[:3, 3] += _NOISE_M * self._rng.standard_normal(3)
+        else:
+            self._stuck_at = T
         self._last = T
         if self.silent or time_s < 0.0:
             return

@@ -9,16 +9,47 @@ import typer
 
 from counterflex.app.run.process_events import shown_event
 from counterflex.app.run.status import Status, force_message
+from counterflex.protocols.session.found import answer_line, found_lines, frame_line
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.estimator.fusion import level
+from counterflex.runtime.state.states import State
 
 _STILL_S: Final = 0.5
 
 
-def show_status(status: Status) -> None:
-    """Print what process monitoring has found, and how the run is, on standard error."""
-    for line in (*process_lines(status), status_line(status)):
-        typer.echo(line, err=True)
+class Preparing:
+    """Prints now and then how long the loop has got ready, on standard error.
+
+    Args:
+        period_s: From one line to the next; 0: none.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s, self._due_s = period_s, period_s
+
+    def __call__(self, waited_s: float, compiled: int) -> None:
+        """Print a line where one is due."""
+        if self._period_s <= 0.0 or waited_s < self._due_s:
+            return
+        self._due_s = waited_s + self._period_s
+        what = f"{compiled} kernels compiled so far" if compiled else "waiting for its files, sensors or the compiler"
+        typer.echo(f"preparing the loop for {waited_s:.0f} s: {what}; the first start compiles for minutes", err=True)
+
+
+class StatusLines:
+    """Prints what process monitoring has found, and how the run is, on standard error."""
+
+    def __init__(self) -> None:
+        self._armed = False
+
+    def __call__(self, status: Status) -> None:
+        """Print the lines of a status; what was compared before arming once."""
+        lines = [*process_lines(status), status_line(status)]
+        if status.state >= State.ARMED and not self._armed and status.found:
+            self._armed = True
+            lines[:0] = [frame_line(status.found), answer_line(status.found)]
+        for line in lines:
+            typer.echo(line, err=True)
 
 
 def status_line(status: Status) -> str:
@@ -67,6 +98,8 @@ def _dangers(status: Status) -> str:
             f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
             " take the tool off the part, or identify the payload"
         )
+    if status.found:
+        text += "".join(f"  {line}" for line in found_lines(status.found, status.cause, status.degraded))
     text += force_message(status)
     if status.trouble:
         text += f"  INTERNAL: {status.trouble}"

@@ -1,0 +1,80 @@
+"""First lines of a process of a run: it ends with the one that started it until it can end by itself.
+
+Imports little, so that these lines come before what takes long: importing and compiling what the process needs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.core import compiling
+from counterflex.protocols.processes.control_array import CONTROL, Course
+from counterflex.protocols.processes.shared_words import SharedWords
+
+_PR_SET_PDEATHSIG: Final = 1
+_RELEASED: Final = threading.Event()
+"""The process ends by itself from now on."""
+
+
+def child(job: bytes, words: Path, pipe: Any) -> None:
+    """Run the target of a process of a run.
+
+    Args:
+        job: Pickled function and its arguments, without the pipe; unpickled here, as that imports what they need.
+        words: Where the shared numbers of the control array are.
+        pipe: Last argument of the function.
+    """
+    end_with_starter()
+    with contextlib.suppress(Exception):  # who watches is told less
+        _count_compilations(SharedWords(CONTROL, words))
+    target, args = pickle.loads(job)
+    target(*args, pipe)
+
+
+def end_with_starter() -> None:
+    """Have the system end this process at once when the one that started it has died, whatever it does then.
+
+    Linux; elsewhere a thread does it, as soon as it gets to run.
+    """
+    starter = multiprocessing.parent_process()
+    if starter is None:
+        return
+    if sys.platform.startswith("linux"):
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+        if not starter.is_alive():  # it died before the line above
+            os._exit(1)
+        return
+
+    def watch() -> None:
+        starter.join()
+        if not _RELEASED.is_set():
+            os._exit(1)
+
+    threading.Thread(target=watch, name="starter", daemon=True).start()
+
+
+def outlive_starter() -> None:
+    """End by itself from now on: the feed is held and the correction ramped out where the other process has died."""
+    _RELEASED.set()
+    if sys.platform.startswith("linux"):
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, 0, 0, 0, 0)
+
+
+def _count_compilations(shared: SharedWords) -> None:
+    """Count the kernels that this process compiles, for who waits for it."""
+
+    def compiled() -> None:
+        shared.words[Course.COMPILED] += 1
+
+    compiling.tell(compiled)

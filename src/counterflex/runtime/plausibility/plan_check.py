@@ -1,0 +1,81 @@
+"""Program, feed and force held against the plan in the cut, from the first contact on. Pure kernel.
+
+A plan of another depth, another feed or another material computes forces that do not come. What lasts is judged, by
+means over the time in which drives and arm settle: corners and the entry into the cut are shorter.
+
+- *place*: distance of the commanded point from the planned path. Half the limit is told, the limit holds;
+- *feed*: speed along the path by the planned one. A lower one is told, as corners and the operator lower it; a higher
+  one holds;
+- *force*: measured by predicted force. Told: the correction follows the measured one, or the process monitor reacts.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from counterflex.core.jit import kernel
+from counterflex.core.records import Record
+from counterflex.runtime.state.doubts import LIMITS, MEMORY
+from counterflex.runtime.state.memory import STATE
+from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.state.states import Cause, State
+
+DOUBT_PLACE: Final = 65536
+"""The program lasts off the planned path in the cut."""
+DOUBT_FEED: Final = 131072
+"""It runs at another feed than planned."""
+DOUBT_FORCE: Final = 262144
+"""The measured force lasts off the predicted one by more than a stated share."""
+TOLD_SHARE: Final = 0.5
+"""Share of the limit of the place from which on it is told."""
+_ARMED: Final = int(State.ARMED)
+_FAULT: Final = int(State.FAULT)
+_OFF_PATH, _FEED = int(Cause.OFF_PATH), int(Cause.FEED_DIFFERS)
+_FORCE: Final = int(Cause.FORCE_OFF_PLAN)
+
+
+@kernel(
+    "void(State, Result, float64, float64, Limits, Memory)", State=STATE, Result=RESULT, Limits=LIMITS, Memory=MEMORY
+)
+def hold_against_plan(state: Record, result: Record, feed: float, ratio: float, limits: Record, memory: Record) -> None:
+    """Find what differs from the plan; its doubt and what is degraded go into the result, a hold into the next cycle.
+
+    Args:
+        state: Of the step.
+        result: Of the step and the tests; written.
+        feed: Speed along the path by the one that is asked for.
+        ratio: Measured by predicted force; 0 where that is too small to be judged.
+        limits: Of the tests.
+        memory: Of the tests; changed.
+    """
+    acts = _ARMED < state.supervisor.state < _FAULT
+    if not acts:
+        memory.plan_soft = 0
+    elif memory.soft == 0:
+        memory.soft = memory.plan_soft  # it does not go away because the robot stands: stop, do not limp
+    if not acts or result.cut <= 0.0 or memory.still > 0:
+        memory.plan_cycles = 0
+        return
+    gain = 1.0 if memory.plan_cycles == 0 else limits.settle_gain
+    memory.plan_place += gain * (result.path_distance - memory.plan_place)
+    memory.plan_feed += gain * (feed - memory.plan_feed)
+    memory.plan_force += gain * ((ratio if ratio > 0.0 else 1.0) - memory.plan_force)
+    memory.plan_cycles = min(memory.plan_cycles + 1, limits.settle_cycles)
+    if memory.plan_cycles < limits.settle_cycles:
+        return
+    soft = told = 0
+    if memory.plan_place > TOLD_SHARE * limits.plan_m:
+        result.doubt |= DOUBT_PLACE
+        told = _OFF_PATH
+        soft = _OFF_PATH if memory.plan_place > limits.plan_m else 0
+    elif abs(memory.plan_feed - 1.0) > limits.plan_feed:
+        result.doubt |= DOUBT_FEED
+        told = _FEED
+        soft = _FEED if memory.plan_feed > 1.0 else 0
+    elif abs(memory.plan_force - 1.0) > limits.plan_force:
+        result.doubt |= DOUBT_FORCE
+        told = _FORCE
+    if told != 0 and result.degraded == 0:
+        result.degraded = told
+    if soft != 0 and memory.soft == 0:
+        memory.soft = memory.plan_soft = soft
