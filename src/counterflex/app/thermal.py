@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,9 +16,18 @@ from counterflex.core.units import MINUTE, RPM, UM
 from counterflex.evaluate.thermal.growth import GrowthCourse, GrowthModel, Touches, follow, micro
 from counterflex.files.touches_file import read_touches
 
-KIND, VERSION = "counterflex thermal", 1
+KIND, VERSION = "counterflex thermal", 2
 _SIGMAS: Final = 2.0
+_JUMPED: Final = (
+    "the place jumped before the touch at {}: what was cut since then is off by as much. Look for the cause (clamping, "
+    "tool, probe, target), touch the part again (datum points) and begin a new file"
+)
+_MAY_HAVE_JUMPED: Final = (
+    "the place may have jumped before the touch at {}: touch the part again (datum points), or look for the cause "
+    "(clamping, tool, probe, target)"
+)
 _KEYS: Final = ("reference_rpm", "end_um", "end_sigma_um", "weights")
+_ADDED: Final = {2: ("walk_weights",)}
 
 
 @dataclass(frozen=True)
@@ -57,7 +66,7 @@ def run(settings: ThermalSettings, out: Path | None = None) -> dict[str, Any]:
     touches = read_touches(settings.touches)
     before = _read(settings.model, settings.per_kelvin_m)
     course = follow(touches, np.array(settings.axis_part), before)
-    alerts = _alerts(course, settings.limit_m, known=settings.model is not None)
+    alerts = _alerts(touches, course, settings.limit_m, known=settings.model is not None)
     summary = {
         "touches": [_row(touches, course, k) for k in range(len(touches.time_s))],
         "time_constant_min": round(course.tau_s / MINUTE, 1),
@@ -85,6 +94,8 @@ def _row(touches: Touches, course: GrowthCourse, k: int) -> dict[str, Any]:
         "total_sigma_um": micro(_along(course.total_m[k], course.total_sigma_m[k])),
         "surprise": None if np.isnan(course.surprise_ratio[k]) else round(float(course.surprise_ratio[k]), 2),
         "holds": bool(course.holds[k]),
+        "jump_um": micro(course.jump_m[k]),
+        "jump_sigma_um": micro(course.jump_sigma_m[k]),
     }
 
 
@@ -94,8 +105,8 @@ def _along(d: Float, sigma: Float) -> float:
     return float(np.linalg.norm(d * sigma) / length) if length > 0.0 else float(sigma.max())
 
 
-def _alerts(course: GrowthCourse, limit_m: float, *, known: bool) -> list[str]:
-    """What has to be done after the last touch, in words."""
+def _alerts(touches: Touches, course: GrowthCourse, limit_m: float, *, known: bool) -> list[str]:
+    """Actions after the last touch, in words. A touch that was not foretold stays an alert for the rest of its file."""
     d, sigma = course.total_m[-1], course.total_sigma_m[-1]
     size, spread = float(np.linalg.norm(d)), _along(d, sigma)
     alerts = []
@@ -109,11 +120,21 @@ def _alerts(course: GrowthCourse, limit_m: float, *, known: bool) -> list[str]:
             f"growth and drift may be beyond {micro(limit_m):g} um ({micro(size):g} +- {micro(spread):g} um): touch "
             "once more, or touch the part again"
         )
-    if not course.holds[-1]:
+    minutes = (touches.time_s - touches.time_s[0]) / MINUTE
+    for rows, what in ((~course.holds, _JUMPED), (course.holds, _MAY_HAVE_JUMPED)):
+        named = [
+            f"{minutes[k]:g} min ({micro(course.jump_m[k]):g} um, standard deviation {micro(course.jump_sigma_m[k]):g})"
+            for k in np.flatnonzero(rows & (course.jump_m > 0.0))
+        ]
+        if named:
+            alerts.append(what.format(", ".join(named)))
+    if not np.all(course.holds[course.jump_m == 0.0]):
         whose = "the model of this machine" if known else "what machines do when they warm up"
+        first = minutes[int(np.flatnonzero(~course.holds & (course.jump_m == 0.0))[0])]
         alerts.append(
-            f"the last touches are not what {whose} foretells: identify again; counterflex identify tracker-frame "
-            "where a tracker shows the place, else touch the part, and counterflex identify kinematics where it stays"
+            f"the touches up to {first:g} min are not what {whose} foretells: identify again; counterflex identify "
+            "tracker-frame where a tracker shows the place, else touch the part, and counterflex identify kinematics "
+            "where it stays"
         )
     return alerts
 
@@ -126,6 +147,7 @@ def _write(out: Path, model: GrowthModel) -> None:
         "end_um": model.end_m / UM,
         "end_sigma_um": model.end_sigma_m / UM,
         "weights": [float(w) for w in model.weights],
+        "walk_weights": [float(w) for w in model.walk_weights],
     }
     atomic.write_text(out, json.dumps(content, indent=1) + "\n")
 
@@ -137,10 +159,18 @@ def _read(path: Path | None, per_kelvin_m: float | None) -> GrowthModel:
     content = file_content.json_value(path, hint="counterflex thermal writes a model with --out")
     if not isinstance(content, dict) or content.get("format") != KIND:
         raise FileFormatError("not a model of thermal growth", where=where, hint="counterflex thermal writes one")
-    if content.get("version") != VERSION or set(content) != {"format", "version", *_KEYS}:
-        raise FileFormatError("a model of another version", where=where, value=content.get("version"), limit=VERSION)
+    version = content.get("version")
+    added = [key for since, keys in _ADDED.items() for key in keys if isinstance(version, int) and version >= since]
+    if version not in range(1, VERSION + 1) or set(content) != {"format", "version", *_KEYS, *added}:
+        raise FileFormatError("a model of another version", where=where, value=version, limit=VERSION)
     try:
-        return GrowthModel(
+        model = (
+            GrowthModel()
+            if version == 1
+            else GrowthModel(walk_weights=np.array(content["walk_weights"], dtype=np.float64))
+        )
+        return replace(
+            model,
             reference_rad_s=float(content["reference_rpm"]) * RPM,
             end_m=float(content["end_um"]) * UM,
             end_sigma_m=float(content["end_sigma_um"]) * UM,

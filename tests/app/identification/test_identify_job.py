@@ -15,6 +15,7 @@ import pytest
 from counterflex.app.identification import identify
 from counterflex.app.identification.history import history
 from counterflex.app.identification.propose import propose
+from counterflex.app.identification.verdict import judged
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
 from counterflex.core.units import URAD_PER_KNM
@@ -378,7 +379,7 @@ def test_a_worst_error_that_grows_is_warned_of() -> None:
         ),
         changes=(),
     )
-    identify.check_better(found)
+    assert judged(found, separate=False)[1] == "better"
     (warning,) = identify.grown(found)
     assert warning.startswith("Warning: largest grows from 0.48 to 0.71 mm")
 

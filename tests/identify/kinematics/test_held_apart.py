@@ -22,6 +22,7 @@ from counterflex.identify.kinematics.stages import priors_of
 from counterflex.identify.recipe import Identification
 from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.kinematics.inverse import inverse
 
 CELL = model_of(read_cell("examples/cells/kr300_d10_ball.toml"))
 TARGET = pose.make(rotation.exp(np.array([0.1, 0.2, -0.1])), np.array([0.05, 0.02, 0.1]))
@@ -78,3 +79,29 @@ def test_files_of_one_tracker_are_held_out_and_nothing_is_said() -> None:
     found = RECIPE.identify(CELL, [station(EAST, "a", 1), station(EAST, "b", 3)], [], OPTIONS, silent)
     assert {"region_mean_mm", "file_mean_mm"} <= names(found)
     assert not any("held out" in r and "No error is given" in r for r in found.remarks)
+
+
+def test_a_tracker_of_a_program_of_one_orientation_is_placed_by_positions() -> None:
+    """The orientation that the tracker shows is off by 1.5 mrad, which is no error of any position."""
+    train = station(EAST, "poses", 1)
+    rng = np.random.default_rng(5)
+    grid = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, 5), np.linspace(-0.1, 0.1, 3)), axis=-1).reshape(-1, 2)
+    near = measurable(CELL, 1, np.random.default_rng(5), around_part=0.2)[0]
+    middle = forward(CELL.nominal_chain, near)
+    middle[:2, 3] *= 0.85  # towards the foot: all of it within reach
+    q = []
+    for x, y in grid:
+        target = middle.copy()
+        target[:2, 3] += [x, y]
+        q.append(inverse(CELL.nominal_chain, target, near).q)
+    tracker = pose.make(rotation.exp(np.array([0.02, -0.03, 1.9])), WEST)
+    T = pose.inverse(tracker) @ forward(CELL.nominal_chain, np.array(q)) @ TARGET
+    turned = T[:, :3, :3] @ rotation.exp(np.array([1e-3, 1e-3, -5e-4]))
+    program = of_arrays(
+        "program", "tracker_poses",
+        {"q": np.array(q), "p_tracker_target": T[:, :3, 3] + 2e-5 * rng.standard_normal((len(q), 3)),
+         "R_tracker_target": turned},
+        {"p_tracker_target": 2e-5, "R_tracker_target": 5e-5}, settings={"tracker": "west"},
+    )  # fmt: skip
+    found = RECIPE.identify(CELL, [train], [program], OPTIONS, silent)
+    assert found.headline[0].value < 2.5 * 0.02

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import importlib.metadata
-import math
 import platform
 import time
 from collections import Counter
@@ -22,6 +21,7 @@ from counterflex.app.identification.history import keep
 from counterflex.app.identification.propose import propose as propose
 from counterflex.app.identification.recipe_settings import Setting, read_settings
 from counterflex.app.identification.starting_cell import starting_cell
+from counterflex.app.identification.verdict import Outcome, judged
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -160,7 +160,7 @@ def run(
         The result, as in ``result.json``.
 
     Raises:
-        ModelError: The result is worse than the cell file on data not used; nothing is written.
+        ModelError: The result is worse than the cell file on data not used, by more than noise; nothing is written.
     """
     begin = time.perf_counter()
     parts = in_parts(progress, WORK)
@@ -172,11 +172,11 @@ def run(
         identified = task.recipe.identify(model_of(task.cell), task.data, task.holdout, task.settings, parts[FINDING])
         parts[WRITING](0.0)
         identified = replace(identified, remarks=(*identified.remarks, *([task.remark] if task.remark else [])))
-        check_better(identified)
+        identified, outcome = judged(identified, separate=bool(task.holdout))
         date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-        entry = provenance(task, identified, date)
+        entry = provenance(task, identified, date, outcome)
         text = updated_text(task.cell, identified.changes, entry, folder)
-        result = result_of(task, identified, date)
+        result = result_of(task, identified, date, outcome)
         result["seconds"] = round(time.perf_counter() - begin, 3)
         _check_cell(text, folder, staging)
         atomic.write_text(staging / CELL, text)
@@ -203,37 +203,13 @@ def plain(result: Mapping[str, Any]) -> dict[str, Any]:
     return values
 
 
-def check_better(result: Identification) -> None:
-    """Refuse values that predict data not used worse than the values known before.
-
-    Raises:
-        ModelError: They do, or there is no such figure.
-    """
-    if not result.headline:
-        raise ModelError("the recipe gave no error on data not used", where=result.recipe)
-    first = result.headline[0]
-    if not math.isfinite(first.value):
-        raise ModelError("the error on data not used is not a number", where=result.recipe, value=first.value)
-    if first.nominal is not None and first.value > first.nominal:
-        lines = "; ".join(
-            f"{f.text}: {f.value:.4g}" + ("" if f.nominal is None else f", before {f.nominal:.4g}")
-            for f in result.headline
-        )
-        raise ModelError(
-            "the identified values predict data not used worse than the cell file does; nothing was written",
-            where=result.recipe,
-            value=f"{first.name} = {first.value:.4g}",
-            limit=f"at most {first.nominal:.4g} (with the values of the cell file)",
-            hint=f"{lines}. Measure more or better, or check units, signs and frames in the manifest",
-        )
-
-
-def provenance(task: Task, result: Identification, date: str) -> IdentifiedTable:
+def provenance(task: Task, result: Identification, date: str, outcome: Outcome = "better") -> IdentifiedTable:
     """The entry ``[[identified]]`` of the cell file."""
     head = result.headline[0]
     unit = unit_of_name(head.name)
     before = "" if head.nominal is None else f" ({head.nominal:.4g} before)"
     how = "a separate file" if task.holdout else "folds of the data"
+    said = "confirmed, " if outcome == "confirmed" else ""
     values = tuple(
         IdentifiedValue(name=row["name"], value=row["value"], sigma=row["sigma"], unit=row["unit"], seen=row["seen"])
         for fit in result.fits.values()
@@ -246,12 +222,12 @@ def provenance(task: Task, result: Identification, date: str) -> IdentifiedTable
         data=tuple(Path(d.where).name for d in task.data),
         data_sha256=tuple(d.fingerprint for d in task.data),
         counterflex=__version__,
-        holdout=f"{head.text}: {head.value:.4g} {unit}".rstrip() + f"{before}, on {how}",
+        holdout=f"{said}{head.text}: {head.value:.4g} {unit}".rstrip() + f"{before}, on {how}",
         values=values,
     )
 
 
-def result_of(task: Task, result: Identification, date: str) -> dict[str, Any]:
+def result_of(task: Task, result: Identification, date: str, outcome: Outcome = "better") -> dict[str, Any]:
     """Everything that was found, as plain values."""
     place = place_of(task, result)
 
@@ -276,6 +252,7 @@ def result_of(task: Task, result: Identification, date: str) -> dict[str, Any]:
     return {
         "recipe": task.recipe.name,
         "title": task.recipe.title,
+        "outcome": outcome,
         "date": date,
         "cell": task.cell.name,
         "cell_file": task.cell.path.name,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -64,7 +65,8 @@ def thermal(
     """Follow the thermal growth of spindle and arm through touches of one place between cuts.
 
     The spindle warms up towards a growth that rises with its speed, the arm drifts. Both are stated with their standard
-    deviation. Exit status 1 with an alert: growth or drift beyond the limit, or touches that were not foretold.
+    deviation. Exit status 1 with an alert: growth or drift beyond the limit, a place that jumped between two touches,
+    or touches that were not foretold. Such an alert stays until a new file begins.
 
     Example: `counterflex thermal touches.csv --limit-um 100 --out growth.json`
     """
@@ -92,7 +94,7 @@ def thermal(
                     f"{max(row['arm_sigma_um']):.1f}",
                     f"{row['total_um']:.1f}",
                     f"{row['total_sigma_um']:.1f}",
-                    "-" if row["surprise"] is None else f"{row['surprise']:.1f}" + ("" if row["holds"] else " !"),
+                    "-" if row["surprise"] is None else f"{row['surprise']:.1f}" + _mark(row),
                 ]
                 for row in summary["touches"]
             ],
@@ -108,3 +110,9 @@ def thermal(
             typer.echo(f"wrote {out}")
     if summary["alerts"]:
         raise typer.Exit(1)
+
+
+def _mark(row: Mapping[str, Any]) -> str:
+    if row["jump_um"] > 0.0:
+        return f" jump of {row['jump_um']:.0f}" + ("?" if row["holds"] else "")
+    return "" if row["holds"] else " !"

@@ -33,6 +33,7 @@ class ArmPriors:
     Attributes:
         length_m: Of each displacement.
         angle_rad: Of each rotation.
+        zero_rad: Of each zero of an axis (the rotation about it); None is that of the rotations.
         mass: Of each mass, relative.
         periodic_rad: Of each amplitude of a drive's periodic error.
         sag_rad: Of each product of a compliance and a weight's first moment, where masses are not known. Arms of all
@@ -44,12 +45,18 @@ class ArmPriors:
     mass: float = 0.1
     periodic_rad: float = 0.3 * MRAD
     sag_rad: float = 1.0 * MRAD
+    zero_rad: float | None = None
 
     def __post_init__(self) -> None:
         """Check that all are above zero."""
-        for name in ("length_m", "angle_rad", "mass", "periodic_rad", "sag_rad"):
+        for name in ("length_m", "angle_rad", "mass", "periodic_rad", "sag_rad", "of_zero"):
             if not getattr(self, name) > 0.0:
                 raise InputError("a prior standard deviation must be above zero", where=name, value=getattr(self, name))
+
+    @property
+    def of_zero(self) -> float:
+        """Standard deviation of the zero of an axis, rad."""
+        return self.angle_rad if self.zero_rad is None else self.zero_rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +204,7 @@ def arm_model(
                     name=f"{name}.d{component}",
                     unit="m" if c < 3 else "rad",
                     nominal=float(before[c]),
-                    prior_sigma=priors.length_m if c < 3 else priors.angle_rad,
+                    prior_sigma=(*(priors.length_m,) * 3, *(priors.angle_rad,) * 2, priors.of_zero)[c],
                     lower=-largest,
                     upper=largest,
                     label=f"displacement after {name}, {component}",

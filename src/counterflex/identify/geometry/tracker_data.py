@@ -182,7 +182,8 @@ def check_tracker_data(
                 where=d.where or d.name,
                 value=f"median error {residual_m / MM:.4g} mm",
                 limit=f"{2.0 * ROBOT_M / MM:g} mm",
-                hint="Check robot, order and signs of the joint angles, units and columns; or add --set as_stated=true",
+                hint="Check robot, order and signs of the joint angles, units and columns; or, where the zeros of the "
+                "axes are off by that much, add --set as_stated=true",
             )
     return remarks
 

@@ -8,7 +8,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from counterflex.core.arrays import Int
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.core.units import MM
@@ -19,12 +19,15 @@ from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics.setup import Setup, used_places
 from counterflex.identify.recipe import Figure
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, position_error, score_separate
+from counterflex.identify.solver.holdout import Folds, HeldOut, Local, cross_validate, position_error, score_separate
+from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import Stop
 
 _NO_WEIGHT = 1e-10
 _ENOUGH: Final = 8
 """Fewest poses of a part whose frames are found from itself."""
+_SPREAD_M: Final = 20.0 * MM
+"""Root mean square distance of positions from a line from which they place a tracker."""
 _REGIONS: Final = 5
 """Regions of the joint space that are held out one after the other."""
 
@@ -35,6 +38,36 @@ def _weighted(setup: Setup, fit: Fit) -> list[Any]:
         replace(cast(Any, b), sigma=b.sigma / np.sqrt(np.maximum(w, _NO_WEIGHT))[:, None])
         for b, w in zip(setup.blocks, fit.weights, strict=True)
     ]
+
+
+def placed(setup: Setup, unseen: Sequence[Residuals], names: Sequence[str]) -> Local:
+    """Frames that only held-out data have, with the residuals that place them.
+
+    A tracker is placed by the positions of its target where these span a plane: it is positions that are judged, and a
+    tracker turned after orientations moves them by the error of the arm's orientation times the distance.
+
+    Args:
+        setup: Of the fit.
+        unseen: Held-out residuals.
+        names: Of the parameters of their frames.
+    """
+    places = {setup.parameters.index(name) for name in names}
+    blocks: list[Residuals] = []
+    for block in unseen:
+        if isinstance(block, TrackerResiduals) and block.R is not None and _spans_a_plane(block.p):
+            tracker = {int(i) for i in block.tracker.index if i >= 0}
+            target = {int(i) for i in block.target.index if i >= 0}
+            if tracker <= places and not target & places:
+                block = replace(block, R=None, sigma=block.sigma[:, :3])
+        blocks.append(block)
+    return Local(tuple(names), tuple(blocks))
+
+
+def _spans_a_plane(p: Float) -> bool:
+    if len(p) < _ENOUGH:
+        return False
+    s = np.linalg.svd(p - p.mean(axis=0), compute_uv=False) / np.sqrt(len(p))
+    return bool(s[1] > _SPREAD_M)
 
 
 def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, progress: Progress = silent) -> HeldOut:
@@ -49,8 +82,8 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, pro
     """
     if holdout:
         return score_separate(
-            setup.parameters, setup.blocks, setup.unseen, needed=setup.needed, local=setup.local,
-            error=position_error, start=fit.values, progress=progress,
+            setup.parameters, setup.blocks, setup.unseen, needed=setup.needed,
+            local=placed(setup, setup.unseen, setup.local), error=position_error, start=fit.values, progress=progress,
         )  # fmt: skip
     scored = [i for i, b in enumerate(setup.blocks) if isinstance(b, TrackerResiduals)]
     judged = scored or [i for i, b in enumerate(setup.blocks) if b.components[0] in ("distance m", "height m")]
@@ -155,7 +188,8 @@ def _refitted_errors(
         if local and count < _ENOUGH:
             raise InputError("too few poses to identify separate frames and evaluate them", value=count, limit=_ENOUGH)
         one = score_separate(
-            setup.parameters, [b for b in rest if len(b.group)], unseen, local=local, error=position_error,
+            setup.parameters, [b for b in rest if len(b.group)], unseen, local=placed(setup, unseen, local),
+            error=position_error,
             needed=[n for n in setup.needed if n not in local], start=fit.values, robust=False,
             stop=Stop(tolerance=1e-6),
             progress=share_of(progress, part / len(own), (part + 1) / len(own), f"held out {part + 1} of {len(own)}"),

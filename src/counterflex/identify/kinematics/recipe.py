@@ -29,6 +29,8 @@ from counterflex.identify.kinematics.approach_sense import as_play, play_remarks
 from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
 from counterflex.identify.kinematics.held_out import held_out, region_errors
 from counterflex.identify.kinematics.periodic_errors import GAIN, Harmonics, choose_harmonics
+from counterflex.identify.kinematics.prior_evidence import OPTIONS as PRIORS
+from counterflex.identify.kinematics.prior_evidence import widened
 from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.report import figures, headline, pictures, remarks
 from counterflex.identify.kinematics.setup import (
@@ -77,9 +79,7 @@ def identify(inputs: Inputs) -> Identification:
     parts = in_parts(progress, WORK)
     prepared = with_approach([*data, *holdout], str(options["play"]))
     data, holdout = prepared[: len(data)], prepared[len(data) :]
-    if options["frames"] not in ("free", "known"):
-        raise InputError("unknown setting", where="frames", value=options["frames"], limit="free or known")
-    known = known_frames(cell) if options["frames"] == "known" else None
+    known = known_frames(cell) if _option(options, "frames", ("free", "known")) == "known" else None
     notes = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
     if known_drive_errors(cell).sag is not None:
         notes += (
@@ -94,33 +94,34 @@ def identify(inputs: Inputs) -> Identification:
     everything = [*data, *holdout]
     notes += _check_offsets(setup, everything, setup.parameters.nominal, options, least_m=ROBOT_M)
     fit = solve(setup.parameters.with_fixed(setup.local), setup.blocks, progress=parts[GEOMETRY])
+    chosen = widened(
+        priors,
+        setup,
+        fit,
+        lambda p: set_up(
+            cell, model_of_data(cell, everything, p, sag, tied=known is not None), data, holdout, known=known
+        ),
+        _option(options, "priors", PRIORS),
+    )
+    priors, setup, fit, model = chosen.priors, chosen.setup, chosen.fit, chosen.setup.model
+    notes += chosen.remarks
     parts[GEOMETRY](1.0)
+    folds = int(options["folds"])
     if _tries_axes(cell, options):
-        setup, fit, more_notes = with_turns(cell, setup, fit, data, holdout, options, known)
+        setup, fit, more_notes = with_turns(cell, setup, fit, data, holdout, priors, folds, known)
         model, notes = setup.model, notes + more_notes
     if options["play"] != "off":
-        setup, fit, more_notes = with_lost(cell, setup, fit, data, holdout, int(options["folds"]), known)
+        setup, fit, more_notes = with_lost(cell, setup, fit, data, holdout, folds, known)
         model, notes = setup.model, notes + more_notes
     parts[SAG](1.0)
-    orders = _harmonics(str(options["periodic"]), setup, fit, priors, share_of(parts[PERIODIC], 0.0, 0.7))
-    errors: HeldOut | None = None
-    if orders:
-        for axis, k in orders.items():
-            model = model.with_periodic(k, [axis], priors.periodic_rad)
-        wider = set_up(cell, model, data, holdout, known=known)
-        more = refitted(setup, fit, wider)
-        if holdout and options["periodic"] == "auto":
-            without = held_out(setup, holdout, int(options["folds"]), fit)
-            errors = held_out(wider, holdout, int(options["folds"]), more)
-            if errors.mean()[0] > (1.0 - GAIN) * without.mean()[0]:
-                notes += (_rejected(orders, errors, without),)
-                orders, errors = {}, without
-        if orders:
-            setup, fit = wider, more
+    setup, fit, orders, errors, more_notes = _with_periodic(
+        cell, setup, fit, inputs._replace(data=data, holdout=holdout), priors, known, parts[PERIODIC]
+    )
+    notes += more_notes
     notes += _check_offsets(setup, everything, fit.values, options)
     fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))
     parts[PERIODIC](1.0)
-    errors = held_out(setup, holdout, int(options["folds"]), fit, parts[HELD_OUT]) if errors is None else errors
+    errors = held_out(setup, holdout, folds, fit, parts[HELD_OUT]) if errors is None else errors
     parts[HELD_OUT](1.0)
     by_region, not_by_region = ((), ()) if holdout else region_errors(setup, fit, parts[BY_REGION])
     plays = _plays(setup, fit)
@@ -133,6 +134,12 @@ def identify(inputs: Inputs) -> Identification:
         remarks=(*notes, *play_remarks(plays), *not_by_region, *remarks(setup, fit, errors, orders)),
         pictures=pictures(setup, fit, errors),
     )
+
+
+def _option(options: Mapping[str, Any], key: str, allowed: Sequence[str]) -> str:
+    if options[key] not in allowed:
+        raise InputError("unknown setting", where=key, value=options[key], limit=" or ".join(allowed))
+    return str(options[key])
 
 
 def _tries_axes(cell: CellModel, options: Mapping[str, Any]) -> bool:
@@ -198,6 +205,34 @@ def _not_turning(d: Dataset, tool: str, known: bool) -> str:
         f"{d.name} turns the tool about one axis only: the offset of the {whose} along it cannot be separated from "
         f"the position of the tracker and was set to zero."
     )
+
+
+def _with_periodic(
+    cell: CellModel,
+    setup: Setup,
+    fit: Fit,
+    inputs: Inputs,
+    priors: ArmPriors,
+    known: KnownFrames | None,
+    progress: Progress,
+) -> tuple[Setup, Fit, Harmonics, HeldOut | None, tuple[str, ...]]:
+    """The fit with periodic errors of the drives that lower the error of held-out poses, else as given."""
+    options, holdout = inputs.settings, inputs.holdout
+    orders = _harmonics(str(options["periodic"]), setup, fit, priors, share_of(progress, 0.0, 0.7))
+    if not orders:
+        return setup, fit, {}, None, ()
+    model = setup.model
+    for axis, k in orders.items():
+        model = model.with_periodic(k, [axis], priors.periodic_rad)
+    wider = set_up(cell, model, inputs.data, holdout, known=known)
+    more = refitted(setup, fit, wider)
+    if not (holdout and options["periodic"] == "auto"):
+        return wider, more, orders, None, ()
+    without = held_out(setup, holdout, int(options["folds"]), fit)
+    errors = held_out(wider, holdout, int(options["folds"]), more)
+    if errors.mean()[0] > (1.0 - GAIN) * without.mean()[0]:
+        return setup, fit, {}, without, (_rejected(orders, errors, without),)
+    return wider, more, orders, errors, ()
 
 
 def _harmonics(requested: str, setup: Setup, fit: Fit, priors: ArmPriors, progress: Progress) -> Harmonics:
@@ -279,6 +314,7 @@ RECIPE: Final = Recipe(
         "periodic": "auto",
         "play": "off",
         "frames": "free",
+        "priors": "evidence",
         "length_sigma_mm": 0.5,
         "angle_sigma_mrad": 0.5,
         "mass_sigma": 0.1,

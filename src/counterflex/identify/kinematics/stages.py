@@ -64,7 +64,8 @@ def with_turns(
     fit: Fit,
     data: Sequence[Dataset],
     holdout: Sequence[Dataset],
-    options: Mapping[str, Any],
+    priors: ArmPriors,
+    folds: int,
     known: KnownFrames | None,
 ) -> tuple[Setup, Fit, tuple[str, ...]]:
     """The fit with turns of axes 2 and 3 by own weight where folds of the data are predicted better, else as given.
@@ -75,20 +76,20 @@ def with_turns(
         fit: Of its blocks.
         data: Fitted datasets.
         holdout: Datasets that only judge.
-        options: Settings of the recipe.
+        priors: Standard deviations.
+        folds: How many.
         known: Tracker and target where they are known.
 
     Returns:
         Setup, fit, and what is said.
     """
-    model = model_of_data(cell, [*data, *holdout], priors_of(options), "axes", tied=known is not None)
+    model = model_of_data(cell, [*data, *holdout], priors, "axes", tied=known is not None)
     wider = set_up(cell, model, data, holdout, known=known)
     try:
         check_enough(wider.parameters, wider.blocks)
     except InputError:
         return setup, fit, ("Too few poses to find what own weight turns axes 2 and 3 by; measure more of them.",)
     more = refitted(setup, fit, wider)
-    folds = int(options["folds"])
     without, with_error = held_out(setup, (), folds, fit).mean()[0], held_out(wider, (), folds, more).mean()[0]
     compared = f"the mean error of poses held out is {with_error / MM:.3g} mm with and {without / MM:.3g} mm without"
     if with_error > (1.0 - GAIN) * without:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -48,6 +48,18 @@ class Folds:
 
 
 DEALT: Final = Folds()
+
+
+class Local(NamedTuple):
+    """Parameters that only a separate file has.
+
+    Attributes:
+        names: Their names.
+        blocks: Residuals that they are fitted to; empty is the file's own.
+    """
+
+    names: Collection[str] = ()
+    blocks: Sequence[Residuals] = ()
 
 
 def row_error(block: Residuals, x: Float) -> Float:
@@ -211,7 +223,7 @@ def score_separate(
     unseen: Sequence[Residuals],
     *,
     needed: Collection[str] = (),
-    local: Collection[str] = (),
+    local: Collection[str] | Local = (),
     error: RowError = row_error,
     robust: bool = True,
     start: Float | None = None,
@@ -226,7 +238,7 @@ def score_separate(
         unseen: Measurements to predict.
         needed: Names of parameters that any use has to find first: fitted to ``blocks`` for the nominal error as well.
         local: Names of parameters that are found anew for the separate file (the tracker stood elsewhere that day):
-            fitted to ``unseen``, all others held, for both errors.
+            fitted to ``unseen``, or the blocks named there, all others held, for both errors.
         error: Error of the rows of a block at given values.
         robust: As for the solver.
         start: (p,) SI to start the fit from; None is nominal.
@@ -241,13 +253,15 @@ def score_separate(
     """
     if sum(len(b.group) for b in unseen) == 0:
         raise InputError("the separate file contains nothing to predict")
-    for name in local:
+    own = local if isinstance(local, Local) else Local(local)
+    for name in own.names:
         parameters.index(name)
     fit, nominal = _fit_both(parameters, blocks, needed, robust, start, stop, progress)
     values, before = fit.values, nominal
-    if local:
-        values = _with_local(parameters, values, local, unseen, robust, stop)
-        before = _with_local(parameters, before, local, unseen, robust, stop)
+    if own.names:
+        placing = own.blocks or unseen
+        values = _with_local(parameters, values, own.names, placing, robust, stop)
+        before = _with_local(parameters, before, own.names, placing, robust, stop)
     pieces = [
         (i, np.arange(len(b.group), dtype=np.int64), 0, error(b, before), error(b, values))
         for i, b in enumerate(unseen)

@@ -28,12 +28,12 @@ from counterflex.app.proof import evaluate, simulate
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.logs.segments import read_log
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import write_summary
-from counterflex.runtime.record_ring import COLUMNS
+from counterflex.runtime.record_ring import COLUMNS, column
 from counterflex.twin.truth.family import WIDE, Family
 from counterflex.validation.reproduce import closed_loop, holder_case
 from counterflex.validation.reproduce.holder_case import WAYS
@@ -201,18 +201,17 @@ def force_errors(log: Path, part: Path) -> dict[str, Any]:
         median standard deviation that the loop stated, holder axes; ``peak_n``: largest true force by direction.
     """
     rows, _, _ = read_log(log)
-    named = dict(zip(COLUMNS, rows.T, strict=True))
     true, _ = read_run(part / simulate.RUN)
-    cycle = np.round((named["counter_ms"] - named["counter_ms"][0]) / 4.0).astype(np.int64)
-    ok = cycle < len(true.time_s)
-    shown: Float = np.full_like(true.force_part, np.nan)
-    shown[cycle[ok]] = np.stack([named[f"wrench_f{a}"] for a in "xyz"], axis=1)[ok]
+    shown, stated_by_cycle = by_cycle(rows, len(true.time_s))
     cut = np.flatnonzero(np.linalg.norm(true.force_part, axis=1) > 5.0)
+    if not len(cut) or not np.any(np.isfinite(shown)):
+        raise ModelError("the run has no force to compare", where=str(log), value=f"{len(rows)} cycles, {len(cut)} cut")
     first, last = max(0, cut[0] - _AROUND), min(len(shown), cut[-1] + _AROUND)
     mean = np.ones(_MEAN) / _MEAN
     error = np.stack([np.convolve((shown - true.force_part)[first:last, i], mean, "valid") for i in range(3)], axis=1)
     error = error[np.all(np.isfinite(error), axis=1)]
-    stated = np.stack([named[f"sensor_m{a}"] for a in "xyz"], axis=1)[ok][first:last]
+    stated = stated_by_cycle[first:last]
+    stated = stated[np.all(np.isfinite(stated), axis=1)]
     peak = [np.max(np.abs(np.convolve(true.force_part[first:last, i], mean, "valid"))) for i in range(3)]
     return {
         "half_width_n": [round(float(v), 2) for v in holder_case.half_widths(error)],
@@ -221,6 +220,32 @@ def force_errors(log: Path, part: Path) -> dict[str, Any]:
         "stated_n": [round(float(v), 2) for v in np.median(stated, axis=0)],
         "peak_n": [round(float(v), 2) for v in peak],
     }
+
+
+def by_cycle(rows: Float, count: int) -> tuple[Float, Float]:
+    """Force and its stated standard deviation by the controller's cycle, NaN in cycles of which no telegram came.
+
+    A cycle in which the loop waited has no counter of the controller (-1 before the first telegram, the last one
+    afterwards): only rows with a telegram count.
+
+    Args:
+        rows: (n, WIDTH) of the run log.
+        count: Cycles of the simulated cell, the first telegram's is 0.
+
+    Returns:
+        (count, 3) and (count, 3) N.
+    """
+    rows = rows[rows[:, column("elapsed")] > 0]
+    named = dict(zip(COLUMNS, rows.T, strict=True))
+    out: list[Float] = []
+    for prefix in ("wrench_f", "sensor_m"):
+        by: Float = np.full((count, 3), np.nan)
+        if len(rows):
+            cycle = np.round((named["counter_ms"] - named["counter_ms"][0]) / 4.0).astype(np.int64)
+            ok = (cycle >= 0) & (cycle < count)
+            by[cycle[ok]] = np.stack([named[f"{prefix}{a}"] for a in "xyz"], axis=1)[ok]
+        out.append(by)
+    return out[0], out[1]
 
 
 def acted(way: str, figures: Mapping[str, Any]) -> bool:
