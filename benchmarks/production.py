@@ -8,7 +8,8 @@ truth has ploughing and exponents that the law of the cell has not; compared is 
 
 Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/production.py --seeds 1001 1005 --family wide --out out/production``; it
 goes on where it was. ``--show`` prints the rows of ``--out``; ``--drawn`` counts intervals over ``--seeds`` on runs in
-memory in which all that the standard deviations stand for is drawn; ``--quick`` is one seed of a short program.
+memory in which all that the standard deviations stand for is drawn; ``--series`` shows growth and events of drawn
+series of ten runs; ``--quick`` is one seed of a short program.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ from counterflex.files.plan_file import read_plan
 from counterflex.identify.cutting.considered import ALIGNMENT_RAD, CROSS_TALK, SCALE
 from counterflex.identify.production.alignment import aligned
 from counterflex.identify.production.constants import find, reference_m
+from counterflex.identify.production.drift import drift
+from counterflex.identify.production.factor import RunFactor
 from counterflex.identify.production.planned import PlannedCut, RunRecord, force_of
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import stretches_of
@@ -51,6 +54,8 @@ CELL: Final = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
 RSI: Final = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"
 WORN: Final = 1.2
 """Force of the second run over that of the first."""
+LOST: Final = (2.0 - 2.0**0.75) / 3.0
+"""Share of the force that is lost with one tooth of three."""
 INSIDE: Final = 1.645
 """Standard deviations of a 90 % interval."""
 HEAD: Final = "G17 G54 G40 G49 G80 G90\nG21\nM6 T1\nG43 H1\nM3 S13000\nG0 Z60\n"
@@ -198,6 +203,50 @@ def show_drawn(first: int, last: int) -> None:
         )
 
 
+def lives() -> dict[str, tuple[np.ndarray, str]]:
+    """Force of ten runs by what happens to the tool, and the kind of event that there is."""
+    run = np.arange(10.0)
+    out = {
+        f"jump of {100 * v:.0f} % at the sixth run": (1.0 + v * (run >= 5), "chipped edge") for v in (0.15, 0.25, 0.35)
+    }
+    out |= {
+        "no change": (np.ones(10), ""),
+        "2 % a run": (1.0 + 0.02 * run, ""),
+        "break-in, 15 %": (1.0 + 0.15 * (1.0 - np.exp(-run / 1.5)) + 0.005 * run, ""),
+        "accelerating, 35 %": (1.0 + 0.35 * (run / 9.0) ** 3, ""),
+        "accelerating from the seventh run": (1.0 + 0.01 * run + 0.1 * np.maximum(0.0, run - 6.0), ""),
+        "new edge after 18 %": (np.where(run < 6, 1.0 + 0.03 * run, 1.0 + 0.03 * (run - 6.0)), "new edge"),
+        "one tooth of three lost": (np.where(run < 5, 1.0, 1.0 - LOST), "lost tooth"),
+        "softer material, 18 %": (np.where(run < 5, 1.0, 0.82), "other material"),
+        "harder blanks, 20 %, three runs": (1.0 + 0.2 * ((run >= 3) & (run < 6)), "passing change"),
+    }
+    return out
+
+
+def show_series(first: int, last: int) -> None:
+    """Growth and events of series of ten runs, by scatter of the runs beside 1 % of their own."""
+    print(f"{'ten runs':34}scatter %  growth off by % (median, worst)  in 90 %  event found  another, or false")
+    for name, (expected, kind) in lives().items():
+        for scatter in (0.005, 0.01, 0.02):
+            off, inside, right, false = [], 0, 0, 0
+            for seed in range(first, last + 1):
+                s = expected + np.random.default_rng(seed).normal(0.0, scatter, len(expected))
+                found = drift([RunFactor(float(v), 0.01) for v in s], np.ones(10), np.zeros(10, dtype=np.bool_), LOST)
+                edge = int(np.argmax(found.edge == found.edge[-1])) if kind == "new edge" else 0
+                rises = expected[-1] >= expected[edge] or kind == ""
+                true = expected[-1] / expected[edge] - 1.0 if rises else 0.0
+                off.append(100.0 * abs(found.grown - true))
+                inside += found.grown_low <= true <= found.grown_high
+                kinds = [e.kind.value for e in found.events]
+                right += kinds == [kind]
+                false += bool(kinds) and kinds != [kind]
+            n = len(off)
+            print(
+                f"{name:34}{100.0 * scatter:9.1f}  {np.median(off):16.1f}, {max(off):5.1f}"
+                f"{f'{inside} of {n}':>19}{f'{right} of {n}' if kind else '-':>13}{f'{false} of {n}':>19}"
+            )
+
+
 def show(rows: list[dict[str, Any]]) -> None:
     """Every row, then median and worst, and how often 90 % intervals hold."""
     print("family seed   kc (before)  kr (before)  ka (before) %  held out (before) %  growth +- sigma %  inside")
@@ -234,11 +283,16 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/production"))
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--drawn", action="store_true", help="intervals on drawn runs in memory, without the twin")
+    parser.add_argument("--series", action="store_true", help="growth and events of drawn series of ten runs")
     parser.add_argument("--short", action="store_true", help="seed 1 of mild, one slot and one side cut")
     parser.add_argument("--quick", action="store_true", help="a smoke run: intervals on two drawn runs")
     options = parser.parse_args()
     if options.quick:
         show_drawn(1, 2)
+        show_series(1, 1)
+        return
+    if options.series:
+        show_series(*options.seeds)
         return
     if options.short:
         with tempfile.TemporaryDirectory() as scratch:

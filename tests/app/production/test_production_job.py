@@ -102,6 +102,20 @@ def test_growth_and_a_new_edge_and_a_history(shop: Shop, tmp_path: Path) -> None
     assert again["wear"] == "within"
 
 
+def test_a_jump_of_the_force_is_named_with_its_size(shop: Shop, tmp_path: Path) -> None:
+    """Eight runs, 35 % more force from the fifth on: no new edge, and the growth is that of the force."""
+    runs = life(shop, tmp_path, [1.0] * 4 + [1.35] * 4)
+    result = run(runs, CELL, [shop.plan], tmp_path / "out")
+    assert all(row["new_edge"] == "" for row in result["runs"])
+    (event,) = result["drift"]["events"]
+    assert event["run"] == "run-5"
+    assert event["size_percent"] == pytest.approx(35.0, abs=3.0)
+    figures = {f["name"]: f["value"] for f in result["figures"]}
+    assert figures["grown_percent"] == pytest.approx(35.0, abs=3.0)
+    assert result["wear"] in ("at", "beyond")
+    assert any("rises by" in remark and "run-5" in remark for remark in result["remarks"])
+
+
 def test_without_wear_none_is_seen_and_stated_constants_stand(shop: Shop, tmp_path: Path) -> None:
     stated = read_cell(CELL).force_law.terms()
     runs = [

@@ -30,6 +30,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM, MS, UM
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.monitor import feed_exponent
 from counterflex.files.cell.update import new_file
 from counterflex.files.identification_file import write_identification
 from counterflex.files.plan_file import read_plan
@@ -38,10 +39,12 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.production import TITLE
 from counterflex.identify.production.alignment import aligned
 from counterflex.identify.production.constants import Estimate, find, reference_m
-from counterflex.identify.production.drift import Drift, RunFactor, drift, run_factor
+from counterflex.identify.production.drift import Drift, drift
+from counterflex.identify.production.factor import RunFactor, run_factor
 from counterflex.identify.production.planned import PlannedCut
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import Choice, joined, stretches_of
+from counterflex.runtime.monitoring.plan import lost_tooth
 
 RESULT, REPORT = "result.json", "report.html"
 NAME: Final = "production"
@@ -254,7 +257,7 @@ def _taken(
 def _estimated(
     runs: Sequence[KeptRun], model: CellModel, cell: Cell, tool: int, options: Mapping[str, Any], progress: Progress
 ) -> tuple[Estimate, list[RunFactor], Drift]:
-    """Constants as in the first run, the factor of each run, the drift; a significant drift is out of the constants."""
+    """Constants as in the first run, the factor of each run, the drift; significant changes are out of the constants."""
     every = joined([kept.stretches for kept in runs])
     number: Int = np.repeat(np.arange(len(runs)), [len(kept.stretches) for kept in runs])
     geometry = geometry_of(every, number, float(options["top_sigma_m"]))
@@ -279,10 +282,10 @@ def _estimated(
         )
         progress(0.5 * (turn + 1), "constants")
         factors = [run_factor(block.subset(number == r), estimate.fit.values) for r in range(len(runs))]
-        grown = drift(factors, length, is_new)
+        exponent = feed_exponent(model.force_law, block.h_ref_m)
+        lost = float(lost_tooth(np.array([cutter.flutes]), exponent)[0]) if cutter.flutes > 1 else 0.0
+        grown = drift(factors, length, is_new, lost)
         if not grown.is_significant or turn:
             break
-        later = (grown.before_m - grown.before_m[0])[number]
-        growth = grown.at(grown.before_m)[number] / float(grown.at(grown.before_m[:1])[0])
-        growth_sigma = later * grown.slope_sigma
+        growth, growth_sigma = grown.force[number], grown.force_sigma[number]
     return estimate, factors, grown

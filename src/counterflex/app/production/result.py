@@ -22,9 +22,13 @@ from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, constant
 from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production.constants import SIGNIFICANT, Estimate
-from counterflex.identify.production.drift import LEVEL, Drift, RunFactor
+from counterflex.identify.production.drift import LEVEL, Drift, Named
+from counterflex.identify.production.factor import RunFactor
+from counterflex.identify.production.hypotheses import Kind
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture
 
+SURE = 0.67
+"""Probability from which on a new edge counts as seen."""
 LIMIT = 5.0
 """Error of the mean force on runs not used that is aimed at, %."""
 
@@ -135,11 +139,12 @@ def _figures(p: Produced) -> tuple[Figure, ...]:
     out.append(Figure("chance", "probability of such a difference from what is stated", estimate.difference.chance))
     if grown.is_known:
         out += [
-            Figure("wear_percent_per_m", "growth of the force per length of cut", 100.0 * grown.slope),
+            Figure("wear_percent_per_m", "growth of the force per length of cut, at the last run", 100.0 * grown.slope),
             Figure("wear_low_percent_per_m", f"lower end of its {100 * LEVEL:g} % interval", 100.0 * grown.low),
             Figure("wear_high_percent_per_m", f"upper end of its {100 * LEVEL:g} % interval", 100.0 * grown.high),
             Figure(
-                "grown_percent", "growth of the force of the present edge", 100.0 * grown.grown, None,
+                "grown_percent", "growth of the force since the first run of the present edge",
+                100.0 * grown.grown, None,
                 100.0 * float(p.options["wear_limit"]),
             ),
             Figure("grown_low_percent", f"lower end of its {100 * LEVEL:g} % interval", 100.0 * grown.grown_low),
@@ -188,32 +193,55 @@ def _remarks(p: Produced) -> list[str]:
     return out
 
 
+_SAID = {
+    Kind.NEW_EDGE: "a new edge",
+    Kind.CHIPPED: "a chipped edge",
+    Kind.LOST_TOOTH: "a lost tooth",
+    Kind.MATERIAL: "another material or blank from there on",
+    Kind.PASSING: "another material or blank for these runs alone",
+}
+
+
+def _event_remark(p: Produced, event: Named) -> str:
+    """Sentence on an event: where, how large, what it may be, and what follows."""
+    run = p.runs[event.at].facts["run"]
+    first = f"The force {'rises' if event.size > 0.0 else 'falls'} by {abs(100.0 * event.size):.1f} % at {run}"
+    if event.until:
+        first += f" and comes back at {p.runs[event.until].facts['run']}"
+    may = ", ".join(f"{_SAID[kind]} {100.0 * share:.0f} %" for kind, share in event.kinds if share > 0.02)
+    odds = f"{event.odds:.2g}" if event.odds < 1e6 else "1e6 and more"
+    then = ""
+    if event.kind is Kind.NEW_EDGE:
+        then = "; the growth is counted anew from there on. State it with --set new_tool=true"
+    elif event.size > 0.0 and not event.until:
+        then = "; it is counted as growth of the present edge. Look at the edge"
+    elif event.kind is Kind.LOST_TOOTH:
+        then = "; look at the tool"
+    elif not event.until:
+        then = "; it is not counted as growth. Look at the tool: the force alone does not tell these apart"
+    return f"{first} (odds against none {odds} to 1): {may}{then}"
+
+
 def _drift_remarks(p: Produced, grown: Drift) -> list[str]:
     limit = float(p.options["wear_limit"])
-    out = [
-        f"The force falls before {p.runs[k].facts['run']} by more than its line: a new edge is assumed from there on; "
-        "state it with --set new_tool=true"
-        for k in grown.seen
-    ]
+    out = [_event_remark(p, event) for event in grown.events]
     if not grown.is_known:
         return [*out, "Wear is not known: it takes two runs or more of one edge"]
-    word = wear_word(p)
     size = f"{100 * grown.grown:.1f} % ({100 * grown.grown_low:.1f} to {100 * grown.grown_high:.1f})"
+    since = f"the force of the present edge has grown by {size} since its first run"
+    word = wear_word(p)
     if word == "beyond":
-        out.append(f"Worn: the force of the present edge has grown by {size}, beyond the limit of {100 * limit:g} %")
+        out.append(f"Worn: {since}, beyond the limit of {100 * limit:g} %")
     elif word == "at":
-        out.append(
-            f"The force of the present edge may have grown beyond the limit of {100 * limit:g} %: {size}; more runs "
-            "narrow it"
-        )
+        out.append(f"Perhaps worn: {since}, and the limit is {100 * limit:g} %; more runs narrow it")
     else:
-        out.append(f"The force of the present edge has grown by {size}, within the limit of {100 * limit:g} %")
-    if grown.is_significant and grown.slope > 0.0:
+        out.append(f"{since[0].upper()}{since[1:]}, within the limit of {100 * limit:g} %")
+    if grown.is_significant and grown.slope > 0.0 and word != "beyond":
         ends = [grown.length_to(limit, which) for which in ("early", "middle", "late")]
         late = "never" if math.isinf(ends[2]) else f"{ends[2]:.1f}"
         out.append(
-            f"The limit is reached after {ends[1]:.1f} m of cut with an edge ({ends[0]:.1f} to {late} m), if the force "
-            "goes on growing in a straight line"
+            f"The limit is reached after {ends[1]:.1f} m of cut more ({ends[0]:.1f} to {late} m), if the force goes on "
+            f"growing as at the last run ({grown.shape}, probability {grown.shape_probability:.2f})"
         )
     return out
 
@@ -229,10 +257,10 @@ def _pictures(p: Produced) -> tuple[Picture, ...]:
         for sign, name in ((2.0, "+"), (-2.0, "-")):
             curves.append(Curve(f"edge {e + 1} {name} 2 standard deviations", x, s[mine] + sign * sigma[mine]))
         if grown.is_known:
-            line = np.array([0.0, float(x.max())])
-            curves.append(Curve(f"edge {e + 1}, line", line, grown.level[e] * grown.at(line), line=True))
+            curves.append(Curve(f"edge {e + 1}, expected", x, grown.expected[mine], line=True))
     limit = np.array([0.0, float(np.max(grown.before_m))])
-    worn = float(grown.level[-1]) * (1.0 + float(p.options["wear_limit"]))
+    first = int(np.argmax(grown.edge == grown.edge[-1]))
+    worn = float(grown.expected[first]) * (1.0 + float(p.options["wear_limit"]))
     curves.append(Curve("limit of wear", limit, np.full(2, worn), line=True))
     block, fit = p.estimate.block, p.estimate.fit
     rest = fit.residuals[0] * block.sigma / np.linalg.norm(block.pieces.force, axis=1, keepdims=True)
@@ -249,9 +277,17 @@ def _pictures(p: Produced) -> tuple[Picture, ...]:
     )  # fmt: skip
 
 
+def new_edge_word(probability: float, stated: bool) -> str:
+    """How a run came to be the first of an edge: ``stated``, ``seen``, ``perhaps``; empty where it is not."""
+    if stated:
+        return "stated"
+    return "seen" if probability > SURE else "perhaps" if probability > 0.0 else ""
+
+
 def run_rows(p: Produced) -> list[dict[str, Any]]:
     """The table over runs: length, volume, factor with its standard deviation, delay."""
     rows = []
+    events = {e.at: f"{100.0 * e.size:+.1f} % {e.kind.value}" for e in p.drift.events}
     total = volume = 0.0
     for i, kept in enumerate(p.runs):
         if i and p.drift.edge[i] != p.drift.edge[i - 1]:
@@ -268,7 +304,8 @@ def run_rows(p: Produced) -> list[dict[str, Any]]:
                 "factor_sigma": round(p.factors[i].sigma, 5),
                 "delay_ms": kept.facts.get("delay_ms"),
                 "delay_sigma_ms": kept.facts.get("delay_sigma_ms"),
-                "new_edge": "seen" if i in p.drift.seen else "stated" if kept.facts["new_tool"] else "",
+                "new_edge": new_edge_word(p.drift.seen.get(i, 0.0), bool(kept.facts["new_tool"])),
+                "event": events.get(i, ""),
             }
         )
     return rows
@@ -327,8 +364,20 @@ def result_of(p: Produced, identification: Identification, date: str) -> dict[st
             "known": grown.is_known,
             "significant": grown.is_significant,
             "scatter": round(grown.scatter, 5),
-            "levels": [round(float(v), 5) for v in grown.level],
+            "shape": grown.shape,
+            "shape_probability": round(grown.shape_probability, 4),
+            "expected": [round(float(v), 5) for v in grown.expected],
             "level_percent": 100.0 * LEVEL,
+            "events": [
+                {
+                    "run": p.runs[e.at].facts["run"],
+                    "until": p.runs[e.until].facts["run"] if e.until else None,
+                    "size_percent": round(100.0 * e.size, 2),
+                    "odds": float(f"{e.odds:.3g}"),
+                    "kinds": {kind.value: round(share, 4) for kind, share in e.kinds},
+                }
+                for e in grown.events
+            ],
         },
         "remarks": list(identification.remarks),
         "settings": dict(p.options),

@@ -99,7 +99,7 @@ def show(result: dict[str, Any], out: Path) -> None:
     )
     print_table(
         f"Force over the life of the tool: {_WEAR_WORDS[result['wear']]}",
-        ["run", "edge", "cut by it m", "removed cm3", "force", "standard deviation", "delay ms"],
+        ["run", "edge", "cut by it m", "removed cm3", "force", "standard deviation", "event", "delay ms"],
         [
             [
                 row["run"],
@@ -108,6 +108,7 @@ def show(result: dict[str, Any], out: Path) -> None:
                 f"{row['edge_removed_cm3']:.2f}",
                 f"{row['factor']:.4f}",
                 f"{row['factor_sigma']:.4f}",
+                row["event"],
                 "" if row["delay_ms"] is None else f"{row['delay_ms']:g} +- {row['delay_sigma_ms']:g}",
             ]
             for row in result["runs"]

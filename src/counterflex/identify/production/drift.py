@@ -1,46 +1,71 @@
-"""Growth of a tool's force over its life: a factor for each run against the length that the tool had cut.
+"""Life of a tool by the force factors of its runs: which events there were, and how far the force has grown.
 
-Each run gives the factor s by which its force exceeds that of one law, the height of the work in it unknown. Over the
-runs of one edge stands the line ``s = a (1 + b L)``; runs scatter about it by more than their own standard deviations
-(another blank, clamping, touch-off), which is found by the method of moments (DerSimonian and Laird 1986) and widens
-the interval of the slope, Student's t with the runs less two. A change of the tool is stated, or seen: a fall of the
-factor that no line explains.
+Hypotheses of :mod:`counterflex.identify.production.hypotheses` are compared by their odds: growth that is a line, fast
+at first or accelerating, with new edges, jumps, lost teeth and other materials at runs that nobody stated. Events are
+added one by one while they raise the odds, then moved, exchanged and taken back. An event is named from odds of
+:data:`NAMED` on; the growth is that of all hypotheses near the best one, each by its probability.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
-from counterflex.identify.production.residuals import LAW, ProductionResiduals
+from counterflex.identify.production.factor import RunFactor
+from counterflex.identify.production.hypotheses import (
+    CONSTANT,
+    LINE,
+    LONGEST_STRETCH,
+    SHAPES,
+    Event,
+    Kind,
+    Series,
+    Weighed,
+    design,
+    log_sum,
+    scatters,
+    score,
+    weigh,
+)
 
-FALL: Final = 0.05
-"""Least fall of the factor that passes for a new edge."""
-FALL_SIGMAS: Final = 4.0
-"""And by so many standard deviations: 1 in 30 000 by chance."""
+NAMED: Final = 20.0
+"""Odds, for an event against none, from which on it is named."""
 LEVEL: Final = 0.90
 """Probability of the intervals."""
-_FLOOR: Final = 0.005
+MOST_EVENTS: Final = 12
+_FLOOR: Final = 0.005  # least standard deviation of a factor
+_CLOSE: Final = 12  # candidates of a round that are weighed with every shape
+_DRAWS: Final = 4000
 
 
 @dataclass(frozen=True)
-class RunFactor:
-    """The force of a run by one law.
+class Named:
+    """An event that the factors show.
 
     Attributes:
-        factor: Measured by expected force.
-        sigma: Its standard deviation: noise, zero, height of the work.
+        at: First run after it.
+        until: First run after a passing change; 0 for the others.
+        size: Change of the force, share of the factor before; of a new edge, its fall.
+        odds: For an event at this run against none.
+        kinds: Probability of each kind, the most probable first.
     """
 
-    factor: float
-    sigma: float
+    at: int
+    until: int
+    size: float
+    odds: float
+    kinds: tuple[tuple[Kind, float], ...]
+
+    @property
+    def kind(self) -> Kind:
+        """The most probable one."""
+        return self.kinds[0][0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,25 +75,31 @@ class Drift:
     Attributes:
         edge: (n,) number of the edge of each run, 0 the first.
         before_m: (n,) length that its edge had cut at the middle of each run.
-        seen: Runs at which a new edge was seen although none was stated.
-        level: (edges,) factor of each edge when new.
-        slope: Growth per metre, of a new edge's force.
-        slope_sigma: Its standard deviation.
+        events: Named, in their order.
+        shape: Name of the most probable shape of the growth.
+        shape_probability: Of it.
+        expected: (n,) factor of each run, scatter apart.
+        force: (n,) the same by the first run's.
+        force_sigma: (n,) its standard deviation.
+        slope: Growth per metre of cut at the last run, share of the force of the first run of its edge.
         low: Lower end of the interval of the slope (:data:`LEVEL`).
         high: Upper end.
         scatter: Standard deviation of runs beside their own.
-        grown: Growth of the last edge at the end of the last run, share of its force when new.
+        grown: Growth of the force from the first run of the last edge to the last run, jumps up included.
         grown_low: Lower end of its interval.
         grown_high: Upper end.
-        is_known: Whether there are runs enough for a slope.
+        is_known: Whether there are runs enough for a growth.
     """
 
     edge: Int
     before_m: Float
-    seen: tuple[int, ...]
-    level: Float
+    events: tuple[Named, ...]
+    shape: str
+    shape_probability: float
+    expected: Float
+    force: Float
+    force_sigma: Float
     slope: float
-    slope_sigma: float
     low: float
     high: float
     scatter: float
@@ -78,61 +109,35 @@ class Drift:
     is_known: bool
 
     @property
-    def is_significant(self) -> bool:
-        """Whether the force grows, or falls, by more than chance."""
-        return self.is_known and (self.low > 0.0 or self.high < 0.0)
+    def seen(self) -> dict[int, float]:
+        """Probability of a new edge at runs at which one was seen although none was stated."""
+        return {e.at: e.kinds[0][1] for e in self.events if e.kind is Kind.NEW_EDGE}
 
-    def at(self, length_m: Float) -> Float:
-        """Growth factor of an edge that has cut so far."""
-        out: Float = 1.0 + self.slope * length_m
-        return out
+    @property
+    def is_significant(self) -> bool:
+        """Whether the force changes from run to run by more than chance."""
+        return bool(self.events) or (self.is_known and (self.low > 0.0 or self.high < 0.0))
 
     def length_to(self, limit: float, confidence: str = "middle") -> float:
-        """Length (m) at which the force has grown by a share; infinite where it does not grow."""
-        slope = {"middle": self.slope, "early": self.high, "late": self.low}[confidence]
-        return limit / slope if slope > 0.0 else math.inf
+        """Length (m) yet to be cut until the force has grown by a share, at its present slope; infinite for never."""
+        slope, grown = {
+            "middle": (self.slope, self.grown),
+            "early": (self.high, self.grown_high),
+            "late": (self.low, self.grown_low),
+        }[confidence]
+        if grown >= limit:
+            return 0.0
+        return (limit - grown) / slope if slope > 0.0 else math.inf
 
 
-def run_factor(block: ProductionResiduals, x: Float) -> RunFactor:
-    """Factor of one run's force, its tops found beside it, bounds and give as they are in x.
-
-    Args:
-        block: Stretches of one run; its growth is not used.
-        x: (p,) constants and geometry.
-    """
-    inside = x.copy()
-    tops = [i for i, p in enumerate(block.geometry.parameters) if p.name.startswith("top.")]
-    mine = [i for i in tops if np.any(block.geometry.top == i)]
-    inside[[LAW + i for i in mine]] = 0.0
-    bare = ProductionResiduals(block.pieces, block.geometry, block.cutter, block.h_ref_m, block.group)
-    only_law = bare.predict(inside)
-    fixed = inside.copy()
-    fixed[:3], fixed[6:9] = 0.0, 0.0
-    geometry = bare.predict(fixed)
-    columns = [((only_law - geometry) / block.sigma).reshape(-1)]
-    columns += [(-block.jacobian(x)[:, :, LAW + i]).reshape(-1) for i in mine]
-    A = np.stack(columns, axis=1)
-    y = ((block.pieces.force - geometry) / block.sigma).reshape(-1)
-    prior = np.array([0.0] + [1.0 / block.geometry.parameters.items[i].prior_sigma ** 2 for i in mine])
-    info = A.T @ A + np.diag(prior)
-    value = np.linalg.solve(info, A.T @ y)
-    rest = (y - A @ value).reshape(-1, 3)
-    # Components and stretches of one contact err alike: they count as one.
-    contacts = np.unique(block.group)
-    square = sum(float(np.mean(rest[block.group == g] ** 2)) for g in contacts)
-    excess = max(1.0, square / max(len(contacts) - 1, 1) if len(contacts) > 1 else square)
-    share = len(block.pieces) / len(contacts)
-    covariance = np.linalg.inv(info / (excess * share) + np.diag(prior) * (1.0 - 1.0 / (excess * share)))
-    return RunFactor(float(value[0]), math.sqrt(float(covariance[0, 0])))
-
-
-def drift(factors: list[RunFactor], cut_m: Float, is_new: Bool) -> Drift:
-    """Growth over runs in the order in which they were cut.
+def drift(factors: Sequence[RunFactor], cut_m: Float, is_new: Bool, lost_share: float = 0.0) -> Drift:
+    """Life of a tool over runs in the order in which they were cut.
 
     Args:
         factors: Of each run.
         cut_m: (n,) length that each run cut.
         is_new: (n,) runs stated to begin with a new edge; the first does.
+        lost_share: Share of the force that is lost with one tooth; 0 where it is not known.
 
     Raises:
         InputError: No run, or lengths below zero.
@@ -144,92 +149,203 @@ def drift(factors: list[RunFactor], cut_m: Float, is_new: Bool) -> Drift:
     sigma = np.maximum(np.array([f.sigma for f in factors]), _FLOOR)
     starts = np.array(is_new, dtype=np.bool_)
     starts[0] = True
-    seen: list[int] = []
-    while (at := _fall(s, sigma, cut_m, starts)) is not None:
-        starts[at] = True
-        seen.append(at)
-    edge, before = _edges(cut_m, starts)
-    edges = int(edge[-1]) + 1
-    A = np.column_stack([edge == e for e in range(edges)] + [before]).astype(np.float64)
-    is_known = n - edges >= 1 and float(np.ptp(before)) > 0.0
+    search = _Search(Series(s, sigma, cut_m, starts, lost_share))
+    events = search.best()
+    named = tuple(sorted((search.named(e, events) for e in events), key=lambda one: one.at))
+    edge, before = search.series.edges(events)
+    is_known = n - int(edge[-1]) - 1 >= 1 and bool(np.any(np.bincount(edge) > 1))
+    return _drift(search, events, named, edge, before, is_known)
+
+
+class _Search:
+    """Event sets of one series, each weighed once with every shape."""
+
+    def __init__(self, series: Series) -> None:
+        self.series = series
+        self._known: dict[tuple[Event, ...], list[Weighed]] = {}
+        self._scores: dict[tuple[Event, ...], float] = {}
+        self._added: dict[tuple[Event, ...], list[tuple[Event, ...]]] = {}
+
+    def score(self, events: tuple[Event, ...]) -> float:
+        """Logarithm of the evidence of an event set, over all shapes."""
+        if events not in self._scores:
+            self._scores[events] = score(self.weighed([events])[0])
+        return self._scores[events]
+
+    def weighed(self, sets: Sequence[tuple[Event, ...]]) -> list[list[Weighed]]:
+        """Hypotheses of event sets, over all shapes."""
+        wanted = [events for events in dict.fromkeys(sets) if events not in self._known]
+        if wanted:
+            found = weigh(self.series, [design(self.series, events, shape) for events in wanted for shape in SHAPES])
+            for i, events in enumerate(wanted):
+                self._known[events] = found[i * len(SHAPES) : (i + 1) * len(SHAPES)]
+        return [self._known[events] for events in sets]
+
+    def best(self) -> tuple[Event, ...]:
+        """Event set of the largest odds among those that single changes lead to; every event in it pays."""
+        events: tuple[Event, ...] = ()
+        for _ in range(MOST_EVENTS):
+            more = self._best_of(self.additions(events))
+            if more is None or self.score(more) - self.score(events) < math.log(NAMED):
+                return events
+            events = self._settled(more)
+        return events
+
+    def near(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+        """The set, and those one change away from it."""
+        return [events, *self.additions(events), *self._changes(events), *self._removals(events)]
+
+    def named(self, event: Event, events: tuple[Event, ...]) -> Named:
+        """An event of the best set, its odds, and the kinds that it may be."""
+        rest = tuple(e for e in events if e != event)
+        kinds: dict[Kind, float] = {}
+        for kind in Kind:
+            other = self._of_kind(event, kind)
+            if other is not None:
+                kinds[kind] = self.score(_ordered((*rest, other)))
+        total = log_sum(np.array(list(kinds.values())))
+        shares = sorted(((k, math.exp(v - total)) for k, v in kinds.items()), key=lambda one: -one[1])
+        odds = math.exp(min(50.0, total - self.score(rest)))
+        return Named(event.at, event.until, self._size(event, events), odds, tuple(shares))
+
+    def additions(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+        """Sets with one event more, the few that simple shapes find the most probable."""
+        if events not in self._added:
+            self._added[events] = self._more(events)
+        return self._added[events]
+
+    def _more(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+        taken = {e.at for e in events}
+        n, starts = len(self.series.factor), self.series.starts
+        more = [
+            _ordered((*events, event))
+            for at in range(1, n)
+            if at not in taken and not starts[at]
+            for event in self._at(at)
+        ]
+        if not more:
+            return []
+        found = weigh(self.series, [design(self.series, e, shape) for e in more for shape in (CONSTANT, LINE)])
+        scores = [score(found[2 * i : 2 * i + 2]) for i in range(len(more))]
+        return [more[i] for i in np.argsort(scores)[::-1][:_CLOSE]]
+
+    def _at(self, at: int) -> list[Event]:
+        """Events that there may be at a run."""
+        n = len(self.series.factor)
+        out = [Event(kind, at) for kind in Kind if kind is not Kind.PASSING and self._is_possible(kind)]
+        return out + [Event(Kind.PASSING, at, to) for to in range(at + 1, min(n, at + 1 + LONGEST_STRETCH))]
+
+    def _is_possible(self, kind: Kind) -> bool:
+        return kind is not Kind.LOST_TOOTH or self.series.lost_share > 0.0
+
+    def _of_kind(self, event: Event, kind: Kind) -> Event | None:
+        """The event as one of another kind; None where it cannot be."""
+        if kind is event.kind:
+            return event
+        return None if kind is Kind.PASSING or not self._is_possible(kind) else Event(kind, event.at)
+
+    def _changes(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+        """Sets with one event moved by a run or of another kind, two made one that passes, or one made two."""
+        taken, n, out = {e.at for e in events}, len(self.series.factor), []
+        for event in events:
+            rest = tuple(e for e in events if e != event)
+            out += [_ordered((*rest, o)) for o in (self._of_kind(event, k) for k in Kind) if o not in (None, event)]
+            for at in (event.at - 1, event.at + 1):
+                if 0 < at < n and at not in taken and not self.series.starts[at]:
+                    until = event.until if event.until > at else 0
+                    if event.kind is not Kind.PASSING or until:
+                        out.append(_ordered((*rest, Event(event.kind, at, until))))
+            if event.kind is Kind.PASSING and event.until not in taken:
+                out += [
+                    _ordered((*rest, Event(kind, event.at), Event(Kind.NEW_EDGE, event.until)))
+                    for kind in (Kind.CHIPPED, Kind.MATERIAL)
+                ]
+            for later in rest:
+                if later.at > event.at and Kind.PASSING not in (event.kind, later.kind):
+                    others = tuple(e for e in rest if e != later)
+                    out.append(_ordered((*others, Event(Kind.PASSING, event.at, later.at))))
+        return out
+
+    def _removals(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+        return [tuple(e for e in events if e != event) for event in events]
+
+    def _best_of(self, sets: list[tuple[Event, ...]]) -> tuple[Event, ...] | None:
+        if not sets:
+            return None
+        self.weighed(sets)  # in one batch
+        return max(sets, key=self.score)
+
+    def _settled(self, events: tuple[Event, ...]) -> tuple[Event, ...]:
+        """The set after changes that raise its odds, and without events that no longer pay."""
+        for _ in range(4 * MOST_EVENTS):
+            other = self._best_of(self._changes(events))
+            less = self._best_of(self._removals(events))
+            if less is not None and self.score(events) - self.score(less) < math.log(NAMED):
+                events = less
+            elif other is not None and self.score(other) > self.score(events) + 1e-9:
+                events = other
+            else:
+                break
+        return events
+
+    def _size(self, event: Event, events: tuple[Event, ...]) -> float:
+        """Change of the expected factor at an event, share of that before it."""
+        one = max(self.weighed([events])[0], key=lambda w: float(np.max(w.log)))
+        expected = one.design.X @ one.mean[int(np.argmax(one.log))]
+        return float(expected[event.at] / expected[event.at - 1] - 1.0)
+
+
+def _ordered(events: tuple[Event | None, ...]) -> tuple[Event, ...]:
+    return tuple(sorted((e for e in events if e is not None), key=lambda e: (e.at, e.until)))
+
+
+def _drift(
+    search: _Search, events: tuple[Event, ...], named: tuple[Named, ...], edge: Int, before: Float, is_known: bool
+) -> Drift:
+    """Growth over all hypotheses near the best one, by draws from their mixture."""
+    near = [w for group in search.weighed(search.near(events)) for w in group]
+    weight = np.concatenate([w.log for w in near])
+    weight = np.exp(weight - log_sum(weight))
+    own = [(w.design.shape.name, float(np.sum(np.exp(w.log)))) for w in _scaled(search.weighed([events])[0])]
+    shapes: dict[str, float] = {}
+    for name, share in own:
+        shapes[name] = shapes.get(name, 0.0) + share
+    shape, share = max(shapes.items(), key=lambda one: one[1])
+    tau = scatters(search.series)
+    grown, slope, expected = _draws(near, weight, len(tau))
+    force = expected / expected[:, :1]
+    low, high = 0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL
+    known = (float(np.median(slope)), *np.quantile(slope, [low, high]).tolist())
+    growth = (float(np.median(grown)), *np.quantile(grown, [low, high]).tolist())
     if not is_known:
-        level = np.array([np.average(s[edge == e], weights=sigma[edge == e] ** -2) for e in range(edges)])
-        nan = math.nan
-        return Drift(
-            edge, before, tuple(seen), level, 0.0, nan, -math.inf, math.inf, 0.0, 0.0, -math.inf, math.inf, False
-        )
-    scatter = _scatter(A, s, sigma)
-    value, covariance = _weighted(A, s, sigma**2 + scatter**2)
-    level = value[:-1]
-    dof = n - edges - 1
-    factor = (
-        float(student.ppf(0.5 + 0.5 * LEVEL, dof)) if scatter > 0.0 and dof > 0 else float(norm.ppf(0.5 + 0.5 * LEVEL))
-    )
-    base = float(level[edge[-1]])
-    slope = float(value[-1]) / base
-    slope_sigma = math.sqrt(float(covariance[-1, -1])) / base
-    reach = float(before[-1] + 0.5 * cut_m[-1])
-    grown, spread = slope * reach, slope_sigma * reach
+        known, growth = (0.0, -math.inf, math.inf), (0.0, -math.inf, math.inf)
+    scatter = float(np.sum(weight.reshape(-1, len(tau)) @ tau))
     return Drift(
-        edge, before, tuple(sorted(seen)), level, slope, slope_sigma, slope - factor * slope_sigma,
-        slope + factor * slope_sigma, scatter, grown, grown - factor * spread, grown + factor * spread, True,
+        edge, before, named, shape, share, np.mean(expected, axis=0), np.mean(force, axis=0), np.std(force, axis=0),
+        known[0], known[1], known[2], scatter, growth[0], growth[1], growth[2], is_known,
     )  # fmt: skip
 
 
-def _edges(cut_m: Float, starts: Bool) -> tuple[Int, Float]:
-    """(n,) number of the edge, and length it had cut at the middle of each run."""
-    edge = np.cumsum(starts) - 1
-    before, total = np.zeros(len(cut_m)), 0.0
-    for i, length in enumerate(cut_m):
-        total = 0.0 if starts[i] else total
-        before[i] = total + 0.5 * length
-        total += length
-    return edge.astype(np.int64), before
+def _scaled(weighed: Sequence[Weighed]) -> list[Weighed]:
+    """The same with evidences that sum to 1."""
+    total = score(weighed)
+    return [Weighed(w.design, w.log - total, w.mean, w.covariance) for w in weighed]
 
 
-def _weighted(A: Float, y: Float, variance: Float) -> tuple[Float, Float]:
-    weight = 1.0 / variance
-    out: Float = np.asarray(np.linalg.pinv(A.T @ (A * weight[:, None])), dtype=np.float64)
-    return out @ (A.T @ (weight * y)), out
-
-
-def _scatter(A: Float, y: Float, sigma: Float) -> float:
-    """Standard deviation beside sigma by the method of moments."""
-    dof = len(y) - A.shape[1]
-    if dof < 1:
-        return 0.0
-    weight = sigma**-2
-    value, covariance = _weighted(A, y, sigma**2)
-    q = float(np.sum(weight * (y - A @ value) ** 2))
-    trace = float(np.sum(weight) - np.trace(covariance @ (A.T @ (A * (weight**2)[:, None]))))
-    return math.sqrt(max(0.0, (q - dof) / trace)) if trace > 0.0 else 0.0
-
-
-def _fall(s: Float, sigma: Float, cut_m: Float, starts: Bool) -> int | None:
-    """Run before which the factor falls by more than the line and its scatter explain, the clearest; or None."""
-    best, where = 0.0, None
-    for k in range(1, len(s)):
-        if starts[k]:
-            continue
-        trial = starts.copy()
-        trial[k] = True
-        edge, before = _edges(cut_m, trial)
-        own = edge[k]
-        near = (edge == own) | (edge == own - 1)
-        A = np.column_stack([edge[near] == own - 1, edge[near] == own, before[near]]).astype(np.float64)
-        rows = int(np.sum(near))
-        if rows < 3:  # two runs: no line
-            A = A[:, :2]
-        value, covariance = _weighted(A, s[near], sigma[near] ** 2)
-        last = float(np.max(before[near & (edge == own - 1)]))
-        grown = float(value[2]) * last if A.shape[1] > 2 else 0.0
-        c = np.zeros(A.shape[1])
-        c[0], c[1] = -1.0, 1.0
-        if A.shape[1] > 2:
-            c[2] = -last
-        fall = float(value[1] - value[0]) - grown
-        spread = math.sqrt(max(float(c @ covariance @ c), 1e-18))
-        size = -fall / spread
-        if -fall > FALL * float(value[0]) and size > FALL_SIGMAS and size > best:
-            best, where = size, k
-    return where
+def _draws(near: Sequence[Weighed], weight: Float, count: int) -> tuple[Float, Float, Float]:
+    """Growth, slope, and expected factor of each run, drawn from the mixture with a fixed seed."""
+    rng = np.random.default_rng(0)
+    number = np.floor(np.cumsum(weight) * _DRAWS + 0.5).astype(np.int64)
+    number = np.diff(number, prepend=0)
+    grown, slope, expected = [], [], []
+    for i in np.flatnonzero(number).tolist():
+        w, t = near[i // count], i % count
+        root = np.linalg.cholesky(w.covariance[t] + 1e-15 * np.eye(w.mean.shape[1]))
+        b = w.mean[t] + rng.standard_normal((number[i], w.mean.shape[1])) @ root.T
+        d = w.design
+        level = b @ d.start
+        steps = sum((np.maximum(0.0, b[:, j]) for j in d.steps), np.zeros(len(b)))
+        grown.append((b @ d.trend + steps) / level)
+        slope.append(b @ d.slope / level)
+        expected.append(b @ d.X.T)
+    return np.concatenate(grown), np.concatenate(slope), np.concatenate(expected)
