@@ -203,7 +203,7 @@ def test_tool_vectors_and_rotary_words() -> None:
         ("G1 X=1EX400 F1", "a number is out of range; got 1EX400"),
         ("G4 F-1", "G4 needs its time F"),
         ('MSG("abc', "a bracket is not closed"),
-        ("G1 X5 (old comment)", r"a character that the Sinumerik dialect has no use for here; got '\('"),
+        ("G1 X5 (old comment)", r"a character that has no use here; got '\('"),
     ],
 )
 def test_refusals_name_word_and_line(line: str, match: str) -> None:

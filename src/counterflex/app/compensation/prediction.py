@@ -37,7 +37,7 @@ from counterflex.plan.lasting_swing import lasting_swings
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
-from counterflex.programs.gcode.read.reader import doubtful_readings
+from counterflex.programs.two_readings import doubtful_readings
 from counterflex.report.data import Fact, FeedData, PredictionData
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions

@@ -21,6 +21,8 @@ from counterflex.programs.program import Word
 
 Fault = Callable[[str, int, object, str | None], ProgramError]
 _ROLES: Final = {"CR": "R", "TURN": "P", "A3": "I", "B3": "J", "C3": "K", "S1": "S"}
+_NEUTRAL_WITH: Final = {"CYCLE800": ("",), "SETMS": ("", "1")}
+"""Calls that are neutral with these arguments, and refused with others."""
 MIDDLE: Final = ("I1", "J1", "K1")
 """Point on the arc of CIP."""
 _OF_DWELL: Final = {"F": "P", "S": "Q"}
@@ -84,7 +86,7 @@ class Block:
             return
         if name.name == "FGROUP":
             raise self._fault("the feed belongs to some axes only: FGROUP", name.start, shown, "FGROUP(X,Y,Z)")
-        if name.name == "CYCLE800" and name.called and not name.arguments.strip():
+        if name.arguments.strip("() ") in _NEUTRAL_WITH.get(name.name, ()) and (name.called or name.name == "SETMS"):
             return
         if name.name in self._table.refused or name.name.startswith(self._table.cycles or "0"):
             if name.name not in self._table.carried:

@@ -138,8 +138,8 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
                 break
         else:
             raise error_at(
-                name, line, "a character that the Sinumerik dialect has no use for here", at, repr(text[at]),
-                "Comments begin with ;",
+                name, line, "a character that has no use here", at, repr(text[at]),
+                "Comments begin with ; in Sinumerik, and stand in brackets in TwinCAT",
             )  # fmt: skip
     return Line(tuple(addresses), tuple(names), tuple(assigned))
 

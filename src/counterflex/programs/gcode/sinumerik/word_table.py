@@ -68,6 +68,8 @@ CODES: Final[tuple[Code, ...]] = (
              "this way of giving the tool axis is not read", _VECTORS),
     *refused("A2 B2 C2 LEAD TILT A4 B4 C4 A5 B5 C5 A6 B6 C6 A7 B7 C7 XH YH ZH THETA PSI NUT",
              "this way of giving the tool axis is not read", _VECTORS, "*=1"),
+    *refused("FL VELOLIM", "* limits the speed of an axis, and with it the feed", _FEED, "*[X]=50"),
+    *refused("SETMS", "S and M3 belong to another spindle", "Use the first spindle", "SETMS(2)"),
     *refused("FB FZ FD FA OVR OVRA OVRRAP FGREF FXS FXST FXSW FOC",
              "* changes the feed or stops short", _FEED, "*=50"),
     *refused("SPCON COUPON CP GANTRY LEADON TRAILON MASLON EGON TANG TANGON", "coupled axes are not read", _CHANNEL),
@@ -103,7 +105,7 @@ _SETTINGS: Final[tuple[tuple[str, str, str], ...]] = (
     ("DISPLOF DISPLON ACTBLOCNO SBLOF SBLON SAVE", "what the control shows", ""),
     ("FNORM FLIN FCUB FPO", "how the feed goes to its new value", ""),
     ("DIAMOF", "radii are radii", ""),
-    ("SETMS", "which spindle S and M3 mean", ""),
+    ("SETMS()", "S and M3 belong to the first spindle", "SETMS(1)"),
     ("KONT NORM KONTC KONTT", "approach under cutter radius compensation", ""),
     ("CDOF CDOF2 CDON WALIMOF WALIMON", "watch over collisions and working area", ""),
     ("RTLION RTLIOF", "how rapids are interpolated", ""),
@@ -114,7 +116,7 @@ _SETTINGS: Final[tuple[tuple[str, str, str], ...]] = (
 )  # fmt: skip
 _VALUES: Final[tuple[tuple[str, str, str], ...]] = (
     ("ADIS ADISPOS OTOL CTOL STOLF", "tolerance of blending", "*=0.05"),
-    ("FL ACC VELOLIM ACCLIM JERKLIM", "limits of an axis", "*[X]=50"),
+    ("ACC ACCLIM JERKLIM", "limits of an axis", "*[X]=50"),
     ("DISC", "corners under cutter radius compensation", "*=50"),
     ("LIMS", "limit of the spindle speed", "*=8000"),
     ("D H", "number of a tool offset: the control compensates it", "*1"),
