@@ -7,15 +7,15 @@ import pytest
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
-from counterflex.programs.active_offsets import OffsetReader
 from counterflex.programs.apt.reader import read_apt
-from counterflex.programs.comment_diameters import diameters_of
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.twincat.reader import read_twincat
 from counterflex.programs.program import Program
-from counterflex.programs.two_readings import doubtful_readings
+from counterflex.programs.stated.diameters import diameters_of
+from counterflex.programs.stated.offsets import OffsetReader
+from counterflex.programs.stated.two_readings import doubtful_readings
 
 UNKNOWN_MACHINE = MillingMachine(known=False)
 FANUC = "%\nO1234 (PART)\nG21 G90 G17\nT1 M6\nG43 H1\nS8000 M3\n"

@@ -55,6 +55,9 @@ HAZARDS: Final = (
            "the key; one of the joint limits", ("robot.controller_axes.axis_3_to_upper_arm_deg!",), "fail"),
     Hazard("wrist singularity", "smallest angle between axes 4 and 6", "`limits.wrist_singularity_deg`",
            ("limits.wrist_singularity_deg",), "fail"),
+    Hazard("posture of the program", "targets of a robot program whose posture (S, robconf, CONFIG, config) is another "
+           "than that of `[posture]`, in which reach, axes and bodies are checked", "0",
+           ("posture.shoulder", "posture.elbow", "posture.wrist"), "fail; not looked at where no target states one"),
     Hazard("joint speed at feed", "axis nearest to its limit", "the key, or the catalogue", (_RATES[0],), "fail"),
     Hazard("joint speed in rapids", "axis nearest to its limit", "the key, or the catalogue",
            (_RATES[0], "controller.rapid_mm_s"), "warning: the controller slows down or stops"),

@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Int
-from counterflex.programs.active_offsets import UNSAID, OffsetReader, codes_of
-from counterflex.programs.comment_diameters import diameters_of
 from counterflex.programs.program import ROBOT_DIALECTS, Block, Program
-from counterflex.programs.two_readings import doubtful_readings
+from counterflex.programs.stated.diameters import diameters_of
+from counterflex.programs.stated.offsets import UNSAID, OffsetReader, codes_of
+from counterflex.programs.stated.two_readings import doubtful_readings
 
 _ENDS: Final = (2.0, 30.0, 99.0)
 _COOLANT: Final = {7.0: 1, 8.0: 1, 9.0: 0}
@@ -39,7 +39,7 @@ class Stated:
 
     Attributes:
         length_offset: (motions,) number of the tool length offset, or NONE, OWN or UNSAID of
-            :mod:`~counterflex.programs.active_offsets`.
+            :mod:`~counterflex.programs.stated.offsets`.
         work_offset: (motions,) index into ``offsets``.
         offsets: Names of the work offsets in use, in the order in which they appear; ``""`` where none is named.
         defined: Of these, those whose place in the part is known.

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.units import INCH, MINUTE
-from counterflex.programs.active_offsets import NONE, UNSAID, OffsetReader, codes_of
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.reader import FURTHER_OFFSET
 from counterflex.programs.program import KRL_DIALECT, ROBOT_DIALECTS, Block, Program, Word
+from counterflex.programs.stated.offsets import NONE, UNSAID, OffsetReader, codes_of
 
 
 @dataclass(frozen=True)
