@@ -41,9 +41,9 @@ def arms(cell: str, count: int) -> list[tuple[float, float, float, str]]:
     chain = read_cell(EXAMPLES / "cells" / cell).controller_chain
     opw, random = chain.opw, np.random.default_rng(3)
     assert opw is not None
-    out = []
+    out: list[tuple[float, float, float, str]] = []
     while len(out) < count:
-        q = random.uniform(*chain.joint_limits_rad.T)
+        q = np.asarray(random.uniform(chain.joint_limits_rad[:, 0], chain.joint_limits_rad[:, 1]))
         lift, bend = opw.signs[1] * q[1] - opw.offsets_rad[1], opw.signs[2] * q[2] - opw.offsets_rad[2]
         upper = opw.c2_m * np.exp(1j * (np.pi / 2 - lift))
         fore = complex(opw.c3_m, 0) * np.exp(1j * (np.pi / 2 - lift - bend)) + opw.a2_m * np.exp(1j * (-lift - bend))

@@ -178,4 +178,4 @@ def test_block_delete_of_apt_is_named() -> None:
 @pytest.mark.parametrize("statement", ["CUTTER/20.0,0.0,10.0", "TLDATA/MILL,20.0,0.0,100.0,0.0,0.0"])
 def test_diameters_of_apt(statement: str) -> None:
     text = f"UNITS/MM\n{statement}\nLOADTL/3\nRAPID\nGOTO/0,0,10\nFINI\n"
-    assert diameters_of(read_apt(text, name="part.apt")) == {3: (pytest.approx(20.0 * MM), 2)}
+    assert diameters_of(read_apt(text, name="part.apt")) == {3: (pytest.approx(20.0 * MM), 2)}  # type: ignore[comparison-overlap]

@@ -17,6 +17,8 @@ from counterflex.core.similar import missing_file
 from counterflex.files.foreign_file import of_bytes
 
 _COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_SEPARATOR: Final = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)
+"""First line by which spreadsheets say their separator."""
 _GROUPED: Final = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+,\d+")
 
 
@@ -60,8 +62,15 @@ def rows_of(text: str, where: str) -> list[tuple[int, list[str]]]:
         FileFormatError: A row has decimal commas between commas, or a number is grouped by points.
     """
     lines = text.splitlines()
+    said = _SEPARATOR.fullmatch(lines[0]) if lines else None
+    if said is not None:
+        lines[0] = ""
     header = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
-    separator = next((mark for mark in (";", "\t") if mark in header), ",")
+    separator = said[1] if said is not None else next((mark for mark in (";", "\t") if mark in header), ",")
+    if separator not in header and len(header.split()) > 1:
+        raise FileFormatError(
+            "the header has no separator", where=where, value=header.strip()[:60], limit="commas, semicolons or tabs"
+        )
     out: list[tuple[int, list[str]]] = []
     for number, row in enumerate(csv.reader(lines, delimiter=separator), start=1):
         cells = [cell.strip() for cell in row]
