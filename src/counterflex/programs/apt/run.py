@@ -88,7 +88,7 @@ class Run:
             raise self._fault(part, f"{REFUSED[major][0]}: {major}", hint=REFUSED[major][1])
         if major in ("GOTO", "GODLTA"):
             return self._goto(part)
-        if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "AUXFUN", "FINI"):
+        if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "AUXFUN", "FINI", "END"):
             return self._machine(part)
         if major == "FEDRAT":
             return self._feedrate(part)
@@ -378,7 +378,7 @@ class Run:
                                   hint="Use SPINDL, COOLNT, LOADTL, STOP")  # fmt: skip
             out.append(("M", value))
         else:
-            out.append(("M", {"STOP": 0, "OPSTOP": 1, "FINI": 30}[part.major]))
+            out.append(("M", {"STOP": 0, "OPSTOP": 1, "FINI": 30, "END": 30}[part.major]))
         at = len(part.text) - len(part.text.lstrip())
         return [Word(letter, number, at, at, False) for letter, number in out]
 

@@ -82,6 +82,8 @@ class OffsetReader:
             self.offset = f"G54.1 P{further}"
 
     def _sinumerik(self, block: Block) -> None:
+        if 6.0 in codes_of(block, "M"):
+            self.length = OWN  # D1 of the new tool, MD20270
         number = _value(block, "D")
         if number is not None:
             self.length = OWN if number else NONE

@@ -95,7 +95,7 @@ _SETTINGS: Final[tuple[tuple[str, str, str], ...]] = (
     ("CFC CFTCP CFIN", "feed at arcs under cutter radius compensation", ""),
     ("COMPOF COMPON COMPCURV COMPCAD COMPSURF COMPPATH", "how the control smooths the path", ""),
     ("CYCLE832", "tolerance of smoothing", "CYCLE832(0.01,1,1)"),
-    ("CYCLE800()", "ends a swivelled plane; none is active", ""),
+    ("CYCLE800()", "ends a swivelled plane, or swivels by nothing; none is active", ""),
     ("STOPRE FIFOCTRL STARTFIFO STOPFIFO", "how far the control reads ahead", ""),
     ("MSG", "message", 'MSG("text")'),
     ("ORIWKS ORIMKS ORIVECT ORIPLANE ORIAXES ORIVIRT1 ORIVIRT2 ORISOF ORISON ORIRESET OSOF OSC OSS OSSE OSD",
