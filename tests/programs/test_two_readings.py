@@ -179,3 +179,40 @@ def test_block_delete_of_apt_is_named() -> None:
 def test_diameters_of_apt(statement: str) -> None:
     text = f"UNITS/MM\n{statement}\nLOADTL/3\nRAPID\nGOTO/0,0,10\nFINI\n"
     assert diameters_of(read_apt(text, name="part.apt")) == {3: (pytest.approx(20.0 * MM), 2)}  # type: ignore[comparison-overlap]
+
+
+def test_a_tool_change_of_sinumerik_brings_its_own_offset() -> None:
+    text = "G71 G90 G17 G54\nSUPA G0 Z0 D0\nT1\nM6\nS8000 M3\nG0 X0 Y0 Z10\nG1 Z0 F300\nM30\n"
+    assert doubtful_readings(read_sinumerik(text, name="part.mpf")) == []
+
+
+@pytest.mark.parametrize("last", ["END", "FINI"])
+def test_both_ends_of_apt(last: str) -> None:
+    assert len(read_apt(f"{CL}GOTO/0,0,0\nREWIND/0\n{last}\n", name="part.apt").motions) == 2
+
+
+def test_a_place_of_the_machine_needs_no_number() -> None:
+    text = "G71 G90 G17 G54\nSUPA G0 Z=_Z_HOME D0\nT1\nM6\nG0 X0 Y0 Z10\nG1 Z0 F300\nSUPA G0 Z=$MA_POS[AX3]\nM30\n"
+    assert [m.kind for m in read_sinumerik(text, name="part.mpf").motions][:2] == ["rapid", "feed"]
+    with pytest.raises(ProgramError, match="_Z_HOME"):
+        read_sinumerik("G71 G90 G17 G54\nG0 X0 Y0 Z=_Z_HOME\nM30\n", name="part.mpf")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "read"),
+    [
+        ('0,"TC1",0,57,0,0.0,-0,0,0,0,0,0,0,1', True),
+        ('0,"TC1",0,57,0,0,0,0,30,0,0,0,0,1', False),
+        ('0,"TC1",0,57,5,0,0,0,0,0,0,0,0,1', False),
+        ('1,"TC1",0,57,0,0,0,0,0,0,0,0,0,1', False),
+        ('0,"TC1",0,57,0,0,0,R1,0,0,0,0,0,1', False),
+        ('0,"TC1",0,57,0,0,0', False),
+    ],
+)
+def test_swivelling_by_nothing_is_neutral(arguments: str, read: bool) -> None:
+    text = f"G71 G90 G17 G54\nG0 X0 Y0 Z10\nCYCLE800({arguments})\nG1 Z0 F300\nM30\n"
+    if read:
+        assert len(read_sinumerik(text, name="part.mpf").motions) == 2
+        return
+    with pytest.raises(ProgramError, match="swivelled plane"):
+        read_sinumerik(text, name="part.mpf")

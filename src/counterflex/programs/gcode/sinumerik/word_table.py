@@ -62,7 +62,7 @@ CODES: Final[tuple[Code, ...]] = (
     *refused("SCALE ASCALE", "a scale of the path is not read", "Post the program at its size", "* X2"),
     *refused("ROTS AROTS CROTS CRPL TOFRAME TOFRAMEX TOFRAMEY TOFRAMEZ TOROT TOROTX TOROTY TOROTZ PAROT MEAFRAME",
              "this frame is not read", _FRAMES),
-    *refused("CYCLE800", "this frame is not read", _FRAMES, "CYCLE800(1,\"TABLE\",0,57,0,0,0,0,30,0,0,0,0,1)"),
+    *refused("CYCLE800", "a swivelled plane, or a retraction to a place of the machine, is not read", _FRAMES, "CYCLE800(1,\"TABLE\",0,57,0,0,0,0,30,0,0,0,0,1)"),
     *refused("TRANSMIT TRACYL TRAANG TRACON TCARR TCOABS TCOFR", "this transformation is not read", _TRANSFORMATION),
     *refused("ORICONCW ORICONCCW ORICONIO ORICONTO ORICURVE ORIROTA ORIROTR ORIROTT ORIROTC",
              "this way of giving the tool axis is not read", _VECTORS),
