@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from counterflex.app.controller_import import job
 from counterflex.app.controller_import.kuka import read_kuka
+from counterflex.app.controller_import.kuka_machine import read_kuka_machine
 from counterflex.app.controller_import.poses import JOINTS, POSE
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
@@ -263,3 +264,29 @@ def test_bounds_and_calibration_of_an_abb_are_read_or_named(tmp_path: Path) -> N
     assert "arm_calib" in notes
     assert "MOTOR_CALIB" in notes
     np.testing.assert_allclose(read_cell(tmp_path / "cell.toml").T_base_part[2, 3], BASE[2] * MM - 0.5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("Z 150.0", "Z 150,5", "a frame is damaged"),
+        ("Z 150.0", "Z 150.0,Z 151.0", "a frame is damaged"),
+        ("Z 137.2", "Z 137,2", "load data are damaged"),
+    ],
+)
+def test_half_a_number_is_no_frame_of_a_kuka(old: str, new: str, match: str) -> None:
+    text = config()
+    assert old in text
+    with pytest.raises(FileFormatError, match=match):
+        read_kuka(text.replace(old, new, 1), "config.dat")
+
+
+def test_a_frame_with_its_type_is_read() -> None:
+    T = read_kuka(config().replace("TOOL_DATA[1]={", "TOOL_DATA[1]={FRAME: "), "config.dat").tools["1"]
+    np.testing.assert_allclose(T, of(TOOL), atol=1e-12)
+
+
+@pytest.mark.parametrize("line", ["$SOFTN_END[1]=-185,5", "$LENGTH_A=350,0"])
+def test_half_a_number_is_no_machine_datum(line: str) -> None:
+    with pytest.raises(FileFormatError, match="a number is damaged"):
+        read_kuka_machine(f"DEFDAT $MACHINE PUBLIC\n{line}\nENDDAT\n", "machine.dat")

@@ -56,3 +56,12 @@ def test_what_is_not_clear_is_refused(tmp_path: Path) -> None:
         read_rows(tmp_path / "book.csv")
     with pytest.raises(FileFormatError, match="no such file"):
         read_rows(tmp_path / "none.csv")
+
+
+def test_spreadsheets_say_their_separator() -> None:
+    assert rows_of("sep=;\nx;y\n1,5;2\n", "a.csv") == [(2, ["x", "y"]), (3, ["1.5", "2"])]
+
+
+def test_blanks_are_no_separator() -> None:
+    with pytest.raises(FileFormatError, match="the header has no separator"):
+        rows_of("x_mm y_mm\n1 2\n", "a.csv")

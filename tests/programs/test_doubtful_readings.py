@@ -7,8 +7,9 @@ import pytest
 
 from counterflex.path.toolpath import FEED
 from counterflex.programs.compensated import CompensatedPath, tool_path
-from counterflex.programs.gcode.read.reader import doubtful_readings, read_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import write_gcode
+from counterflex.programs.stated.two_readings import doubtful_readings
 
 HEAD = "G21 G90 F600 S1000 M3\nG0 X0 Y0 Z5\n"
 

@@ -16,10 +16,11 @@ from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import MM
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.reader import doubtful_readings, read_gcode, read_gcode_file
+from counterflex.programs.gcode.read.reader import read_gcode, read_gcode_file
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.listing import listing
 from counterflex.programs.program import Program
+from counterflex.programs.stated.two_readings import doubtful_readings
 
 HEAD = "G21 G90 G17 G54\nT1 M6\nS1000 M3 F600\nG0 X0 Y0 Z5\n"
 OFFSETS = ("G54", "G55", "G59", "G59.3", "G54.1 P1", "G154 P7", "G54 P3", "G110")

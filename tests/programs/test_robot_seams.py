@@ -11,12 +11,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.geometry import pose
 from counterflex.programs.difference import differences
-from counterflex.programs.gcode.read.reader import doubtful_readings
 from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.reader import job_files, read_krl, read_krl_file
 from counterflex.programs.listing import listing
 from counterflex.programs.rapid.read.reader import read_rapid, read_rapid_file
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+from counterflex.programs.stated.two_readings import doubtful_readings
 
 POINT = "[[0,0,0],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 DATA = f"CONST robtarget p0:={POINT};\nVAR num n:=1;\nVAR intnum i1;\nVAR byte raw{{2}}:=[1,2];\n"

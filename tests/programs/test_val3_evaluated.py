@@ -103,6 +103,10 @@ UNKNOWN = {
     "signal": (("mRun.tvel=aioGet(diX)", to("p[1]")), r":7:3.*aioGet\(\) is the controller's in part.pgx:6"),
     "monitor speed": (("setMonitorSpeed(30)", to("p[1]")), r":6:3.*changes the speed of every motion.*expected 100"),
     "place of the robot": (("pQ=here(tMill,fPart)", to("pQ")), r":7:3.*here\(\) is the controller's in part.pgx:6"),
+    "component of the place of the robot": (
+        ("pQ=here(tMill,fPart)", "pQ.trsf.z=pQ.trsf.z+5", to("pQ")), r":8:3.*here\(\) is the controller's in part.pgx:6"
+    ),
+    "axis of the robot": (("jA=herej()", "jA.j1=jA.j1+1", f"movej(jA{END}", to("p[1]")), r"herej\(\).*part.pgx:6"),
     "frame by setFrame": (("nI=setFrame(p[1],p[2],here(tMill,fB),fB)", to("pQ")), r"computed by setFrame: .*here"),
     "tool": (("tMill.trsf.z=nLength", to("p[1]")), r":7:3.*tool tMill is not known: nLength.*part.pgx:6"),
     "branch": (("if diX==true", to("p[1]"), "endIf"), r"runs inside if \(line 6\).*diX is a signal"),
@@ -437,3 +441,10 @@ def test_the_form_of_s6_is_read_and_written_back() -> None:
     assert gap_to_polyline(compensated.p_part_command[1:], reached) < 5.1 * UM
     assert text.vertices_added > 0
     assert "<point name=" in text.files["app.dtx"].split("pCounterflex")[0]
+
+
+def test_a_point_of_the_world_by_link() -> None:
+    by_name = read("link(p[1],world)", to("p[1]"))
+    by_frame = read("fW.trsf={0,0,0,0,0,0}", "link(p[1],fW)", to("p[1]"))
+    assert ends(by_name) == ends(by_frame)
+    assert ends(by_name) != ends(read(to("p[1]")))

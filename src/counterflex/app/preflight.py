@@ -26,7 +26,8 @@ from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.stated import stated
+from counterflex.programs.stated.posture import stated_postures
+from counterflex.programs.stated.remarks import stated
 
 SHOP: Final[dict[str, tuple[str, float]]] = {
     "rad": ("deg", DEG),
@@ -139,6 +140,7 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
     return AsWritten(
         approximation_m(program), program_size(job, cell, language), remarks, known, silent_spindle and not wired,
         0 if remarks.robot else _arrival(program), program.left_out if isinstance(program, RobotProgram) else (),
+        stated_postures(program) if remarks.robot else None,
     )  # fmt: skip
 
 

@@ -16,6 +16,8 @@ from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
 
 _COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_SEPARATOR: Final = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)
+"""First line by which spreadsheets say their separator."""
 _GROUPED: Final = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+,\d+")
 
 
@@ -45,8 +47,15 @@ def rows_of(text: str, where: str) -> list[tuple[int, list[str]]]:
         FileFormatError: A row has decimal commas between commas, or a number is grouped by points.
     """
     lines = text.splitlines()
+    said = _SEPARATOR.fullmatch(lines[0]) if lines else None
+    if said is not None:
+        lines[0] = ""
     header = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
-    separator = next((mark for mark in (";", "\t") if mark in header), ",")
+    separator = said[1] if said is not None else next((mark for mark in (";", "\t") if mark in header), ",")
+    if separator not in header and len(header.split()) > 1:
+        raise FileFormatError(
+            "the header has no separator", where=where, value=header.strip()[:60], limit="commas, semicolons or tabs"
+        )
     out: list[tuple[int, list[str]]] = []
     with file_content.readable(where, "a table", "Save it as CSV, UTF-8"):
         rows = list(csv.reader(lines, delimiter=separator))

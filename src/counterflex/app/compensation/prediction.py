@@ -37,7 +37,8 @@ from counterflex.plan.lasting_swing import lasting_swings
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
-from counterflex.programs.gcode.read.reader import doubtful_readings
+from counterflex.programs.stated.posture import other_postures
+from counterflex.programs.stated.two_readings import doubtful_readings
 from counterflex.report.data import Fact, FeedData, PredictionData
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions
@@ -302,6 +303,7 @@ def summary_of(
     remarks = (
         *stiffness_remarks(plan, cell),
         *doubtful_readings(job.program),
+        *other_postures(job.program, cell.tables.posture.branch),
         *beyond_measured(cell, plan),
         *chatter_warnings(predicted["chatter"]),
         *swing_warnings(predicted["lasting_swings"]),

@@ -18,6 +18,10 @@ _LINE: Final = re.compile(
     r"^\s*(TOOL|BASE|LOAD)_(DATA|NAME)\s*\[\s*(\d+)\s*,?\s*\]\s*=\s*(.*?)\s*(?:;.*)?$", re.IGNORECASE
 )
 _PART: Final = re.compile(rf"\b([XYZABC])\s+({NUMBER})", re.IGNORECASE)
+_FRAME: Final = re.compile(
+    rf"\{{\s*(?:\w+\s*:\s*)?[A-Z]\d?\s+{NUMBER}(?:\s*,\s*[A-Z]\d?\s+{NUMBER})*\s*\}}", re.IGNORECASE
+)
+"""Components with nothing between them: a decimal comma would leave half a number."""
 _MASS: Final = re.compile(rf"\{{\s*M\s+({NUMBER})\s*,\s*CM\s*\{{([^{{}}]*)\}}", re.IGNORECASE)
 _HEAD: Final = re.compile(r"^\s*DEFDAT\s+\$CONFIG\b", re.IGNORECASE | re.MULTILINE)
 _AS_SAVED: Final = "Give the file as the controller saved it"
@@ -70,8 +74,9 @@ def frame_of_text(text: str, where: str) -> Float:
     Raises:
         FileFormatError: It is something else.
     """
-    values = {match[1].upper(): float(match[2]) for match in _PART.finditer(text)}
-    if set(values) != set("XYZABC") or not text.startswith("{") or not text.endswith("}"):
+    parts = [(match[1].upper(), float(match[2])) for match in _PART.finditer(text)]
+    values = dict(parts)
+    if sorted(letter for letter, _ in parts) != sorted("XYZABC") or _FRAME.fullmatch(text) is None:
         raise FileFormatError("a frame is damaged", where=where, value=text[:60], hint=_AS_SAVED,
                               limit="{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}")  # fmt: skip
     R = rotation.from_zyx(np.array([values[c] for c in "ABC"]) * DEG)
@@ -80,7 +85,7 @@ def frame_of_text(text: str, where: str) -> Float:
 
 def _load(out: ControllerData, number: str, text: str, where: str) -> None:
     match = _MASS.match(text)
-    if match is None:
+    if match is None or _FRAME.fullmatch(f"{{{match[2]}}}") is None:
         raise FileFormatError("load data are damaged", where=where, value=text[:60], hint=_AS_SAVED,
                               limit="{M 86.0,CM {X 0.0,...},J {...}}")  # fmt: skip
     mass = float(match[1])

@@ -19,8 +19,8 @@ _OTHER: Final = re.compile(
 _ROOT: Final = re.compile(
     r"^\s*(?:(?:DECL\s+)?(?:GLOBAL\s+)?FRAME\s+)?\$ROBROOT\s*=\s*(\{[^}]*\})", re.IGNORECASE | re.MULTILINE
 )
-_END: Final = re.compile(rf"^\s*\$SOFT([NP])_END\s*\[\s*([1-6])\s*\]\s*=\s*({NUMBER})", re.IGNORECASE | re.MULTILINE)
-_LENGTH: Final = re.compile(rf"^\s*\$LENGTH_(A)\s*=\s*({NUMBER})", re.IGNORECASE | re.MULTILINE)
+_END: Final = re.compile(r"^\s*\$SOFT([NP])_END\s*\[\s*([1-6])\s*\]\s*=\s*([^\s;]+)", re.IGNORECASE | re.MULTILINE)
+_LENGTH: Final = re.compile(r"^\s*\$LENGTH_(A)\s*=\s*([^\s;]+)", re.IGNORECASE | re.MULTILINE)
 _NAME: Final = re.compile(r"^\s*\$TRAFONAME\s*\[\s*\]\s*=\s*\"([^\"]*)\"", re.IGNORECASE | re.MULTILINE)
 _ACCURATE: Final = re.compile(
     r"^\s*\$(ABS_ACCUR\w*|DEFLECT\w*|PRO_I_?DENT\w*)\s*=\s*(\S+)", re.IGNORECASE | re.MULTILINE
@@ -36,6 +36,13 @@ def other_kuka_data(text: str) -> str:
     """Return the name of a data list of the controller that holds nothing for a cell file; empty where it is none."""
     match = _OTHER.search(text)
     return "" if match is None else match[1]
+
+
+def _number(text: str, where: str) -> float:
+    if re.fullmatch(NUMBER, text) is None:
+        raise FileFormatError("a number is damaged", where=where, value=text, limit="decimal points, as in -185.5",
+                              hint="Give the file as the controller saved it")  # fmt: skip
+    return float(text)
 
 
 def read_kuka_machine(text: str, where: str) -> ControllerData:
@@ -54,11 +61,11 @@ def read_kuka_machine(text: str, where: str) -> ControllerData:
         raise FileFormatError("$ROBROOT is there twice", where=where, hint="Give the file as the controller saved it")
     if roots:
         out.T_world_base, out.root_known = frame_of_text(roots[0], f"{where}: $ROBROOT"), True
-    ends = {(match[1].upper(), int(match[2])): float(match[3]) * DEG for match in _END.finditer(text)}
+    ends = {(match[1].upper(), int(match[2])): _number(match[3], where) * DEG for match in _END.finditer(text)}
     for axis in range(1, 7):
         if ("N", axis) in ends and ("P", axis) in ends:
             out.limits_rad[axis - 1] = (ends["N", axis], ends["P", axis])
-    lengths = {match[1].upper(): float(match[2]) * MM for match in _LENGTH.finditer(text)}
+    lengths = {match[1].upper(): _number(match[2], where) * MM for match in _LENGTH.finditer(text)}
     if "A" in lengths:
         out.lengths_m["a1"] = lengths["A"]
     name = _NAME.search(text)

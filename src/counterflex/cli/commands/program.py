@@ -102,8 +102,8 @@ def path(
         keep_inputs(csv, *inputs, option="--csv")
     from counterflex.app.inputs import Reading
     from counterflex.app.motion_list import listed
-    from counterflex.programs.gcode.read.reader import doubtful_readings
     from counterflex.programs.listing import listing, write_listing
+    from counterflex.programs.stated.two_readings import doubtful_readings
 
     toolpath, held = listed(program, Reading(dialect, parameters, complete=not without_end), cell)
     for warning in doubtful_readings(toolpath):

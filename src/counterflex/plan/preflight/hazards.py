@@ -58,6 +58,9 @@ HAZARDS: Final = (
     Hazard("motions by axes",
            "PTP, MoveJ, J, movej between lines: swung in joint space; where they lead, the branch of the arm",
            "that of `[posture]`", ("posture",), "warning; not looked at before the first target and behind the last"),
+    Hazard("posture of the program", "targets of a robot program whose posture (S, robconf, CONFIG, config) is another "
+           "than that of `[posture]`, in which reach, axes and bodies are checked", "0",
+           ("posture.shoulder", "posture.elbow", "posture.wrist"), "fail; not looked at where no target states one"),
     Hazard("joint speed at feed", "axis nearest to its limit", "the key, or the catalogue", (_RATES[0],), "fail"),
     Hazard("joint speed in rapids", "axis nearest to its limit", "the key, or the catalogue",
            (_RATES[0], "controller.rapid_mm_s"), "warning: the controller slows down or stops"),

@@ -26,6 +26,7 @@ from counterflex.plan.preflight.external_moves import external_row, standing_alo
 from counterflex.plan.preflight.hazards import complete
 from counterflex.plan.preflight.held_speed import HeldSpeed, held_speed
 from counterflex.plan.preflight.machined_stock import MachinedStock
+from counterflex.plan.preflight.posture_row import posture_row
 from counterflex.plan.preflight.process.cut_rows import (
     NEEDS_CUT,
     OF_LOAD,
@@ -164,6 +165,7 @@ def preflight(
     corners = corners_of(fine, blocks_of(fine), written.approximation_m, bounds.blending_m)
     rows += approximation_rows(corners, cutting, bounds)
     rows += size_rows(written.size)
+    rows.append(posture_row(written.postures, setting.branch, fine))
     parts[COLLISION](1.0)
     return Preflight(complete(rows, reasons), fine, q, margin, tuple(bodies), along, bounds)
 

@@ -49,7 +49,7 @@ def read_apt(text: str, *, name: str = "program", complete: bool = False, listed
         if ended:
             break
         run.statement(part)
-        ended = part.major == "FINI"
+        ended = part.major in ("FINI", "END")
     if complete and not ended and not any(part.major == "END-OF-PATH" for part in parts):
         raise ProgramError(
             "the program stops without FINI or END-OF-PATH", where=f"{name}:{len(lines)}:1",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from typing import Final
@@ -53,6 +54,7 @@ class Run:
         self._indirv: tuple[float, float, float] | None = None
         self._msys: tuple[tuple[float | None, ...], int] | None = None
         self._motion, self._plane = "G1", 17
+        self._lengths_in = ""
 
     def _fault(self, part: Statement, what: str, at: Argument | None = None, hint: str | None = None) -> ProgramError:
         column = at.start if at is not None else len(part.text) - len(part.text.lstrip())
@@ -86,7 +88,7 @@ class Run:
             raise self._fault(part, f"{REFUSED[major][0]}: {major}", hint=REFUSED[major][1])
         if major in ("GOTO", "GODLTA"):
             return self._goto(part)
-        if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "AUXFUN", "FINI"):
+        if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "AUXFUN", "FINI", "END"):
             return self._machine(part)
         if major == "FEDRAT":
             return self._feedrate(part)
@@ -107,6 +109,7 @@ class Run:
         elif major == "RAPID":
             self._rapid = True
         elif major == "FROM":
+            self._lengths_in = self._lengths_in or f"FROM in line {part.line}"
             self._p, self._axis = self._point(part)
         elif major == "TLAXIS":
             self._axis = self._direction(part, part.numbers())
@@ -183,7 +186,10 @@ class Run:
     def _direction(self, part: Statement, numbers: list[Argument]) -> tuple[float, float, float]:
         values = [argument.value or 0.0 for argument in numbers]
         if len(values) != 3 or abs(math.hypot(*values) - 1.0) > 1e-3:
-            raise self._fault(part, "the tool axis needs three numbers of length 1", numbers[0] if numbers else None)
+            raise self._fault(
+                part, f"the tool axis needs three numbers of length 1, and has {math.hypot(*values):.5g}",
+                numbers[0] if numbers else None,
+            )  # fmt: skip
         return (values[0], values[1], values[2]) if self._turning else (0.0, 0.0, 0.0)
 
     def _goto(self, part: Statement) -> list[Word]:
@@ -317,9 +323,11 @@ class Run:
         words = part.words() if part.major in ("UNITS", "UNIT") else [part.major]
         if words not in (["MM"], ["INCH"], ["INCHES"]):
             raise self._fault(part, "an unknown unit of length", hint="UNITS/MM or UNITS/INCHES")
-        if self.motions:
-            raise self._fault(part, "the unit changes after the first motion", hint="State it at the head of the file")
-        self._unit_m = self._feed_unit_m = MM if words == ["MM"] else INCH
+        unit_m = MM if words == ["MM"] else INCH
+        if unit_m != self._unit_m and (self.motions or self._lengths_in):
+            raise self._fault(part, f"the unit changes after {self._lengths_in or 'the first motion'}",
+                              hint="State it at the head of the file")  # fmt: skip
+        self._unit_m = self._feed_unit_m = unit_m
 
     def _feedrate(self, part: Statement) -> list[Word]:
         self._allow(part, tuple(FEEDS))
@@ -327,6 +335,7 @@ class Run:
         if len(numbers) != 1 or len(words) > 1 or not 0.0 <= (numbers[0].value or 0.0) <= 1e6:
             raise self._fault(part, "FEDRAT needs one number from 0 to 1e6 and its unit",
                               hint="FEDRAT/1500,MMPM; units: " + " ".join(FEEDS))  # fmt: skip
+        self._lengths_in = self._lengths_in or f"FEDRAT in line {part.line}"
         self._mode, unit_m = FEEDS[words[0]] if words else (94, 0.0)
         self._feed_unit_m = unit_m or self._unit_m
         self._feed, self._rapid = numbers[0].value, False
@@ -339,6 +348,9 @@ class Run:
         out: list[tuple[str, float]] = []
         if part.major == "SPINDL":
             self._allow(part, ("RPM", "ON", "RANGE", "LOW", "MEDIUM", "HIGH", *TURNS))
+            gears = [n for word, n in itertools.pairwise(part.arguments) if word.text == "RANGE"]
+            numbers = [n for n in numbers if n not in gears]
+            value = numbers[0].value if numbers else None
             if len(numbers) > 1 or (value is not None and not 0.0 <= value <= 1e6):
                 raise self._fault(part, "SPINDL takes one speed, 0 to 1e6 rpm")
             if value is not None:
@@ -366,7 +378,7 @@ class Run:
                                   hint="Use SPINDL, COOLNT, LOADTL, STOP")  # fmt: skip
             out.append(("M", value))
         else:
-            out.append(("M", {"STOP": 0, "OPSTOP": 1, "FINI": 30}[part.major]))
+            out.append(("M", {"STOP": 0, "OPSTOP": 1, "FINI": 30, "END": 30}[part.major]))
         at = len(part.text) - len(part.text.lstrip())
         return [Word(letter, number, at, at, False) for letter, number in out]
 
@@ -381,6 +393,11 @@ class Run:
     def _system(self, part: Statement) -> None:
         """MSYS, CSYS: the coordinates that the points are in; one for the whole file is that of the part."""
         values = tuple(argument.value for argument in part.arguments)
+        if self._msys is None and self.motions:
+            raise self._fault(
+                part, f"a coordinate system {part.major} behind the first motion, which has none",
+                hint="State it at the head of the file",
+            )  # fmt: skip
         if self._msys is not None and self._msys[0] != values:
             raise self._fault(
                 part, f"a second coordinate system {part.major}, other than in line {self._msys[1]}",

@@ -22,6 +22,7 @@ _AXIS_OFF: Final = 1e-9
 _MAJOR: Final = re.compile(r"\s*([A-Z][A-Z0-9_\-. ]*?)\s*(/|$)", re.IGNORECASE)
 _TEXT: Final = re.compile(r"\s*(PARTNO|PPRINT|REMARK|INSERT|TOOL PATH|MACHIN|PLABEL|PAINT|TPRINT)\b", re.IGNORECASE)
 _ARGUMENT: Final = re.compile(r"\s*([^,\s]+)\s*(,|$)")
+_DEFINITION: Final = re.compile(r"\s*[A-Z]\w*\s*=", re.IGNORECASE)
 _TOOL_ON: Final = re.compile(r"\s*(TLON|TLLFT|TLRGT)\b\s*,?", re.IGNORECASE)
 _TOOL_ON_CIRCLE: Final = re.compile(
     r"\s*TLON\s*,\s*GOFWD\s*/\s*\(?\s*CIRCLE\s*/([^()A-Z]*?)(?:\)\s*|\s*),\s*ON\s*,\s*(2\s*,\s*(?:INTOF\s*,\s*)?)?"
@@ -155,6 +156,11 @@ def _statement(code: str, text: str, line: int, name: str) -> Statement:
     major = _MAJOR.match(flat)
     if major is None:
         where = place(name, line, text, len(code) - len(code.lstrip()))
+        if _DEFINITION.match(flat):
+            raise ProgramError(
+                "definitions of APT are not evaluated: variables, matrices, geometry, macros", where=where,
+                value=code.strip()[:40], hint="Let the CAM system write a cutter location file: GOTO with numbers",
+            )  # fmt: skip
         raise ProgramError("this is no statement of APT", where=where, value=code.strip()[:40])
     if major[1].upper() in _CARRIED:  # CATIA leaves arguments out: TOOLNO/1,MILL,1,0,14.106,,40.0
         return Statement(line, text, major[1].upper())

@@ -38,6 +38,7 @@ _EVALUATED: Final[tuple[tuple[str, str, str], ...]] = (
     ("$$-> CSYS", "coordinate system of the file; a second one is refused", "$$-> CSYS / 1,0,0,0,0,1,0,0,0,0,1,0"),
     ("GOHOME", "to a place of the machine that is not known: only the end may follow", "GOHOME"),
     ("FINI", "end", "FINI"),
+    ("END", "end, as CATIA writes it", "END"),
 )  # fmt: skip
 _NEUTRAL: Final[tuple[tuple[str, str, str], ...]] = (
     ("PARTNO PPRINT REMARK MACHIN PLABEL TPRINT TOOL_PATH PAINT", "text", "*/TEXT"),

@@ -31,6 +31,7 @@ class RapidTarget:
         shared: Other places use the declared robtarget too.
         place: Data and element that it stands in; None of one that is written out or computed.
         rest: Configuration and external axes of a computed one as text; empty where the configuration is not known.
+        cfx: Posture of the arm, 0 to 7; None where it is not known.
     """
 
     start: int
@@ -46,6 +47,7 @@ class RapidTarget:
     shared: bool = False
     place: tuple[int, tuple[int, ...]] | None = None
     rest: str = ""
+    cfx: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

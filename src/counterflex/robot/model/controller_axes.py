@@ -84,7 +84,8 @@ MAKERS: Final[dict[MakerName, Maker]] = {
     "abb": Maker(
         "ABB", "rapid", (1, 1, 1, 1, 1, 1), (0.0, 0.0, -90.0, 0.0, 0.0, 0.0), None, "floor",
         "product specifications; with a parallel rod axis 3 is the forearm against the horizontal "
-        "(ROS-Industrial abb_driver, J23_coupled: IRB 1400, 2400, 4400, 5400, 6400)",
+        "(ROS-Industrial abb_driver, J23_coupled: IRB 1400, 2400, 4400, 5400, 6400, 6660; IRB 1410: Malla and "
+        "Shanmugavel 2024; IRB 8700: working range -30 to 132 deg)",
     ),
     "fanuc": Maker(
         "FANUC", "fanuc", (1, 1, -1, -1, -1, -1), (0.0, 0.0, -90.0, 0.0, 0.0, -180.0), "horizontal", "axis 2",
@@ -351,7 +352,8 @@ def in_language(
             raise InputError(
                 "axis 3 has the range of an arm with a parallel rod, and nothing says what it is counted from",
                 where=f"{where}: robot", value=f"{low:g} to {high:g} deg", limit='"horizontal" or "upper_arm"',
-                hint='Say axis_3_from in [robot.controller_axes]: "horizontal" for IRB 1400, 2400, 4400, 6400',
+                hint='Say axis_3_from in [robot.controller_axes]: "horizontal" for IRB 1400, 1410, 2400, 4400, 6400, '
+                "6660, 8700",
             )  # fmt: skip
         open_limit = axes.coupled and not axes.between_known
         return axes, (*((axes.assumed,) if axes.assumed else ()), *((_NO_BETWEEN,) if open_limit else ()))

@@ -25,7 +25,8 @@ from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
 from counterflex.plan.preflight.size import ProgramSize
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.plan.undisturbed_cut import UndisturbedCut
-from counterflex.programs.stated import Stated
+from counterflex.programs.stated.posture import Stated as StatedPosture
+from counterflex.programs.stated.remarks import Stated
 
 _CONTACT_M3: Final = 1e-12
 _STANDING_RAD_S: Final = 1000.0
@@ -55,6 +56,7 @@ class AsWritten:
         stated: Offsets, coolant and end.
         height_known: The program has named the height of the tool with or before its first motion.
         spindle_by_person: It says nothing of the spindle, and the cell wires no statement to it.
+        postures: Posture that motions of a robot program ask for; None of other languages.
         arrival: Motion at whose end the program has named X, Y and Z: up to there the way is not known.
         left_out: File and line of each motion by axes before the first target and behind the last one.
     """
@@ -66,6 +68,7 @@ class AsWritten:
     spindle_by_person: bool = False
     arrival: int = 0
     left_out: tuple[str, ...] = ()
+    postures: dict[int, StatedPosture] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
-from counterflex.programs.stated import NONE, OWN, UNSAID, Stated
+from counterflex.programs.stated.offsets import NONE, OWN, UNSAID
+from counterflex.programs.stated.remarks import Stated
 
 LENGTH: Final = "tool length offset"
 WORK: Final = "work offset"

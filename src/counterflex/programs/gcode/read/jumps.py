@@ -252,12 +252,12 @@ class FlowRunner:
                 repeats, number = divmod(number, 10_000)  # Fanuc: repetitions before the last four digits
             return lambda: self._call(source, index, str(number), None, repeats, 0)
         if stop == 990:
+            if block.has("P"):
+                raise block.fault("M99 P jumps to a block and is not read", "P", None, "Write GOTO")
             if not self._frames or self._frames[-1].modern:
                 raise block.fault(
                     "M99 outside a subprogram runs the program for ever", "M990", "M99", "End it with M2 or M30"
                 )
-            if block.has("P"):
-                raise block.fault("M99 P jumps to another block and is not read", "P", None, "Post without M99 P")
             return lambda: self._return(None)
         return None
 

@@ -282,11 +282,15 @@ def apply_offsets(block: BlockWords, state: State) -> None:
             number = value * state.unit_m if axis < 3 else value
             shift[axis] = number if code == 520 else here[axis] - number
         state.g92 = state.g92_saved = _as_six(shift)
+        state.g92_known = True
     elif code == 921:
         state.g92 = state.g92_saved = ZERO
+        state.g92_known = True
     elif code == 922:
         state.g92 = ZERO
     elif code == 923:
+        if not state.g92_known:
+            raise block.fault("G92.3 brings back an offset that an earlier program left", "G923", None, "Write G92")
         state.g92 = state.g92_saved
 
 
@@ -305,6 +309,10 @@ def _set_work_offset(block: BlockWords, state: State) -> None:
     if kind not in (2, 20):
         raise block.fault("G10 is read with L2 or L20 only", "L" if kind is not None else "G100", None,
                           "Set tools and parameters on the control")  # fmt: skip
+    if kind == 2 and not state.absolute:
+        raise block.fault(
+            "G10 L2 in G91: LinuxCNC sets the offset, Fanuc and Haas add to it", "G100", "G91", "Write G90"
+        )
     fanuc = kind == 20 and state.fanuc_offsets
     number = block.whole("P", 0, MOST_FURTHER if fanuc else 9)
     if number is None:

@@ -42,6 +42,7 @@ _OF_THE_MACHINE: Final = (
     (range(5001, 5061), "a position that the control reports"),
     (range(5061, 5071), "the probe found it"),
     (range(5161, 5210), "the machine stores it for G28 and G30"),
+    (range(5211, 5220), "an earlier program may have left it (G92)"),
     (range(5221, 5400), "where the offset lies in the machine"),
     (range(5401, 5420), "the tool table has it"),
     (range(5420, 5430), "where the tool stands"),
@@ -194,7 +195,7 @@ class Parameters:
         if number == 5220 and state.work_offset in LINUXCNC_OFFSETS:
             return float(LINUXCNC_OFFSETS.index(state.work_offset) + 1)
         if _G92 <= number < _G92 + 6:
-            return self._stored(state.g92_saved[number - _G92], number - _G92)
+            return self._stored(state.g92_saved[number - _G92], number - _G92) if state.g92_known else None
         offset, axis = divmod(number - _G54, 20)
         if 0 <= offset < 9 and axis < 6:
             zero = state.work_offsets.in_machine(LINUXCNC_OFFSETS[offset], axis)

@@ -1,8 +1,4 @@
-"""Read RS274/NGC programs as LinuxCNC does, strictly.
-
-:func:`doubtful_readings` says what a program may have meant otherwise: a dwell so long that its P may have been meant
-in milliseconds, as many controls read it; lines that begin with a slash, which the operator's switch decides about.
-"""
+"""Read RS274/NGC programs as LinuxCNC does, strictly."""
 
 from __future__ import annotations
 
@@ -14,21 +10,19 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.core.units import MINUTE
 from counterflex.programs.foreign_language import foreign_language
-from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.flow import Source, line_end, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
 from counterflex.programs.gcode.read.jumps import Include
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.state import State
 from counterflex.programs.gcode.read.work_offsets import WorkOffsets
-from counterflex.programs.program import KRL_DIALECT, Block, Motion, Program
+from counterflex.programs.program import Block, Motion, Program
 from counterflex.programs.source_text import read_text
 
 Point = tuple[float, float, float]
-_FURTHER_OFFSET: Final = re.compile(r"\bG(54\.1|154)\s*P|\bG54\s*P", re.IGNORECASE)
-_SENSOR_ON: Final = re.compile(r"\bRSI_ON\s*\(", re.IGNORECASE)
+FURTHER_OFFSET: Final = re.compile(r"\bG(54\.1|154)\s*P|\bG54\s*P", re.IGNORECASE)
+"""A further work offset of Fanuc or Haas, so that L20 of G10 is that of Fanuc."""
 _HERE: Final[Point] = (0.0, 0.0, 0.0)
 COORDINATES_OF_THE_PART: Final = MillingMachine()
 """A machine whose coordinates are those of the part, with nothing else known."""
@@ -88,7 +82,8 @@ def read_gcode(
     state = State(
         work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
         unknown=set() if machine.known else {0, 1, 2},
-        fanuc_offsets=any(_FURTHER_OFFSET.search(line) for line in lines),
+        fanuc_offsets=any(FURTHER_OFFSET.search(line) for line in lines),
+        g92_known=machine.known,
         lengths_known=machine.known or machine.tool_lengths is not None,
     )
     if machine.part_at_g54:
@@ -163,11 +158,6 @@ def _moved(motion: Motion, zero: Point) -> Motion:
     return replace(motion, p_start=motion.p_start - zero, p_end=motion.p_end - zero, p_centre=centre)
 
 
-def _has_further(program: Program) -> bool:
-    """Return whether a program uses G54.1, so that L20 is that of Fanuc."""
-    return any(_FURTHER_OFFSET.search(line) for line in program.lines)
-
-
 def _file_names(label: str, suffix: str) -> list[str]:
     """Names of the file of a subroutine: ``drill.ngc``, and of a number ``1001.nc``, ``O1001.nc``, ``O1001``."""
     stems = [label]
@@ -223,83 +213,3 @@ def read_gcode_file(
         complete=complete,
     )
     return replace(program, encoding=encoding)
-
-
-LONG_S: Final = 60.0
-"""Longer than a spindle takes to run up or a chip to break; as milliseconds less than that is next to nothing."""
-_CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
-
-
-def doubtful_readings(program: Program) -> list[str]:
-    """Return one sentence for each: where, how it was read, and the other reading."""
-    long = _long_dwells(program) if program.dialect == "linuxcnc" else []  # elsewhere the unit is beyond doubt
-    return [*long, *_skipped_by_switch(program), *_part_zero(program), *_zeros_set_here(program), *_by_sensor(program)]
-
-
-def _by_sensor(program: Program) -> list[str]:
-    """KRL whose path a sensor corrects."""
-    if program.dialect != KRL_DIALECT:
-        return []
-    block = next((one for one in program.blocks if _SENSOR_ON.search(one.text.split(";")[0])), None)
-    if block is None:
-        return []
-    place = block.where(Path(program.name).name)
-    return [f"{place}: RSI_ON lets a sensor correct the path; what it adds is not looked at"]
-
-
-def _part_zero(program: Program) -> list[str]:
-    """The work offset that was taken as the part frame, where it is another than the first one of a control."""
-    if program.part_zero is None or program.part_zero[0] == "G54":
-        return []
-    name, line = program.part_zero
-    return [
-        f"{name} (line {line}) is taken as the zero of the part; where it lies is not known. To state it: "
-        "part.work_offsets_mm in the cell file, or --parameters"
-    ]
-
-
-def _zeros_set_here(program: Program) -> list[str]:
-    """G10 L20, which LinuxCNC and Fanuc read in different ways."""
-    for block in program.blocks:
-        words = {word.letter: word.value for word in block.words}
-        tens = any(word.letter == "G" and word.value == 10.0 for word in block.words)
-        if tens and words.get("L") == 20.0 and program.dialect == "linuxcnc" and not _has_further(program):
-            return [
-                f"G10 L20 in line {block.line} is read as LinuxCNC does: program zero from where the tool stands; "
-                "Fanuc sets an offset of G54.1 P with it"
-            ]
-    return []
-
-
-def _long_dwells(program: Program) -> list[str]:
-    """Dwells above :data:`LONG_S`, one sentence for each length."""
-    results: dict[tuple[str, float], list[int]] = {}
-    for motion in program.motions:
-        if motion.kind == "dwell" and motion.duration_s > LONG_S:
-            block = program.blocks[motion.block]
-            results.setdefault((_code(block), motion.duration_s), []).append(block.line)
-    return [
-        f"{code} P{time_s:g} in line {lines[0]} waits {time_s:g} s ({time_s / MINUTE:.1f} min)"
-        + (f", {len(lines)} times in all" if len(lines) > 1 else "")
-        + ": P is in seconds here, as LinuxCNC reads it; where it was meant in milliseconds, as many controls read it, "
-        + f"write P{time_s * 1e-3:g}"
-        for (code, time_s), lines in results.items()
-    ]
-
-
-def _skipped_by_switch(program: Program) -> list[str]:
-    """Lines with motions that begin with a slash."""
-    lines = [b.line for b in program.blocks if b.motion_count and b.text.lstrip().startswith("/")]
-    if not lines:
-        return []
-    more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
-    return [
-        f"line {lines[0]}{more} begin{'s' * (len(lines) == 1)} with / and {'is' if len(lines) == 1 else 'are'} read as "
-        "executed: leave the switch for block delete off, or take these lines out and plan again"
-    ]
-
-
-def _code(block: Block) -> str:
-    """Code that dwells: the cycle, or G4."""
-    by_hand = any(word.letter == "G" and word.value == 4.0 for word in block.words)
-    return block.modal.motion if block.modal.motion in _CYCLES and not by_hand else "G4"

@@ -65,6 +65,7 @@ class State:
         polar: Radius (m) and angle (deg) in force by axis, under G16.
         fanuc_offsets: G10 L20 sets the offsets of G54.1, which the program uses; else those of LinuxCNC.
         lengths_known: Tool lengths are those of the machine's tool table.
+        g92_known: No offset that an earlier program left can come back by G92.3.
     """
 
     work_offsets: WorkOffsets
@@ -97,6 +98,7 @@ class State:
     polar: dict[int, float] = field(default_factory=dict)
     fanuc_offsets: bool = False
     lengths_known: bool = True
+    g92_known: bool = True
 
     @property
     def origin(self) -> Six:

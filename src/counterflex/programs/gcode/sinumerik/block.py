@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Final
 
@@ -21,6 +22,12 @@ from counterflex.programs.program import Word
 
 Fault = Callable[[str, int, object, str | None], ProgramError]
 _ROLES: Final = {"CR": "R", "TURN": "P", "A3": "I", "B3": "J", "C3": "K", "S1": "S"}
+_NEUTRAL_WITH: Final = {"CYCLE800": ("",), "SETMS": ("", "1")}
+"""Calls that are neutral with these arguments, and refused with others."""
+_NO_SWIVEL: Final = re.compile(
+    r"\(?\s*0*\s*,\s*\"[^\"]*\"(?:\s*,[^,]*){2}(?:\s*,\s*[-+]?0*\.?0*\s*){9}(?:,[^,]*)*\)?\s*"
+)
+"""Arguments of CYCLE800 without retraction (FR), shifts (X0 Y0 Z0, X1 Y1 Z1) and angles (A, B, C)."""
 MIDDLE: Final = ("I1", "J1", "K1")
 """Point on the arc of CIP."""
 _OF_DWELL: Final = {"F": "P", "S": "Q"}
@@ -84,7 +91,9 @@ class Block:
             return
         if name.name == "FGROUP":
             raise self._fault("the feed belongs to some axes only: FGROUP", name.start, shown, "FGROUP(X,Y,Z)")
-        if name.name == "CYCLE800" and name.called and not name.arguments.strip():
+        if name.name == "CYCLE800" and _NO_SWIVEL.fullmatch(name.arguments):
+            return
+        if name.arguments.strip("() ") in _NEUTRAL_WITH.get(name.name, ()) and (name.called or name.name == "SETMS"):
             return
         if name.name in self._table.refused or name.name.startswith(self._table.cycles or "0"):
             if name.name not in self._table.carried:

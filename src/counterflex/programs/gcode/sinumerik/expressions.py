@@ -103,6 +103,37 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., float]]] = {
 }
 
 
+_CONVERSIONS: Final[Mapping[str, Callable[[float], object]]] = {
+    "INT": lambda a: float(math.floor(a + 0.5)),
+    "CHAR": lambda a: float(math.floor(a + 0.5)),
+    "BOOL": bool,
+}
+"""What a number becomes in a variable of a type (Job Planning, "Type conversion": from 0.5 upwards, INT rounds up)."""
+
+
+class Cells(dict[tuple[int, ...], object]):
+    """Values of a variable by index; ``()`` is that of every element without one of its own.
+
+    Args:
+        kind: Type in capitals: REAL, INT, BOOL, CHAR, STRING, AXIS or FRAME.
+        value: Initial value; a tuple (SET) gives the first elements of an array their values.
+    """
+
+    def __init__(self, kind: str, value: object) -> None:
+        super().__init__()
+        self.kind = kind
+        if isinstance(value, tuple):
+            for index, item in enumerate(value):
+                self.put((index,), item)
+            return
+        self.put((), value)
+
+    def put(self, key: tuple[int, ...], value: object) -> None:
+        """Set an element to a value, converted to the type of the variable."""
+        convert = _CONVERSIONS.get(self.kind)
+        self[key] = convert(float(value)) if convert is not None and isinstance(value, int | float) else value
+
+
 class Variables:
     """R parameters and variables of the programs that run.
 
@@ -114,20 +145,28 @@ class Variables:
     def __init__(self) -> None:
         self.where = ""
         self._shared: dict[tuple[str, tuple[int, ...]], object] = {}
-        self.levels: list[dict[str, dict[tuple[int, ...], object]]] = [{}]
+        self.levels: list[dict[str, Cells]] = [{}]
 
     def defines(self, name: str) -> bool:
         """Return whether DEF or PROC of the running program declares a variable."""
         return name.upper() in self.levels[-1]
 
-    def define(self, name: str, value: object) -> None:
-        """Declare a variable of the running program."""
-        self.levels[-1][name.upper()] = {(): value}
+    def define(self, name: str, kind: str, value: object) -> None:
+        """Declare a variable of the running program; ``kind`` is its type in capitals."""
+        self.levels[-1][name.upper()] = Cells(kind, value)
 
     def assign(self, name: str, index: Sequence[object], value: object) -> None:
         """Set a variable; an index that is not known makes all its elements unknown."""
+        if isinstance(value, tuple) and len(index) == 1 and isinstance(index[0], int | float):
+            for place, item in enumerate(value, start=round(index[0])):
+                self.assign(name, (place,), item)
+            return
+        if isinstance(value, tuple):
+            index, value = (), Unknown("SET fills elements, and which is not known", self.where)
         key = self._index(index)
         cells = self.levels[-1].get(name.upper())
+        if isinstance(value, Unknown) and not index and cells is not None:
+            cells.clear()
         if isinstance(key, Unknown):
             if cells is not None:
                 cells.clear()
@@ -137,7 +176,7 @@ class Variables:
                     self._shared[shared] = key
                 self._shared[name.upper(), ()] = key
         elif cells is not None:
-            cells[key] = value
+            cells.put(key, value)
         else:
             self._shared[self._parameter(name, key)] = value
 
@@ -171,6 +210,8 @@ class Variables:
 
     def call(self, name: str, arguments: Sequence[object], options: Mapping[str, object]) -> object:  # noqa: ARG002
         """Return the value of a function."""
+        if name.upper() == "SET" and arguments:
+            return tuple(arguments)
         function = _FUNCTIONS.get(name.upper())
         if function is None:
             return Unknown(f"the control computes it ({name.upper()})", self.where)

@@ -8,10 +8,10 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.scanner import error_at
-from counterflex.programs.gcode.sinumerik.expressions import Variables, number
+from counterflex.programs.gcode.sinumerik.expressions import Cells, Variables, number
 from counterflex.programs.gcode.sinumerik.scanner import value_at
 from counterflex.programs.gcode.sinumerik.source import Construct, Head, Library, Source, code_of
-from counterflex.programs.unknown import known
+from counterflex.programs.unknown import Unknown, known
 
 _DEEPEST: Final = 16
 _JUMP: Final = re.compile(r"\b(GOTO[FBCS]?)\s+(\"?)(\w+)\2", re.IGNORECASE)
@@ -227,11 +227,14 @@ class Flow:
             raise self.fault("a declaration that is not read", at, code.strip()[:40], "DEF REAL NAME=1")
         at = kind.end()
         while (match := _DECLARED.match(code, at)) is not None:
-            value: object = _ZERO.get(kind[1].upper().split("[")[0].strip())
+            name = kind[1].upper().split("[")[0].strip()
+            value: object = _ZERO.get(name)
             at = match.end()
             if match[3] is not None:
                 value, at = self.value(code, at)
-            self.variables.define(match[1], value)
+            if isinstance(value, tuple) and (match[2] or "").count(",") + 1 != 1:
+                value = Unknown("SET fills an array of several dimensions", self.variables.where)
+            self.variables.define(match[1], name, value)
             comma = re.compile(r"\s*,").match(code, at)
             if comma is None:
                 break
@@ -262,11 +265,11 @@ class Flow:
         self.source, self.index, self._loops = source, source.first, {}
         return True
 
-    def _bound(self, source: Source, arguments: str) -> tuple[dict[str, dict[tuple[int, ...], object]], dict[str, str]]:
+    def _bound(self, source: Source, arguments: str) -> tuple[dict[str, Cells], dict[str, str]]:
         """Values of the parameters of a subprogram."""
         head = next((code_of(line) for line in source.lines[source.first : source.last] if re.match(
             r"\s*(N\d+\s*)?PROC\b", line, re.IGNORECASE)), "")  # fmt: skip
-        level: dict[str, dict[tuple[int, ...], object]] = {}
+        level: dict[str, Cells] = {}
         returns: dict[str, str] = {}
         texts, at = [], 0
         while at < len(arguments):
@@ -280,10 +283,11 @@ class Flow:
                              "Declare them: PROC NAME(REAL A)")  # fmt: skip
         for index, parameter in enumerate(parameters):
             text = texts[index] if index < len(texts) else ""
-            value: object = _ZERO.get(parameter[2].upper().split("[")[0].strip())
+            kind = parameter[2].upper().split("[")[0].strip()
+            value: object = _ZERO.get(kind)
             if text:
                 value, _ = self.value(text, 0)
-            level[parameter[3].upper()] = {(): value}
+            level[parameter[3].upper()] = Cells(kind, value)
             if parameter[1] and text:
                 returns[parameter[3].upper()] = text
         return level, returns

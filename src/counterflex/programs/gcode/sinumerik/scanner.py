@@ -10,9 +10,9 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.expression import ExpressionError
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.expressions import Variables
-from counterflex.programs.gcode.sinumerik.words import REFUSED
+from counterflex.programs.gcode.sinumerik.words import AXES, REFUSED, ROTARY
 from counterflex.programs.limits import SINUMERIK
-from counterflex.programs.unknown import known
+from counterflex.programs.unknown import Unknown, known
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[+-]?\d+)?"
 _SKIP: Final = re.compile(r"\s*/\d?")
@@ -23,6 +23,8 @@ _PLAIN: Final = re.compile(rf"{_NUMBER}(?=[\s;,)\]]|$|[A-Z])", re.IGNORECASE)
 _OPERATOR: Final = re.compile(r"\s*([-+*/<>=]|DIV\b|MOD\b|AND\b|OR\b|XOR\b|B_\w+\b)", re.IGNORECASE)
 _WITH_NAME: Final = ("CALL", "PCALL", "EXTCALL")
 _NAME: Final = re.compile(r"[A-Z_]\w*", re.IGNORECASE)
+_LEAVES: Final = re.compile(r"\b(?:SUPA|G153|G0*53|G0*7[45])\b", re.IGNORECASE)
+"""Words that lead to a place of the machine, whose coordinates are not those of the part."""
 _LARGEST: Final = 1e9
 
 
@@ -138,8 +140,8 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
                 break
         else:
             raise error_at(
-                name, line, "a character that the Sinumerik dialect has no use for here", at, repr(text[at]),
-                "Comments begin with ;",
+                name, line, "a character that has no use here", at, repr(text[at]),
+                "Comments begin with ; in Sinumerik, and stand in brackets in TwinCAT",
             )  # fmt: skip
     return Line(tuple(addresses), tuple(names), tuple(assigned))
 
@@ -202,6 +204,8 @@ def _assigned(text: str, given: re.Match[str], name: str, line: int, variables: 
         if close is None:
             raise _open(text, mode.start(), name, line)
         literal, end = re.fullmatch(rf"\s*{_NUMBER}\s*", text[at:end], re.IGNORECASE) is not None, close.end()
+    if isinstance(value, Unknown) and address in (*AXES, *ROTARY) and _LEAVES.search(code_part(text, 0)):
+        value = 0.0  # a place of the machine is not known, whatever its number
     value = known(value, address, f"{name}:{line}:{given.start() + 1}", text=text[given.start() : end])
     if isinstance(value, str):
         return Address(address, None, value, "", given.start(), end)

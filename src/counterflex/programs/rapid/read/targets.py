@@ -192,7 +192,7 @@ class Targets:
         self.check_external(literal.rest[1], literal.start)
         return RapidTarget(
             argument.start, argument.end, "", (literal.start, literal.end), literal.numbers, (x, y, z),
-            (q[0], q[1], q[2], q[3]),
+            (q[0], q[1], q[2], q[3]), cfx=_cfx(numbers_of(literal.rest[0])),
         )  # fmt: skip
 
     def _computed(self, value: object, argument: Argument) -> RapidTarget:
@@ -215,7 +215,7 @@ class Targets:
         rest = "" if first_unknown(conf) else f"{_text(conf)},{_text(external)}"
         return RapidTarget(
             argument.start, argument.end, "", (0, 0), (), (float(p[0]), float(p[1]), float(p[2])),
-            (float(q[0]), float(q[1]), float(q[2]), float(q[3])), turned=True, rest=rest,
+            (float(q[0]), float(q[1]), float(q[2]), float(q[3])), turned=True, rest=rest, cfx=_cfx(conf),
         )  # fmt: skip
 
     def _refuse(self, p: list[float], q: list[float], argument: Argument) -> None:
@@ -344,6 +344,12 @@ class Targets:
         return ProgramError(
             what, where=self.source.place(argument.start), value=" ".join(argument.text.split())[:60], **more
         )
+
+
+def _cfx(configuration: list[object] | None) -> int | None:
+    """Posture of the arm of a robconf; None where it is not known."""
+    number = configuration[3] if configuration is not None and len(configuration) == 4 else None
+    return round(number) if isinstance(number, int | float) else None
 
 
 def _text(values: list[object]) -> str:

@@ -22,7 +22,7 @@ from counterflex.programs.val3.read.branches import assignment, hidden_effect, i
 from counterflex.programs.val3.read.flow import Flow
 from counterflex.programs.val3.read.motions import Val3Cell
 from counterflex.programs.val3.read.program_file import Routine, arguments, code_of
-from counterflex.programs.val3.read.store import Store
+from counterflex.programs.val3.read.store import ROOTS, Store
 from counterflex.programs.val3.read.table import ACTING
 from counterflex.programs.val3.read.values import FATHER, TRSF, trsf_of
 
@@ -286,8 +286,9 @@ class Interpreter(Flow):
         """Another father, the coordinates stay (VAL3 Reference manual, link)."""
         _, given = self._given(routine, at)
         try:
-            father = self.store.literal(given[1]) if len(given) == 2 else None
-            if father is None:
+            root = len(given) == 2 and given[1].partition("[")[0].strip() in ROOTS
+            father = self.store.literal(given[1]) if len(given) == 2 and not root else None
+            if father is None and not root:
                 raise routine.fault(at, "link is not understood", limit="link(point,frame)")
             literal = self.store.literal(given[0])
             value = None if literal is None else literal[1][0].get(literal[0][1])
@@ -296,7 +297,8 @@ class Interpreter(Flow):
         if not isinstance(value, Mapping) or FATHER not in value:
             raise routine.fault(at, "link changes what is no point, frame or tool that is known",
                                 limit="link(point,frame)", hint="Write the father into the data file")  # fmt: skip
-        self.put(routine, at, f"{given[0]}.{FATHER}", f"{father[0][0]}[{father[0][1]}]")
+        name, index = (given[1].partition("[")[0].strip(), 0) if father is None else father[0]
+        self.put(routine, at, f"{given[0]}.{FATHER}", f"{name}[{index}]")
         return at + 1
 
     # ---- other programs ------------------------------------------------------------------------------------

@@ -43,7 +43,8 @@ _PLAIN: Final = re.compile(r"([A-Za-z_]\w*)(?:\[(\d+)\])?")
 _DEEPEST: Final = 20
 _WHOLE: Final = 1e-6
 """Distance of a computed index from a whole number: above the noise of binary fractions."""
-_ROOTS: Final = ("world", "flange")
+ROOTS: Final = ("world", "flange")
+"""Frames that have no father."""
 
 
 @dataclass
@@ -251,7 +252,7 @@ class Store:
         """
         match = _FATHER.fullmatch(father)
         name, index = (match[1], int(match[2] or 0)) if match else (father, 0)
-        if name in _ROOTS and index == 0:
+        if name in ROOTS and index == 0:
             return None
         cells = self.globals.get(name)
         value = Unknown(f"{name} is in no data file of the application") if cells is None else cells.get(index)
@@ -288,7 +289,7 @@ class Store:
             return
         old = cells.get(index)
         if isinstance(old, Unknown) and components:
-            raise ExpressionError(f"{node.text} has no components that are read")
+            return  # the other components of it stay unknown
         new = with_component(old, components, value) if components else as_stored(old, value)
         if new != old:
             self.version += 1

@@ -1,7 +1,8 @@
-"""Diameters of the tools that the comments of a program name: those that its post-processor was given.
+"""Diameters of the tools that a program names in comments or statements: those that its post-processor was given.
 
 Forms: ``(T1 D=16. CR=0. - flat end mill)`` of Fusion and its relatives, ``(Compensated Tool Path. Diameter: 16.0 mm)``
-of FreeCAD, ``(TOOL - 1 DIA. OFF. - 1 LEN. - 1 DIA. - 16.)`` of Mastercam, ``(T1: end mill D16, 3 flutes)`` of people.
+of FreeCAD, ``(TOOL - 1 DIA. OFF. - 1 LEN. - 1 DIA. - 16.)`` of Mastercam, ``(T1: end mill D16, 3 flutes)`` of people;
+``CUTTER/16`` and ``TLDATA/MILL,16`` of APT.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ _DIAMETER: Final = re.compile(
     rf"{_NUMBER}\s*(MM|IN(?:CH)?\b|\")?",
     re.IGNORECASE,
 )
+_TOOL_DATA: Final = re.compile(rf"\s*(?:CUTTER\s*/|TLDATA\s*/\s*(?:MILL|BALL|DRILL)\w*\s*,)\s*{_NUMBER}", re.IGNORECASE)
 _OF_A_TOOL: Final = re.compile(r"\bTOOL\b", re.IGNORECASE)
 _FEATURE: Final = re.compile(
     r"POCKET|HOLE|BORE|BORING|BOSS|GROOVE|CIRC|RING|HUB|THREAD|SHAFT|PART|BLANK", re.IGNORECASE
@@ -31,7 +33,7 @@ _INCH_M: Final = 25.4 * MM
 
 
 def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
-    """Return the diameter of each tool that a comment names, m, and the line of the comment.
+    """Return the diameter of each tool that a comment or a statement of APT names, m, and its line.
 
     A comment that names no tool is about the one in the spindle. Without a unit, lengths are in that of the program.
 
@@ -40,6 +42,9 @@ def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
     """
     unit = program.blocks[-1].modal.unit_m if program.blocks else MM
     out: dict[int, tuple[float, int]] = {}
+    for tool, diameter, line in _of_apt(program) if program.dialect == "apt" else ():
+        if tool != 0 and diameter > 0.0:
+            out.setdefault(tool, (diameter * unit, line))
     for line, text, tool in _comments(program):
         starts = [match.start() for match in _TOOL.finditer(text)]
         for begin, end in itertools.pairwise([0, *starts, len(text)]):
@@ -52,6 +57,18 @@ def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
             of_text = {"": unit, "MM": MM}.get((match[2] or "").upper(), _INCH_M)
             out.setdefault(number, (float(match[1]) * of_text, line))
     return out
+
+
+def _of_apt(program: Program) -> Iterator[tuple[int, float, int]]:
+    """Tool, diameter in program units and line of each CUTTER and TLDATA: of the next motion's tool."""
+    stated: tuple[float, int] | None = None
+    for block in program.blocks:
+        match = _TOOL_DATA.match(block.text)
+        if match is not None:
+            stated = float(match[1]), block.line
+        elif block.motion_count and stated is not None:
+            yield block.modal.tool, *stated
+            stated = None
 
 
 def _comments(program: Program) -> Iterator[tuple[int, str, int]]:

@@ -1,0 +1,1 @@
+"""Statements of a program beside its motions: offsets, units, tools, postures of the arm."""

@@ -1,0 +1,105 @@
+"""Tool length and work offsets that a program selects by number, followed from block to block.
+
+Sources: LinuxCNC, G-codes (G43, G43.1, G49, G54 to G59.3, G10 L2 and L20); SINUMERIK 840D sl, Programming Manual
+Fundamentals (D0 cancels the tool offset; D1 is active after a tool change, MD20270; G54 to G57, G505 to G599); TwinCAT
+NC I (D, G54 to G57).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from counterflex.programs.program import Block
+
+NONE: Final = -1
+"""No tool length offset is active."""
+OWN: Final = -2
+"""The offset belongs to the tool itself: another tool's cannot be meant."""
+UNSAID: Final = -3
+"""The language has no word for it."""
+_LINUXCNC: Final = "linuxcnc"
+_SINUMERIK: Final = "sinumerik"
+_OF_TOOL: Final = (43.0, 43.4, 43.5, 44.0)
+_GIVEN: Final = 43.1
+_CANCEL: Final = 49.0
+_FURTHER: Final = {54.0, 54.1, 154.0}
+"""Further offsets of Fanuc and Haas, with P."""
+_HAAS: Final = {float(code) for code in range(110, 130)}
+"""The same by numbers of their own, P1 to P20."""
+_OFFSETS: Final = (*range(54, 60), 59.1, 59.2, 59.3)
+
+
+def codes_of(block: Block, letter: str) -> set[float]:
+    """Return the values of the words of a letter, to a tenth."""
+    return {round(word.value, 1) for word in block.words if word.letter == letter}
+
+
+def _value(block: Block, letter: str) -> int | None:
+    return next((round(word.value) for word in block.words if word.letter == letter), None)
+
+
+class OffsetReader:
+    """Follows the active offsets from block to block."""
+
+    def __init__(self, dialect: str) -> None:
+        self.length, self.offset, self.defined = UNSAID, "", set[str]()
+        self._step: Callable[[Block], None] = {
+            _LINUXCNC: self._iso, _SINUMERIK: self._sinumerik, "twincat": self._twincat,
+        }.get(dialect, self._nothing)  # fmt: skip
+        if dialect in (_LINUXCNC, "twincat"):
+            self.length = NONE
+        elif dialect == _SINUMERIK:
+            self.length = OWN
+        if dialect == _LINUXCNC:
+            self.offset = "G54"
+
+    def take(self, block: Block) -> None:
+        """Apply the words of a block."""
+        self._step(block)
+
+    def _nothing(self, block: Block) -> None:
+        """The language has no offsets of numbers."""
+
+    def _iso(self, block: Block) -> None:
+        codes = codes_of(block, "G")
+        if codes & set(_OF_TOOL):
+            number = _value(block, "H")
+            self.length = OWN if number is None else number or NONE
+        elif _GIVEN in codes:
+            self.length = OWN
+        elif _CANCEL in codes:
+            self.length = NONE
+        elif self.length > 0 and (number := _value(block, "H")) is not None:
+            self.length = number or NONE
+        if 10.0 in codes and _value(block, "L") in (2, 20):
+            number = _value(block, "P")
+            self.defined |= {self.offset} if not number else {_named(_OFFSETS[number - 1])} if number <= 9 else set()
+        for code in codes & set(_OFFSETS):
+            self.offset = _named(code)
+        further = _value(block, "P") if codes & _FURTHER else next((round(c) - 109 for c in codes & _HAAS), None)
+        if further is not None:
+            self.offset = f"G54.1 P{further}"
+
+    def _sinumerik(self, block: Block) -> None:
+        if 6.0 in codes_of(block, "M"):
+            self.length = OWN  # D1 of the new tool, MD20270
+        number = _value(block, "D")
+        if number is not None:
+            self.length = OWN if number else NONE
+        self._settable(block)
+
+    def _twincat(self, block: Block) -> None:
+        number = _value(block, "D")
+        if number is not None:
+            self.length = OWN if number else NONE
+        self._settable(block)
+
+    def _settable(self, block: Block) -> None:
+        for code in codes_of(block, "G"):
+            if 54 <= code <= 57 or 505 <= code <= 599:
+                self.offset = _named(code)
+
+
+def _named(code: float) -> str:
+    return f"G{code:g}"

@@ -1,0 +1,216 @@
+"""What a program may have meant otherwise: words that controllers read in two ways, and what it leaves unsaid.
+
+Sources: FANUC Series 30i, Operator's Manual, "Decimal point programming" (parameter DPI; least increments of IS-B:
+0.001 mm, 0.0001 inch) and G04 P; Haas, Mill Operator's Manual (numbers without a decimal point, G04 P).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from counterflex.core.units import INCH, MINUTE
+from counterflex.programs.gcode.read.codes import CYCLES, code_name
+from counterflex.programs.gcode.read.reader import FURTHER_OFFSET
+from counterflex.programs.program import KRL_DIALECT, ROBOT_DIALECTS, Block, Program, Word
+from counterflex.programs.stated.offsets import NONE, UNSAID, OffsetReader, codes_of
+
+
+@dataclass(frozen=True)
+class _UnitWords:
+    """Words that say the unit of a language: G codes, or the form of a statement."""
+
+    codes: frozenset[float]
+    shown: str
+    form: re.Pattern[str] | None = None
+
+
+_LINUXCNC: Final = "linuxcnc"
+_UNITS: Final = {
+    _LINUXCNC: _UnitWords(frozenset({20.0, 21.0}), "G20, G21"),
+    "sinumerik": _UnitWords(frozenset({70.0, 71.0, 700.0, 710.0}), "G70, G71, G700, G710"),
+    "apt": _UnitWords(
+        frozenset(), "UNITS/MM, UNITS/INCHES",
+        re.compile(r"\s*(?:UNITS?\s*/|(?:MM|INCH|INCHES)\s*$)", re.IGNORECASE),
+    ),
+}  # fmt: skip
+"""Of TwinCAT nothing is in doubt: G71 is active when a program begins."""
+_FANUC: Final = re.compile(
+    r"^\s*(?:N\d+\s*)?[O:]\d{1,8}\b(?!\s*(?:sub|call|if|while|do|repeat|end|else|break|continue|return)\b)"
+    r"|\bM9[789]\b|\bG(?:65|66|54\.1|154|0?5\.1|1[12]\d|187)\b|\b(?:IF|WHILE)\s*\[.*\]\s*(?:GOTO|THEN|DO)",
+    re.IGNORECASE,
+)
+_LENGTHS: Final = frozenset("XYZIJKR")
+_HALF_INCH: Final = 0.5 * INCH
+_OPTIONAL: Final = re.compile(r"\s*OPSKIP\s*/\s*ON\b", re.IGNORECASE)
+_CANCELS: Final = re.compile(r"G49(?![\d.])|[HD]\s*=?\s*0+(?![\d.])", re.IGNORECASE)
+_SENSOR_ON: Final = re.compile(r"\bRSI_ON\s*\(", re.IGNORECASE)
+LONG_S: Final = 60.0
+"""Longer than a spindle takes to run up or a chip to break; as milliseconds less than that is next to nothing."""
+_CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
+
+
+def doubtful_readings(program: Program) -> list[str]:
+    """Return one sentence for each: where, how it was read, and the other reading."""
+    if program.dialect in ROBOT_DIALECTS:
+        return _by_sensor(program)
+    checks = (_unit, _least_increments, _dwells, _skipped_by_switch, _part_zero, _zeros_set_here, _without_length)
+    return [sentence for check in checks for sentence in check(program)]
+
+
+def _by_sensor(program: Program) -> list[str]:
+    """KRL whose path a sensor corrects."""
+    if program.dialect != KRL_DIALECT:
+        return []
+    block = next((one for one in program.blocks if _SENSOR_ON.search(one.text.split(";")[0])), None)
+    if block is None:
+        return []
+    place = block.where(Path(program.name).name)
+    return [f"{place}: RSI_ON lets a sensor correct the path; what it adds is not looked at"]
+
+
+def _part_zero(program: Program) -> list[str]:
+    """The work offset that was taken as the part frame, where it is another than the first one of a control."""
+    if program.part_zero is None or program.part_zero[0] == "G54":
+        return []
+    name, line = program.part_zero
+    return [
+        f"{name} (line {line}) is taken as the zero of the part; where it lies is not known. To state it: "
+        "part.work_offsets_mm in the cell file, or --parameters"
+    ]
+
+
+def _zeros_set_here(program: Program) -> list[str]:
+    """G10 L20, which LinuxCNC and Fanuc read in different ways."""
+    for block in program.blocks:
+        words = {word.letter: word.value for word in block.words}
+        tens = any(word.letter == "G" and word.value == 10.0 for word in block.words)
+        if (
+            tens
+            and words.get("L") == 20.0
+            and program.dialect == _LINUXCNC
+            and not any(FURTHER_OFFSET.search(line) for line in program.lines)
+        ):
+            return [
+                f"G10 L20 in line {block.line} is read as LinuxCNC does: program zero from where the tool stands; "
+                "Fanuc sets an offset of G54.1 P with it"
+            ]
+    return []
+
+
+def _dwells(program: Program) -> list[str]:
+    """Dwells that may be in milliseconds: above :data:`LONG_S`, or whole numbers in a program for Fanuc or Haas."""
+    if program.dialect != _LINUXCNC:  # elsewhere the unit is beyond doubt
+        return []
+    fanuc = _is_fanuc(program)
+    results: dict[tuple[str, float], list[int]] = {}
+    for motion in program.motions:
+        if motion.kind != "dwell":
+            continue
+        block = program.blocks[motion.block]
+        if motion.duration_s > LONG_S or (fanuc and any(_is_whole(block, word) for word in block.words
+                                                        if word.letter == "P")):  # fmt: skip
+            results.setdefault((_code(block), motion.duration_s), []).append(block.line)
+    return [
+        f"{code} P{time_s:g} in line {lines[0]} waits {time_s:g} s"
+        + (f" ({time_s / MINUTE:.1f} min)" if time_s > LONG_S else "")
+        + (f", {len(lines)} times in all" if len(lines) > 1 else "")
+        + ": P is in seconds here, as LinuxCNC reads it; where it was meant in milliseconds, as many controls read it, "
+        + f"write P{time_s * 1e-3:g}"
+        for (code, time_s), lines in results.items()
+    ]
+
+
+def _unit(program: Program) -> list[str]:
+    """Lengths before the program says its unit."""
+    words = _UNITS.get(program.dialect)
+    if words is None:
+        return []
+    for block in program.blocks:
+        if block.words:
+            said = bool(codes_of(block, "G") & words.codes)
+        else:
+            said = words.form is not None and words.form.match(block.text) is not None
+        if said:
+            return []
+        if block.motion_count:
+            return [
+                f"line {block.line} moves, and no line before it says the unit ({words.shown}): lengths are read as mm"
+            ]
+    return []
+
+
+def _is_fanuc(program: Program) -> bool:
+    """Return whether the program has a number, or codes that Fanuc and its relatives have alone."""
+    return program.dialect == _LINUXCNC and any(_FANUC.search(line) for line in program.lines)
+
+
+def _is_whole(block: Block, word: Word) -> bool:
+    """Return whether a literal number other than zero has no decimal point."""
+    return word.literal and word.value != 0.0 and "." not in block.text[word.start : word.end]
+
+
+def _least_increments(program: Program) -> list[str]:
+    """Coordinates without a decimal point in a program for Fanuc or Haas."""
+    if not _is_fanuc(program):
+        return []
+    lines, first = 0, None
+    for block in program.blocks:
+        if not block.motion_count:
+            continue
+        word = next((one for one in block.words if one.letter in _LENGTHS and _is_whole(block, one)), None)
+        if word is not None:
+            lines, first = lines + 1, first or (block, word)
+    if first is None:
+        return []
+    block, word = first
+    text, unit = block.text[word.start : word.end].strip(), "inch" if block.modal.unit_m > _HALF_INCH else "mm"
+    least = "0.0001 inch" if unit == "inch" else "0.001 mm"
+    more = f" and {lines - 1} more" if lines > 1 else ""
+    return [
+        f"{text} in line {block.line}{more} has no decimal point and is read as {word.value:g} {unit}; a control that "
+        f"counts such numbers in least increments (Fanuc, Haas, unless set otherwise) goes {word.value:g} times {least}"
+    ]
+
+
+def _without_length(program: Program) -> list[str]:
+    """Cuts without a tool length offset in a program that cancels it, or has it elsewhere."""
+    reader, bare, other, cancel = OffsetReader(program.dialect), 0, False, 0
+    for block in program.blocks:
+        before = reader.length
+        reader.take(block)
+        if reader.length == NONE and _CANCELS.search(block.text):
+            cancel = block.line
+        other = other or reader.length not in (NONE, UNSAID) or before not in (NONE, UNSAID)
+        if reader.length == NONE and not bare and block.motion_count and any(
+            motion.kind in ("feed", "arc")
+            for motion in program.motions[block.first_motion : block.first_motion + block.motion_count]
+        ):  # fmt: skip
+            bare = block.line
+    if not bare or not (other or cancel):
+        return []
+    return [f"line {bare} moves at feed with no tool length offset in force: Z is read as the height of the tool tip"]
+
+
+def _skipped_by_switch(program: Program) -> list[str]:
+    """Lines with motions that begin with a slash."""
+    lines = [b.line for b in program.blocks if b.motion_count and b.text.lstrip().startswith("/")]
+    if program.dialect == "apt":
+        switched = next((b for b in program.blocks if _OPTIONAL.match(b.text)), None)
+        if switched is not None:
+            return [f"OPSKIP in line {switched.line}: what the switch for block delete may skip is read as executed"]
+    if not lines:
+        return []
+    more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
+    return [
+        f"line {lines[0]}{more} begin{'s' * (len(lines) == 1)} with / and {'is' if len(lines) == 1 else 'are'} read as "
+        "executed: leave the switch for block delete off, or take these lines out and plan again"
+    ]
+
+
+def _code(block: Block) -> str:
+    """Code that dwells: the cycle, or G4."""
+    by_hand = any(word.letter == "G" and word.value == 4.0 for word in block.words)
+    return block.modal.motion if block.modal.motion in _CYCLES and not by_hand else "G4"
