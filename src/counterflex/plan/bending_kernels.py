@@ -47,7 +47,7 @@ def thrust_of_step(free_m_s: float, gain: float, amplitude: float, exponent: flo
             break
         power = gain * amplitude * d**p
         d -= (d + power - free_m_s) / (1.0 + p * power / d)
-    return (free_m_s - min(max(d, 0.0), free_m_s)) / gain
+    return float((free_m_s - min(max(d, 0.0), free_m_s)) / gain)
 
 
 @kernel(
