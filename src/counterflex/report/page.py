@@ -73,15 +73,14 @@ def report_page(data: ReportData) -> str:
     scales: list[dict[str, Any]] = []
     surface, before, after = data.nominal_surface, data.nominal.surface, data.compensated.surface
     if surface is not None and before is not None and after is not None:
-        limit = scale_limit_mm(max(before.surface.max_m, after.surface.max_m) / MM)
+        scales = _scales(data, scale_limit_mm(max(before.surface.max_m, after.surface.max_m) / MM))
+        limit = scales[0]["limit"]
         shown = (map_picture(surface, before), map_picture(surface, after))
         places = callouts(*shown)
         figures["map"] = map_figure(*shown, places, limit)
         figures["space_before"] = figure_3d(surface, before, limit)
         figures["space_after"] = figure_3d(surface, after, limit)
-        figures["histogram"] = histogram_figure(surface, before, after, limit)
-        scales = _scales(data, limit)
-        limit = scales[0]["limit"]
+        figures["histogram"] = histogram_figure(surface, before, after, scales[-1]["limit"])
     if data.drawing is not None:
         figures["cell"] = cell_figure(data.drawing)
     if data.budget:
