@@ -118,7 +118,10 @@ def _verdict(run: LoggedRun) -> str:
     """Say in one sentence how far a run came, what stopped it and what the model says that remains."""
     row, causes = run.row, [str(one.shown()["cause"]).replace("_", " ") for one in run.incidents]
     share = "" if row["share_percent"] is None else f" over {row['share_percent']:g} % of the path"
-    ended = f"{len(causes)} holds and faults, the first: {causes[0]}" if causes else "no hold and no fault"
+    ended = "no hold and no fault"
+    if causes:
+        count = "one hold or fault" if len(causes) == 1 else f"{len(causes)} holds and faults, the first"
+        ended = f"{count}: {causes[0]}"
     remains = "what remains is not known"
     if row["remaining_um"] is not None:
         remains = f"{row['remaining_um']:g} um remain by the model (99.7 % of the cut)"
