@@ -39,8 +39,9 @@ def block(summary: dict[str, Any]) -> str:
         expected = [f"{median:.2f} mm ({low:.2f} to {high:.2f} mm)" for median, low, high in _ends(headline)]
         lines += [
             "Expected of the test part, with what is published of robot and material: "
-            f"{expected[1]} after compensation, {expected[0]} before. First the median over all that is not known, then the range that nine of ten such "
-            "cells lie in. Machined on simulated cells:",
+            f"{expected[1]} after compensation, {expected[0]} before. "
+            "First the median over all that is not known, then the range that nine of ten such cells lie in. "
+            "Machined on simulated cells:",
             "",
         ]
     lines += [

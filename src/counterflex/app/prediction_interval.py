@@ -115,7 +115,7 @@ def expected_deflection(cell: Cell, points: CutPoints) -> Expected:
         points: Where it is judged.
     """
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
-    return expected(points.sizes(whole + _left_open(cell, points, whole)), points.of)
+    return expected(points.sizes(whole + _left_open(cell, points, whole, np.random.default_rng(_SEED))), points.of)
 
 
 def headline_text(ends_mm: Sequence[float]) -> str:
@@ -135,17 +135,16 @@ def worse_text(share: float) -> str:
 def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints) -> Float:
     """(draws, n, 3) m, base axes: what all unknowns together leave."""
     bend = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
-    out = _left_open(cell, points, bend)
+    rng = np.random.default_rng(_SEED)
+    out = _left_open(cell, points, bend, rng)
     if cell.chain.servo is None:
         changing = np.linalg.norm(bend, axis=1) * _changing(plan, points)
-        rng = np.random.default_rng(_SEED + 1)
         out = out + DRIVES * changing[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     return out
 
 
-def _left_open(cell: Cell, points: CutPoints, bend: Float) -> Float:
+def _left_open(cell: Cell, points: CutPoints, bend: Float, rng: np.random.Generator) -> Float:
     """(draws, n, 3) m, base axes: what the form of the model and all unknown values leave of a deflection (n, 3)."""
-    rng = np.random.default_rng(_SEED)
     out: Float = STRUCTURE * np.linalg.norm(bend, axis=1)[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     for one in sources(cell, points):
         if one.displacements is not None:
