@@ -13,13 +13,15 @@ beside the probabilities that were printed. Levels:
 - ``exact``: the constants of the truth.
 
 Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/headline.py --out out/headline``: 60 plans, about 20 minutes on an idle
-core; it goes on where it was. ``--levels`` picks some; ``--quick`` is a smoke run.
+core; it goes on where it was. ``--levels`` picks some, ``--store`` writes rows and table into
+``benchmarks/results/headline.json`` and docs/benchmarks.md; ``--quick`` is a smoke run.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -46,6 +48,9 @@ from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
 from counterflex.twin.truth.truth import Truth
 
 FAMILY: Final = "wide"
+STORED: Final = accuracy.HERE / "results" / "headline.json"
+PAGE: Final = accuracy.HERE.parent / "docs" / "benchmarks.md"
+_BLOCK: Final = re.compile(r"(<!-- headline: begin[^\n]*-->\n).*?(<!-- headline: end -->)", re.DOTALL)
 MEASURED: Final = ("tracker-frame", "stiffness", "cutting")
 LEVELS: Final = ("class", "catalogue", "measured", "identified", "exact")
 CLASS_CELL: Final = "irb6640_d16.toml"
@@ -153,6 +158,11 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
+def with_block(text: str, rows: list[dict[str, Any]]) -> str:
+    """The page with the table of some rows between its marks."""
+    return _BLOCK.sub(lambda match: match[1] + "\n" + "\n".join(table(rows)) + "\n\n" + match[2], text)
+
+
 def plans(levels: list[str], quick: bool) -> Iterator[tuple[str, str, int]]:
     """Level, program and seed of every plan."""
     for level in levels:
@@ -166,6 +176,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/headline"))
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=list(LEVELS))
+    parser.add_argument("--store", action="store_true")
     parser.add_argument("--quick", action="store_true")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
@@ -188,6 +199,10 @@ def main() -> int:
                 f"{worse_text(row['probability_of_worse'])}, simulated {row['cell_mm'][1]:.3f} mm",
                 file=sys.stderr,
             )
+    if chosen.store:
+        lines = ",\n".join(json.dumps(row, sort_keys=True) for row in rows)
+        atomic.write_text(STORED, f'{{"rows": [\n{lines}\n]}}\n')
+        atomic.write_text(PAGE, with_block(PAGE.read_text(encoding="utf-8"), rows))
     print("\n".join(table(rows)))
     return 0
 
