@@ -74,8 +74,8 @@ def main() -> None:
 
     print("7 plan/       the correction, part axes")
     show("correction, um", plan.correction_part[row] / UM)
-    show("predicted deviation without it, um", plan.deviation_nominal_part[row] / UM)
-    show("predicted deviation with it, um", plan.deviation_compensated_part[row] / UM)
+    show("deviation without it by the model, um", plan.deviation_nominal_part[row] / UM)
+    show("deviation with it by the model, um", plan.deviation_compensated_part[row] / UM)
 
     files, said = write(job, plan, cell, "gcode")
     print(f"8 programs/   written: {said['vertices_added']} blocks added, {said['largest_written_error_um']} um off")

@@ -33,7 +33,18 @@ def block(summary: dict[str, Any]) -> str:
     drawn = f"--family {summary['family']} --seeds {seeds[0]}-{seeds[-1]}"
     command = f"counterflex campaign {drawn} --exact --out out/campaign"
     first = next(row for row in summary["seeds"] if row["seed"] == seeds[0] and row["truth_level"] == "identified")
-    lines = [
+    lines = []
+    headline = summary["prediction"].get("headline")
+    if headline is not None:
+        expected = [f"{median:.2f} mm ({low:.2f} to {high:.2f} mm)" for median, low, high in _ends(headline)]
+        lines += [
+            "Expected of the test part, with what is published of robot and material: "
+            f"{expected[1]} after compensation, {expected[0]} before. "
+            "First the median over all that is not known, then the range that nine of ten such cells lie in. "
+            "Machined on simulated cells:",
+            "",
+        ]
+    lines += [
         f"Printed by `{command}` (version {summary['counterflex']}). Identified cell, truth seed {seeds[0]}, mm:",
         "",
         "| deviation | 99.7 % before | after | largest before | after |",
@@ -66,6 +77,10 @@ def block(summary: dict[str, Any]) -> str:
         f"{bend['value'] / 1000.0:.2f} mm in line {bend['line']} with the axes at {joints} deg.",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _ends(headline: dict[str, Any]) -> list[list[float]]:
+    return [headline["before_mm"], headline["after_mm"]]
 
 
 def kept(summary: dict[str, Any]) -> dict[str, Any]:

@@ -67,7 +67,7 @@ def test_a_compensation_has_the_table_of_its_plan_file(plan: Any, folder: Path) 
     assert plan.table["correction_y_um"].max() > 0.5 * abs(row["deflection_y_um"])
 
 
-@pytest.mark.parametrize("kind", ["time", "map", "remaining", "cell"])
+@pytest.mark.parametrize("kind", ["along", "map", "remaining", "cell"])
 def test_pictures_of_a_plan(plan: Any, kind: str) -> None:
     picture = plan.plot(kind)
     assert len(picture.data) >= 1

@@ -87,9 +87,6 @@ def test_on_the_class_a_plan_is_marked_everywhere(unknown: Path, tmp_path: Path)
     summary = run(GROOVE, unknown, out, assume_class=True, predict=False)
     assumed = summary["assumed"]["stiffness"]
     assert assumed["axes"] == [1, 2, 3, 4, 5, 6]
-    low, high = assumed["left_mm"]["of_90_percent"]
-    assert 0.0 < low < assumed["left_mm"]["median"] < high
-    assert 0.05 < assumed["worse_than_uncompensated"] < 0.5
     assert summary["prediction"]["peak_deflection_um"]["value"] > 100.0
     assert any(f"{ALL} of {UNKNOWN} is assumed from its class" in one for one in summary["written"]["warnings"])
     assert f"stiffness of {ALL} assumed from the robot's class" in (out / "groove.ngc").read_text().splitlines()[1]

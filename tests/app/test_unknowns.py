@@ -10,8 +10,8 @@ import pytest
 
 from counterflex.app import unknowns as room
 from counterflex.app.compensation.compensate import compensate
-from counterflex.app.cost_of_unknown_stiffness import left_by_class
 from counterflex.app.cut_points import CutPoints, corner_points, points_of_plan
+from counterflex.app.prediction_interval import foreseen
 from counterflex.app.questions import check_cell
 from counterflex.app.unknown_stiffness import cost_at_blank
 from counterflex.app.unknowns import HANDBOOK, Unknown, first_measurement, unknowns
@@ -163,10 +163,10 @@ def test_a_cell_for_calibration_only_is_not_judged(tmp_path: Path) -> None:
 def test_a_plan_on_the_class_leaves_all_that_is_not_known() -> None:
     """Not its stiffness alone: play, friction and force add to what remains, and some robots become worse."""
     cell = read_cell(ABB, assume_class=True)
-    plan = compensate(EXAMPLES / "programs" / "groove.ngc", cell, predict=False).plan
-    points, left = points_of_plan(plan, cell, "groove.ngc"), left_by_class(plan, cell)
+    plan = compensate(EXAMPLES / "programs" / "groove.ngc", cell).plan
+    points, left = points_of_plan(plan, cell, "groove.ngc"), foreseen(plan, cell)
     assert points is not None
     assert left is not None
     alone = named(cell, points)["stiffness of A1, A2, A3, A4, A5, A6"]
-    assert left.remaining.median_m > 1.3e-3 * median_mm(alone)
-    assert 0.05 < left.worse < 0.5
+    assert left.compensated.median_m > 1.3e-3 * median_mm(alone)
+    assert 0.05 < left.worse_share < 0.5

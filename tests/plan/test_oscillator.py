@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.plan.cut_kernel import oscillator
+from counterflex.plan.bending_kernels import oscillator
 from counterflex.plan.sag_and_play import swing
 from counterflex.signals.preview import Mode
 

@@ -280,8 +280,55 @@ def test_figures_are_json_with_one_scale_for_both_maps(page: str) -> None:
     rows, columns = (int(v) for v in z["shape"].split(","))
     values = np.frombuffer(base64.b64decode(z["bdata"]), dtype="<f4").reshape(rows, columns)
     assert rows * columns <= 250_000
-    assert np.nanmax(np.abs(values)) <= colour["cmax"]
+    scales = json.loads(re.findall(r'id="controls">(.*?)</script>', page, re.DOTALL)[0])["scales"]
+    assert np.nanmax(np.abs(values)) <= scales[-1]["limit"]
     assert {"map", "series", "signed", "budget", "histogram", "space_before", "space_after"} == set(figures)
+
+
+def figures_in(page: str) -> dict[str, Any]:
+    """The figures that a page draws."""
+    found: dict[str, Any] = json.loads(re.findall(r'id="figures">(.*?)</script>', page, re.DOTALL)[0])
+    return found
+
+
+def test_maps_begin_at_the_tolerance_and_point_at_the_worst_after(
+    page: str, job: tuple[ReportData, dict[str, Any]]
+) -> None:
+    """The scale is the narrowest tolerance; call-out 1 is the largest deviation that the map of the result shows."""
+    figures = figures_in(page)
+    assert figures["map"]["layout"]["coloraxis"]["cmax"] == min(row.tolerance_m for row in job[0].features) * 1e3
+    z = figures["map"]["data"][1]["z"]
+    after = np.frombuffer(base64.b64decode(z["bdata"]), dtype="<f4")
+    pointers = [note for note in figures["map"]["layout"]["annotations"] if note["text"].startswith("<b>1</b>")]
+    assert f"{after[np.nanargmax(np.abs(after))]:+.2f}" in pointers[1]["text"]
+
+
+def test_table_and_map_have_one_sign(page: str, job: tuple[ReportData, dict[str, Any]]) -> None:
+    """A groove that is too wide or too deep lacks material: minus, in the table as in the map."""
+    row = next(row for row in job[0].features if row.quantity == "width")
+    wide = row.worst_m["nominal"] > row.nominal_m
+    assert (row.material_left_m("nominal") < 0.0) == wide
+    shown = f"{row.material_left_m('nominal') * 1e3:+.3f}".replace("-", "−")
+    text = " ".join(outline(page).text)
+    assert shown in text
+    assert text.count("+ = material left") >= 2
+    assert replace(row, nominal_m=0.0, worst_m={"nominal": 2e-4}).material_left_m("nominal") == 2e-4
+
+
+def test_before_and_after_stand_at_the_same_place_of_the_path(
+    page: str, job: tuple[ReportData, dict[str, Any]]
+) -> None:
+    layout = figures_in(page)["series"]["layout"]
+    assert layout["xaxis"]["title"]["text"] == "length along the program, m"
+    length = max(float(v.deviation.length_m.max()) for v in (job[0].nominal, job[0].compensated))
+    for trace in figures_in(page)["series"]["data"]:
+        assert max(trace["x"]) <= length + 1e-3
+
+
+def test_what_the_plan_expects_stands_before_what_was_simulated(job: tuple[ReportData, dict[str, Any]]) -> None:
+    data = replace(job[0], expected=Headline((0.8, 0.08), (0.9, 0.5, 1.4), (0.225, 0.11, 0.6), "4 %"))
+    text = " ".join(outline(report_page(data)).text)
+    assert text.index("0.11 to 0.60 mm") < text.index("On this simulated cell")
 
 
 def test_shares_of_area_add_up(job: tuple[ReportData, dict[str, Any]]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from counterflex.app.compensation import compensate as job
+from counterflex.app.compensation.headline import error_rows
 from counterflex.app.compensation.prediction import prediction
 from counterflex.app.inputs import Reading
 from counterflex.core import atomic
@@ -57,12 +58,19 @@ class Compensation:
         """One row per path point, as in ``plan.parquet`` (docs/plan-file.md): mm, um, deg, N."""
         return plan_table(self.plan, self.cell.chain.axes)
 
-    def plot(self, kind: str = "time") -> go.Figure:
+    def __repr__(self) -> str:
+        """Say what the plan expects, the figures to plan with first; what a notebook shows of it."""
+        rows = error_rows(self.summary["prediction"])
+        head = f"{self.summary['program']} on {self.summary['cell']}, compensated"
+        return "\n".join([head, *(f"{name}: {value}" for name, value, _ in rows)])
+
+    def plot(self, kind: str = "along") -> go.Figure:
         """A picture of the plan.
 
         Args:
-            kind: ``time`` (deflection, correction and force over time), ``map`` (the path from above in the colours of
-                the deflection), ``remaining`` (error before and after, as predicted), ``cell`` (robot, part and reach).
+            kind: ``along`` (deflection, correction and force over the length of the program), ``map`` (the path from
+                above in the colours of the deflection), ``remaining`` (error before and after by the model), ``cell``
+                (robot, part and reach).
 
         Raises:
             InputError: There is no such picture.
@@ -74,7 +82,7 @@ class Compensation:
 
         data = prediction(self.plan, self.cell, self.summary, self.result.limited)
         pictures: dict[str, Any] = {
-            "time": lambda: prediction_figure(data),
+            "along": lambda: prediction_figure(data),
             "map": lambda: prediction_map(data),
         }
         if data.error_before_m is not None:

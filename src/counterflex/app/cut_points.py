@@ -15,6 +15,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.inputs import Inputs, solve_joints
 from counterflex.plan.plan import Plan
+from counterflex.plan.posture.cut_path import CutPath
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
 _POINTS: Final = 500
@@ -85,6 +86,19 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
     return _points(cell, path.p_part_tcp, q, cut.w_tcp_part, cut.contact, Path(job.program.name).name)
 
 
+def points_of_posture(cell: Cell, cut: CutPath, q: Float, T_base_part: Float, name: str) -> CutPoints | None:
+    """Points of a cut in a posture and a place of the part that the cell file need not have; None where none is cut.
+
+    Args:
+        cell: The cell.
+        cut: The path with its load.
+        q: (n, 6) rad along it.
+        T_base_part: (4, 4) where the part stands.
+        name: Of the program.
+    """
+    return _points(cell, cut.p_part, q, cut.w_tcp_part, cut.weight_m > 0.0, name, T_base_part)
+
+
 def corner_points(cell: Cell) -> CutPoints:
     """The first corner of the blank's top under 500 N along each of the base axes, the softest of which counts.
 
@@ -97,7 +111,15 @@ def corner_points(cell: Cell) -> CutPoints:
     return CutPoints(q, w, np.zeros((3, 3)), np.ones(3), UNDER_FORCE, np.arange(3))
 
 
-def _points(cell: Cell, p_part: Float, q: Float, w_tcp_part: Float, cutting: Bool, name: str) -> CutPoints | None:
+def _points(
+    cell: Cell,
+    p_part: Float,
+    q: Float,
+    w_tcp_part: Float,
+    cutting: Bool,
+    name: str,
+    T_base_part: Float | None = None,
+) -> CutPoints | None:
     if cell.holds_part:
         return None
     rows = np.flatnonzero(cutting)
@@ -106,7 +128,7 @@ def _points(cell: Cell, p_part: Float, q: Float, w_tcp_part: Float, cutting: Boo
         return None
     step = np.diff(p_part, axis=0, prepend=p_part[:1])[rows]
     length = np.linalg.norm(step, axis=1)
-    R_base_part = cell.T_base_part[:3, :3]
+    R_base_part = (cell.T_base_part if T_base_part is None else T_base_part)[:3, :3]
     feed = (step / np.where(length > 0.0, length, 1.0)[:, None]) @ R_base_part.T
     w = (w_tcp_part[rows].reshape(-1, 2, 3) @ R_base_part.T).reshape(-1, 6)
     what = f"in {name} ({100.0 * _SHARE:g} % of the path in the cut)"

@@ -13,9 +13,11 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.coarse_bodies import coarse_bodies
+from counterflex.app.cut_points import points_of_posture
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
+from counterflex.app.prediction_interval import expected_deflection
 from counterflex.core import atomic
-from counterflex.core.arrays import Int
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, UM
@@ -200,7 +202,12 @@ def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surfac
         "cell": cell.label,
         "robot": cell.robot.name,
         "surface": surface,
-        **{name: None if held is None else held_row(held, job, cell.chain.axes) for name, held in shown.items()},
+        **{
+            name: None
+            if held is None
+            else held_row(held, job, cell.chain.axes) | expected_um(held, job, cell, cut, cell.T_base_part, surface)
+            for name, held in shown.items()
+        },
         "reduction_percent": None
         if chosen.present is None or chosen.present.share_m == 0.0
         else round(100.0 * (1.0 - chosen.best.share_m / chosen.present.share_m), 1),
@@ -229,6 +236,30 @@ def held_row(held: Held, job: Job, axes: ControllerAxes) -> dict[str, Any]:
         "wrist_deg": round(held.wrist_rad / DEG, 2),
         "start_axes_deg": np.round(axes.shown(held.q[0]) / DEG, 3).tolist(),
     }
+
+
+def expected_um(
+    what: Held, job: Job, cell: Cell, cut: CutPath, T_base_part: Float, surface: Surface
+) -> dict[str, list[float] | None]:
+    """Deflection to plan with: median and the ends between which nine of ten such cells lie, um.
+
+    None where one surface alone matters or the robot holds the part: neither is counted.
+
+    Args:
+        what: The posture.
+        job: The program.
+        cell: The cell.
+        cut: The path with its load.
+        T_base_part: (4, 4) where the part stands.
+        surface: Which surface matters.
+    """
+    points = None
+    if surface == "both":
+        points = points_of_posture(cell, cut, what.q, T_base_part, job.program.name)
+    if points is None:
+        return {"expected_um": None}
+    found = expected_deflection(cell, points)
+    return {"expected_um": [_um(value) for value in (found.median_m, found.low_m, found.high_m)]}
 
 
 def _um(value_m: float) -> float:

@@ -107,6 +107,17 @@ def with_intervals(figures: dict[str, Any], plan: Plan, cell: Cell) -> dict[str,
     return {"headline": headline | {"probability_of_worse": round(errors.worse_share, 4)}, **out}
 
 
+def expected_deflection(cell: Cell, points: CutPoints) -> Expected:
+    """Return the deflection of the tool at rest, nothing compensated, over cells that differ by what is not known.
+
+    Args:
+        cell: The cell.
+        points: Where it is judged.
+    """
+    whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
+    return expected(points.sizes(whole + _left_open(cell, points, whole, np.random.default_rng(_SEED))), points.of)
+
+
 def headline_text(ends_mm: Sequence[float]) -> str:
     """``0.45 mm (0.26 to 1.52 mm in nine of ten such cells)`` of a median and the ends of its interval."""
     median, low, high = ends_mm
@@ -123,12 +134,18 @@ def worse_text(share: float) -> str:
 
 def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints) -> Float:
     """(draws, n, 3) m, base axes: what all unknowns together leave."""
+    bend = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
     rng = np.random.default_rng(_SEED)
-    bend = np.linalg.norm(shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1), axis=1)
-    out: Float = STRUCTURE * bend[:, None] * rng.standard_normal((ROBOTS, 1, 3))
+    out = _left_open(cell, points, bend, rng)
     if cell.chain.servo is None:
-        changing = bend * _changing(plan, points)
+        changing = np.linalg.norm(bend, axis=1) * _changing(plan, points)
         out = out + DRIVES * changing[:, None] * rng.standard_normal((ROBOTS, 1, 3))
+    return out
+
+
+def _left_open(cell: Cell, points: CutPoints, bend: Float, rng: np.random.Generator) -> Float:
+    """(draws, n, 3) m, base axes: what the form of the model and all unknown values leave of a deflection (n, 3)."""
+    out: Float = STRUCTURE * np.linalg.norm(bend, axis=1)[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     for one in sources(cell, points):
         if one.displacements is not None:
             out = out + one.displacements

@@ -165,14 +165,9 @@ def require_stiffness(cell: Cell) -> None:
         raise refusal(cell, cost_at_blank(cell))
 
 
-def unknown_stiffness(cell: Cell, worse: float = 0.0) -> list[str]:
-    """Warnings where axes or bodies of the end effector have no stiffness, or that of the robot's class.
-
-    Args:
-        cell: The cell.
-        worse: Share of the robots of the class of which a plan on its median leaves more than there was.
-    """
-    return [*_unknown_axes(cell, worse), *_unknown_end_effector(cell)]
+def unknown_stiffness(cell: Cell) -> list[str]:
+    """Warnings where axes or bodies of the end effector have no stiffness, or that of the robot's class."""
+    return [*_unknown_axes(cell), *_unknown_end_effector(cell)]
 
 
 def _unknown_end_effector(cell: Cell) -> list[str]:
@@ -185,14 +180,13 @@ def _unknown_end_effector(cell: Cell) -> list[str]:
     ]
 
 
-def _unknown_axes(cell: Cell, worse: float) -> list[str]:
+def _unknown_axes(cell: Cell) -> list[str]:
     given = cell.class_stiffness
     if given is not None:
         low, high = (f"{factor:.1f}" for factor in (given.prior.factor.min(), given.prior.factor.max()))
-        harm = f"; {100.0 * worse:.0f} % of such robots become worse by a plan on its median" if worse > 0.0 else ""
         return [
             f"the stiffness of {given.named} of {cell.chain.name} is assumed from its class, not measured: nine of ten "
-            f"robots lie within a factor of {low} to {high} of it{harm}. Measure it: "
+            f"robots lie within a factor of {low} to {high} of it. Measure it: "
             f"{measure_stiffness(cell)}"
         ]
     if not cell.unknown_axes:

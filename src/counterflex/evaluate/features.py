@@ -17,7 +17,7 @@ from counterflex.evaluate.floor_filter import FloorMap
 from counterflex.evaluate.iso230.circularity import circularity
 from counterflex.evaluate.surface import NominalSurface, floor_rise
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
-from counterflex.evaluate.tolerances import flatness_k, linear_m
+from counterflex.evaluate.tolerances import FORM, SIZES, flatness_k, linear_m
 
 _LEAST_DEPTH_M = 0.2 * MM  # shallower, a wall has no height to be measured at
 _OWN_FLOOR_M = 50.0 * UM  # a level floor that is further from the tip was made by another cut
@@ -51,6 +51,14 @@ class FeatureRow:
     def ok(self, variant: str) -> bool:
         """True where the worst value of a variant keeps the tolerance."""
         return abs(self.worst_m[variant] - self.nominal_m) <= self.tolerance_m
+
+    def material_left_m(self, variant: str) -> float:
+        """Deviation of the worst value with the sign of the surface, m: positive where material is left.
+
+        A groove or pocket that is too wide or too deep lacks material. Zones (nominal 0) have no sign and are positive.
+        """
+        off = self.worst_m[variant] - self.nominal_m
+        return off if self.nominal_m == 0.0 else -off
 
 
 class MeasurablePart(Protocol):
@@ -121,7 +129,7 @@ def measure_features(
         p_part_nominal: (n, 3) m, path of the undisturbed program.
         features: From :func:`~counterflex.evaluate.feature_finding.find_features`, or given by hand.
         variants: Name to machining, or to another part that can be measured.
-        tolerances_m: (feature, quantity) to +- tolerance; ISO 2768-mK for what is not listed.
+        tolerances_m: (feature, quantity) to +- tolerance; general tolerances for what is not listed.
         outline: (n, 2) m, radius and corner radius of the tool that each row of the undisturbed path was run to with;
             None: of the one tool.
 
@@ -153,7 +161,8 @@ def measure_features(
             measured = _pocket(feature, surface, nominal, parts)
         for quantity, value, size, worst, mean in measured:
             tolerance = (tolerances_m or {}).get((feature.name, quantity))
-            general = flatness_k(size) if quantity in ("flatness", "roundness") else linear_m(size)
+            form = quantity in ("flatness", "roundness")
+            general = flatness_k(size) if form else linear_m(size)
             rows.append(
                 FeatureRow(
                     feature.name,
@@ -162,7 +171,7 @@ def measure_features(
                     worst,
                     mean,
                     general if tolerance is None else tolerance,
-                    "ISO 2768-mK" if tolerance is None else "given",
+                    (FORM if form else SIZES) if tolerance is None else "given",
                 )
             )
     return tuple(rows)

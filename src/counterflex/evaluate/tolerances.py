@@ -1,4 +1,8 @@
-"""General tolerances of ISO 2768, for features whose drawing gives none."""
+"""General tolerances for features whose drawing gives none: ISO 2768-1 m and ISO 2768-2 K.
+
+ISO 2768-2 was withdrawn in 2021. ISO 22081, which replaces it, has no tables: a drawing states its own values. The
+zones of part 2 are kept for drawings that name 2768-mK, and each row that stands on them says so.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,9 @@ from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 
+SIZES: Final = "ISO 2768-1 m"
+FORM: Final = "ISO 2768-2 K (withdrawn, see ISO 22081)"
+"""Sources of tolerances that no drawing gave, as printed: of sizes and places, of flatness and roundness."""
 # Upper end of the nominal range in mm -> +- tolerance in mm, class m (medium), ISO 2768-1 table 1
 _LINEAR_M: Final = ((3.0, 0.1), (6.0, 0.1), (30.0, 0.2), (120.0, 0.3), (400.0, 0.5), (1000.0, 0.8), (2000.0, 1.2))
 # Longest side in mm -> tolerance zone in mm, class K, ISO 2768-2 table 1
@@ -27,7 +34,7 @@ def linear_m(nominal_m: float) -> float:
 
 
 def flatness_k(side_m: float) -> float:
-    """Width of the zone a flat surface must lie in, m: ISO 2768-2, class K, by its longest side (up to 3 m)."""
+    """Width of the zone a flat surface must lie in, m: ISO 2768-2 (withdrawn), class K, by its longest side to 3 m."""
     return _look_up(_FLAT_K, side_m)
 
 

@@ -20,6 +20,7 @@ from counterflex.cutting.removal import bin_edges_rad, grid_of, stamp_workspace
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tilted_stock import cuts_tilted
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
+from counterflex.plan.bending_kernels import THRUST_SIZE
 from counterflex.plan.cut_kernel import cut_rows
 from counterflex.plan.cut_kernel_arrays import STATE, CutPath, CutRows, CutTool
 from counterflex.plan.elastic_motion import STILL
@@ -153,6 +154,8 @@ def cut(
             extra=np.zeros(2),
             wrench_feed=np.zeros(6),
             force=np.zeros(6),
+            space=np.zeros(6),
+            thrust=np.zeros(THRUST_SIZE),
         )
         state.stamped = 0
         for at in range(begin, end, ROWS_PER_CALL):

@@ -5,8 +5,9 @@ what was removed gives the engagement, the engagement gives the force, and the f
 
     x'' + 2 zeta w x' + w^2 x = w^2 C F,
 
-advanced exactly over the step with the force held (closed form of the damped oscillator). A whole-path fixed point of
-force and displacement diverges at entries and exits; this order in time does not.
+advanced exactly over the step with the force held (closed form of the damped oscillator), but for the thrust of an end
+face that descends, which is solved for (:mod:`counterflex.plan.bending_kernels`). A whole-path fixed point of force and
+displacement diverges at entries and exits; this order in time does not.
 """
 
 from __future__ import annotations
@@ -21,6 +22,15 @@ from counterflex.cutting.mean_force import mean_wrench
 from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS
 from counterflex.cutting.sweep_kernels import stamp_segment
 from counterflex.path.toolpath import FEED
+from counterflex.plan.bending_kernels import (
+    AMPLITUDE,
+    FORCE,
+    PROGRAMMED,
+    UP,
+    bend_at_rest,
+    bend_through_mode,
+    follow_descent,
+)
 from counterflex.plan.cut_kernel_arrays import CUT_PATH, CUT_ROWS, CUT_TOOL, STATE, CutPath, CutRows, CutTool
 from counterflex.plan.elastic_motion_kernel import MOTION, Motion, advance, rest
 
@@ -33,9 +43,7 @@ SHORTEST_STEP = 0.04
 GAIN = 0.2
 """Bound on how much of a step's displacement the force of the next step may answer. The direction of the chip follows
 the tool's own velocity, so a displacement rate u turns the force by u / v; over a step that displaces the tool by
-``(F C / v) u (omega dt)^2 / (2 dt)`` more, and force and displacement chase each other when that gain nears one.
-The thrust on an end face that descends slowly answers harder, ``dF/du = p F / v_z`` with chip exponent p; it is a
-damper, and the step takes it implicitly: that much is added to the mode's damping along the axis."""
+``(F C / v) u (omega dt)^2 / (2 dt)`` more, and force and displacement chase each other when that gain nears one."""
 
 MOVING = 0.25
 """Share of these steps that the whole robot in motion allows: its tool side answers faster than its lowest mode."""
@@ -44,33 +52,6 @@ _ANGLES = 24
 _RINGS = 6
 _TWO_PI = 2.0 * math.pi
 _THRESHOLD = 0.02  # of the largest bin: below it a bin counts as grazed by grid noise, not as engaged
-
-
-@kernel(
-    "UniTuple(float64, 4)(float64, float64, float64)",
-)
-def oscillator(dt: float, omega: float, zeta: float) -> tuple[float, float, float, float]:
-    """Exact step of ``x'' + 2 zeta w x' + w^2 x = 0`` over dt: (x, v) -> (a x + b v, c x + d v).
-
-    Args:
-        dt: s, >= 0.
-        omega: Undamped angular frequency, rad/s.
-        zeta: Damping ratio, > 0; at exactly 1 the neighbouring value 1 + 1e-9 is used.
-
-    Returns:
-        (a, b, c, d).
-    """
-    if zeta < 1.0:
-        wd = omega * math.sqrt(1.0 - zeta * zeta)
-        e = math.exp(-zeta * omega * dt)
-        co, si = math.cos(wd * dt), math.sin(wd * dt) / wd
-    else:
-        wd = omega * math.sqrt(max(zeta * zeta - 1.0, 2e-9))
-        fast, slow = math.exp((-zeta * omega - wd) * dt), math.exp((-zeta * omega + wd) * dt)
-        e = 1.0
-        co, si = 0.5 * (slow + fast), 0.5 * (slow - fast) / wd
-    damp = zeta * omega
-    return e * (co + damp * si), e * si, -e * omega * omega * si, e * (co - damp * si)
 
 
 @kernel(
@@ -122,6 +103,8 @@ def cut_rows(
     finer = MOVING if moving else 1.0
     if moving and motion.clock[1] == 0.0:
         rest(motion, first - 1)
+    thrust, space = tool.thrust, tool.space
+    thrust[UP], thrust[UP + 1], thrust[UP + 2] = 0.0, 0.0, 1.0
     flat = shape[0] - shape[1]
     for i in range(first, last):
         for k in range(6):
@@ -150,7 +133,9 @@ def cut_rows(
             yb = p_command[i - 1, 1] + share * (p_command[i, 1] - p_command[i - 1, 1]) + s.displacement[1]
             zb = p_command[i - 1, 2] + share * (p_command[i, 2] - p_command[i - 1, 2]) + s.displacement[2]
             plane = math.hypot(xb - xa, yb - ya)
-            damping = 0.0
+            thrust[AMPLITUDE], thrust[FORCE] = 0.0, 0.0
+            if row_time > 0.0:
+                thrust[PROGRAMMED] = (p_command[i - 1, 2] - p_command[i, 2]) / row_time
             for k in range(6):
                 force[k] = 0.0
             if plane > 0.0 or za != zb:
@@ -175,8 +160,11 @@ def cut_rows(
                         force[0] -= push * lean_y
                         force[1] += push * lean_x
                     if za > zb and force[2] > 0.0:
-                        exponent = thrust_exponent((za - zb) / teeth, terms)
-                        damping = exponent * force[2] * dt / (za - zb)
+                        drop = za - zb
+                        follow_descent(
+                            depth, plane / teeth, drop / teeth, end_area, terms, arc, levels, force[2], drop / dt,
+                            thrust, space,
+                        )  # fmt: skip
                     feed_tooth[i] = math.hypot(plane, zb - za) / teeth
                     deepest, low, high, mean_sine = engaged(depth, edges, shape[0], grid.cell)
                     axial[i] = max(axial[i], min(deepest, room))
@@ -193,40 +181,19 @@ def cut_rows(
                 # half a period late. A lag of a whole one would feed the arm's swing: the model would chatter.
                 fresh = 1.0 - math.exp(-2.0 * dt * rate) if rate > 0.0 else 1.0
                 for k in range(6):
-                    s.force[k] += fresh * (force[k] - s.force[k])
+                    along = thrust[UP + k] * thrust[FORCE] if k < 3 else 0.0
+                    s.force[k] += fresh * (force[k] - along - s.force[k])
+                    motion.thrust[k] = thrust[k]
                 advance(motion, i, time[i] - left if share < 1.0 else time[i], s.force[:], s.displacement[:])
                 bend = bend_at_rest(compliance, i, force)
                 s.bend = max(bend, s.bend * math.exp(-omega * dt))
             elif coupled and dt > 0.0:
-                bend = 0.0
-                for k in range(6):
-                    target = 0.0
-                    for j in range(6):
-                        target += compliance[i, k, j] * force[j]
-                    if k < 3:
-                        bend = max(bend, abs(target))
-                        target += offset[i - 1, k] + share * (offset[i, k] - offset[i - 1, k])
-                    extra_zeta = 0.5 * omega * compliance[i, 2, 2] * damping if k == 2 else 0.0
-                    target += 2.0 * extra_zeta / omega * s.rate[k]
-                    a, b, c, d = oscillator(dt, omega, zeta + extra_zeta)
-                    x, v = s.displacement[k] - target, s.rate[k]
-                    s.displacement[k] = target + a * x + b * v
-                    s.rate[k] = c * x + d * v
+                bend = bend_through_mode(
+                    s.displacement[:], s.rate[:], compliance, offset, i, share, force, thrust, dt, omega, zeta
+                )
                 s.bend = max(bend, s.bend * math.exp(-omega * dt))
         for k in range(6):
             displacement[i, k] = s.displacement[k]
-
-
-@kernel("float64(float64[:, :, ::1], int64, float64[::1])")
-def bend_at_rest(compliance: Float, i: int, force: Float) -> float:
-    """How far a force would bend the tool at rest: the largest component, m."""
-    bend = 0.0
-    for k in range(3):
-        target = 0.0
-        for j in range(6):
-            target += compliance[i, k, j] * force[j]
-        bend = max(bend, abs(target))
-    return bend
 
 
 @kernel("float64(Grid, float64, float64, float64, float64, float64)", Grid=GRID)
@@ -243,17 +210,6 @@ def _room(grid: Grid, xa: float, ya: float, xb: float, yb: float, radius: float)
         for i in range(first, last + 1):
             highest = max(highest, grid.tops[j, i])
     return highest
-
-
-@kernel("float64(float64, float64[:, ::1])")
-def thrust_exponent(drop: float, terms: Float) -> float:
-    """``d ln F / d ln h`` of the thrust on an end face that descends by ``drop`` per tooth."""
-    total, slope = 0.0, 0.0
-    for t in range(terms.shape[0]):
-        part = terms[t, 2] * drop ** terms[t, 0]
-        total += part
-        slope += terms[t, 0] * part
-    return slope / total if total > 0.0 else 0.0
 
 
 @kernel("UniTuple(float64, 2)(Grid, float64, float64, float64, float64, float64)", Grid=GRID)

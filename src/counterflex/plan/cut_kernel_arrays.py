@@ -42,6 +42,8 @@ class CutTool(NamedTuple):
     extra: Float
     wrench_feed: Float
     force: Float
+    space: Float
+    thrust: Float
 
 
 class CutRows(NamedTuple):
@@ -79,6 +81,8 @@ CUT_TOOL: Final = bundle(
     extra="float64[::1]",
     wrench_feed="float64[::1]",
     force="float64[::1]",
+    space="float64[::1]",
+    thrust="float64[::1]",
 )
 CUT_ROWS: Final = bundle(
     CutRows,

@@ -14,6 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float, batches
 from counterflex.core.units import DEG, MS
+from counterflex.plan.bending_kernels import THRUST_SIZE
 from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, number_postures
 from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.robot.elasticity import play
@@ -230,6 +231,8 @@ def motion_along(
         program=np.zeros(AXES),
         load=np.zeros(n),
         fresh=np.zeros(n),
+        thrust=np.zeros(THRUST_SIZE),
+        pushed=np.zeros(n),
     )
 
 
@@ -301,6 +304,8 @@ def _still() -> Motion:
         program=six,
         load=none,
         fresh=none,
+        thrust=np.zeros(THRUST_SIZE),
+        pushed=none,
     )
 
 

@@ -10,7 +10,8 @@ programmed path, and so are their rates: where the programmed speed changes by d
 the load -M q'' of the path's own acceleration. The controller changes the speed of the tip by no more than its
 acceleration. Rapids shake nothing: how they are run is not planned. Friction feels the whole motion. The linear part is
 taken by the trapezoidal rule (no numerical damping, stable for massless elements), play, friction and drives follow one
-step behind.
+step behind. The thrust of an end face that descends is a damper too stiff for that, and is solved for with the rates at
+the end of the step (:mod:`counterflex.plan.bending_kernels`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Final, NamedTuple
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import bundle, kernel
+from counterflex.plan.bending_kernels import AMPLITUDE, EXPONENT, PROGRAMMED, UP, thrust_of_step
 from counterflex.robot.elasticity.play import spring_torque
 
 AXES = 6
@@ -61,6 +63,8 @@ class Motion(NamedTuple):
         program: (6,) rad, working space.
         load: (n,) working space.
         fresh: (n,) working space.
+        thrust: (7,) of :mod:`counterflex.plan.bending_kernels`, set before a call; it acts beside the wrench.
+        pushed: (n,) working space.
     """
 
     step_s: float
@@ -94,6 +98,8 @@ class Motion(NamedTuple):
     program: Float
     load: Float
     fresh: Float
+    thrust: Float
+    pushed: Float
 
 
 MOTION: Final = bundle(
@@ -129,9 +135,11 @@ MOTION: Final = bundle(
     program="float64[::1]",
     load="float64[::1]",
     fresh="float64[::1]",
+    thrust="float64[::1]",
+    pushed="float64[::1]",
 )
 
-STATE_ARRAYS: Final = ("x", "rate", "drives", "held", "clock", "program", "load", "fresh")
+STATE_ARRAYS: Final = ("x", "rate", "drives", "held", "clock", "program", "load", "fresh", "thrust", "pushed")
 """Fields of :class:`Motion` that :func:`advance` writes; zeros until :func:`rest`."""
 
 
@@ -202,6 +210,30 @@ def _shake(motion: Motion, row: int) -> None:
             motion.rate[a] -= change
 
 
+@kernel("void(Motion, int64)", Motion=MOTION)
+def _push_back(motion: Motion, row: int) -> None:
+    """Add to the rates at the end of the step what the thrust of the end face does meanwhile."""
+    n, h, thrust, pushed = motion.x.shape[0], motion.step_s, motion.thrust, motion.pushed
+    J, J_drive = motion.J_tcp_part[motion.place[row]], motion.J_drive_part[motion.place[row]]
+    A = motion.answer[motion.posture[row]]
+    descent, gain = thrust[PROGRAMMED], 0.0
+    for a in range(AXES):
+        turned = (motion.drives[0, a] - motion.drives[1, a]) / h
+        for k in range(3):
+            descent -= thrust[UP + k] * J_drive[k, a] * turned
+    for i in range(n):
+        pushed[i] = 0.0
+        for j in range(n):
+            pushed[i] += A[i, j] * (thrust[UP] * J[0, j] + thrust[UP + 1] * J[1, j] + thrust[UP + 2] * J[2, j])
+    for i in range(n):
+        up = thrust[UP] * J[0, i] + thrust[UP + 1] * J[1, i] + thrust[UP + 2] * J[2, i]
+        descent -= up * motion.fresh[i]
+        gain += up * pushed[i]
+    force = thrust_of_step(descent, gain, thrust[AMPLITUDE], thrust[EXPONENT])
+    for i in range(n):
+        motion.fresh[i] += pushed[i] * force
+
+
 @kernel("void(Motion, int64, float64, float64[::1], float64[::1])", Motion=MOTION)
 def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float) -> None:
     """Advance within the row that ends at ``row`` and give the tool's deviation from the programmed path.
@@ -263,6 +295,8 @@ def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float)
             for j in range(n):
                 total += B[i, j] * v[j] + A[i, j] * load[j]
             fresh[i] = total
+        if motion.thrust[AMPLITUDE] > 0.0:
+            _push_back(motion, row)
         for i in range(n):
             moved = 0.5 * h * (v[i] + fresh[i])
             x[i] += moved

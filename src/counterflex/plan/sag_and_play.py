@@ -17,7 +17,7 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.jit import kernel
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.plan.cut_kernel import oscillator
+from counterflex.plan.bending_kernels import oscillator
 from counterflex.plan.inputs import Setting
 from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.robot.elasticity import gravity, play

@@ -123,6 +123,7 @@ class ReportData:
         notes: Paragraphs below the headline that the reader must know (what was simulated, what was not).
         drawing: Robot, reach and blank, or None.
         next_steps: What to do with the result, most important first.
+        expected: What the plan expected of all such cells, or None where it was not predicted.
     """
 
     title: str
@@ -144,6 +145,7 @@ class ReportData:
     notes: tuple[str, ...] = ()
     drawing: CellDrawing | None = None
     next_steps: tuple[str, ...] = ()
+    expected: Headline | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,9 +83,9 @@ def map_picture(surface: NominalSurface, measured: SurfaceDeviation, limit_cells
 
 
 def callouts(before: MapPicture, after: MapPicture) -> tuple[Callout, ...]:
-    """The three worst places before and the two worst after, at least a seventh of the part apart."""
+    """The three worst places after and the two worst before, at least a seventh of the part apart, after first."""
     chosen: list[tuple[int, int]] = []
-    for picture, count in ((before, 3), (after, 2)):
+    for picture, count in ((after, 3), (before, 2)):
         size = np.where(np.isnan(picture.value_mm), 0.0, np.abs(picture.value_mm))
         for j, i in chosen:
             _blank(size, picture, j, i)

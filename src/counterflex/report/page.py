@@ -18,7 +18,7 @@ from counterflex.core.printable import printable
 from counterflex.core.units import MM
 from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
 from counterflex.report.cell_figure import cell_figure
-from counterflex.report.data import PredictionData, ReportData
+from counterflex.report.data import Headline, PredictionData, ReportData
 from counterflex.report.distribution_figure import budget_figure, histogram_figure
 from counterflex.report.feed_figure import feed_figure
 from counterflex.report.figure_data import (
@@ -73,18 +73,14 @@ def report_page(data: ReportData) -> str:
     scales: list[dict[str, Any]] = []
     surface, before, after = data.nominal_surface, data.nominal.surface, data.compensated.surface
     if surface is not None and before is not None and after is not None:
-        limit = scale_limit_mm(max(before.surface.max_m, after.surface.max_m) / MM)
-        fine = scale_limit_mm(max(after.surface.p997_m / MM, 1e-3))
+        scales = _scales(data, scale_limit_mm(max(before.surface.max_m, after.surface.max_m) / MM))
+        limit = scales[0]["limit"]
         shown = (map_picture(surface, before), map_picture(surface, after))
         places = callouts(*shown)
         figures["map"] = map_figure(*shown, places, limit)
         figures["space_before"] = figure_3d(surface, before, limit)
         figures["space_after"] = figure_3d(surface, after, limit)
-        figures["histogram"] = histogram_figure(surface, before, after, limit)
-        scales = [
-            {"name": f"±{value:g} mm", "limit": value, "ticks": edges_mm(value)}
-            for value in ([limit, fine] if fine < limit else [limit])
-        ]
+        figures["histogram"] = histogram_figure(surface, before, after, scales[-1]["limit"])
     if data.drawing is not None:
         figures["cell"] = cell_figure(data.drawing)
     if data.budget:
@@ -95,6 +91,7 @@ def report_page(data: ReportData) -> str:
         scales,
         data=data,
         summary=summary,
+        expected=_headline(data.expected),
         cards=_cards(summary),
         verdict=_verdict(summary),
         tolerance=_tolerance(data),
@@ -134,7 +131,7 @@ def prediction_page(data: PredictionData) -> str:
         figures["feed"] = feed_figure(data.feed)
     if data.drawing is not None:
         figures["cell"] = cell_figure(data.drawing)
-    return render("prediction.html.j2", figures, [], data=data, cards=cards, headline=_headline(data))
+    return render("prediction.html.j2", figures, [], data=data, cards=cards, headline=_headline(data.headline))
 
 
 def write_page(page: str, path: str | os.PathLike[str]) -> None:
@@ -209,7 +206,10 @@ def _verdict(summary: Mapping[str, Any]) -> str:
     """The result in one sentence; nothing in it is rounded in favour of the method."""
     level = summary["truth_level"]
     path = [summary["variants"][name]["path"]["p997_mm"] for name in ("nominal", "compensated")]
-    text = f"99.7 % of the cut stays within {path[1]:.3f} mm of the programmed path; before, within {path[0]:.3f} mm."
+    text = (
+        f"On this simulated cell 99.7 % of the cut stays within {path[1]:.3f} mm of the programmed path; before, "
+        f"within {path[0]:.3f} mm."
+    )
     entry = summary["over_seeds"].get(level, {})
     spread = entry.get("path", {}).get("p997")
     if spread is not None and entry["count"] > 1:
@@ -220,9 +220,8 @@ def _verdict(summary: Mapping[str, Any]) -> str:
     return text
 
 
-def _headline(data: PredictionData) -> list[dict[str, str]]:
+def _headline(headline: Headline | None) -> list[dict[str, str]]:
     """Cards of the predicted path error, the figures to plan with first; none where it was not predicted."""
-    headline = data.headline
     if headline is None:
         return []
     share = "99.7 % of the path in the cut"
@@ -300,6 +299,24 @@ def _levels(summary: Mapping[str, Any]) -> list[dict[str, str]]:
     return rows
 
 
+def _scales(data: ReportData, whole_mm: float) -> list[dict[str, Any]]:
+    """Scales of the maps, the first of them shown: the narrowest tolerance, then all that there is.
+
+    Without a tolerance the first is that of 99.7 % of the compensated surface.
+    """
+    tolerances = [row.tolerance_m / MM for row in data.features if row.tolerance_m > 0.0]
+    after = data.compensated.surface
+    named: list[tuple[str, float]] = []
+    if tolerances:
+        named.append((f"±{min(tolerances):g} mm (tolerance)", min(tolerances)))
+    elif after is not None:
+        fine = scale_limit_mm(max(after.surface.p997_m / MM, 1e-3))
+        named.append((f"±{fine:g} mm", fine))
+    if not named or whole_mm > named[0][1]:
+        named.append((f"±{whole_mm:g} mm (all)", whole_mm))
+    return [{"name": name, "limit": value, "ticks": edges_mm(value)} for name, value in named]
+
+
 def _feature_rows(data: ReportData) -> list[dict[str, Any]]:
     rows = []
     previous = ""
@@ -309,8 +326,8 @@ def _feature_rows(data: ReportData) -> list[dict[str, Any]]:
             if variant not in row.worst_m:
                 cells.append({"value": "not found", "off": "", "ok": False})
                 continue
-            off = row.worst_m[variant] - row.nominal_m
-            cells.append({"value": f"{row.worst_m[variant] / MM:.3f}", "off": _signed(off / MM), "ok": row.ok(variant)})
+            off = _signed(row.material_left_m(variant) / MM)
+            cells.append({"value": f"{row.worst_m[variant] / MM:.3f}", "off": off, "ok": row.ok(variant)})
         sign = "" if row.nominal_m == 0.0 else "±"
         rows.append(
             {

@@ -54,7 +54,7 @@ def placement_map_page(data: MapData) -> str:
     present = summary["present"]["deflection_um"]
     verdict = "The program can be run in no place of the map."
     if best is not None:
-        verdict = f"Least deflection at this height: {best['deflection_um']:g} um"
+        verdict = f"Least deflection by the model at this height: {best['deflection_um']:g} um"
         verdict += f" at x {best['x_mm']:g}, y {best['y_mm']:g} mm"
         verdict += "." if present is None else f"; {present:g} um in the present place."
     head = _Head(f"Working space: {summary['program']}", f"{summary['cell']}, {summary['robot']}")

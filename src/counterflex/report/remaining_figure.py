@@ -21,9 +21,12 @@ def remaining_figure(data: PredictionData) -> dict[str, Any]:
     Raises:
         ValueError: The page has no prediction of the error.
     """
-    place = _length(data.p_part_tcp)
+    place = length_m(data.p_part_tcp)
     traces = []
-    for name, colour, error in (("before", BEFORE, data.error_before_m), ("after", AFTER, data.error_after_m)):
+    for name, colour, error in (
+        ("before (model)", BEFORE, data.error_before_m),
+        ("after (model)", AFTER, data.error_after_m),
+    ):
         if error is None:
             raise ValueError("the error was not predicted")
         x, y = thin(place, error / UM, data.cutting, _POINTS)
@@ -55,7 +58,7 @@ def space_figure(data: PredictionData) -> dict[str, Any]:
     """The path in space, the cut coloured by what is predicted to remain (by the deflection where that was not)."""
     after = data.error_after_m
     size = after / UM if after is not None else np.linalg.norm(data.deflection_m, axis=1) / UM
-    title = "error that remains, µm" if after is not None else "predicted deflection, µm"
+    title = "error that remains (model), µm" if after is not None else "predicted deflection, µm"
     p = data.p_part_tcp / MM
     cut, air = _few(np.flatnonzero(data.cutting)), _few(np.arange(len(p)))
     axis = {"backgroundcolor": "#f4f6f8", "gridcolor": "#ffffff", "showbackground": True}
@@ -138,6 +141,7 @@ def _few(rows: Any) -> Any:
     return rows[::step]
 
 
-def _length(p: Float) -> Float:
+def length_m(p: Float) -> Float:
+    """Length (n,) m along points (n, 3) m."""
     out: Float = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     return out

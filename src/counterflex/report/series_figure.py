@@ -1,4 +1,4 @@
-"""Curves over time on one linked axis: path error, force, engagement."""
+"""Curves over the length of the program on one linked axis: path error, force, engagement."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from counterflex.core.units import MM, UM
 from counterflex.evaluate.path_deviation import PathDeviation
 from counterflex.report.data import PredictionData, ReportData, VariantData
 from counterflex.report.figure_data import AFTER, BEFORE, numbers, thin
+from counterflex.report.remaining_figure import length_m
 
 _POINTS: Final = 5000
 
@@ -30,20 +31,25 @@ class _Line:
 
 
 def series_figure(data: ReportData) -> dict[str, Any]:
-    """Path error across the feed, force and engagement over time, before and after; entries and exits shaded."""
+    """Path error across the feed, force and engagement over the programmed path; entries and exits shaded.
+
+    Both machinings are at the same place at the same length, though the compensated one takes longer.
+    """
     lines: list[_Line] = []
     variants = (("before", BEFORE, data.nominal), ("after", AFTER, data.compensated))
     for name, colour, variant in variants:
         result = variant.deviation
         lines.append(
-            _Line(0, name, colour, result.time_s, result.across_m / MM, 4, result.cutting & ~result.broken, legend=True)
+            _Line(
+                0, name, colour, result.length_m, result.across_m / MM, 4, result.cutting & ~result.broken, legend=True
+            )
         )
         lines.append(
             _Line(
                 2,
                 name,
                 colour,
-                result.time_s,
+                result.length_m,
                 result.engagement * data.engagement_scale,
                 3,
                 ~result.broken,
@@ -53,7 +59,8 @@ def series_figure(data: ReportData) -> dict[str, Any]:
         if variant.force_n is not None:
             force = variant.force_n
             whole = np.ones(len(force.time_s), dtype=np.bool_)
-            lines.append(_Line(1, name, colour, force.time_s, force.value, 1, whole, legend=False))
+            place = np.interp(force.time_s, result.time_s, result.length_m)
+            lines.append(_Line(1, name, colour, place, force.value, 1, whole, legend=False))
     titles = ("path error<br>across feed, mm", "process<br>force, N", data.engagement_label)
     figure = _stacked(lines, titles, (0.46, 0.24, 0.18))
     figure["layout"]["shapes"] = _shades(data.nominal)
@@ -61,14 +68,15 @@ def series_figure(data: ReportData) -> dict[str, Any]:
 
 
 def prediction_figure(data: PredictionData) -> dict[str, Any]:
-    """Predicted deflection, correction and force over time."""
+    """Predicted deflection, correction and force over the length of the program."""
+    place = length_m(data.p_part_tcp)
     whole = np.ones(len(data.time_s), dtype=np.bool_)
     lines = []
     for axis, colour in zip(range(3), ("#b91c1c", "#15803d", "#1d4ed8"), strict=True):
         name = "xyz"[axis]
-        lines.append(_Line(0, name, colour, data.time_s, data.deflection_m[:, axis] / MM, 4, whole, legend=True))
-        lines.append(_Line(1, name, colour, data.time_s, data.correction_m[:, axis] / MM, 4, whole, legend=False))
-    lines.append(_Line(2, "force", "#444444", data.time_s, data.force_n, 1, whole, legend=False))
+        lines.append(_Line(0, name, colour, place, data.deflection_m[:, axis] / MM, 4, whole, legend=True))
+        lines.append(_Line(1, name, colour, place, data.correction_m[:, axis] / MM, 4, whole, legend=False))
+    lines.append(_Line(2, "force", "#444444", place, data.force_n, 1, whole, legend=False))
     titles = ("predicted<br>deflection, mm", "correction<br>in program, mm", "predicted<br>force, N")
     return _stacked(lines, titles, (0.34, 0.34, 0.2))
 
@@ -137,11 +145,11 @@ def components_figure(paths: Sequence[tuple[str, str, PathDeviation]], *, along:
             lines.append(_Line(2, name, colour, result.length_m, result.along_m / UM, 1, keep, legend=False))
     titles = ("to the left<br>of feed, µm", "out of the<br>part, µm", "along feed, µm<br>(not counted)")
     shares = (0.3, 0.3, 0.28) if along else (0.46, 0.46)
-    return _stacked(lines, titles[: len(shares)], shares, "length along the program, m")
+    return _stacked(lines, titles[: len(shares)], shares)
 
 
 def _stacked(
-    lines: list[_Line], titles: tuple[str, ...], shares: tuple[float, ...], x_title: str = "time, s"
+    lines: list[_Line], titles: tuple[str, ...], shares: tuple[float, ...], x_title: str = "length along the program, m"
 ) -> dict[str, Any]:
     """Rows of curves above each other on one x axis."""
     layout: dict[str, Any] = {
@@ -196,8 +204,8 @@ def _shades(variant: VariantData) -> list[dict[str, Any]]:
                     "type": "rect",
                     "xref": "x",
                     "yref": "paper",
-                    "x0": round(float(result.time_s[a]), 4),
-                    "x1": round(float(result.time_s[b]), 4),
+                    "x0": round(float(result.length_m[a]), 4),
+                    "x1": round(float(result.length_m[b]), 4),
                     "y0": 0.0,
                     "y1": 1.0,
                     "fillcolor": colour,

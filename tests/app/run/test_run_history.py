@@ -101,10 +101,16 @@ def test_two_runs_beside_each_other_and_one_again(tmp_path: Path) -> None:
     assert summary["figures"]["force_peak_n"]["difference"] == 100.0
     assert summary["figures"]["measured_um"]["difference"] is None
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert '"name":"second run 0: remaining"' in text
+    assert '"name":"second run 0: remaining (model)"' in text
     again = page(first, tmp_path / "again", 0)
     assert json.loads((tmp_path / "again" / "summary.json").read_text(encoding="utf-8"))["remaining_um"] == 20.0
     assert (again["incidents_by_number"][0]["cause"], again["operator_actions"][0]["who"]) == ("operator", "anna")
+    text = (tmp_path / "again" / "report.html").read_text(encoding="utf-8")
+    assert "<h1>groove.ngc</h1>" in text
+    assert "um remain by the model" in text
+    curves = json.loads(text.split('id="figures">')[1].split("</script>")[0])["curves"]["data"]
+    colour_of = {one["name"]: one["line"]["color"] for one in curves}
+    assert len(set(colour_of.values())) == len(colour_of) > 3
     with pytest.raises(InputError, match="the same run"):
         compare(first, first, tmp_path / "no")
     with pytest.raises(InputError, match="no run of this number"):

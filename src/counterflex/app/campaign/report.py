@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from counterflex import __version__
+from counterflex.app.prediction_interval import worse_text
 from counterflex.evaluate.truth_level import TRUTH_LEVELS
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.report.campaign_page import (
@@ -160,6 +161,19 @@ def verdict(summary: Mapping[str, Any]) -> str:
 
 def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     cards = []
+    headline = summary.get("prediction", {}).get("headline")
+    if headline is not None:
+        for what in ("before", "after"):
+            median, low, high = headline[f"{what}_mm"]
+            cards.append(
+                (
+                    f"Expected path error {what}, with the cell file",
+                    f"{median:.2f} mm",
+                    f"{low:.2f} to {high:.2f} mm in nine of ten such cells",
+                )
+            )
+        worse = worse_text(headline["probability_of_worse"])
+        cards.append(("Probability that it gets worse", worse, "with the cell file as it was"))
     for level, name in (
         ("catalogue", "with the cell file"),
         ("identified", "with the identified cell"),

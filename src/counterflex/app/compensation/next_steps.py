@@ -116,15 +116,15 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell, program: str | Pa
     """
     prediction = summary["prediction"]
     steps = [
-        f"Line {item['line']}: a rapid move removes {item['volume_mm3']:.1f} mm³ of material. Mend the program first."
+        f"Mend line {item['line']} of the program: a rapid move removes {item['volume_mm3']:.1f} mm³ of material."
         for item in prediction["collisions"]
     ]
-    steps.append(f"Try it on the simulated cell before you cut metal: {proving(cell, program)}")
     if not cell.tables.identified:
         steps.append(
-            "This cell has not been measured: stiffness and cutting constants are those of the catalogue, and the "
-            f"prediction is as uncertain as they are. What to measure first: {next_command('cell check', cell.path)}"
+            f"Measure the cell: {next_command('cell check', cell.path)} ranks what to measure first. Stiffness and "
+            "cutting constants are not measured; they make the range of the expected error."
         )
+    steps.append(f"Try the program on the simulated cell before you cut metal: {proving(cell, program)}")
     if "predicted_compensated" in prediction:
         after, before = prediction["predicted_compensated"], prediction["predicted_nominal"]
         chatters = prediction["chatter"]
@@ -132,20 +132,19 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell, program: str | Pa
             lines = ", ".join(str(item["line"]) for item in chatters[:_MOST])
             steps.insert(
                 len(prediction["collisions"]),
-                f"Line {lines}: the tool is predicted to chatter, which no correction mends. Less depth (pecks: G83), "
-                "another feed or spindle speed, a stiffer tool.",
+                f"Cut line {lines} less deep (pecks: G83), at another feed or spindle speed or with a stiffer tool: "
+                "the tool is predicted to chatter there, which no correction mends.",
             )
         elif after["max_mm"] > (1.0 - _ENOUGH) * before["max_mm"]:
             steps.append(
-                f"Up to {after['max_mm']:.3f} mm remain where the force changes faster than the robot follows. A lower "
-                f"feed there reduces it: {_slower(program, cell.path, 500.0 * after['max_mm'])}"
+                f"Lower the feed where the force changes faster than the robot follows (up to {after['max_mm']:.3f} mm "
+                f"remain there by the model): {_slower(program, cell.path, 500.0 * after['max_mm'])}"
             )
     steps.append("Run the program above the part first, at reduced speed, with the tool that was planned with.")
     steps.append(
-        "Correct the errors that cannot be planned for during milling: counterflex run"
+        "Correct during milling what cannot be planned for: counterflex run"
         if cell.tables.online is not None
-        else "Correct the errors that cannot be planned for during milling: add [online] to the cell file, then "
-        "counterflex run."
+        else "Correct during milling what cannot be planned for: add [online] to the cell file, then counterflex run."
     )
     return tuple(steps)
 
@@ -167,27 +166,24 @@ def after_proof(rows: Sequence[FeatureRow], summary: Mapping[str, Any]) -> tuple
     missed = out_of_tolerance(rows, "compensated")
     for row in missed[:_MOST]:
         if "compensated" in row.worst_m:
-            off = (row.worst_m["compensated"] - row.nominal_m) / MM
-            allowed = f"{row.tolerance_m / MM:g} mm allowed"
-            steps.append(f"{row.feature}, {row.quantity}: {off:+.3f} mm off after compensation, {allowed}.")
+            left, allowed = row.material_left_m("compensated") / MM, f"{row.tolerance_m / MM:g} mm allowed"
+            steps.append(f"Mend {row.feature}, {row.quantity}: {left:+.3f} mm off (+ = material left), {allowed}.")
         else:
-            steps.append(f"{row.feature}, {row.quantity}: not found on the compensated part.")
+            steps.append(f"Look at {row.feature}, {row.quantity}: not found on the compensated part.")
     if len(missed) > _MOST:
-        steps.append(f"{len(missed) - _MOST} more are out of tolerance, see the table of features.")
+        steps.append(f"See the table of features for {len(missed) - _MOST} more that are out of tolerance.")
     variants = summary["variants"]
     path = variants["compensated"]["path"]
     part = max(_PLACES, key=lambda name: variants["compensated"].get(name, {}).get("max_mm", 0.0))
+    where = f"the largest error that remains, {path['max_mm']:.3f} mm, is {_PLACES[part]}"
     steps.append(
-        f"The largest error that remains, {path['max_mm']:.3f} mm, is {_PLACES[part]}. "
-        + (
-            f"A lower feed there reduces it: {_slower('PROGRAM', 'CELL', 50.0)}"
-            if part != "plateau"
-            else "There the constants of the model decide: measure the cell, counterflex identify."
-        )
+        f"Lower the feed there, {where}: {_slower('PROGRAM', 'CELL', 50.0)}"
+        if part != "plateau"
+        else f"Measure the cell, counterflex identify: {where}, where the constants of the model decide."
     )
     steps.append(
-        "Your own program, with your robot in the cell file: "
+        "Plan your own program, with your robot in the cell file: "
         + next_command("compensate", "PROGRAM", cell="CELL", out="DIR")
     )
-    steps.append("Errors that cannot be planned for are corrected during milling: counterflex run.")
+    steps.append("Correct during milling what cannot be planned for: counterflex run.")
     return tuple(steps)

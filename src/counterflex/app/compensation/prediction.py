@@ -23,9 +23,9 @@ from counterflex.app.compensation.headline import (
 )
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
-from counterflex.app.cost_of_unknown_stiffness import remarks as stiffness_remarks
 from counterflex.app.inputs import Job, setting_of
 from counterflex.app.prediction_interval import with_intervals
+from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
@@ -211,8 +211,7 @@ def prediction(
         Fact("Programmed time", f"{predicted['duration_s']:.0f} s"),
     ]
     facts += [Fact(*row) for row in error_rows(predicted)]
-    notes = ["Nothing was machined: the page shows what the model of the cell predicts."]
-    notes += [f"{text[0].upper()}{text[1:]}." for text in stiffness_remarks(plan, cell)]
+    notes = [f"{text[0].upper()}{text[1:]}." for text in unknown_stiffness(cell)]
     slowed = calm_feed_text(summary["calm_feed"])
     notes += [f"{slowed[0].upper()}{slowed[1:]}."] if slowed else []
     chips = extrapolation_text(predicted["extrapolation"])
@@ -301,7 +300,7 @@ def summary_of(
     for peak in (value for key, value in predicted.items() if key.startswith("peak_")):
         peak["place"] = job.program.place(peak["line"])
     remarks = (
-        *stiffness_remarks(plan, cell),
+        *unknown_stiffness(cell),
         *doubtful_readings(job.program),
         *other_postures(job.program, cell.tables.posture.branch),
         *beyond_measured(cell, plan),
@@ -326,7 +325,7 @@ def summary_of(
         "job_hash": job_hash(plan),
         "written": written,
         "prediction": predicted,
-        **assumed(plan, cell),
+        **assumed(cell),
         "calm_feed": calm_feed(job, plan, cell),
     }
 

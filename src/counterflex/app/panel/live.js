@@ -303,7 +303,7 @@ export default {
       <div class="cf-tile">
         <label>deviation, µm <span class="cf-columns"><i>across feed</i><i>along tool</i></span></label>
         <div class="cf-row" v-for="row in rows" :key="row.name" :style="{ color: row.colour }">
-          <span>{{ row.name }}</span><b>{{ s(row.value && row.value[0]) }}</b><b>{{ s(row.value && row.value[1]) }}</b>
+          <span>{{ row.name }}<small v-if="row.of"> ({{ row.of }})</small></span><b>{{ s(row.value && row.value[0]) }}</b><b>{{ s(row.value && row.value[1]) }}</b>
         </div>
       </div>
       <div class="cf-tile">
@@ -315,7 +315,7 @@ export default {
     <section class="cf-middle">
       <div class="cf-tile cf-scene">
         <canvas ref="cell" data-test="cell"></canvas>
-        <div class="cf-scale"><i v-for="k in 5" :style="{ background: scale[k - 1] }"></i><span>0</span><span>{{ range }} µm remaining</span></div>
+        <div class="cf-scale"><i v-for="k in 5" :style="{ background: scale[k - 1] }"></i><span>0</span><span>{{ range }} µm remaining (model)</span></div>
         <button class="cf-view" @click="view">{{ near ? 'WHOLE CELL' : 'PART' }}</button>
       </div>
       <div class="cf-tile cf-chart"><label>deviation across the feed, µm, last minute</label><canvas ref="deviation"></canvas></div>
@@ -332,7 +332,7 @@ export default {
         <div class="cf-row cf-pair" v-for="(age, name) in f.ages_ms || {}"><span>{{ name }}</span><b :class="{ 'cf-bad': m.seen === 'running' && (age === null || age > 100) }">{{ age === null ? 'nothing yet' : n(age, 0) + ' ms' }}</b></div>
         <div class="cf-small">{{ n(f.rate_hz, 0) }} Hz · answer {{ f.answer_us ? f.answer_us.join(' / ') : '–' }} µs · lost {{ t('lost') }} · late {{ t('late') }} · malformed {{ t('malformed') }} · unknown sender {{ t('foreign') }}</div>
         <div class="cf-small cf-bad" v-if="f.log || f.records_lost" data-test="log">LOGGING STOPPED {{ f.log }} ({{ f.records_lost }} records)</div>
-        <div class="cf-small" v-else>log is written</div>
+        <div class="cf-small" v-else-if="m.seen === 'running' && f.state" data-test="log-written">log is written</div>
       </div>
       <div class="cf-tile">
         <label>process</label>
@@ -376,7 +376,7 @@ export default {
       return [
         { name: "predicted", value: this.f.predicted_um, colour: PREDICTED },
         { name: "corrected", value: this.f.corrected_um, colour: CORRECTED },
-        { name: "remaining", value: this.f.remaining_um, colour: REMAINING },
+        { name: "remaining", of: "model", value: this.f.remaining_um, colour: REMAINING },
         { name: "measured", value: this.f.measured_um, colour: MEASURED },
       ];
     },

@@ -16,7 +16,7 @@ from counterflex.app.placement.candidates_table import table_of, values_of
 from counterflex.app.placement.frame import Frame, Stand
 from counterflex.app.placement.region import Wish, region_of, shown
 from counterflex.app.placement.spindle_mounting import Mounting
-from counterflex.app.posture import held_row, loaded_path, robot_of, surroundings_of
+from counterflex.app.posture import expected_um, held_row, loaded_path, robot_of, surroundings_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ReachError
@@ -184,7 +184,9 @@ def placement_of(
         "external_axes": [axis.name for axis in frame.axes],
         "least_damping": None if np.isinf(judged.least_damping) else round(judged.least_damping, 4),
         **{
-            name: None if what is None else {**where.part, **where.axes, **_row(what, where, task, site, frame, job)}
+            name: None
+            if what is None
+            else {**where.part, **where.axes, **_row(what, where, task, site, frame, job, cell, surface)}
             for name, (where, what) in rows.items()
         },
         "reduction_percent": None
@@ -201,13 +203,16 @@ def placement_of(
     return Placed(stand, chosen, judged, summary)
 
 
-def _row(what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Job) -> dict[str, Any]:
+def _row(
+    what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Job, cell: Cell, surface: Surface
+) -> dict[str, Any]:
     """What a posture in a place is worth, in shop units."""
     there = _moved(task, frame.at(stand))
     _, error, damping = worth(site, there.robot, what.q[site.rows])
     clearance = np.inf if there.around is None else kept(what.q, there.robot, there.around)[1]
     return {
         **held_row(what, job, task.robot.chain.axes),
+        **expected_um(what, job, cell, task.cut, there.robot.T_base_part, surface),
         "error_um": round(error / UM, 2),
         "damping_in_cut": None if np.isnan(damping) else round(damping, 4),
         "clearance_mm": None if np.isinf(clearance) else round(clearance / MM, 1),

@@ -18,7 +18,7 @@ from counterflex import __version__
 from counterflex.app.compensation.feed_limits import limited_feed
 from counterflex.app.compensation.languages import own_language, write
 from counterflex.app.compensation.prediction import calm_feed, figures
-from counterflex.app.cost_of_unknown_stiffness import assumed, remarks, require_stiffness_for
+from counterflex.app.cost_of_unknown_stiffness import assumed, require_stiffness_for
 from counterflex.app.inputs import (
     AS_IT_IS,
     Job,
@@ -37,6 +37,7 @@ from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.robot_programs import companions
+from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -161,8 +162,8 @@ def prove(
         "family": family.name,
         "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell),
         "calm_feed": calm_feed(slowed, plan, cell),
-        "written": written | {"warnings": [*written.get("warnings", ()), *remarks(plan, cell)]},
-        **assumed(plan, cell),
+        "written": written | {"warnings": [*written.get("warnings", ()), *unknown_stiffness(cell)]},
+        **assumed(cell),
         **in_plane_of(cell),
         "seconds": {name: round(value, 2) for name, value in timing.items()},
         "counterflex": __version__,

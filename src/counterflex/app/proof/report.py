@@ -13,6 +13,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
+from counterflex.app.compensation.headline import headline_of
 from counterflex.app.compensation.next_steps import after_proof
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import setting_of
@@ -20,6 +21,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Comparison, Judged, features
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
+from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.evaluate.error_budget import BudgetLine, error_budget
@@ -98,6 +100,7 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
             features=measured,
             drawing=drawing(plan, cell),
             next_steps=after_proof(measured, comparison.summary),
+            expected=headline_of(identified) if "predicted_compensated" in identified else None,
             budget=budget(plan, before.deviation, cell),
             assumptions=assumptions(cell, plan),
             differences=tuple(
@@ -118,6 +121,7 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
             notes=(
                 "The part was machined on a simulated cell with friction, play, drives, gravity and its own cutting "
                 "process. The planner knew what the cell file states; below is how the simulated cell differs from it.",
+                *(f"{text[0].upper()}{text[1:]}." for text in unknown_stiffness(cell)),
             ),
         )
     )

@@ -18,7 +18,7 @@ TRENDS: Final[dict[str, tuple[str, str, Callable[[dict[str, Any]], float | None]
     "force_ratio": ("wear: measured by planned force", "", lambda row: row["force_ratio"]),
     "correction_across": ("drift: mean correction across the feed", "um", lambda row: _mean(row, 0)),
     "correction_along_tool": ("drift: mean correction along the tool", "um", lambda row: _mean(row, 1)),
-    "remaining": ("remaining deviation, 99.7 %", "um", lambda row: row["remaining_um"]),
+    "remaining": ("remaining deviation (model), 99.7 %", "um", lambda row: row["remaining_um"]),
     "measured": ("measured deviation, 99.7 %", "um", lambda row: row["measured_um"]),
     "force_peak": ("largest force", "N", lambda row: row["force_peak_n"]),
     "reply_p99": ("time to answer, 99 %", "us", lambda row: (row["reply_us"] or {}).get("p99")),

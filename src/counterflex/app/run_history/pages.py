@@ -58,7 +58,7 @@ def page(folder: Path, out: Path, number: int | None = None) -> dict[str, Any]:
         "operator_actions": list(run.actions),
         "counterflex": __version__,
     }
-    _write(out, summary, [run], "A run", [])
+    _write(out, summary, [run], [])
     return summary
 
 
@@ -106,7 +106,7 @@ def compare(
         },
         "counterflex": __version__,
     }
-    _write(out, summary, runs, "Two runs", notes)
+    _write(out, summary, runs, notes)
     return summary
 
 
@@ -114,7 +114,28 @@ def _difference(first: float | None, second: float | None) -> float | None:
     return None if first is None or second is None else round(second - first, 4)
 
 
-def _write(out: Path, summary: dict[str, Any], runs: list[LoggedRun], title: str, notes: list[str]) -> None:
+def _verdict(run: LoggedRun) -> str:
+    """Say in one sentence how far a run came, what stopped it and what the model says that remains."""
+    row, causes = run.row, [str(one.shown()["cause"]).replace("_", " ") for one in run.incidents]
+    share = "" if row["share_percent"] is None else f" over {row['share_percent']:g} % of the path"
+    ended = "no hold and no fault"
+    if causes:
+        count = "one hold or fault" if len(causes) == 1 else f"{len(causes)} holds and faults, the first"
+        ended = f"{count}: {causes[0]}"
+    remains = "what remains is not known"
+    if row["remaining_um"] is not None:
+        remains = f"{row['remaining_um']:g} um remain by the model (99.7 % of the cut)"
+    measured = "not measured by a tracker" if row["measured_um"] is None else f"measured {row['measured_um']:g} um"
+    missing = "; cycles are missing" if row["incomplete"] else ""
+    return f"{row['seconds']:g} s{share}: {ended}; {remains}, {measured}{missing}."
+
+
+def _cell_of(run: LoggedRun) -> str:
+    name = run.about.get("files", {}).get("cell")
+    return "cell not known" if name is None else Path(str(name)).name
+
+
+def _write(out: Path, summary: dict[str, Any], runs: list[LoggedRun], notes: list[str]) -> None:
     shown = [
         ShownRun(
             f"{Path(one.row['folder']).name} run {one.row['run']}",
@@ -128,9 +149,13 @@ def _write(out: Path, summary: dict[str, Any], runs: list[LoggedRun], title: str
                 "begun": one.row["begun"] or "not known",
                 "folder": one.row["folder"],
             },
+            _verdict(one),
         )
         for one in runs
     ]
     with atomic.atomic_folder(out) as staging:
-        write_page(runs_page(title, shown, COMPARED, notes), staging / "report.html")
+        title = " and ".join(dict.fromkeys(one.row["program"] or "program not known" for one in runs))
+        cells = " and ".join(dict.fromkeys(_cell_of(one) for one in runs))
+        subtitle = f"{' and '.join(one.name for one in shown)}, {cells}"
+        write_page(runs_page(title, subtitle, shown, COMPARED, notes), staging / "report.html")
         write_summary(staging / "summary.json", summary)

@@ -167,6 +167,7 @@ def show(summary: dict[str, Any], out: Path) -> None:
         setup_rows,
         verdict,
     )
+    from counterflex.app.compensation.headline import error_rows
 
     lines = headline_rows(summary)
     if lines:
@@ -177,6 +178,9 @@ def show(summary: dict[str, Any], out: Path) -> None:
         )
     for line in refusals(summary):
         typer.echo(line)
+    expected = [list(row) for row in error_rows(summary.get("prediction", {}))]
+    if expected:
+        print_table("Expected of all such cells, with the cell file as it was", ["", "value", ""], expected)
     rows = rows_of(summary)
     if rows:
         with_exact = any(row[-1] != "-" for row in rows)

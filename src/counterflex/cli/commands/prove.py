@@ -295,8 +295,11 @@ def show_figures(summary: dict[str, Any]) -> None:
 
 def show_proof(summary: dict[str, Any], out: Path) -> None:
     """Print the tables of a proof."""
+    from counterflex.app.compensation.headline import error_rows
     from counterflex.evaluate.summary import seed_rows
 
+    expected = [list(row) for row in error_rows(summary["prediction"])]
+    print_table(f"{summary['program']} on {summary['cell']}: expected of all such cells", ["", "value", ""], expected)
     show_figures(summary)
     print_table(
         f"Per truth seed of the family {summary.get('family', 'mild')} "

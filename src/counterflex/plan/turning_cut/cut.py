@@ -17,6 +17,7 @@ from counterflex.cutting.removal import bin_edges_rad
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.step_kernels import RIDGE_M, SPARE, step_columns, step_space
+from counterflex.plan.bending_kernels import THRUST_SIZE
 from counterflex.plan.cut_kernel_arrays import CutPath, CutRows
 from counterflex.plan.elastic_motion_kernel import Motion
 from counterflex.plan.turning_cut.kernel import cut_turning_rows
@@ -88,6 +89,8 @@ class TurningCut:
             wrench_feed=np.zeros(6),
             force=np.zeros(6),
             ends=np.zeros((4, 3)),
+            space_wrench=np.zeros(6),
+            thrust=np.zeros(THRUST_SIZE),
         )
         state, n = self._states[0], len(self._path.kind)
         at = begin

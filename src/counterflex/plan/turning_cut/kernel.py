@@ -19,14 +19,16 @@ from counterflex.core.records import Records
 from counterflex.cutting.mean_force import mean_wrench
 from counterflex.cutting.tridexel.step_kernels import STEP_COLUMNS, StepColumns, cut_step
 from counterflex.path.toolpath import FEED
-from counterflex.plan.cut_kernel import (
-    MOVING,
+from counterflex.plan.bending_kernels import (
+    AMPLITUDE,
+    FORCE,
+    PROGRAMMED,
+    UP,
     bend_at_rest,
-    engaged,
-    oscillator,
-    step_length,
-    thrust_exponent,
+    bend_through_mode,
+    follow_descent,
 )
+from counterflex.plan.cut_kernel import MOVING, engaged, step_length
 from counterflex.plan.cut_kernel_arrays import CUT_PATH, CUT_ROWS, CutPath, CutRows
 from counterflex.plan.elastic_motion_kernel import MOTION, Motion, advance, rest
 from counterflex.plan.turning_cut.kernel_arrays import TURNING_STATE, TURNING_TOOL, TurningTool
@@ -74,7 +76,7 @@ def cut_turning_rows(
         rows: Results, written.
     """
     p_command, kind, time, compliance, offset = path.p_command, path.kind, path.time_s, path.compliance, path.offset
-    depth, extra, force = tool.depth, tool.extra, tool.force
+    depth, extra, force, thrust = tool.depth, tool.extra, tool.force, tool.thrust
     radius = tool.space.shape[0]
     s = states[0]
     coupled = omega > 0.0
@@ -106,8 +108,10 @@ def cut_turning_rows(
                 left -= dt
                 if dt < left + dt:
                     share = 1.0 - left / row_time
+            if row_time > 0.0:
+                thrust[PROGRAMMED] = _descent(p_command, axis, i) / row_time
             _ends_of_step(s.tip, s.displacement, p_command, axis, i, before, share, tool.ends)
-            damping = 0.0
+            thrust[AMPLITUDE], thrust[FORCE] = 0.0, 0.0
             for k in range(6):
                 force[k] = 0.0
             if _moves(tool.ends):
@@ -122,7 +126,9 @@ def cut_turning_rows(
                 if removed > 0.0 and cutting and dt > 0.0 and rate > 0.0:
                     teeth = rate * dt
                     plane, drop = _way_of(tool.space.motion)
-                    damping = _force_of_step(columns, tool, plane, drop, teeth, dt)
+                    _force_of_step(columns, tool, plane, drop, teeth, dt)
+                    for k in range(3):
+                        thrust[UP + k] = tool.space.motion[6 + k]
                     rows.feed_tooth[i] = math.hypot(plane, drop) / teeth
                     deepest, low, high, mean_sine = engaged(depth, tool.edges, radius, columns.cell)
                     rows.axial[i] = max(rows.axial[i], deepest)
@@ -139,27 +145,16 @@ def cut_turning_rows(
             if moving and dt > 0.0:
                 fresh = 1.0 - math.exp(-2.0 * dt * rate) if rate > 0.0 else 1.0  # as in cut_rows
                 for k in range(6):
-                    s.force[k] += fresh * (force[k] - s.force[k])
+                    along = thrust[UP + k] * thrust[FORCE] if k < 3 else 0.0
+                    s.force[k] += fresh * (force[k] - along - s.force[k])
+                    motion.thrust[k] = thrust[k]
                 advance(motion, i, time[i] - left if share < 1.0 else time[i], s.force[:], s.displacement[:])
                 bend = bend_at_rest(compliance, i, force)
                 s.bend = max(bend, s.bend * math.exp(-omega * dt))
             elif coupled and dt > 0.0:
-                bend = 0.0
-                u = tool.space.motion
-                for k in range(6):
-                    target = 0.0
-                    for j in range(6):
-                        target += compliance[i, k, j] * force[j]
-                    extra_zeta = 0.0
-                    if k < 3:
-                        bend = max(bend, abs(target))
-                        target += offset[i - 1, k] + share * (offset[i, k] - offset[i - 1, k])
-                        extra_zeta = 0.5 * omega * compliance[i, k, k] * damping * u[6 + k] * u[6 + k]
-                    target += 2.0 * extra_zeta / omega * s.rate[k]
-                    a, b, c, d = oscillator(dt, omega, zeta + extra_zeta)
-                    x, v = s.displacement[k] - target, s.rate[k]
-                    s.displacement[k] = target + a * x + b * v
-                    s.rate[k] = c * x + d * v
+                bend = bend_through_mode(
+                    s.displacement[:], s.rate[:], compliance, offset, i, share, force, thrust, dt, omega, zeta
+                )
                 s.bend = max(bend, s.bend * math.exp(-omega * dt))
         for k in range(6):
             rows.displacement[i, k] = s.displacement[k]
@@ -189,6 +184,15 @@ def _ends_of_step(
 
 
 @kernel()
+def _descent(p_command: Float, axis: Float, i: int) -> float:
+    """Way of the commanded tip against the tool axis in a row, m."""
+    along = 0.0
+    for k in range(3):
+        along += 0.5 * (axis[i - 1, k] + axis[i, k]) * (p_command[i - 1, k] - p_command[i, k])
+    return along
+
+
+@kernel()
 def _moves(ends: Float) -> bool:
     """Whether tip or axis differ between start and end of a step."""
     change = 0.0
@@ -209,10 +213,8 @@ def _way_of(motion: Float) -> tuple[float, float]:
 
 
 @kernel()
-def _force_of_step(
-    columns: StepColumns, tool: TurningTool, plane: float, drop: float, teeth: float, dt: float
-) -> float:
-    """Write the force of a step into ``tool.force``, part axes; returns the damping of its thrust, N s/m."""
+def _force_of_step(columns: StepColumns, tool: TurningTool, plane: float, drop: float, teeth: float, dt: float) -> None:
+    """Write the force of a step into ``tool.force``, part axes, and how its thrust follows into ``tool.thrust``."""
     wrench, force, move = tool.wrench_feed, tool.force, tool.space.motion
     end_area = tool.extra[0] / drop if drop > 0.0 else 0.0
     mean_wrench(tool.depth, plane / teeth, drop / teeth, end_area, tool.terms, tool.arc, tool.levels, wrench)
@@ -235,8 +237,10 @@ def _force_of_step(
         force[k + 1] = fy * wrench[k] + ly * wrench[k + 1] + uy * wrench[k + 2]
         force[k + 2] = fz * wrench[k] + lz * wrench[k + 1] + uz * wrench[k + 2]
     if drop > 0.0 and wrench[2] > 0.0:
-        return float(thrust_exponent(drop / teeth, tool.terms) * wrench[2] * dt / drop)
-    return 0.0
+        follow_descent(
+            tool.depth, plane / teeth, drop / teeth, end_area, tool.terms, tool.arc, tool.levels, wrench[2], drop / dt,
+            tool.thrust, tool.space_wrench,
+        )  # fmt: skip
 
 
 @kernel()

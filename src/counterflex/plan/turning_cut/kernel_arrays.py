@@ -36,6 +36,8 @@ class TurningTool(NamedTuple):
     wrench_feed: Float
     force: Float
     ends: Float
+    space_wrench: Float
+    thrust: Float
 
 
 TURNING_TOOL: Final = bundle(
@@ -51,4 +53,6 @@ TURNING_TOOL: Final = bundle(
     wrench_feed="float64[::1]",
     force="float64[::1]",
     ends="float64[:, ::1]",
+    space_wrench="float64[::1]",
+    thrust="float64[::1]",
 )

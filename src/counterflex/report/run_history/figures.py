@@ -12,10 +12,17 @@ from counterflex.core.units import MM, NS, UM
 from counterflex.evaluate.run_curves import RunCurves, deviations
 from counterflex.report.figure_data import numbers, thin
 
-COLOURS: Final = ("#1d4ed8", "#c2410c", "#15803d", "#7c3aed")
+COLOURS: Final = (
+    {"predicted": "#1d4ed8", "corrected": "#7c3aed", "remaining": "#c2410c", "measured": "#15803d",
+     "measured force": "#334155", "planned force": "#a16207"},
+    {"predicted": "#60a5fa", "corrected": "#d946ef", "remaining": "#fb7185", "measured": "#22c55e",
+     "measured force": "#94a3b8", "planned force": "#eab308"},
+)  # fmt: skip
+"""One colour for each curve of the first and of the second run; those of the second are dashed too."""
+_DASHES: Final = ("solid", "dash")
+_SHOWN: Final = {"remaining": "remaining (model)", "predicted": "predicted (model)"}
 _POINTS: Final = 4000
 _GAP: Final = 0.06
-_DASH: Final = {"predicted": "dot", "corrected": "dash", "remaining": "solid", "measured": "longdash"}
 
 
 def curves_figure(runs: Sequence[tuple[str, RunCurves, Float | None]], *, by_length: bool) -> dict[str, Any]:
@@ -27,7 +34,8 @@ def curves_figure(runs: Sequence[tuple[str, RunCurves, Float | None]], *, by_len
     """
     titles = ["across the<br>feed, µm", "along the<br>tool, µm", "force, N"]
     traces: list[dict[str, Any]] = []
-    for colour, (name, curves, contained) in zip(COLOURS, runs, strict=False):
+    for colours, dash, (name, curves, contained) in zip(COLOURS, _DASHES, runs, strict=False):
+        before = f"{name}: " if len(runs) > 1 else ""
         x = curves.length_m / MM if by_length else NS * (curves.time_ns - curves.time_ns[0])
         for what, values in deviations(curves, contained).items():
             if not np.isfinite(values).any():
@@ -38,12 +46,12 @@ def curves_figure(runs: Sequence[tuple[str, RunCurves, Float | None]], *, by_len
                 at, y, keep = (
                     (x[seen], values[seen, row], curves.judged[seen]) if mean else (x, values[:, row], curves.judged)
                 )
-                traces.append(_trace(f"{name}: {what}", colour, _DASH[what], row, at, y / UM, keep, legend=row == 0))
+                shown = f"{before}{_SHOWN.get(what, what)}"
+                traces.append(_trace(shown, colours[what], dash, row, at, y / UM, keep, legend=row == 0))
         for what, force in (("measured", curves.force_n), ("planned", curves.planned_n)):
             if np.isfinite(force).any():
-                dash = "solid" if what == "measured" else "dot"
-                keep = np.isfinite(force)
-                traces.append(_trace(f"{name}: {what} force", colour, dash, 2, x, force, keep, legend=True))
+                keep, shown = np.isfinite(force), f"{what} force"
+                traces.append(_trace(f"{before}{shown}", colours[shown], dash, 2, x, force, keep, legend=True))
     return {"data": traces, "layout": _stacked(titles, "place along the program, mm" if by_length else "time, s")}
 
 
@@ -67,7 +75,7 @@ def trend_figure(figures: Mapping[str, Sequence[float | None]], titles: Mapping[
             "y": list(values),
             "xaxis": "x",
             "yaxis": f"y{k + 1 if k else ''}",
-            "line": {"color": COLOURS[0], "width": 1.3},
+            "line": {"color": COLOURS[0]["predicted"], "width": 1.3},
         }
         for k, (name, values) in enumerate(known.items())
     ]

@@ -23,7 +23,7 @@ _HISTORY: Final = {
     "share_percent": "path, %",
     "predicted_um": "predicted, µm",
     "corrected_um": "corrected, µm",
-    "remaining_um": "remaining, µm",
+    "remaining_um": "remaining (model), µm",
     "measured_um": "measured, µm",
     "force_peak_n": "force, N",
     "force_ratio": "measured / planned force",
@@ -47,6 +47,7 @@ class ShownRun:
         incidents: Plain values: number, time_s, state, cause.
         actions: What operators did: time_s, who, from, action, done, refused.
         facts: What the run was made of.
+        verdict: How it went, in one sentence.
     """
 
     name: str
@@ -56,6 +57,7 @@ class ShownRun:
     incidents: Sequence[Mapping[str, Any]]
     actions: Sequence[Mapping[str, Any]]
     facts: Mapping[str, str]
+    verdict: str = ""
 
 
 @dataclass(frozen=True)
@@ -123,11 +125,12 @@ def history_page(summary: Mapping[str, Any]) -> str:
     return render("run_history.html.j2", figures, [], data=head, verdict=verdict, sections=sections)
 
 
-def runs_page(title: str, runs: Sequence[ShownRun], names: Mapping[str, str], notes: list[str]) -> str:
+def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mapping[str, str], notes: list[str]) -> str:
     """The page of one run, or of two beside each other.
 
     Args:
-        title: Headline.
+        title: Headline: the program.
+        subtitle: One line below it: the cell and the log.
         runs: One or two.
         names: Headings of the figures by name, in order.
         notes: What has to be known before.
@@ -147,14 +150,16 @@ def runs_page(title: str, runs: Sequence[ShownRun], names: Mapping[str, str], no
         _Section("Figures", "", heads, tuple(rows)),
         _Section(
             "Curves",
-            "Deviation in the cut only. Click a name in the legend to hide its curve.",
+            "Deviation in the cut only. What is predicted and what remains is the model's; a tracker alone measures. "
+            "Click a name in the legend to hide its curve.",
             figure="curves",
         ),
     ]
     for one in runs:
         sections += _story(one)
-    head = _Page(title, " and ".join(one.name for one in runs), notes=notes)
-    return render("run_history.html.j2", figures, [], data=head, verdict="", sections=sections)
+    head = _Page(title, subtitle, notes=notes)
+    verdict = " ".join(f"{one.name}: {one.verdict}" if len(runs) > 1 else one.verdict for one in runs)
+    return render("run_history.html.j2", figures, [], data=head, verdict=verdict, sections=sections)
 
 
 def _story(run: ShownRun) -> list[_Section]:

@@ -31,7 +31,7 @@ _COLUMNS: Final = {
     "share_percent": "path %",
     "predicted_um": "predicted um",
     "corrected_um": "corrected um",
-    "remaining_um": "remaining um",
+    "remaining_um": "remaining (model) um",
     "measured_um": "measured um",
     "force_peak_n": "force N",
     "incidents": "incidents",

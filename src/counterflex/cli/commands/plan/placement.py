@@ -7,6 +7,7 @@ from typing import Annotated, Any, cast
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.commands.plan.posture import EXPECTED_NOTE, expected_text
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
 from counterflex.programs.limits import BY_ENDING
@@ -129,9 +130,23 @@ def placement(
 
 def _show(summary: dict[str, Any]) -> None:
     axes = summary["external_axes"]
-    columns = ["place", "x mm", "y mm", "z mm", "a deg", *axes, "branch", "rotation deg", "deflection um", "error um"]
-    columns += ["damping in cut", "reversals", "limit margin deg", "wrist deg", "clearance mm"]
-    note = "Deflection: at rest, 99.7 % of the cut stay below it. Error: power mean, with lost motion and swing."
+    columns = [
+        "place",
+        "x mm",
+        "y mm",
+        "z mm",
+        "a deg",
+        *axes,
+        "branch",
+        "rotation deg",
+        "expected um",
+        "by the model um",
+    ]
+    columns += ["error um", "damping in cut", "reversals", "limit margin deg", "wrist deg", "clearance mm"]
+    note = (
+        f"Deflection at rest, not compensated: 99.7 % of the cut stay below it. {EXPECTED_NOTE} Error: power mean, "
+        "with lost motion and swing, by the model."
+    )
     print_table(
         f"{summary['program']} on {summary['cell']}",
         columns,
@@ -178,9 +193,21 @@ def _angle(row: dict[str, Any], made: dict[str, Any]) -> str:
 
 
 def _row(held: dict[str, Any] | None, axes: list[str]) -> list[str]:
-    keys = ["x_mm", "y_mm", "z_mm", "a_deg", *axes, "branch", "rotation_about_tool_deg", "deflection_um", "error_um"]
+    keys = [
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "a_deg",
+        *axes,
+        "branch",
+        "rotation_about_tool_deg",
+        "expected",
+        "deflection_um",
+        "error_um",
+    ]
     keys += ["damping_in_cut", "reversals", "limit_margin_deg", "wrist_deg", "clearance_mm"]
     if held is None:
         return ["out of reach", *[""] * (len(keys) - 1)]
+    held = held | {"expected": expected_text(held)}
     values = [held[key] for key in keys]
     return ["" if v is None else v if isinstance(v, str) else f"{v:g}" for v in values]

@@ -87,13 +87,36 @@ def posture(
 
 def _show(summary: dict[str, Any]) -> None:
     rows = [[name, *_row(summary[name])] for name in ("present", "chosen")]
-    columns = ["posture", "branch", "rotation deg", "turned deg", "deflection um", "largest um", "in line"]
+    columns = [
+        "posture",
+        "expected um",
+        "branch",
+        "rotation deg",
+        "turned deg",
+        "by the model um",
+        "largest um",
+        "in line",
+    ]
     columns += ["reversals", "unloadings", "limit margin deg", "wrist deg"]
-    note = f"Deflection: 99.7 % of the cut stay below it, normal to {_SURFACE_WORDS[summary['surface']]}."
+    note = (
+        f"Deflection without compensation: 99.7 % of the cut stay below it, normal to "
+        f"{_SURFACE_WORDS[summary['surface']]}. {EXPECTED_NOTE}"
+    )
     print_table(f"{summary['program']} on {summary['cell']}", columns, rows, note=note)
     if summary["reduction_percent"] is not None:
         typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present posture")
     typer.echo(f"{summary['poses']} postures tried; no posture could be below {summary['bound_um']:g} um in the mean")
+
+
+EXPECTED_NOTE: Final = "Expected: median and range of nine of ten such cells; the model is without their unknowns."
+
+
+def expected_text(held: dict[str, Any]) -> str:
+    """``950 (610 to 1480)`` of a row of a summary; empty where it was not counted."""
+    if held["expected_um"] is None:
+        return "not counted"
+    median, low, high = held["expected_um"]
+    return f"{median:.0f} ({low:.0f} to {high:.0f})"
 
 
 _SURFACE_WORDS: Final = {"both": "wall and floor", "wall": "the wall", "floor": "the floor"}
@@ -101,7 +124,7 @@ _SURFACE_WORDS: Final = {"both": "wall and floor", "wall": "the wall", "floor": 
 
 def _row(held: dict[str, Any] | None) -> list[str]:
     if held is None:
-        return ["out of reach", *[""] * 9]
+        return ["out of reach", *[""] * 10]
     keys = (
         "branch",
         "rotation_about_tool_deg",
@@ -112,6 +135,7 @@ def _row(held: dict[str, Any] | None) -> list[str]:
         "reversals",
     )
     return [
+        expected_text(held),
         *(str(held[key]) if isinstance(held[key], str) else f"{held[key]:g}" for key in keys),
         *(f"{held[key]:g}" for key in ("unloadings", "limit_margin_deg", "wrist_deg")),
     ]
