@@ -20,6 +20,8 @@ from counterflex.evaluate.swept_section import SweptSection, swept_section, wall
 from counterflex.evaluate.tolerances import flatness_k, linear_m
 
 _LEAST_DEPTH_M = 0.2 * MM  # shallower, a wall has no height to be measured at
+WHOLE = 0.9
+"""A quantity with values at fewer of its places is measured in part. Strips at the ends of a groove have none."""
 _OWN_FLOOR_M = 50.0 * UM  # a level floor that is further from the tip was made by another cut
 
 
@@ -37,6 +39,7 @@ class FeatureRow:
         tolerance_m: Permitted deviation from nominal, +- m (a one-sided zone where the nominal value is 0).
         tolerance_source: Where the tolerance comes from.
         standard_deviation_m: Variant name to the standard deviation of the mean value, m, where the part was measured.
+        measured_share: Variant name to the share of the feature's places at which there was a value, 0 to 1.
     """
 
     feature: str
@@ -47,6 +50,11 @@ class FeatureRow:
     tolerance_m: float
     tolerance_source: str
     standard_deviation_m: Mapping[str, float] = field(default_factory=dict)
+    measured_share: Mapping[str, float] = field(default_factory=dict)
+
+    def partly(self, variant: str) -> bool:
+        """True where a tenth of the places or more of a variant had no value: elsewhere it may be worse."""
+        return self.measured_share.get(variant, 1.0) < WHOLE
 
     def ok(self, variant: str) -> bool:
         """True where the worst value of a variant keeps the tolerance."""
@@ -151,7 +159,7 @@ def measure_features(
             measured = _groove(feature, surface, nominal, parts)
         else:
             measured = _pocket(feature, surface, nominal, parts)
-        for quantity, value, size, worst, mean in measured:
+        for quantity, value, size, worst, mean, share in measured:
             tolerance = (tolerances_m or {}).get((feature.name, quantity))
             general = flatness_k(size) if quantity in ("flatness", "roundness") else linear_m(size)
             rows.append(
@@ -163,12 +171,14 @@ def measure_features(
                     mean,
                     general if tolerance is None else tolerance,
                     "ISO 2768-mK" if tolerance is None else "given",
+                    measured_share=share,
                 )
             )
     return tuple(rows)
 
 
-_Row = tuple[str, float, float, dict[str, float], dict[str, float]]
+_Row = tuple[str, float, float, dict[str, float], dict[str, float], dict[str, float]]
+"""Quantity, nominal value, size for the general tolerance; by variant worst value, mean value and share of places."""
 
 
 def _groove(
@@ -237,10 +247,11 @@ def _pocket(
     if int(good.sum()) < 90:
         return []
     radius = pocket.path_radius_m + cutter
-    diameter, round_, centre = {}, {}, {}
+    diameter, round_, centre, shares = {}, {}, {}, {}
     for name, part in parts.items():
         reached = part.exits(point[good], ray[good])
         hit = np.isfinite(reached)
+        shares[name] = float(hit.mean())
         wall = place[good][hit] + reached[hit, None] * ray[good][hit]
         if len(wall) < 45:
             continue
@@ -260,9 +271,9 @@ def _pocket(
         change = {name: depth - (top[good][own] - part.heights(floor)) for name, part in parts.items()}
         depths = [_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()})]
     return [
-        _row("diameter", 2.0 * radius, 2.0 * radius, diameter),
-        _row("roundness", 0.0, 2.0 * radius, round_),
-        _row("centre", 0.0, radius, centre),
+        _row("diameter", 2.0 * radius, 2.0 * radius, diameter, shares),
+        _row("roundness", 0.0, 2.0 * radius, round_, shares),
+        _row("centre", 0.0, radius, centre, shares),
         *depths,
         *_flatness(rings, surface, parts, 2.0 * radius),
     ]
@@ -286,14 +297,18 @@ def _wall_top(surface: NominalSurface, xy: Float, left: Float, radius: float, to
     return out
 
 
-def _row(quantity: str, nominal: float, size: float, values: Mapping[str, Float]) -> _Row:
-    worst, mean = {}, {}
+def _row(
+    quantity: str, nominal: float, size: float, values: Mapping[str, Float], shares: Mapping[str, float] | None = None
+) -> _Row:
+    """Worst and mean of the values of each variant; shares of places where the values are of the whole feature."""
+    worst, mean, share = {}, {}, dict(shares or {})
     for name, value in values.items():
         known = value[np.isfinite(value)]
+        share.setdefault(name, len(known) / max(len(value), 1))
         if len(known):
             worst[name] = float(known[np.argmax(np.abs(known - nominal))])
             mean[name] = float(known.mean())
-    return quantity, nominal, size, worst, mean
+    return quantity, nominal, size, worst, mean, share
 
 
 def _flatness(place: Float, surface: NominalSurface, parts: Mapping[str, MeasurablePart], side: float) -> list[_Row]:
@@ -305,15 +320,16 @@ def _flatness(place: Float, surface: NominalSurface, parts: Mapping[str, Measura
         return []
     base = height_at(surface.nominal, inner)
     A = np.column_stack([inner - inner.mean(axis=0), np.ones(len(inner))])
-    zone = {}
+    zone, shares = {}, {}
     for name, part in parts.items():
         deviation = part.heights(inner) - base
         known = np.isfinite(deviation)
+        shares[name] = float(known.mean())
         if known.sum() < 10:
             continue
         plane = np.linalg.lstsq(A[known], deviation[known], rcond=None)[0]
         zone[name] = np.array([float(np.ptp(deviation[known] - A[known] @ plane))])
-    return [_row("flatness", 0.0, side, zone)]
+    return [_row("flatness", 0.0, side, zone, shares)]
 
 
 def _cells(part: HeightMap, xy: Float) -> tuple[Int, Int, Bool]:

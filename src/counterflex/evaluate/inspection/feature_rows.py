@@ -12,6 +12,8 @@ from counterflex.core.arrays import Float
 from counterflex.evaluate.feature_finding import Feature
 from counterflex.evaluate.features import FeatureRow, measure_features
 from counterflex.evaluate.inspection.inspected_part import InspectedPart
+from counterflex.evaluate.inspection.scanned_part import ScannedPart
+from counterflex.evaluate.inspection.size_errors import ScaleEstimate
 
 _ZONES: Final = ("flatness", "roundness")
 _DRAWS: Final = 24
@@ -23,12 +25,14 @@ def inspected_features(
     features: Sequence[Feature],
     parts: Mapping[str, InspectedPart],
     tolerances_m: Mapping[tuple[str, str], float] | None = None,
+    scales: Mapping[str, ScaleEstimate] | None = None,
 ) -> tuple[FeatureRow, ...]:
     """Measure features on inspected parts as on simulated ones, with the standard deviation of each value.
 
-    It is the root of the sum of squares of two: the change of the mean value when the part is moved by each principal
-    direction of the covariance of its pose, one standard deviation at a time; and the noise of the measurement at
-    one place of a feature.
+    It is the root of the sum of squares of three: the change of the mean value when the part is moved by each principal
+    direction of the covariance of its pose, one standard deviation at a time; its change by the scale of the scan and
+    the standard deviation of it, where two directions agree on one; and the noise of the measurement at one place of a
+    feature.
 
     Flatness and roundness are distances of extremes, which noise drives apart: by as much again as it has, were there
     more of it. Where the noise of a part can be drawn again, they are extrapolated to none (:func:`noiseless`).
@@ -37,6 +41,7 @@ def inspected_features(
         features: From :func:`~counterflex.evaluate.feature_finding.find_features`.
         parts: Name to part; all of one nominal part.
         tolerances_m: (feature, quantity) to +- tolerance, m; general tolerances for what is not listed.
+        scales: Name to scale of its scan.
     """
     first = next(iter(parts.values()))
     surface, path = first.part.surface, first.p_part_tcp
@@ -45,9 +50,12 @@ def inspected_features(
     square = [{name: parts[name].place_sigma_m() ** 2 for name in row.mean_m} for row in rows]
     for name, part in parts.items():
         values, vectors = np.linalg.eigh(part.registration.covariance)
-        for k in np.flatnonzero(values > 0.0):
-            other_part = {name: part.shifted(np.sqrt(values[k]) * vectors[:, k])}
-            moved = measure_features(surface, path, features, other_part, outline=outline)
+        changed = [part.shifted(np.sqrt(values[k]) * vectors[:, k]) for k in np.flatnonzero(values > 0.0)]
+        scale = (scales or {}).get(name)
+        if scale is not None and scale.common and isinstance(part, ScannedPart):
+            changed.append(part.scaled(float(np.hypot(scale.scale, scale.sigma))))
+        for one in changed:
+            moved = measure_features(surface, path, features, {name: one}, outline=outline)
             other = {(row.feature, row.quantity): row.mean_m[name] for row in moved if name in row.mean_m}
             for row, sums in zip(rows, square, strict=True):
                 if name in sums and (row.feature, row.quantity) in other:

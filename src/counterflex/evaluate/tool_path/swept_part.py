@@ -107,6 +107,16 @@ class SweptPart:
     def redrawn(self, rng: np.random.Generator) -> None:
         """None: each draw would be a removal of its own."""
 
+    @property
+    def pitch_m(self) -> float:
+        """Distance of the rows from each other, m."""
+        return _PLACES_M
+
+    @property
+    def left_out(self) -> Float:
+        """No points: the surface itself was not measured."""
+        return np.empty((0, 3))
+
     def place_sigma_m(self) -> float:
         """Standard deviation of a wall or floor place by the noise of the readings, median where the tool cut, m."""
         some = self.track.deviation.cutting
