@@ -48,6 +48,29 @@ def read_mesh(path: Path, kind: str) -> Scan:
     return store.scan()
 
 
+def read_ply_cloud(path: Path) -> Scan:
+    """Read the vertices of a PLY file without faces whose vertices come behind other elements.
+
+    Raises:
+        FileFormatError: It cannot be read.
+    """
+    import trimesh  # heavy
+
+    try:
+        vertices = np.asarray(trimesh.load(path, file_type="ply", process=False).vertices, np.float64)
+    except Exception as fault:  # whatever a damaged file makes the library do
+        raise _unreadable(path, "ply", fault) from fault
+    store = PointStore(path, "cloud of points (PLY)")
+    store.add(vertices.reshape(-1, 3))
+    return store.scan()
+
+
+def _unreadable(path: Path, kind: str, fault: Exception) -> FileFormatError:
+    return FileFormatError(
+        f"the {kind.upper()} file cannot be read", where=str(path), value=f"{type(fault).__name__}: {fault}"[:80]
+    )
+
+
 def _binary_stl(path: Path) -> Any:
     with path.open("rb") as stream:
         count = int(np.frombuffer(stream.read(_STL_HEAD)[80:84], "<u4")[0])
@@ -79,9 +102,7 @@ def _by_library(path: Path, kind: str) -> Any:
     except FileFormatError:
         raise
     except Exception as fault:  # whatever a damaged file makes the library do
-        raise FileFormatError(
-            f"the {kind.upper()} file cannot be read", where=str(path), value=f"{type(fault).__name__}: {fault}"[:80]
-        ) from fault
+        raise _unreadable(path, kind, fault) from fault
 
 
 def _too_many(path: Path, count: int) -> FileFormatError:
