@@ -22,7 +22,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.cloud import Cloud, thinned
-from counterflex.evaluate.inspection.clutter import CLEARANCE_M, beside, cluttered_pose, without
+from counterflex.evaluate.inspection.clutter import CLEARANCE_M, cluttered_pose, off_part, without
 from counterflex.evaluate.inspection.coarse import NoPose, coarse_pose
 from counterflex.evaluate.inspection.coverage import Coverage, coverage
 from counterflex.evaluate.inspection.feature_rows import inspected_features
@@ -190,7 +190,7 @@ def judged(
     unit, unit_m, cloud, T_start = _placed(scan, part, how, sized, where)
     ball = _ball(scan, how, unit_m)
     clearance = CLEARANCE_M if how.clearance_m is None else how.clearance_m
-    aside = beside(pose.transform(T_start, cloud.points), part.faces, clearance + (ball or 0.0))
+    aside = off_part(pose.transform(T_start, cloud.points), part.faces, clearance + (ball or 0.0))
     cut_away = int(cloud.count[aside].sum())
     if np.count_nonzero(~aside) < LEAST_POINTS:
         raise InputError(
@@ -247,9 +247,9 @@ def _placed(scan: Scan, part: NominalPart, how: How, sized: ScanUnit, where: str
                 return unit, unit_m, cloud, coarse_pose(cloud, part, where, _ball(scan, how, unit_m) or 0.0).T_part_scan
             except NoPose as no_pose:
                 fault = no_pose
-        found = cluttered_pose(cloud, part)
-        if found is not None:
-            return unit, unit_m, cloud, found.T_part_scan
+        match = cluttered_pose(cloud, part)
+        if match is not None:
+            return unit, unit_m, cloud, match.T_part_scan
     if fault is None:
         raise AssertionError("a scan has a unit")
     raise fault

@@ -88,7 +88,7 @@ def inspect(
     aligned: Annotated[
         bool, typer.Option("--aligned", help="The scan is in the part frame already; it is not moved.")
     ] = False,
-    ball: Annotated[
+    ball_diameter_mm: Annotated[
         float | None,
         typer.Option(
             "--ball-diameter-mm",
@@ -97,7 +97,7 @@ def inspect(
             callback=arguments.between(0.0, 4.0),
         ),
     ] = None,
-    clearance: Annotated[
+    clearance_mm: Annotated[
         float | None,
         typer.Option(
             "--clearance-mm",
@@ -204,7 +204,7 @@ def inspect(
         "--datum-points": datum_points,
         "--aligned": aligned or None,
     }
-    of_scan |= {"--ball-diameter-mm": ball, "--clearance-mm": clearance}
+    of_scan |= {"--ball-diameter-mm": ball_diameter_mm, "--clearance-mm": clearance_mm}
     of_log: dict[str, object] = {"--frame": frame, "--position": position, "--run": run, "--cut": cut or None}
     if form != "counterflex":
         of_log["--format"] = form
@@ -234,8 +234,8 @@ def inspect(
         datum,
         datum_points,
         aligned,
-        None if ball is None else ball * MM,
-        None if clearance is None else clearance * MM,
+        None if ball_diameter_mm is None else ball_diameter_mm * MM,
+        None if clearance_mm is None else clearance_mm * MM,
     )
     if tool_log is not None:
         how = LogHow(frame, form, position, run, cut)

@@ -41,7 +41,7 @@ LEAST_SHOWN: Final = 0.4
 _CLEARER: Final = 1.1
 
 
-def beside(points_part: Float, faces: DatumFaces, clearance_m: float) -> Bool:
+def off_part(points_part: Float, faces: DatumFaces, clearance_m: float) -> Bool:
     """Which points are not of the part: further from the blank than a clearance, or of what it stands on.
 
     Args:
@@ -80,15 +80,15 @@ def cluttered_pose(cloud: Cloud, part: NominalPart) -> Hypothesis | None:
     chosen = rng.permutation(len(reference.points))[:_SAMPLES]
     samples, ways = reference.points[chosen], reference.normals[chosen]
     tree = cKDTree(points)
-    found: list[tuple[float, Float]] = []
+    proposals: list[tuple[float, Float]] = []
     for axes in _frames(points, normals):
         proposed = _proposed(points, normals, axes, part.faces)
-        found += [(shown(tree, normals, samples, ways, T), T) for T in proposed]
-    found.sort(key=lambda one: -one[0])
+        proposals += [(shown(tree, normals, samples, ways, T), T) for T in proposed]
+    proposals.sort(key=lambda one: -one[0])
     best: list[tuple[float, Hypothesis]] = []
-    for _, T in found[:_REFINED]:
+    for _, T in proposals[:_REFINED]:
         moved = pose.transform(T, points)
-        near = np.flatnonzero(~beside(moved, part.faces, CLEARANCE_M))
+        near = np.flatnonzero(~off_part(moved, part.faces, CLEARANCE_M))
         if len(near) < 100:
             continue
         few = near[:: max(1, len(near) // 12_000)]
@@ -103,11 +103,13 @@ def cluttered_pose(cloud: Cloud, part: NominalPart) -> Hypothesis | None:
     return first[1]
 
 
-def shown(tree: cKDTree, normals: Float, samples: Float, ways: Float, T_part_scan: Float) -> float:
+def shown(tree: cKDTree, normals: Float, samples: Float, normals_part: Float, T_part_scan: Float) -> float:
     """Share of samples of the nominal part that have a point of the scan beside them that looks their way."""
     distance, nearest = tree.query(pose.transform(pose.inverse(T_part_scan), samples), distance_upper_bound=_SHOWN_M)
     near = np.isfinite(distance)
-    agree = np.abs(np.einsum("nk,nk->n", normals[nearest[near]] @ T_part_scan[:3, :3].T, ways[near])) > _FACING
+    agree = (
+        np.abs(np.einsum("nk,nk->n", normals[nearest[near]] @ T_part_scan[:3, :3].T, sample_normals[near])) > _FACING
+    )
     return float(np.count_nonzero(agree)) / len(samples)
 
 
@@ -117,7 +119,7 @@ def _frames(points: Float, normals: Float) -> list[Float]:
     out = [first]
     left = normals
     for _ in range(2):
-        # planes square to what was found are taken away: a table may have slots askew to the part
+        # planes square to what is known are taken away: a table may have slots askew to the part
         left = left[(np.abs(left @ out[-1][1]) < _CONE) & (np.abs(left @ out[-1][2]) < _CONE)]
         level = left[np.abs(left @ first[0]) < 0.1]
         if len(level) < max(50, 0.01 * len(normals)):

@@ -24,7 +24,7 @@ from counterflex.evaluate.inspection.inspected_part import InspectedPart
 from counterflex.evaluate.inspection.nominal_part import FACING, REACH_M
 from counterflex.evaluate.surface import CHANGED_M, HEIGHTS, NominalSurface
 
-_BESIDE: Final = 1.5
+_PITCHES: Final = 1.5
 """A place is judged by a point nearer than so many pitches: of points at random one in 1200 has none."""
 _FINEST_M: Final = 0.3 * MM
 _STEEPEST: Final = 1.5
@@ -144,7 +144,7 @@ def coverage(part: InspectedPart, features: Sequence[Feature]) -> tuple[Coverage
     """
     surface = part.part.surface
     places = machined_places(surface, float(np.clip(part.pitch_m, _FINEST_M, _WIDEST_M)))
-    reach = min(max(_BESIDE * part.pitch_m, surface.nominal.cell_m), _WIDEST_M)
+    reach = min(max(_PITCHES * part.pitch_m, surface.nominal.cell_m), _WIDEST_M)
     judged = _judged(places, part, reach)
     seen = judged.copy()
     rows = np.flatnonzero(~judged)
@@ -175,9 +175,9 @@ def _judged(places: MachinedPlaces, part: InspectedPart, reach: float) -> Bool:
     k = min(8, len(rows))
     distance, near = cKDTree(rows.points).query(places.points, k=k, distance_upper_bound=reach)
     distance, near = distance.reshape(len(out), k), near.reshape(len(out), k)
-    found = np.isfinite(distance)
-    facing = np.einsum("mkd,md->mk", rows.normals[np.where(found, near, 0)], places.normals)
-    out |= np.any(found & (facing > FACING), axis=1)
+    near_by = np.isfinite(distance)
+    facing = np.einsum("mkd,md->mk", rows.normals[np.where(near_by, near, 0)], places.normals)
+    out |= np.any(near_by & (facing > FACING), axis=1)
     return out
 
 

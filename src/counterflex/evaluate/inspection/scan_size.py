@@ -85,7 +85,7 @@ def _other_size(
     size: float, blank_m: float, units_m: Mapping[str, float], stated: str | None, fits: list[str], where: str
 ) -> InputError:
     limit = f"about {blank_m / MM:.4g} mm, the diagonal of the blank ({LEAST:g} to {MOST:g} times it)"
-    beside = "Cut away what was scanned beside it, or give its pose: --datum-points"
+    remedy = "Cut away what was scanned beside it, or give its pose: --datum-points"
     if stated is not None:
         other = f"In {fits[0]} it would fit: give --unit {fits[0]}" if fits else "It fits in no unit: is it this part?"
         return InputError(
@@ -93,12 +93,12 @@ def _other_size(
             where=where,
             value=f"{size * units_m[stated] / MM:.4g} mm across",
             limit=limit,
-            hint=other + ("" if fits else f" {beside}"),
+            hint=other + ("" if fits else f" {remedy}"),
         )
     return InputError(
         "the scan does not fit the blank in any unit",
         where=where,
         value=", ".join(f"{size * unit / MM:.4g} mm across in {name}" for name, unit in units_m.items()),
         limit=limit,
-        hint=f"Is it a scan of this part? {beside}; or give --unit",
+        hint=f"Is it a scan of this part? {remedy}; or give --unit",
     )

@@ -187,9 +187,9 @@ def _not_by_standard(places: Float, targets: Sequence[TargetFigures]) -> tuple[s
         out.append(f"{min(runs)} approaches to a target in one direction, {LEAST_RUNS} are asked for")
     if len(set(runs)) > 1:
         out.append("targets were approached unequally often")
-    wanted = max(LEAST_TARGETS, int(np.ceil(PER_METRE * min(length, LONG_M) - 1e-9)))
-    if len(targets) < wanted:
-        out.append(f"{len(targets)} targets over {length / MM:.0f} mm, {wanted} are asked for")
+    required = max(LEAST_TARGETS, int(np.ceil(PER_METRE * min(length, LONG_M) - 1e-9)))
+    if len(targets) < required:
+        out.append(f"{len(targets)} targets over {length / MM:.0f} mm, {required} are asked for")
     step = np.diff(places)
     if len(step) > 2 and float(np.ptp(step)) < 1e-3 * float(step.mean()):
         out.append("targets at equal steps: periodic errors of the axis may not show")

@@ -116,13 +116,13 @@ def read_rows_of_axes(path: Path, lines: Iterable[str], layout: RowsOfAxes) -> S
     Raises:
         FileFormatError: A measured value is no number, or no point has all three axes.
     """
-    found, unit, decimals = _Points(), None, None
+    gathered, unit, decimals = _Points(), None, None
     every = list(lines)
     for number, line in enumerate(every, 1):
         unit = _unit(line, unit)
         row = split(line, layout.separator)
         if len(row) <= max(layout.axis, layout.value) or not re.fullmatch(r"[A-Za-z]{1,2}", row[layout.axis]):
-            found.end()
+            gathered.end()
             continue
         if decimals is None:
             decimals = Decimals.of([split(one, layout.separator)[-1] for one in every[:_SAMPLE] if one.strip()] + row)
@@ -133,8 +133,8 @@ def read_rows_of_axes(path: Path, lines: Iterable[str], layout: RowsOfAxes) -> S
             if axis in _AXES:
                 raise FileFormatError(f"{cell[:30]!r} is no number", where=f"{path}:{number}", value=line.strip()[:60])
             continue
-        found.add("" if layout.label is None else row[layout.label], axis, value)
-    return _scan(path, found, "report of a measuring machine, one row for each axis", unit)
+        gathered.add("" if layout.label is None else row[layout.label], axis, value)
+    return _scan(path, gathered, "report of a measuring machine, one row for each axis", unit)
 
 
 def gives_axes(lines: list[str]) -> bool:
@@ -150,20 +150,20 @@ def read_given_axes(path: Path, lines: Iterable[str]) -> Scan:
     Raises:
         FileFormatError: A value is no number, or no point has all three axes.
     """
-    found, unit = _Points(), None
+    gathered, unit = _Points(), None
     for number, line, given in _given(lines):
         unit = _unit(line, unit)
         if not given and line.strip():
-            found.end()
+            gathered.end()
         decimals = Decimals.of([text for _, text in given])
         for axis, text in given:
             value = np.nan if text in MISSING else decimals.number(text)
             if value is None:
                 raise FileFormatError(f"{text[:30]!r} is no number", where=f"{path}:{number}", value=line.strip()[:60])
-            found.add("", axis, value)
+            gathered.add("", axis, value)
         if {axis for axis, _ in given} >= set(_AXES):
-            found.end()
-    return _scan(path, found, "report of a measuring machine, X= Y= Z=", unit)
+            gathered.end()
+    return _scan(path, gathered, "report of a measuring machine, X= Y= Z=", unit)
 
 
 def _given(lines: Iterable[str]) -> Iterator[tuple[int, str, list[tuple[str, str]]]]:
@@ -178,16 +178,16 @@ def _unit(line: str, unit: str | None) -> str | None:
     return {"in": "inch", "inches": "inch"}.get(match[1].lower(), match[1].lower())
 
 
-def _scan(path: Path, found: _Points, kind: str, unit: str | None) -> Scan:
-    found.end()
-    if not found.points:
+def _scan(path: Path, gathered: _Points, kind: str, unit: str | None) -> Scan:
+    gathered.end()
+    if not gathered.points:
         raise FileFormatError(
             "no point of the report has x, y and z",
             where=str(path),
-            value=f"{found.left_out} features of other axes" if found.left_out else None,
+            value=f"{gathered.left_out} features of other axes" if gathered.left_out else None,
             hint="Points on surfaces are judged; centres of circles lie on none",
         )
-    left_out = f", {found.left_out} features that are no points left out" if found.left_out else ""
+    left_out = f", {gathered.left_out} features that are no points left out" if gathered.left_out else ""
     store = PointStore(path, kind + left_out)
-    store.add(np.array(found.points))
+    store.add(np.array(gathered.points))
     return store.scan(None if unit is None else UNITS[unit])

@@ -62,7 +62,7 @@ def read_table(path: Path) -> Scan:
     Columns are found by a header (``x``, ``y_mm``, ``Meas X``, ``X [in]``; nominal values, deviations and normals
     beside them are left out); without one the first three numbers of a line count. A first line of one whole number is
     the number of points (PTS). Rows with a mark for a missing value (``*``) are counted and left out. Reports with one
-    row for each axis, or with ``X=.. Y=.. Z=..``, are told by their lines.
+    row for each axis, or with ``X=.. Y=.. Z=..``, are translation by their lines.
 
     Raises:
         FileFormatError: No numbers, a word in place of one, lines of different length, another number of points than
@@ -107,11 +107,11 @@ def _lines(head: bytes, path: Path) -> list[str]:
 
 def _layout(lines: list[str], path: Path) -> _Layout:
     rows = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(("#", "//"))]
-    found = next(((k, s) for k in rows if (s := _separator(lines, rows, k)) is not None), None)
-    if found is None:
+    match = next(((k, s) for k in rows if (s := _separator(lines, rows, k)) is not None), None)
+    if match is None:
         what = "the file is empty" if not rows else "no line holds three numbers"
         raise FileFormatError(what, where=str(path), value=lines[rows[0]].strip()[:60] if rows else None, hint=FORMATS)
-    first, (separator, decimals) = found
+    first, (separator, decimals) = match
     words = split(lines[first], separator)
     before = [lines[k] for k in rows if k < first]
     count = int(before[-1]) if before and before[-1].strip().isdigit() else None
@@ -169,7 +169,7 @@ def _columns(header: list[str], path: Path) -> tuple[tuple[int, int, int], str |
     unit = None
     for k, name in enumerate(header):
         words = [word for word in re.split(r"[^a-z0-9]+", name.lower()) if word]
-        axis = next((match[1] for word in words if (match := _AXIS.fullmatch(word))), None)
+        axis = next((letter[1] for word in words if (letter := _AXIS.fullmatch(word))), None)
         if axis is None:
             continue
         if any(word.startswith((*_NOMINAL, *_DEVIATION)) for word in words):
@@ -194,16 +194,16 @@ def _columns(header: list[str], path: Path) -> tuple[tuple[int, int, int], str |
 
 def _rows(path: Path, layout: _Layout) -> Iterator[Float]:
     """Points of the file, block by block."""
-    line, told = 1, separators(layout.decimals)
+    line, translation = 1, separators(layout.decimals)
     with text_stream(path) as stream:
         for block in line_blocks(stream):
             lines = block.count(b"\n")
             if line == 1:
                 block = block.removeprefix(b"\xef\xbb\xbf")
                 block = b"\n" * layout.skipped + block.split(b"\n", layout.skipped)[-1]
-            if layout.plain and told is not None and _CELLS.search(block) is None:
+            if layout.plain and translation is not None and _CELLS.search(block) is None:
                 marked = _MARKS.sub(b"nan", block) if b"*" in block else block
-                yield numbers(marked, layout.columns, told, path, line)[:, layout.xyz]
+                yield numbers(marked, layout.columns, translation, path, line)[:, layout.xyz]
             else:
                 yield _labelled(block, layout, path, line)
             line += lines

@@ -124,9 +124,11 @@ def _badge(data: InspectionData) -> tuple[str, bool] | None:
     bad = sum(name in row.worst_m and not row.ok(name) for row in data.features)
     partly = sum(name in row.worst_m and row.ok(name) and row.partly(name) for row in data.features)
     counts = ((bad, "out of tolerance"), (missing, "not measured"), (partly, "measured in part only"))
-    told = ", ".join(f"{count} {what}" for count, what in counts if count)
+    counted = ", ".join(f"{count} {what}" for count, what in counts if count)
     total = len(data.features)
-    return (f"Of {total} quantities {told}", False) if told else (f"All {total} quantities within tolerance", True)
+    if counted:
+        return f"Of {total} quantities {counted}", False
+    return f"All {total} quantities within tolerance", True
 
 
 def _coverage_rows(data: InspectionData) -> list[dict[str, Any]]:

@@ -233,7 +233,14 @@ _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
     long = _long_dwells(program) if program.dialect == "linuxcnc" else []  # elsewhere the unit is beyond doubt
-    return [*long, *_skipped_by_switch(program), *_part_zero(program), *_zeros_set_here(program), *_by_sensor(program)]
+    return [
+        *long,
+        *_skipped_by_switch(program),
+        *_part_zero(program),
+        *_tool_taken(program),
+        *_zeros_set_here(program),
+        *_by_sensor(program),
+    ]
 
 
 def _by_sensor(program: Program) -> list[str]:
@@ -245,6 +252,16 @@ def _by_sensor(program: Program) -> list[str]:
         return []
     place = block.where(Path(program.name).name)
     return [f"{place}: RSI_ON lets a sensor correct the path; what it adds is not looked at"]
+
+
+def _tool_taken(program: Program) -> list[str]:
+    """Return that the program names no tool."""
+    if not program.tool_taken:
+        return []
+    return [
+        f"the program names no tool: T{program.tool_taken} is taken, the only one of the cell; whether it is the one "
+        "in the spindle was not looked at"
+    ]
 
 
 def _part_zero(program: Program) -> list[str]:
