@@ -25,7 +25,7 @@ from counterflex.evaluate.inspection.cloud import Cloud, thinned
 from counterflex.evaluate.inspection.clutter import CLEARANCE_M, cluttered_pose, off_part, without
 from counterflex.evaluate.inspection.coarse import NoPose, coarse_pose
 from counterflex.evaluate.inspection.coverage import Coverage, coverage
-from counterflex.evaluate.inspection.feature_rows import inspected_features
+from counterflex.evaluate.inspection.feature_rows import features_of_part, inspected_features
 from counterflex.evaluate.inspection.nominal_part import NominalPart, Shape, nominal_part
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.registration import LEAST_POINTS, aligned, register
@@ -117,7 +117,7 @@ def inspect(
             parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]), outline_of(job.path, cell))
         progress(0.4 + 0.4 * (k + 1) / len(read))
     named = {name: one.part for name, one in parts.items()}
-    candidates = candidates_of(job.path, cell)
+    candidates = features_of_part(next(iter(named.values())), candidates_of(job.path, cell))
     scales = {name: one.scale for name, one in parts.items() if isinstance(one, Inspected)}
     features = inspected_features(candidates, named, tolerances_m, scales)
     _require_used(tolerances_m or {}, features)

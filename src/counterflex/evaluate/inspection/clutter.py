@@ -107,9 +107,8 @@ def shown(tree: cKDTree, normals: Float, samples: Float, normals_part: Float, T_
     """Share of samples of the nominal part that have a point of the scan beside them that looks their way."""
     distance, nearest = tree.query(pose.transform(pose.inverse(T_part_scan), samples), distance_upper_bound=_SHOWN_M)
     near = np.isfinite(distance)
-    agree = (
-        np.abs(np.einsum("nk,nk->n", normals[nearest[near]] @ T_part_scan[:3, :3].T, sample_normals[near])) > _FACING
-    )
+    measured = normals[nearest[near]] @ T_part_scan[:3, :3].T
+    agree = np.abs(np.einsum("nk,nk->n", measured, normals_part[near])) > _FACING
     return float(np.count_nonzero(agree)) / len(samples)
 
 

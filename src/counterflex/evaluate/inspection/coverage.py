@@ -19,9 +19,11 @@ from scipy.spatial import cKDTree
 from counterflex.core.arrays import Bool, Float, Int, batches
 from counterflex.core.units import MM
 from counterflex.evaluate.feature_finding import Feature
-from counterflex.evaluate.features import WHOLE, height_at
+from counterflex.evaluate.features import WHOLE
 from counterflex.evaluate.inspection.inspected_part import InspectedPart
 from counterflex.evaluate.inspection.nominal_part import FACING, REACH_M
+from counterflex.evaluate.measured_values import height_at
+from counterflex.evaluate.prismatic.finding import PrismaticFeature
 from counterflex.evaluate.surface import CHANGED_M, HEIGHTS, NominalSurface
 
 _PITCHES: Final = 1.5
@@ -81,7 +83,7 @@ def machined_places(surface: NominalSurface, pitch_m: float) -> MachinedPlaces:
     """
     grid = surface.nominal
     step = max(1, round(pitch_m / grid.cell_m))
-    j, i = np.nonzero(grid.z < surface.stock.z - np.float32(CHANGED_M))
+    j, i = np.nonzero(surface.kept & (grid.z < surface.stock.z - np.float32(CHANGED_M)))
     whole = float(np.sum(grid.cell_m**2 / surface.normal_z[j, i].astype(np.float64)))
     thin = (j % step == step // 2) & (i % step == step // 2)
     if not thin.any():
@@ -135,7 +137,9 @@ def _wall_places(surface: NominalSurface, pitch_m: float) -> tuple[Float, Float,
     return out, way[owner], area[owner] / number[owner]
 
 
-def coverage(part: InspectedPart, features: Sequence[Feature]) -> tuple[Coverage, Mapping[str, Coverage]]:
+def coverage(
+    part: InspectedPart, features: Sequence[Feature | PrismaticFeature]
+) -> tuple[Coverage, Mapping[str, Coverage]]:
     """Areas of a whole part and of each of its features.
 
     Args:

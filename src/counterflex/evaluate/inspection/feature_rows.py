@@ -10,19 +10,19 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.evaluate.feature_finding import Feature
-from counterflex.evaluate.features import FeatureRow, measure_features
+from counterflex.evaluate.features import ZONES, FeatureRow, measure_features, uncovered
 from counterflex.evaluate.inspection.inspected_part import InspectedPart
 from counterflex.evaluate.inspection.scanned_part import ScannedPart
 from counterflex.evaluate.inspection.size_errors import ScaleEstimate
+from counterflex.evaluate.prismatic.finding import PrismaticFeature, find_prismatic
 
-_ZONES: Final = ("flatness", "roundness")
 _DRAWS: Final = 24
 _ONCE_MORE: Final = float(np.sqrt(2.0)) - 1.0
 """Growth of the standard deviation of noise when it is drawn once more."""
 
 
 def inspected_features(
-    features: Sequence[Feature],
+    features: Sequence[Feature | PrismaticFeature],
     parts: Mapping[str, InspectedPart],
     tolerances_m: Mapping[tuple[str, str], float] | None = None,
     scales: Mapping[str, ScaleEstimate] | None = None,
@@ -66,7 +66,7 @@ def inspected_features(
         noisier = measure_features(surface, path, features, more, outline=outline) if more else ()
         drawn = {(row.feature, row.quantity): np.array(list(row.worst_m.values())) for row in noisier}
         for j, row in enumerate(rows):
-            if row.quantity not in _ZONES or name not in row.worst_m:
+            if row.quantity not in ZONES or name not in row.worst_m:
                 continue
             again = drawn.get((row.feature, row.quantity))
             if again is None or len(again) == 0:
@@ -79,6 +79,19 @@ def inspected_features(
         replace(row, standard_deviation_m={name: float(np.sqrt(value)) for name, value in sums.items()})
         for row, sums in zip(rows, square, strict=True)
     )
+
+
+def features_of_part(part: InspectedPart, candidates: Sequence[Feature]) -> tuple[Feature | PrismaticFeature, ...]:
+    """Features of a part: grooves and round pockets by the moves of the tool, all else by the surface.
+
+    Args:
+        part: Inspected; its nominal part counts.
+        candidates: Grooves and pockets that the moves may have made.
+    """
+    surface = part.part.surface
+    rows = measure_features(surface, part.p_part_tcp, candidates, {"part": part}, outline=part.nominal_outline)
+    shown, walls, floors = uncovered(surface, candidates, rows)
+    return (*shown, *find_prismatic(surface, walls, floors))
 
 
 def noiseless(zone: float, noisier: Float) -> float:

@@ -23,6 +23,7 @@ STEEP: Final = 0.55
 """Vertical component of the normal below which a surface is a wall: 56 deg."""
 FACING: Final = float(np.cos(np.radians(30.0)))
 """Largest angle between the measured and the nominal normal: beyond it a point is of another face, or at an edge."""
+_KINK: Final = 0.5
 _STEP_M: Final = 1.0 * UM
 
 
@@ -123,8 +124,11 @@ class NominalPart:
             step[axis] = _STEP_M
             normals[rows, axis] = -(self.shape.distance(points_part[rows] + step) - d[rows]) / _STEP_M
         length = np.linalg.norm(normals[rows], axis=1)
-        smooth = np.abs(length - 1.0) < 1e-2  # at an edge between two sweeps there is no one normal
+        # under a slope the depth within the tool is less than the distance to what its edge sweeps: by the gradient
+        slant = np.abs(length - 1.0) > 1e-2
+        smooth = np.abs(length - 1.0) < _KINK  # at an edge between two sweeps there is no one normal
         normals[rows] /= np.where(smooth, length, np.nan)[:, None]
+        d[rows] /= np.where(slant & smooth, length, 1.0)
         foot = points_part[rows] + d[rows, None] * normals[rows]
         on = smooth & self._was_material(foot)
         deviation = np.full(len(d), np.nan)

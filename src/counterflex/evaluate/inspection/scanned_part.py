@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from counterflex.core.arrays import Bool, Float, Float32, Int
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.features import height_at
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.evaluate.floor_filter import floor_fit
 from counterflex.evaluate.inspection.cloud import Cloud
@@ -20,6 +19,7 @@ from counterflex.evaluate.inspection.nominal_part import FACING, NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.local_fit import LocalFit, local_fit
+from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.geometry import pose

@@ -16,12 +16,12 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.features import height_at
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.evaluate.floor_filter import FloorMap
 from counterflex.evaluate.inspection.nominal_part import NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
+from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.surface import SurfaceDeviation, floor_rise, surface_deviation
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.evaluate.tool_path.tracked_path import TrackedPath
