@@ -246,7 +246,7 @@ def of_scale(factor: float) -> Callable[[Float], Float]:
 
 POSES: dict[str, tuple[Callable[[Float], Float], tuple[str, ...], list[str]]] = {
     "mirrored": (lambda p: p * [1.0, -1.0, 1.0], (), ["mirrored", "right-handed"]),
-    "another part": (other_part, (), ["fits the part in no pose", "mm off in the mean"]),
+    "another part": (other_part, (), ["another part", "on no surface of the part"]),
     "metres for mm": (lambda p: p, ("--unit", "m"), ["another size", "unit is m", "--unit mm"]),
     "inches for mm": (lambda p: p, ("--unit", "inch"), ["another size", "unit is inch", "--unit mm"]),
     "a part of another size": (of_scale(1.7), (), ["in any unit", "diagonal of the blank"]),

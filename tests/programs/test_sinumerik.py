@@ -15,8 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from counterflex.app import examples
 from counterflex.app.compensation.robot_program import omissions
-from counterflex.app.inputs import machine_of
+from counterflex.app.inputs import machine_of, read_job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM, MM_PER_MIN
@@ -25,7 +26,7 @@ from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.reader import read_gcode
+from counterflex.programs.gcode.read.reader import doubtful_readings, read_gcode
 from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Program
@@ -453,3 +454,21 @@ def test_an_arc_through_a_point_is_that_of_its_centre() -> None:
 def test_cycles_that_are_not_whole_are_refused(line: str, match: str) -> None:
     with pytest.raises(ProgramError, match=rf"program:[34]:\d+.*{match}"):
         read_sinumerik(f"G17 G71 G90 G94 F300\nG0 X0 Y0 Z60\n{line}\nM30\n")
+
+
+def test_a_program_without_t_is_cut_by_the_only_tool_of_the_cell(tmp_path: Path) -> None:
+    """The tool that the operator mounted stays active; with two tools in the cell nobody knows which that is."""
+    text = examples.text("cell.toml")
+    (tmp_path / "cell.toml").write_text(text)
+    (tmp_path / "cut.mpf").write_text("G54 G17 G90 G71\nS13000 M3\nG0 X-12 Y15 Z60\nG1 Z38 F3000\nG1 X10 F1500\nM30\n")
+    cell = read_cell(tmp_path / "cell.toml")
+    assert len(cell.tables.tools) == 1
+    job = read_job(tmp_path / "cut.mpf", cell)
+    assert {motion.tool for motion in job.program.motions} == {cell.tables.tools[0].number}
+    assert any("names no tool" in line for line in doubtful_readings(job.program))
+    begin = text.index("[[tools]]")
+    end = text.index("\n[", begin + 9)
+    second = text[begin:end].replace("number = 1", "number = 2")
+    (tmp_path / "two.toml").write_text(text[:end] + "\n" + second + text[end:])
+    with pytest.raises(ProgramError, match="no tool is selected"):
+        read_job(tmp_path / "cut.mpf", read_cell(tmp_path / "two.toml"))

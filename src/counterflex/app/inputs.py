@@ -119,9 +119,26 @@ class Reading:
                     value=str(self.parameters), hint="Leave one of them out",
                 )  # fmt: skip
         machine = replace(machine, listed=self.listed)
-        return read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
+        program = read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
+        return program if cell is None or language not in _TOOL_STAYS else with_only_tool(program, cell)
 
 
+def with_only_tool(program: Program, cell: Cell) -> Program:
+    """Return the program with the only tool of the cell, where it names none at all.
+
+    On these controls the tool that was active before the program stays so: a part program without T is run with the
+    tool that the operator mounted. With several tools in the cell, or a T anywhere, nothing is taken.
+    """
+    tools = cell.tables.tools
+    if len(tools) != 1 or any(motion.tool for motion in program.motions):
+        return program
+    number = tools[0].number
+    motions = tuple(replace(motion, tool=number) for motion in program.motions)
+    return replace(program, motions=motions, tool_taken=number)
+
+
+_TOOL_STAYS: Final = ("sinumerik",)
+"""Languages in which a program is run with the tool that is active, where it names none."""
 AS_IT_IS: Final = Reading()
 """A whole program that says all by itself."""
 

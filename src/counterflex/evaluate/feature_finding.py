@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, UM
 from counterflex.path import FEED, ToolPath
 
@@ -34,6 +34,15 @@ class Groove:
         """True for a ramp."""
         return abs(float(self.end[2] - self.start[2])) > _SAME_M
 
+    def covers(self, points: Float, tolerance_m: float) -> Bool:
+        """Whether places (n, 3) of the machined surface are of the groove: swept by its tool, not below its tip."""
+        run = self.end - self.start
+        share = np.clip((points - self.start)[:, :2] @ run[:2] / (run[:2] @ run[:2]), 0.0, 1.0)
+        nearest = self.start + share[:, None] * run
+        off: Float = np.linalg.norm((points - nearest)[:, :2], axis=1)
+        out: Bool = (off < self.radius_m + tolerance_m) & (points[:, 2] > nearest[:, 2] - tolerance_m)
+        return out
+
 
 @dataclass(frozen=True)
 class CircularPocket:
@@ -52,6 +61,12 @@ class CircularPocket:
     path_radius_m: float
     floor_m: float
     radius_m: float
+
+    def covers(self, points: Float, tolerance_m: float) -> Bool:
+        """Whether places (n, 3) of the machined surface are of the pocket: within its wall, not below its floor."""
+        off: Float = np.linalg.norm(points[:, :2] - self.centre, axis=1)
+        inside: Bool = off < self.path_radius_m + self.radius_m + tolerance_m
+        return inside & (points[:, 2] > self.floor_m - tolerance_m)
 
 
 Feature = Groove | CircularPocket

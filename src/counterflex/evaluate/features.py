@@ -4,23 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import CircularPocket, Feature, Groove
 from counterflex.evaluate.floor_filter import FloorMap
 from counterflex.evaluate.iso230.circularity import circularity
+from counterflex.evaluate.measured_values import (
+    OWN_FLOOR_M,
+    MeasurablePart,
+    Row,
+    cells,
+    flatness,
+    height_at,
+    values_row,
+)
+from counterflex.evaluate.prismatic.finding import PrismaticFeature
+from counterflex.evaluate.prismatic.measuring import measure_prismatic
 from counterflex.evaluate.surface import NominalSurface, floor_rise
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.evaluate.tolerances import FORM, SIZES, flatness_k, linear_m
 
 _LEAST_DEPTH_M = 0.2 * MM  # shallower, a wall has no height to be measured at
-_OWN_FLOOR_M = 50.0 * UM  # a level floor that is further from the tip was made by another cut
+ZONES = ("flatness", "roundness")
+WHOLE = 0.9
+"""A quantity with values at fewer of its places is measured in part. Strips at the ends of a groove have none."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +49,7 @@ class FeatureRow:
         tolerance_m: Permitted deviation from nominal, +- m (a one-sided zone where the nominal value is 0).
         tolerance_source: Where the tolerance comes from.
         standard_deviation_m: Variant name to the standard deviation of the mean value, m, where the part was measured.
+        measured_share: Variant name to the share of the feature's places at which there was a value, 0 to 1.
     """
 
     feature: str
@@ -47,6 +60,11 @@ class FeatureRow:
     tolerance_m: float
     tolerance_source: str
     standard_deviation_m: Mapping[str, float] = field(default_factory=dict)
+    measured_share: Mapping[str, float] = field(default_factory=dict)
+
+    def partly(self, variant: str) -> bool:
+        """True where a tenth of the places or more of a variant had no value: elsewhere it may be worse."""
+        return self.measured_share.get(variant, 1.0) < WHOLE
 
     def ok(self, variant: str) -> bool:
         """True where the worst value of a variant keeps the tolerance."""
@@ -59,28 +77,6 @@ class FeatureRow:
         """
         off = self.worst_m[variant] - self.nominal_m
         return off if self.nominal_m == 0.0 else -off
-
-
-class MeasurablePart(Protocol):
-    """A part whose walls and floors can be found."""
-
-    def exits(self, point: Float, direction: Float) -> Float:
-        """How far the cut reaches along rays.
-
-        Args:
-            point: (m, 3) m, in the cut, part frame.
-            direction: (m, 2) horizontal unit vectors, towards the wall.
-
-        Returns:
-            (m,) m; nan or infinite where no wall is found.
-        """
-
-    def heights(self, xy: Float) -> Float:
-        """Height of the floor at places (n, 2) m, part frame, filtered (:mod:`~counterflex.evaluate.floor_filter`).
-
-        Returns:
-            (n,) m; nan where it is not known.
-        """
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,7 @@ class _Swept:
 def measure_features(
     surface: NominalSurface,
     p_part_nominal: Float,
-    features: Sequence[Feature],
+    features: Sequence[Feature | PrismaticFeature],
     variants: Mapping[str, Machined | MeasurablePart],
     tolerances_m: Mapping[tuple[str, str], float] | None = None,
     *,
@@ -127,7 +123,8 @@ def measure_features(
     Args:
         surface: From :func:`~counterflex.evaluate.nominal_surface`.
         p_part_nominal: (n, 3) m, path of the undisturbed program.
-        features: From :func:`~counterflex.evaluate.feature_finding.find_features`, or given by hand.
+        features: From :func:`~counterflex.evaluate.feature_finding.find_features`, or given by hand; and from
+            :func:`~counterflex.evaluate.prismatic.finding.find_prismatic`.
         variants: Name to machining, or to another part that can be measured.
         tolerances_m: (feature, quantity) to +- tolerance; general tolerances for what is not listed.
         outline: (n, 2) m, radius and corner radius of the tool that each row of the undisturbed path was run to with;
@@ -153,16 +150,18 @@ def measure_features(
         else v
         for name, v in variants.items()
     }
+    smallest = one.radius_m if outline is None else float(np.min(outline[:, 0]))
     rows: list[FeatureRow] = []
     for feature in features:
-        if isinstance(feature, Groove):
+        if isinstance(feature, PrismaticFeature):
+            measured = measure_prismatic(feature, surface, parts, smallest)
+        elif isinstance(feature, Groove):
             measured = _groove(feature, surface, nominal, parts)
         else:
             measured = _pocket(feature, surface, nominal, parts)
-        for quantity, value, size, worst, mean in measured:
+        for quantity, value, size, worst, mean, share in measured:
             tolerance = (tolerances_m or {}).get((feature.name, quantity))
-            form = quantity in ("flatness", "roundness")
-            general = flatness_k(size) if form else linear_m(size)
+            general = flatness_k(size) if quantity in ZONES else linear_m(size)
             rows.append(
                 FeatureRow(
                     feature.name,
@@ -171,13 +170,11 @@ def measure_features(
                     worst,
                     mean,
                     general if tolerance is None else tolerance,
-                    (FORM if form else SIZES) if tolerance is None else "given",
+                    (FORM if quantity in ZONES else SIZES) if tolerance is None else "given",
+                    measured_share=share,
                 )
             )
     return tuple(rows)
-
-
-_Row = tuple[str, float, float, dict[str, float], dict[str, float]]
 
 
 def _groove(
@@ -185,7 +182,7 @@ def _groove(
     surface: NominalSurface,
     nominal: SweptSection,
     parts: Mapping[str, MeasurablePart],
-) -> list[_Row]:
+) -> list[Row]:
     run = groove.end - groove.start
     length = float(np.hypot(run[0], run[1]))
     u = run[:2] / length
@@ -207,23 +204,23 @@ def _groove(
     position = {
         side: {name: part.exits(point[good], ray[good]) for name, part in parts.items()} for side, ray in sides.items()
     }
-    rows: list[_Row] = []
+    rows: list[Row] = []
     width = {name: position["wall left"][name] + position["wall right"][name] for name in parts}
-    rows.append(_row("width", 2.0 * radius, 2.0 * radius, width))
-    rows.extend(_row(side, radius, radius, position[side]) for side in sides)
-    near = np.inf if groove.inclined else _OWN_FLOOR_M
+    rows.append(values_row("width", 2.0 * radius, 2.0 * radius, width))
+    rows.extend(values_row(side, radius, radius, position[side]) for side in sides)
+    near = np.inf if groove.inclined else OWN_FLOOR_M
     floor = good & (np.abs(height_at(surface.nominal, tip[:, :2]) - tip[:, 2]) < near)
     floor &= _clear(surface, tip[:, :2], radius)
     if int(floor.sum()) >= 3:  # else a deeper cut has taken the middle of it away
         depth = top[floor] - height_at(surface.nominal, tip[floor, :2])
         deepest = float(depth.max())
         change = {name: depth - (top[floor] - part.heights(tip[floor, :2])) for name, part in parts.items()}
-        rows.append(_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}))
+        rows.append(values_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()}))
     across = np.linspace(-0.6, 0.6, 7) * radius
     place = (tip[good, None, :2] + across[None, :, None] * left).reshape(-1, 2)
     own = np.abs(height_at(surface.nominal, place) - np.repeat(tip[good, 2], len(across))) < near
     place = place[own]
-    rows.extend(_flatness(place, surface, parts, float(np.ptp(s[good]))))
+    rows.extend(flatness(place, surface, parts, float(np.ptp(s[good]))))
     return rows
 
 
@@ -232,7 +229,7 @@ def _pocket(
     surface: NominalSurface,
     nominal: SweptSection,
     parts: Mapping[str, MeasurablePart],
-) -> list[_Row]:
+) -> list[Row]:
     angle = np.arange(0.0, 360.0, 2.0) * DEG
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     place = pocket.centre + pocket.path_radius_m * ray
@@ -246,10 +243,11 @@ def _pocket(
     if int(good.sum()) < 90:
         return []
     radius = pocket.path_radius_m + cutter
-    diameter, round_, centre = {}, {}, {}
+    diameter, round_, centre, shares = {}, {}, {}, {}
     for name, part in parts.items():
         reached = part.exits(point[good], ray[good])
         hit = np.isfinite(reached)
+        shares[name] = float(hit.mean())
         wall = place[good][hit] + reached[hit, None] * ray[good][hit]
         if len(wall) < 45:
             continue
@@ -258,22 +256,22 @@ def _pocket(
         round_[name] = np.array([circle.g_m])
         centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])
     rings = np.concatenate([pocket.centre + r * ray[good] for r in np.linspace(0.3, 1.0, 5) * pocket.path_radius_m])
-    rings = rings[np.abs(height_at(surface.nominal, rings) - pocket.floor_m) < _OWN_FLOOR_M]
+    rings = rings[np.abs(height_at(surface.nominal, rings) - pocket.floor_m) < OWN_FLOOR_M]
     floor = place[good]
-    own = np.abs(height_at(surface.nominal, floor) - pocket.floor_m) < _OWN_FLOOR_M
+    own = np.abs(height_at(surface.nominal, floor) - pocket.floor_m) < OWN_FLOOR_M
     own &= _clear(surface, floor, cutter)
     floor, depths = floor[own], []
     if len(floor) >= 3:
         depth = top[good][own] - height_at(surface.nominal, floor)
         deepest = float(depth.max())
         change = {name: depth - (top[good][own] - part.heights(floor)) for name, part in parts.items()}
-        depths = [_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()})]
+        depths = [values_row("depth", deepest, deepest, {name: deepest - value for name, value in change.items()})]
     return [
-        _row("diameter", 2.0 * radius, 2.0 * radius, diameter),
-        _row("roundness", 0.0, 2.0 * radius, round_),
-        _row("centre", 0.0, radius, centre),
+        values_row("diameter", 2.0 * radius, 2.0 * radius, diameter, shares),
+        values_row("roundness", 0.0, 2.0 * radius, round_, shares),
+        values_row("centre", 0.0, radius, centre, shares),
         *depths,
-        *_flatness(rings, surface, parts, 2.0 * radius),
+        *flatness(rings, surface, parts, 2.0 * radius),
     ]
 
 
@@ -281,7 +279,7 @@ def _clear(surface: NominalSurface, xy: Float, radius: float) -> Bool:
     """Places on which no shifted wall can stand: of a tool that reaches so far only those of crossing cuts can."""
     if radius <= surface.reach_m:
         return np.ones(len(xy), np.bool_)
-    j, i, _ = _cells(surface.nominal, xy)
+    j, i, _ = cells(surface.nominal, xy)
     out: Bool = np.isinf(surface.rise_m[j, i]) & np.isinf(surface.fall_m[j, i])
     return out
 
@@ -295,47 +293,25 @@ def _wall_top(surface: NominalSurface, xy: Float, left: Float, radius: float, to
     return out
 
 
-def _row(quantity: str, nominal: float, size: float, values: Mapping[str, Float]) -> _Row:
-    worst, mean = {}, {}
-    for name, value in values.items():
-        known = value[np.isfinite(value)]
-        if len(known):
-            worst[name] = float(known[np.argmax(np.abs(known - nominal))])
-            mean[name] = float(known.mean())
-    return quantity, nominal, size, worst, mean
+def uncovered(
+    surface: NominalSurface, features: Sequence[Feature], rows: Sequence[FeatureRow]
+) -> tuple[tuple[Feature, ...], Bool, Bool]:
+    """Which features have rows, and which wall points (m,) and floor cells (ny, nx) of a surface are theirs.
 
-
-def _flatness(place: Float, surface: NominalSurface, parts: Mapping[str, MeasurablePart], side: float) -> list[_Row]:
-    """Flatness over floor that no shifted wall can stand on; no row where there is too little of it."""
-    clear = np.isinf(surface.rise_m) & np.isinf(surface.fall_m) & surface.floor
-    j, i, on = _cells(surface.nominal, place)
-    inner = place[on & clear[j, i]]
-    if len(inner) < 10:
-        return []
-    base = height_at(surface.nominal, inner)
-    A = np.column_stack([inner - inner.mean(axis=0), np.ones(len(inner))])
-    zone = {}
-    for name, part in parts.items():
-        deviation = part.heights(inner) - base
-        known = np.isfinite(deviation)
-        if known.sum() < 10:
-            continue
-        plane = np.linalg.lstsq(A[known], deviation[known], rcond=None)[0]
-        zone[name] = np.array([float(np.ptp(deviation[known] - A[known] @ plane))])
-    return [_row("flatness", 0.0, side, zone)]
-
-
-def _cells(part: HeightMap, xy: Float) -> tuple[Int, Int, Bool]:
-    """Row and column of the cell under each place, clipped to the map, and whether the place is on it."""
-    i = np.round((xy[:, 0] - part.x0_m) / part.cell_m).astype(np.int64)
-    j = np.round((xy[:, 1] - part.y0_m) / part.cell_m).astype(np.int64)
-    ny, nx = part.z.shape
-    on: Bool = (i >= 0) & (j >= 0) & (i < nx) & (j < ny)
-    return np.clip(j, 0, ny - 1), np.clip(i, 0, nx - 1), on
-
-
-def height_at(part: HeightMap, xy: Float) -> Float:
-    """Height of the cell under each place, (n,) m; NaN off the map."""
-    j, i, on = _cells(part, xy)
-    out: Float = np.where(on, part.z[j, i].astype(np.float64), np.nan)
-    return out
+    Args:
+        surface: Of the undisturbed part.
+        features: That were measured.
+        rows: Of them.
+    """
+    named = {row.feature for row in rows}
+    shown = tuple(feature for feature in features if feature.name in named)
+    walls = np.zeros(len(surface.wall_point), np.bool_)
+    floors = np.zeros(surface.floor.shape, np.bool_)
+    grid = surface.nominal
+    j, i = np.nonzero(surface.floor)
+    places = np.column_stack([grid.x0_m + i * grid.cell_m, grid.y0_m + j * grid.cell_m, grid.z[j, i].astype(float)])
+    tolerance = 1.5 * grid.cell_m
+    for feature in shown:
+        walls |= feature.covers(surface.wall_point, tolerance)
+        floors[j, i] |= feature.covers(places, tolerance)
+    return shown, walls, floors

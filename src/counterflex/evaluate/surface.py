@@ -55,6 +55,12 @@ class NominalSurface:
     wall_area_m2: Float
     reach_m: float
 
+    @property
+    def kept(self) -> Bool:
+        """(ny, nx) True where something of the blank is left: elsewhere the program cuts through it."""
+        out: Bool = self.nominal.z > self.stock.bottom_m + CHANGED_M
+        return out
+
 
 @dataclass(frozen=True)
 class SurfaceDeviation:

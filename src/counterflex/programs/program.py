@@ -183,6 +183,7 @@ class Program:
         encoding: Of the source's bytes; what is written back uses the same.
         part_zero: Work offset whose zero was taken as that of the part because nothing says where it lies, with its
             line; None where it is known or the language has none.
+        tool_taken: Number of the only tool of the cell, taken because the program names none; 0: it names its tools.
     """
 
     name: str
@@ -194,6 +195,7 @@ class Program:
     straight: bool
     encoding: str = "utf-8"
     part_zero: tuple[str, int] | None = None
+    tool_taken: int = 0
 
     def place(self, line: int) -> str:
         """Return a line as tables name it: ``line 7``, or ``cut.src:7`` where motions stand in several files."""

@@ -32,7 +32,9 @@ PROGRAM = "G17 G21 G90 G94\nM6 T1\nM3 S13000\nG0 Z80\n" + "".join(CUT.format(y=y
 def files(folder: Path, program: str = PROGRAM, length: int = 1040, rail: str = RAIL) -> tuple[Path, Path]:
     """A long plate on a robot that rides along it."""
     text = (EXAMPLES / "cells" / "kr300_d16_small.toml").read_text(encoding="utf-8")
-    text = text.replace("../", f"{EXAMPLES.as_posix()}/").replace("max_mm = [60, 60, 40]", f"max_mm = [60, {length}, 40]")
+    text = text.replace("../", f"{EXAMPLES.as_posix()}/").replace(
+        "max_mm = [60, 60, 40]", f"max_mm = [60, {length}, 40]"
+    )
     (folder / "cell.toml").write_text(text.replace("cell_mm = 0.2", "cell_mm = 2") + rail, encoding="utf-8")
     (folder / "part.ngc").write_text(program, encoding="ascii")
     return folder / "part.ngc", folder / "cell.toml"
@@ -47,7 +49,9 @@ def test_the_cheapest_way_is_that_of_all_ways(seed: int) -> None:
     allowed, move = draw.uniform(size=(n - 1, k, k)) < 0.7, float(draw.uniform(0.0, 0.5))
 
     def total(way: tuple[int, ...]) -> float:
-        moves = [0.0 if a == b else move if allowed[i, a, b] else np.inf for i, (a, b) in enumerate(itertools.pairwise(way))]
+        moves = [
+            0.0 if a == b else move if allowed[i, a, b] else np.inf for i, (a, b) in enumerate(itertools.pairwise(way))
+        ]
         return float(sum(costs[i, place] for i, place in enumerate(way)) + sum(moves))
 
     best = min(total(way) for way in itertools.product(range(k), repeat=n))

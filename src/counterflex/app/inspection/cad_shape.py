@@ -11,7 +11,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.cutting.stock_mesh import read_stl
 from counterflex.evaluate.inspection.mesh_shape import MeshShape
-from counterflex.evaluate.inspection.nominal_part import REACH_M
+from counterflex.evaluate.inspection.nominal_part import LARGEST_BALL_M, REACH_M
 from counterflex.evaluate.surface import NominalSurface
 
 _FITS_M = 1.0 * MM
@@ -42,7 +42,7 @@ def read_shape(path: Path, surface: NominalSurface) -> MeshShape:
             limit=f"{_box(low, high)} within {_FITS_M / MM:g} mm",
             hint="Export it in mm, in the part frame, as it comes off the machine",
         )
-    return MeshShape(vertices, faces, REACH_M)
+    return MeshShape(vertices, faces, REACH_M + LARGEST_BALL_M)
 
 
 def _box(low: Float, high: Float) -> str:

@@ -22,14 +22,17 @@ from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
-from counterflex.evaluate.inspection.cloud import thinned
-from counterflex.evaluate.inspection.coarse import coarse_pose
-from counterflex.evaluate.inspection.feature_rows import inspected_features
+from counterflex.evaluate.inspection.cloud import Cloud, thinned
+from counterflex.evaluate.inspection.clutter import CLEARANCE_M, cluttered_pose, off_part, without
+from counterflex.evaluate.inspection.coarse import NoPose, coarse_pose
+from counterflex.evaluate.inspection.coverage import Coverage, coverage
+from counterflex.evaluate.inspection.feature_rows import features_of_part, inspected_features
 from counterflex.evaluate.inspection.nominal_part import NominalPart, Shape, nominal_part
 from counterflex.evaluate.inspection.part_deviations import FREE
-from counterflex.evaluate.inspection.registration import aligned, register
-from counterflex.evaluate.inspection.scan_size import scan_unit
+from counterflex.evaluate.inspection.registration import LEAST_POINTS, aligned, register
+from counterflex.evaluate.inspection.scan_size import ScanUnit, scan_unit
 from counterflex.evaluate.inspection.scanned_part import ScannedPart, scanned_part
+from counterflex.evaluate.inspection.size_errors import ball_error, common_offset, scale_of
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.scan.read import read_scan
 from counterflex.files.scan.scan import UNITS, Scan
@@ -51,12 +54,17 @@ class How:
         datum: Names of the datum faces, separated by commas; None: all that the program leaves alone.
         datum_points: Table of points of the scan and of the part, or None.
         aligned: The scan is in the part frame already.
+        ball_diameter_m: Of the probe, where the points are centres of its ball; 0: they lie on the surface; None: what
+            the file says, and points that look like centres are refused.
+        clearance_m: Points further from the blank are cut away; None: 3 mm.
     """
 
     unit: str | None = None
     datum: str | None = None
     datum_points: Path | None = None
     aligned: bool = False
+    ball_diameter_m: float | None = None
+    clearance_m: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +76,7 @@ class Inspection:
         cell: Where.
         parts: ``part``, or ``before`` and ``after``.
         features: Measured on each.
+        covered: By part, areas of the machined surface and of each feature by what is known about them.
         summary: What ``summary.json`` holds.
     """
 
@@ -75,6 +84,7 @@ class Inspection:
     cell: Cell
     parts: dict[str, Inspected | InspectedPath]
     features: tuple[FeatureRow, ...]
+    covered: dict[str, tuple[Coverage, Mapping[str, Coverage]]]
     summary: dict[str, Any]
 
 
@@ -108,19 +118,22 @@ def inspect(
             parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]), outline_of(job.path, cell))
         progress(0.4 + 0.4 * (k + 1) / len(read))
     named = {name: one.part for name, one in parts.items()}
-    features = inspected_features(candidates_of(job.path, cell), named, tolerances_m)
+    candidates = features_of_part(next(iter(named.values())), candidates_of(job.path, cell))
+    scales = {name: one.scale for name, one in parts.items() if isinstance(one, Inspected)}
+    features = inspected_features(candidates, named, tolerances_m, scales)
     _require_used(tolerances_m or {}, features)
+    covered = {name: coverage(one, candidates) for name, one in named.items()}
     summary = {
         "job": "inspect",
         "program": program.name,
         "cell": cell.name,
         "nominal": "program" if nominal is None else nominal.name,
         "judged": "surface" if isinstance(how, How) else "tool path",
-        **summary_of(parts, features),
+        **summary_of(parts, features, covered),
         "counterflex": __version__,
     }
     progress(0.9)
-    return Inspection(job, cell, parts, features, summary)
+    return Inspection(job, cell, parts, features, covered, summary)
 
 
 def _require_used(tolerances_m: Mapping[tuple[str, str], float], features: tuple[FeatureRow, ...]) -> None:
@@ -174,36 +187,83 @@ def judged(
     stated = how.unit
     if stated is None and scan.unit_m is not None:
         stated = min(UNITS, key=lambda name: abs(np.log(UNITS[name] / (scan.unit_m or 1.0))))
-    sample = scan.sample(200_000)
-    unit, unit_m = scan_unit(sample, part.diagonal_m, UNITS, stated, where)
-    pitch = max(LEAST_PITCH_M, float(np.sqrt(part.area_m2 / POINTS)))
-    cloud = thinned(scan.chunks, unit_m, pitch)
-    origin = pose.make(p=scan.origin * unit_m)  # points are counted from the first one
-    ball = scan.ball_radius * unit_m
+    sized = scan_unit(scan.sample(200_000), part.diagonal_m, UNITS, stated, where)
+    unit, unit_m, cloud, T_start = _placed(scan, part, how, sized, where)
+    ball = _ball(scan, how, unit_m)
+    clearance = CLEARANCE_M if how.clearance_m is None else how.clearance_m
+    aside = off_part(pose.transform(T_start, cloud.points), part.faces, clearance + (ball or 0.0))
+    cut_away = int(cloud.count[aside].sum())
+    if np.count_nonzero(~aside) < LEAST_POINTS:
+        raise InputError(
+            "the scan lies beside the part",
+            where=where,
+            value=f"{np.count_nonzero(aside)} of {len(cloud)} places more than {clearance / MM:g} mm off the blank",
+            hint="Is it in the part frame? Without --aligned its pose is searched",
+        )
+    cloud = without(cloud, aside)
     names = part.faces.chosen(how.datum)
     if how.aligned:
-        registration = aligned(part, origin)
+        registration = aligned(part, T_start)
     else:
-        if how.datum_points is not None:
-            T_start = _start(how.datum_points, unit_m) @ origin
-        else:
-            T_start = coarse_pose(cloud, part, where).T_part_scan
         if how.datum is None:
-            names = _seen(names, cloud.points, part, T_start)
+            names = _seen(names, cloud.points, part, T_start, ball or 0.0)
         registration = register(cloud, part, T_start, names, where, ball)
-    result = scanned_part(cloud, part, registration, p_part_tcp, ball, outline)
+    result = scanned_part(cloud, part, registration, p_part_tcp, ball or 0.0, outline)
+    if ball is None:
+        offset = common_offset(result.rows, registration.centre, not how.aligned)
+        if offset is not None:
+            raise ball_error(offset, where)
     _check_same(result, where)
-    return Inspected(Path(where).name, scan, unit, result, cloud.outliers)
+    scale = scale_of(result.rows, part.faces)
+    return Inspected(Path(where).name, scan, unit, result, cloud.outliers, cut_away, ball or 0.0, scale)
 
 
-def _seen(names: tuple[str, ...], points: Float, part: NominalPart, T_start: Float) -> tuple[str, ...]:
+def _ball(scan: Scan, how: How, unit_m: float) -> float | None:
+    """Radius of the ball whose centres the points are, m; None: nobody says."""
+    if how.ball_diameter_m is not None:
+        return 0.5 * how.ball_diameter_m
+    return scan.ball_radius * unit_m if scan.ball_radius > 0.0 else None
+
+
+def _placed(scan: Scan, part: NominalPart, how: How, sized: ScanUnit, where: str) -> tuple[str, float, Cloud, Float]:
+    """Unit, points and about the pose of a scan.
+
+    Where its extent is that of the part, the pose is searched by it; else, or where that fails, in what was scanned
+    beside the part.
+    """
+    pitch = max(LEAST_PITCH_M, float(np.sqrt(part.area_m2 / POINTS)))
+    fault = sized.fault
+    for unit, unit_m in sized.choices:
+        try:
+            cloud = thinned(scan.chunks, unit_m, pitch)
+        except InputError as few:
+            raise fault or few from few
+        origin = pose.make(p=scan.origin * unit_m)  # points are counted from the first one
+        if how.aligned:
+            return unit, unit_m, cloud, origin
+        if how.datum_points is not None:
+            return unit, unit_m, cloud, _start(how.datum_points, unit_m) @ origin
+        if sized.fault is None:
+            try:
+                return unit, unit_m, cloud, coarse_pose(cloud, part, where, _ball(scan, how, unit_m) or 0.0).T_part_scan
+            except NoPose as no_pose:
+                fault = no_pose
+        match = cluttered_pose(cloud, part)
+        if match is not None:
+            return unit, unit_m, cloud, match.T_part_scan
+    if fault is None:
+        raise AssertionError("a scan has a unit")
+    raise fault
+
+
+def _seen(names: tuple[str, ...], points: Float, part: NominalPart, T_start: Float, ball: float) -> tuple[str, ...]:
     """The faces that the scan shows: at least thirty of its points, or as many as the others in a small cloud."""
     moved = pose.transform(T_start, points)
     least = 30 if len(points) > 500 else 1
     seen = []
     for name in names:
         normal, distance = part.faces.plane(name)
-        near = np.flatnonzero(np.abs(moved @ normal - distance) < 3.0 * MM)
+        near = np.flatnonzero(np.abs(moved @ normal - distance - ball) < 3.0 * MM)
         if np.count_nonzero(part.faces.on(name, moved[near])) >= least:
             seen.append(name)
     return tuple(seen) or names
@@ -249,7 +309,7 @@ def _check_same(part: ScannedPart, where: str) -> None:
             where=where,
             value=f"{100.0 * part.unmatched_share:.0f} % of its points are on no surface of the part within 3 mm",
             limit=f"<= {100.0 * OTHER_PART:.0f} %",
-            hint="Cut away what was scanned beside the part; is the program the one that made it?",
+            hint="Is the program the one that made it? Less beside the part counts with a smaller --clearance-mm",
         )
     if not np.any(part.rows.face != FREE):
         raise InputError(

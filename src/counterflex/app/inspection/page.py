@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,6 +11,8 @@ from counterflex.app.inspection.judging import Inspection
 from counterflex.app.inspection.summary import Inspected
 from counterflex.app.inspection.tool_path import InspectedPath
 from counterflex.app.proof.judge import candidates_of
+from counterflex.core.units import MM
+from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import groove_sections
 from counterflex.report.data import Fact
 from counterflex.report.inspection.page import InspectionData, inspection_page
@@ -53,9 +56,36 @@ def page_of(inspection: Inspection) -> str:
                 name: (facts if isinstance(one, Inspected) else log_facts)(inspection.summary["parts"][name])
                 for name, one in inspection.parts.items()
             },
-            notes=() if not paths else (NOT_SURFACE, *((FITTED,) if fitted else ())),
+            coverage=inspection.covered,
+            notes=(
+                *(() if not paths else (NOT_SURFACE, *((FITTED,) if fitted else ()))),
+                *_unseen(inspection.covered, bool(paths)),
+                *_scales(inspection.parts),
+            ),
             paths=paths,
         )
+    )
+
+
+def _unseen(covered: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]], logged: bool) -> tuple[str, ...]:
+    """Note of each part whose machined surface was not wholly measured."""
+    return tuple(
+        f"{'' if name == 'part' else name.capitalize() + ': '}{(one.machined_m2 - one.judged_m2) / MM**2:.0f} of "
+        f"{one.machined_m2 / MM**2:.0f} mm² machined were not judged"
+        + ("" if logged else f", {one.unseen_m2 / MM**2:.0f} mm² of them not scanned at all")
+        + ". Figures and features say nothing about them."
+        for name, (one, _) in covered.items()
+        if not one.whole
+    )
+
+
+def _scales(parts: Mapping[str, Inspected | InspectedPath]) -> tuple[str, ...]:
+    """Note of each scan whose scale is not 1."""
+    return tuple(
+        f"{one.file}: {100.0 * one.scale.scale:+.4f} % ± {100.0 * one.scale.sigma:.4f} % of scale in "
+        f"{len(one.scale.directions)} directions alike, {abs(one.scale.scale) * 1e5:.0f} µm over 100 mm. U holds it."
+        for one in parts.values()
+        if isinstance(one, Inspected) and one.scale.common and one.scale.significant
     )
 
 
@@ -73,7 +103,11 @@ def facts(entry: dict[str, Any]) -> tuple[Fact, ...]:
         Fact("Unit", scan["unit"]),
         Fact("Noise of one point", f"{scan['noise_um']:.1f} um", "", "scatter of neighbours about a plane"),
         Fact("On no surface of the part", f"{100.0 * scan['unmatched_share']:.1f} %"),
+        Fact("Cut away beside the blank", f"{scan['cut_away']}", "", "table, vice, clamps"),
+        _scale_fact(scan["scale"]),
     ]
+    if scan["ball_diameter_mm"]:
+        rows.append(Fact("Centres of a ball", f"{scan['ball_diameter_mm']:g} mm", "", "its radius is taken away"))
     pose = entry["registration"]
     if not pose["datum_faces"]:
         return (*rows, Fact("Placed by", "the file itself", "", "taken to be in the part frame"))
@@ -84,6 +118,15 @@ def facts(entry: dict[str, Any]) -> tuple[Fact, ...]:
         Fact("Residual", f"{pose['residual_um']:.1f} um", "", "root mean square distance to the datum faces"),
         *_pose_known(pose),
     )
+
+
+def _scale_fact(scale: dict[str, Any]) -> Fact:
+    if scale["percent"] is None:
+        return Fact("Scale", "not known", "", "no two opposite faces of the blank were scanned")
+    each = ", ".join(f"{axis} {value:+.4f} %" for axis, value in scale["directions_percent"].items())
+    alike = "directions agree" if scale["directions_agree"] else "the size of the blank is in it"
+    value = f"{scale['percent']:+.4f} ± {scale['standard_deviation_percent']:.4f} %"
+    return Fact("Scale against the blank", value, "", f"{each}; {alike}")
 
 
 def log_facts(entry: dict[str, Any]) -> tuple[Fact, ...]:

@@ -14,9 +14,11 @@ from counterflex.app.inspection.tool_path import InspectedPath
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM, URAD
 from counterflex.evaluate.features import FeatureRow
+from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.part_deviations import FACES
 from counterflex.evaluate.inspection.registration import FREEDOMS, Registration
 from counterflex.evaluate.inspection.scanned_part import ScannedPart
+from counterflex.evaluate.inspection.size_errors import ScaleEstimate
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.files.scan.scan import Scan
 
@@ -31,6 +33,9 @@ class Inspected:
         unit: Name of its unit.
         part: Against the nominal part.
         outliers: Measured points left out as lone ones.
+        cut_away: Measured points left out as beside the part.
+        ball_radius_m: Of the probe whose centres the points are; 0: they lie on the surface.
+        scale: Of the scan against the blank.
     """
 
     file: str
@@ -38,14 +43,22 @@ class Inspected:
     unit: str
     part: ScannedPart
     outliers: int
+    cut_away: int
+    ball_radius_m: float
+    scale: ScaleEstimate
 
 
-def summary_of(parts: Mapping[str, Inspected | InspectedPath], features: tuple[FeatureRow, ...]) -> dict[str, Any]:
+def summary_of(
+    parts: Mapping[str, Inspected | InspectedPath],
+    features: tuple[FeatureRow, ...],
+    covered: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]],
+) -> dict[str, Any]:
     """The entries ``parts`` and ``features`` of the summary.
 
     Args:
         parts: By name.
         features: Measured on each.
+        covered: By name, areas of the part and of its features by what is known about them.
     """
     return {
         "parts": {
@@ -53,6 +66,8 @@ def summary_of(parts: Mapping[str, Inspected | InspectedPath], features: tuple[F
                 **(_scan(one) if isinstance(one, Inspected) else path_entry(one)),
                 "registration": _registration(one.part.registration),
                 **_surface(one.part.surface_deviation()),
+                "coverage": _coverage(covered[name][0])
+                | {"features": {feature: _coverage(one) for feature, one in covered[name][1].items()}},
                 "measured": {face: int(np.count_nonzero(one.part.rows.face == k)) for k, face in enumerate(FACES)},
             }
             for name, one in parts.items()
@@ -70,6 +85,7 @@ def summary_of(parts: Mapping[str, Inspected | InspectedPath], features: tuple[F
                         "mean_mm": round(row.mean_m[name] / MM, 4),
                         "standard_deviation_um": round(row.standard_deviation_m[name] / UM, 2),
                         "within": row.ok(name),
+                        "measured_share": round(row.measured_share.get(name, 1.0), 3),
                     }
                     for name in row.worst_m
                 },
@@ -88,10 +104,30 @@ def _scan(one: Inspected) -> dict[str, Any]:
             "points": len(one.scan),
             "not_numbers": one.scan.dropped,
             "outliers": one.outliers,
+            "cut_away": one.cut_away,
+            "ball_diameter_mm": round(2.0 * one.ball_radius_m / MM, 4),
             "unmatched_share": round(one.part.unmatched_share, 4),
             "noise_um": round(one.part.noise_m / UM, 2),
+            "scale": _scale(one.scale),
         }
     }
+
+
+def _scale(one: ScaleEstimate) -> dict[str, Any]:
+    """Scale less 1, in percent; None where no two opposite faces were scanned."""
+    known = bool(one.directions)
+    return {
+        "percent": round(100.0 * one.scale, 5) if known else None,
+        "standard_deviation_percent": round(100.0 * one.sigma, 5) if known else None,
+        "directions_percent": {axis: round(100.0 * value, 5) for axis, value in one.directions.items()},
+        "directions_agree": one.common,
+        "significant": one.significant,
+    }
+
+
+def _coverage(one: Coverage) -> dict[str, float]:
+    names = ("machined", "judged", "unjudged", "unseen")
+    return {f"{name}_mm2": round(getattr(one, f"{name}_m2") / MM**2, 1) for name in names}
 
 
 def _registration(registration: Registration) -> dict[str, Any]:

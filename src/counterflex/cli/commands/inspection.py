@@ -12,8 +12,11 @@ from counterflex.cli.commands.program import CellFile, Out, Program
 from counterflex.cli.commands.standards.options import FORMATS, frame_of
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.errors import InputError
+from counterflex.core.units import MM
 
 _UNITS = ("um", "mm", "cm", "inch", "m")
+WHOLE = 0.9
+"""Less of a feature measured is told."""
 _POSITIONS = ("measured", "reported", "commanded")
 _FACES = ("x-", "x+", "y-", "y+", "bottom", "top")
 _one_face = arguments.one_of(_FACES, "datum face")
@@ -85,6 +88,24 @@ def inspect(
     aligned: Annotated[
         bool, typer.Option("--aligned", help="The scan is in the part frame already; it is not moved.")
     ] = False,
+    ball_diameter_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--ball-diameter-mm",
+            help="Of the probe, where the points are centres of its ball; 0: they lie on the surface.",
+            metavar="MM",
+            callback=arguments.between(0.0, 4.0),
+        ),
+    ] = None,
+    clearance_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--clearance-mm",
+            help="Points further from the blank, or of what it stands on, are cut away; by default 3.",
+            metavar="MM",
+            callback=arguments.between(0.1, 100.0),
+        ),
+    ] = None,
     before: Annotated[
         Path | None,
         typer.Option(
@@ -177,8 +198,14 @@ def inspect(
             where="--scan and --tool-log",
             limit="one of them",
         )
-    of_scan = {"--unit": unit, "--datum": datum, "--datum-points": datum_points, "--aligned": aligned or None}
-    of_log = {"--frame": frame, "--position": position, "--run": run, "--cut": cut or None}
+    of_scan: dict[str, object] = {
+        "--unit": unit,
+        "--datum": datum,
+        "--datum-points": datum_points,
+        "--aligned": aligned or None,
+    }
+    of_scan |= {"--ball-diameter-mm": ball_diameter_mm, "--clearance-mm": clearance_mm}
+    of_log: dict[str, object] = {"--frame": frame, "--position": position, "--run": run, "--cut": cut or None}
     if form != "counterflex":
         of_log["--format"] = form
     wrong = [name for name, value in (of_log if tool_log is None else of_scan).items() if value is not None]
@@ -202,7 +229,14 @@ def inspect(
         from counterflex.files.tolerances_file import read_tolerances
 
         permitted = read_tolerances(tolerances)
-    how: How | LogHow = How(unit, datum, datum_points, aligned)
+    how: How | LogHow = How(
+        unit,
+        datum,
+        datum_points,
+        aligned,
+        None if ball_diameter_mm is None else ball_diameter_mm * MM,
+        None if clearance_mm is None else clearance_mm * MM,
+    )
     if tool_log is not None:
         how = LogHow(frame, form, position, run, cut)
     with progress_bar(f"inspecting {measured.name}") as progress:
@@ -244,6 +278,14 @@ def show(summary: dict[str, Any]) -> None:
                 else "taken to be in the part frame"
             )
         )
+        if scan["cut_away"]:
+            typer.echo(
+                f"{scan['cut_away']} points ({100.0 * scan['cut_away'] / max(scan['points'], 1):.0f} %) lie beside the "
+                "blank and are cut away"
+            )
+        typer.echo(scale_line(scan["scale"]))
+    for name in names:
+        typer.echo(coverage_line(name, summary["parts"][name]["coverage"], logged))
     print_table(
         f"{summary['program']}: deviation of the "
         + ("surface that this path leaves (not measured)" if logged else "measured surface")
@@ -254,6 +296,7 @@ def show(summary: dict[str, Any]) -> None:
             for kind in ("surface", "floor", "wall")
         ],
     )
+    show_coverage(summary, names, logged)
     if summary["features"]:
         print_table(
             "Features: value furthest from nominal, mm",
@@ -264,6 +307,49 @@ def show(summary: dict[str, Any]) -> None:
                 for row in summary["features"]
             ],
             note="U: expanded uncertainty of measurement, k = 2. docs/inspect.md",
+        )
+
+
+def scale_line(scale: dict[str, Any]) -> str:
+    """One line about the scale of a scan."""
+    if scale["percent"] is None:
+        return "scale of the scan: not known, no two opposite faces of the blank were scanned"
+    value, sigma = scale["percent"], scale["standard_deviation_percent"]
+    each = ", ".join(f"{axis} {one:+.4f} %" for axis, one in scale["directions_percent"].items())
+    line = f"scale of the scan against the blank: {value:+.4f} % +- {sigma:.4f} % ({each})"
+    if not scale["significant"]:
+        return line
+    if not scale["directions_agree"]:
+        return line + ": the blank is of another size, or the scan of another scale; no two directions agree on one"
+    return line + f": {abs(value) * 1000.0:.0f} um over 100 mm. Calibrate the scanner; until then U holds it"
+
+
+def coverage_line(name: str, area: dict[str, Any], logged: bool) -> str:
+    """One line about what of the machined surface was seen and judged."""
+    whole = max(area["machined_mm2"], 1e-9)
+    if logged:
+        missing = area["machined_mm2"] - area["judged_mm2"]
+        return f"{name}: {missing:.0f} of {whole:.0f} mm2 machined ({100.0 * missing / whole:.0f} %) not logged"
+    return (
+        f"{name}: of {whole:.0f} mm2 machined, {area['judged_mm2']:.0f} judged, {area['unjudged_mm2']:.0f} scanned but "
+        f"not judged, {area['unseen_mm2']:.0f} NOT SCANNED ({100.0 * area['unseen_mm2'] / whole:.0f} %)"
+    )
+
+
+def show_coverage(summary: dict[str, Any], names: list[str], logged: bool) -> None:
+    """Print the areas of each feature that was not wholly measured."""
+    rows = []
+    for name in names:
+        for feature, area in summary["parts"][name]["coverage"]["features"].items():
+            if area["judged_mm2"] < WHOLE * area["machined_mm2"]:
+                lost = [f"{area[key]:.0f}" for key in ("machined_mm2", "judged_mm2", "unjudged_mm2", "unseen_mm2")]
+                rows.append([feature, name, *lost])
+    if rows:
+        print_table(
+            "Features measured in part: machined area, mm2",
+            ["feature", "of", "machined", "judged", "not judged", "not logged" if logged else "not scanned"],
+            rows,
+            note="What was not measured may be out of tolerance. docs/inspect.md#what-was-not-seen",
         )
 
 
@@ -313,4 +399,6 @@ def _cells(entry: dict[str, Any] | None) -> list[str]:
     if entry is None:
         return ["not found", "", ""]
     uncertainty = f"{2.0 * entry['standard_deviation_um']:.0f}"
-    return [f"{entry['worst_mm']:.3f}", uncertainty, "yes" if entry["within"] else "no"]
+    share = entry["measured_share"]
+    part = f", {100.0 * share:.0f} % seen" if share < WHOLE else ""
+    return [f"{entry['worst_mm']:.3f}", uncertainty, ("yes" if entry["within"] else "no") + part]

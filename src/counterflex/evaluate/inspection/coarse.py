@@ -31,6 +31,10 @@ _REFINED: Final = 8
 _SAME: Final = (5.0 * MM, 3.0 * DEG)
 
 
+class NoPose(InputError):
+    """A scan fits the part in no pose as it is; it may in a part of it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
     """A pose that a scan may have.
@@ -47,7 +51,9 @@ class Hypothesis:
 class Reference:
     """Samples of the nominal part, to score poses against."""
 
-    def __init__(self, part: NominalPart) -> None:
+    def __init__(self, part: NominalPart, outside_m: float = 0.0) -> None:
+        """Prepare samples; the points of the scan lie so far outside of the part, as centres of a probe's ball do."""
+        self.outside_m = outside_m
         self.pitch_m = max(_PITCH_M, float(np.sqrt(part.area_m2 / 60_000)))
         self.points, self.normals = part.samples(self.pitch_m)
         self.tree = cKDTree(self.points)
@@ -57,7 +63,7 @@ class Reference:
         distance, nearest = self.tree.query(points, distance_upper_bound=CAP_M)
         near = np.isfinite(distance)
         index = nearest[near]
-        flat = np.abs(np.sum((points[near] - self.points[index]) * self.normals[index], axis=1))
+        flat = np.abs(np.sum((points[near] - self.points[index]) * self.normals[index], axis=1) - self.outside_m)
         aligned = np.abs(np.sum(normals[near] * self.normals[index], axis=1)) > _LINED_UP
         aside = distance[near] > 2.0 * self.pitch_m
         off = np.where(aside | ~aligned, np.maximum(distance[near], flat), flat)
@@ -65,7 +71,7 @@ class Reference:
         return float((off.sum() + CAP_M * np.count_nonzero(~near)) / max(len(points), 1))
 
 
-def coarse_pose(cloud: Cloud, part: NominalPart, where: str) -> Hypothesis:
+def coarse_pose(cloud: Cloud, part: NominalPart, where: str, ball_radius_m: float = 0.0) -> Hypothesis:
     """The pose of a scan that is far better than every other one.
 
     Main planes are the directions in which most normals lie. They are turned onto the part's axes in all 24 ways (and
@@ -76,11 +82,12 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str) -> Hypothesis:
         cloud: The scan, m, its own frame.
         part: The nominal part.
         where: For the error.
+        ball_radius_m: Where the points are centres of a probe's ball: its radius, m.
 
     Raises:
         InputError: The scan is mirrored, of another size, of another part, or fits in two poses about as well.
     """
-    reference = Reference(part)
+    reference = Reference(part, ball_radius_m)
     usable = np.flatnonzero(np.isfinite(cloud.normals).all(axis=1))
     some = usable[:: max(1, len(usable) // (8 * _SCORED))]
     points, normals = cloud.points[some], cloud.normals[some]
@@ -97,7 +104,7 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str) -> Hypothesis:
     first = _hypotheses(points, normals, axes, part, reference)
     sense = [float(np.linalg.det(one.T_part_scan[:3, :3])) for one in first]
     proper, mirrored = (
-        _refined([h for h, s in zip(first, sense, strict=True) if s * way > 0.0], points, normals, reference)
+        refined([h for h, s in zip(first, sense, strict=True) if s * way > 0.0], points, normals, reference)
         for way in (1.0, -1.0)
     )
     best = proper[0]
@@ -111,7 +118,7 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str) -> Hypothesis:
             hint="Export it again with right-handed axes",
         )
     if best.score_m > WORST_M:
-        raise InputError(
+        raise NoPose(
             "the scan fits the part in no pose",
             where=where,
             value=f"{_mm(best.score_m)} off in the mean"
@@ -121,7 +128,7 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str) -> Hypothesis:
             hint="Is it a scan of this part, and the program the one that made it? Were tables, clamps and "
             "stray points cut away? --datum-points gives the pose",
         )
-    other = next((one for one in proper[1:] if _differs(one.T_part_scan, best.T_part_scan)), None)
+    other = next((one for one in proper[1:] if not same_pose(one.T_part_scan, best.T_part_scan)), None)
     if other is not None and other.score_m < 1.25 * best.score_m + 10.0 * UM:
         raise InputError(
             "the scan fits the part in two poses about as well",
@@ -205,7 +212,7 @@ def _hypotheses(
     return out
 
 
-def _refined(first: list[Hypothesis], points: Float, normals: Float, reference: Reference) -> list[Hypothesis]:
+def refined(first: list[Hypothesis], points: Float, normals: Float, reference: Reference) -> list[Hypothesis]:
     """The best, refined on the whole part and scored again, best first; one that is no pose where there is none."""
     if not first:
         return [Hypothesis(np.eye(4), np.inf)]
@@ -236,8 +243,8 @@ def _refined(first: list[Hypothesis], points: Float, normals: Float, reference: 
     return sorted(out, key=lambda h: h.score_m)
 
 
-def _differs(T_a: Float, T_b: Float) -> bool:
-    """Whether two poses are different ones and not the same within the reach of the refinement."""
+def same_pose(T_a: Float, T_b: Float) -> bool:
+    """Whether two poses are the same within the reach of the refinement."""
     step = T_a @ np.linalg.inv(T_b)
     angle = np.arccos(np.clip(0.5 * (np.trace(step[:3, :3]) - 1.0), -1.0, 1.0))
-    return bool(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]) > _SAME[0] or angle > _SAME[1])
+    return bool(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]) <= _SAME[0] and angle <= _SAME[1])

@@ -10,25 +10,29 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.evaluate.feature_finding import Feature
-from counterflex.evaluate.features import FeatureRow, measure_features
+from counterflex.evaluate.features import ZONES, FeatureRow, measure_features, uncovered
 from counterflex.evaluate.inspection.inspected_part import InspectedPart
+from counterflex.evaluate.inspection.scanned_part import ScannedPart
+from counterflex.evaluate.inspection.size_errors import ScaleEstimate
+from counterflex.evaluate.prismatic.finding import PrismaticFeature, find_prismatic
 
-_ZONES: Final = ("flatness", "roundness")
 _DRAWS: Final = 24
 _ONCE_MORE: Final = float(np.sqrt(2.0)) - 1.0
 """Growth of the standard deviation of noise when it is drawn once more."""
 
 
 def inspected_features(
-    features: Sequence[Feature],
+    features: Sequence[Feature | PrismaticFeature],
     parts: Mapping[str, InspectedPart],
     tolerances_m: Mapping[tuple[str, str], float] | None = None,
+    scales: Mapping[str, ScaleEstimate] | None = None,
 ) -> tuple[FeatureRow, ...]:
     """Measure features on inspected parts as on simulated ones, with the standard deviation of each value.
 
-    It is the root of the sum of squares of two: the change of the mean value when the part is moved by each principal
-    direction of the covariance of its pose, one standard deviation at a time; and the noise of the measurement at
-    one place of a feature.
+    It is the root of the sum of squares of three: the change of the mean value when the part is moved by each principal
+    direction of the covariance of its pose, one standard deviation at a time; its change by the scale of the scan and
+    the standard deviation of it, where two directions agree on one; and the noise of the measurement at one place of a
+    feature.
 
     Flatness and roundness are distances of extremes, which noise drives apart: by as much again as it has, were there
     more of it. Where the noise of a part can be drawn again, they are extrapolated to none (:func:`noiseless`).
@@ -37,6 +41,7 @@ def inspected_features(
         features: From :func:`~counterflex.evaluate.feature_finding.find_features`.
         parts: Name to part; all of one nominal part.
         tolerances_m: (feature, quantity) to +- tolerance, m; general tolerances for what is not listed.
+        scales: Name to scale of its scan.
     """
     first = next(iter(parts.values()))
     surface, path = first.part.surface, first.p_part_tcp
@@ -45,9 +50,12 @@ def inspected_features(
     square = [{name: parts[name].place_sigma_m() ** 2 for name in row.mean_m} for row in rows]
     for name, part in parts.items():
         values, vectors = np.linalg.eigh(part.registration.covariance)
-        for k in np.flatnonzero(values > 0.0):
-            other_part = {name: part.shifted(np.sqrt(values[k]) * vectors[:, k])}
-            moved = measure_features(surface, path, features, other_part, outline=outline)
+        changed = [part.shifted(np.sqrt(values[k]) * vectors[:, k]) for k in np.flatnonzero(values > 0.0)]
+        scale = (scales or {}).get(name)
+        if scale is not None and scale.common and isinstance(part, ScannedPart):
+            changed.append(part.scaled(float(np.hypot(scale.scale, scale.sigma))))
+        for one in changed:
+            moved = measure_features(surface, path, features, {name: one}, outline=outline)
             other = {(row.feature, row.quantity): row.mean_m[name] for row in moved if name in row.mean_m}
             for row, sums in zip(rows, square, strict=True):
                 if name in sums and (row.feature, row.quantity) in other:
@@ -58,7 +66,7 @@ def inspected_features(
         noisier = measure_features(surface, path, features, more, outline=outline) if more else ()
         drawn = {(row.feature, row.quantity): np.array(list(row.worst_m.values())) for row in noisier}
         for j, row in enumerate(rows):
-            if row.quantity not in _ZONES or name not in row.worst_m:
+            if row.quantity not in ZONES or name not in row.worst_m:
                 continue
             again = drawn.get((row.feature, row.quantity))
             if again is None or len(again) == 0:
@@ -71,6 +79,19 @@ def inspected_features(
         replace(row, standard_deviation_m={name: float(np.sqrt(value)) for name, value in sums.items()})
         for row, sums in zip(rows, square, strict=True)
     )
+
+
+def features_of_part(part: InspectedPart, candidates: Sequence[Feature]) -> tuple[Feature | PrismaticFeature, ...]:
+    """Features of a part: grooves and round pockets by the moves of the tool, all else by the surface.
+
+    Args:
+        part: Inspected; its nominal part counts.
+        candidates: Grooves and pockets that the moves may have made.
+    """
+    surface = part.part.surface
+    rows = measure_features(surface, part.p_part_tcp, candidates, {"part": part}, outline=part.nominal_outline)
+    shown, walls, floors = uncovered(surface, candidates, rows)
+    return (*shown, *find_prismatic(surface, walls, floors))
 
 
 def noiseless(zone: float, noisier: Float) -> float:

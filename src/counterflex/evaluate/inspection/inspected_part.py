@@ -29,6 +29,14 @@ class InspectedPart(Protocol):
         """Deviations at places of the nominal surface."""
 
     @property
+    def pitch_m(self) -> float:
+        """Distance of the rows from each other, m."""
+
+    @property
+    def left_out(self) -> Float:
+        """(k, 3) m, measured points that count for no face, part frame."""
+
+    @property
     def p_part_tcp(self) -> Float:
         """(n, 3) m, the undisturbed path, part frame."""
 

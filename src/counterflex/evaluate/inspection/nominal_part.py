@@ -17,10 +17,13 @@ from counterflex.evaluate.surface import NominalSurface
 
 REACH_M: Final = 3.0 * MM
 """Points further from the nominal surface are not of it."""
+LARGEST_BALL_M: Final = 2.0 * MM
+"""Radius of a probe's ball whose centres are found on their face: distances to what was cut are known within 5 mm."""
 STEEP: Final = 0.55
 """Vertical component of the normal below which a surface is a wall: 56 deg."""
 FACING: Final = float(np.cos(np.radians(30.0)))
 """Largest angle between the measured and the nominal normal: beyond it a point is of another face, or at an edge."""
+_KINK: Final = 0.5
 _STEP_M: Final = 1.0 * UM
 
 
@@ -79,7 +82,7 @@ class NominalPart:
         x, y, z = self.faces.high - self.faces.low
         return float(2.0 * (x * y + y * z + z * x))
 
-    def nearest(self, points_part: Float, measured_normals: Float | None = None) -> Nearest:
+    def nearest(self, points_part: Float, measured_normals: Float | None = None, ball_radius_m: float = 0.0) -> Nearest:
         """Points against the nearest of what was cut and what was left of the blank.
 
         A wall that is 0.9 mm off lies nearer to the face of the blank that it runs out of than to its own nominal
@@ -89,8 +92,10 @@ class NominalPart:
             points_part: (n, 3) m, part frame.
             measured_normals: (n, 3) unit normals of the measured surface at the points, of either sign; where one is
                 nan, no surface counts. None: they are not known, and every surface counts.
+            ball_radius_m: Where the points are centres of a probe's ball: its radius, m. Deviations are of centres.
         """
-        deviation, normals = self._cut(points_part)
+        reach = REACH_M + ball_radius_m
+        deviation, normals = self._cut(points_part, reach)
         face = np.where(normals[:, 2] > STEEP, FLOOR, WALL)
         near = np.isfinite(deviation)
         if measured_normals is not None:
@@ -98,7 +103,7 @@ class NominalPart:
         for name in NAMES:
             normal, distance = self.faces.plane(name)
             off = points_part @ normal - distance
-            closer = (np.abs(off) < REACH_M) & ~(np.abs(off) >= np.abs(deviation))
+            closer = (np.abs(off) < reach) & ~(np.abs(off) >= np.abs(deviation))
             rows = np.flatnonzero(closer)
             rows = rows[self.faces.on(name, points_part[rows], edges=True)]
             inner = self.faces.on(name, points_part[rows])  # at its edges a face is not to be told from what is beside
@@ -109,18 +114,21 @@ class NominalPart:
             deviation[rows], normals[rows], face[rows] = np.where(inner, off[rows], np.nan), normal, FREE
         return Nearest(deviation, normals, face, near)
 
-    def _cut(self, points_part: Float) -> tuple[Float, Float]:
-        """Deviation from the cut surface and its normals; nan where the foot of a point is not on the part."""
+    def _cut(self, points_part: Float, reach: float) -> tuple[Float, Float]:
+        """Deviation from the cut surface within reach, and its normals; nan where the foot is not on the part."""
         d = self.shape.distance(points_part)
         normals = np.full((len(d), 3), np.nan)
-        rows = np.flatnonzero(np.abs(d) < REACH_M)
+        rows = np.flatnonzero(np.abs(d) < reach)
         for axis in range(3):
             step = np.zeros(3)
             step[axis] = _STEP_M
             normals[rows, axis] = -(self.shape.distance(points_part[rows] + step) - d[rows]) / _STEP_M
         length = np.linalg.norm(normals[rows], axis=1)
-        smooth = np.abs(length - 1.0) < 1e-2  # at an edge between two sweeps there is no one normal
+        # under a slope the depth within the tool is less than the distance to what its edge sweeps: by the gradient
+        slant = np.abs(length - 1.0) > 1e-2
+        smooth = np.abs(length - 1.0) < _KINK  # at an edge between two sweeps there is no one normal
         normals[rows] /= np.where(smooth, length, np.nan)[:, None]
+        d[rows] /= np.where(slant & smooth, length, 1.0)
         foot = points_part[rows] + d[rows, None] * normals[rows]
         on = smooth & self._was_material(foot)
         deviation = np.full(len(d), np.nan)

@@ -12,6 +12,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.inspection.cloud import Cloud
 from counterflex.evaluate.inspection.nominal_part import NominalPart
+from counterflex.evaluate.inspection.size_errors import BALL_M, ball_error
 from counterflex.geometry import pose, rotation
 
 FREEDOMS: Final = ("shift along x", "shift along y", "shift along z", "turn about x", "turn about y", "turn about z")
@@ -21,6 +22,8 @@ LARGEST_RESIDUAL_M: Final = 0.5 * MM
 LEAST_POINTS: Final = 6
 SCALE: Final = 1e-3
 """A part of wrong scale is off by more than this in two or three directions alike."""
+_OPPOSITE: Final = (("x-", "x+"), ("y-", "y+"), ("bottom", "top"))
+_ALIKE: Final = 0.2
 _ALIGNED: Final = 0.9
 _PATCH_M: Final = 8.0 * MM
 _TUKEY: Final = 4.685
@@ -71,7 +74,12 @@ def aligned(part: NominalPart, T_part_scan: Float) -> Registration:
 
 
 def register(
-    cloud: Cloud, part: NominalPart, T_start: Float, names: tuple[str, ...], where: str, ball_radius_m: float = 0.0
+    cloud: Cloud,
+    part: NominalPart,
+    T_start: Float,
+    names: tuple[str, ...],
+    where: str,
+    ball_radius_m: float | None = None,
 ) -> Registration:
     """Lay a scan on the datum faces of the nominal part.
 
@@ -85,21 +93,22 @@ def register(
         T_start: (4, 4) about the pose of the scan in the part.
         names: Datum faces.
         where: For the error.
-        ball_radius_m: Where the points are centres of a probe's ball: its radius, m.
+        ball_radius_m: Where the points are centres of a probe's ball: its radius, m; None: not known.
 
     Raises:
         InputError: Too few points on the faces, freedoms that they leave open, faces that do not fit, wrong scale.
     """
     usable = np.isfinite(cloud.normals).all(axis=1) if len(cloud) > 500 else np.ones(len(cloud), np.bool_)
     points, normals = cloud.points[usable], cloud.normals[usable]
-    T = _icp(points, part, T_start, names) if len(points) > 500 else T_start
+    ball = ball_radius_m or 0.0
+    T = _icp(points, part, T_start, names) if len(points) > 500 and ball == 0.0 else T_start
     centre = 0.5 * (part.faces.low + part.faces.high)
     scale, middle = 0.0, np.zeros(len(names))
     for limit in (*_LIMITS_M, *([0.0] * 12)):
         p = pose.transform(T, points)
         n = normals @ T[:3, :3].T
         gate = np.full(len(names), limit or 6.0 * scale + 20.0 * UM)
-        face, off = _on_faces(p, n, part, names, gate, middle if not limit else np.zeros(len(names)), ball_radius_m)
+        face, off = _on_faces(p, n, part, names, gate, middle if not limit else np.zeros(len(names)), ball)
         rows = np.flatnonzero(face >= 0)
         if len(rows) < LEAST_POINTS:
             raise InputError(
@@ -131,6 +140,8 @@ def register(
     count = {name: int(np.count_nonzero(face[rows] == k)) for k, name in enumerate(names)}
     offset = {name: float(np.mean(r[face[rows] == k])) for k, name in enumerate(names) if count[name]}
     residual = float(np.sqrt(np.average(r * r, weights=np.maximum(weight, 1e-12))))
+    if ball_radius_m is None:
+        _check_ball(offset, where)
     _check_scale(offset, part, where)
     if residual > LARGEST_RESIDUAL_M:
         raise InputError(
@@ -242,11 +253,22 @@ def _sandwich(J: Float, wr: Float, p: Float, face: Int, H: Float, scale: float) 
     return sandwich
 
 
+def _check_ball(offset: dict[str, float], where: str) -> None:
+    """Refuse points of which opposite faces are too far apart by the same in two or three directions."""
+    halves = np.array([0.5 * (offset[a] + offset[b]) for a, b in _OPPOSITE if a in offset and b in offset])
+    if len(halves) < 2:
+        return
+    mean = float(halves.mean())
+    if abs(mean) > BALL_M and float(np.abs(halves - mean).max()) < _ALIKE * abs(mean):
+        raise ball_error(mean, where)
+
+
 def _check_scale(offset: dict[str, float], part: NominalPart, where: str) -> None:
     """Refuse a scan that is larger or smaller in two or three directions alike."""
     size = part.faces.high - part.faces.low
-    pairs = (("x-", "x+"), ("y-", "y+"), ("bottom", "top"))
-    scales = [(offset[a] + offset[b]) / float(size[k]) for k, (a, b) in enumerate(pairs) if a in offset and b in offset]
+    scales = [
+        (offset[a] + offset[b]) / float(size[k]) for k, (a, b) in enumerate(_OPPOSITE) if a in offset and b in offset
+    ]
     if len(scales) < 2:
         return
     mean = float(np.mean(scales))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,6 +16,8 @@ from counterflex.evaluate.inspection.cloud import crowded
 LEAST: Final = 0.55
 MOST: Final = 1.4
 """A scan of a part is this much of the diagonal of its blank: parts of it may be missing, a little beside it caught."""
+WIDEST: Final = 12.0
+"""A scan of a part on a table: beyond this the part is too few of its points to be found."""
 
 
 def diagonal(sample: Float, where: str) -> float:
@@ -37,10 +40,22 @@ def diagonal(sample: Float, where: str) -> float:
     return out
 
 
-def scan_unit(
-    sample: Float, blank_m: float, units_m: Mapping[str, float], stated: str | None, where: str
-) -> tuple[str, float]:
-    """Name and SI value of the unit of a scan.
+@dataclass(frozen=True)
+class ScanUnit:
+    """Units that a scan may be in.
+
+    Attributes:
+        choices: Names with SI values: one where the extent of the scan is that of the blank; where the scan is larger
+            in all units, those in which much may have been scanned beside the part.
+        fault: Raised where the part lies in the scan in none of them; None: its extent fits.
+    """
+
+    choices: tuple[tuple[str, float], ...]
+    fault: InputError | None = None
+
+
+def scan_unit(sample: Float, blank_m: float, units_m: Mapping[str, float], stated: str | None, where: str) -> ScanUnit:
+    """Units that a scan may be in.
 
     Args:
         sample: (n, 3) points in file units.
@@ -53,25 +68,37 @@ def scan_unit(
         InputError: The extent of the scan does not fit the blank in the stated unit, or in none.
     """
     size = diagonal(sample, where)
-    fits = [name for name, unit in units_m.items() if LEAST <= size * unit / blank_m <= MOST]
+    ratio = {name: size * unit / blank_m for name, unit in units_m.items()}
+    fits = [name for name in units_m if LEAST <= ratio[name] <= MOST]
     if stated is None and len(fits) == 1:
-        return fits[0], units_m[fits[0]]
-    if stated is not None and LEAST <= size * units_m[stated] / blank_m <= MOST:
-        return stated, units_m[stated]
+        return ScanUnit(((fits[0], units_m[fits[0]]),))
+    if stated is not None and LEAST <= ratio[stated] <= MOST:
+        return ScanUnit(((stated, units_m[stated]),))
+    fault = _other_size(size, blank_m, units_m, stated, fits, where)
+    wide = [name for name in units_m if MOST < ratio[name] <= WIDEST and stated in (None, name)]
+    if not wide or (fits and stated is None):
+        raise fault
+    return ScanUnit(tuple((name, units_m[name]) for name in wide), fault)
+
+
+def _other_size(
+    size: float, blank_m: float, units_m: Mapping[str, float], stated: str | None, fits: list[str], where: str
+) -> InputError:
     limit = f"about {blank_m / MM:.4g} mm, the diagonal of the blank ({LEAST:g} to {MOST:g} times it)"
+    remedy = "Cut away what was scanned beside it, or give its pose: --datum-points"
     if stated is not None:
         other = f"In {fits[0]} it would fit: give --unit {fits[0]}" if fits else "It fits in no unit: is it this part?"
-        raise InputError(
+        return InputError(
             f"the scan is of another size than the blank, if its unit is {stated}",
             where=where,
             value=f"{size * units_m[stated] / MM:.4g} mm across",
             limit=limit,
-            hint=other + ("" if fits else " Cut away what was scanned beside it"),
+            hint=other + ("" if fits else f" {remedy}"),
         )
-    raise InputError(
+    return InputError(
         "the scan does not fit the blank in any unit",
         where=where,
         value=", ".join(f"{size * unit / MM:.4g} mm across in {name}" for name, unit in units_m.items()),
         limit=limit,
-        hint="Is it a scan of this part? Cut away what was scanned beside it, or give --unit",
+        hint=f"Is it a scan of this part? {remedy}; or give --unit",
     )

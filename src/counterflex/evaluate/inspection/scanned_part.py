@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from counterflex.core.arrays import Bool, Float, Float32, Int
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.features import height_at
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.evaluate.floor_filter import floor_fit
 from counterflex.evaluate.inspection.cloud import Cloud
@@ -20,6 +19,7 @@ from counterflex.evaluate.inspection.nominal_part import FACING, NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.local_fit import LocalFit, local_fit
+from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.geometry import pose
@@ -47,6 +47,7 @@ class ScannedPart:
         count: (n,) of each row, how many measured points it is the mean of.
         noise_m: Standard deviation of one measured point.
         unmatched_share: Points of the scan that are of no surface of the part within reach.
+        left_out: (k, 3) m, points of the thinned scan that count for no face, part frame.
         nominal_outline: (n, 2) m, radius and corner radius of the tool at each row of the path; None: one tool.
         fits: Weights of places that were asked for before.
     """
@@ -58,6 +59,7 @@ class ScannedPart:
     count: Int
     noise_m: float
     unmatched_share: float
+    left_out: Float
     nominal_outline: Float | None = None
     fits: dict[bytes, LocalFit] = field(default_factory=dict, repr=False)
 
@@ -82,6 +84,11 @@ class ScannedPart:
         """
         change = self.registration.sensitivity(self.rows.points, self.rows.normals) @ step
         return replace(self, rows=replace(self.rows, deviation_m=self.rows.deviation_m + change))
+
+    def scaled(self, scale: float) -> ScannedPart:
+        """The same scan larger by a share, about the centre of the part."""
+        away = np.einsum("nk,nk->n", self.rows.points - self.registration.centre, self.rows.normals)
+        return replace(self, rows=replace(self.rows, deviation_m=self.rows.deviation_m + scale * away))
 
     def redrawn(self, rng: np.random.Generator) -> ScannedPart:
         """The same scan with its noise once more; the noise of the pose, which all points have in common, is not."""
@@ -242,7 +249,7 @@ def scanned_part(
     """
     points = pose.transform(registration.T_part_scan, cloud.points)
     normals = cloud.normals @ registration.T_part_scan[:3, :3].T
-    nearest = part.nearest(points, normals if len(cloud) > _SCANNED else None)
+    nearest = part.nearest(points, normals if len(cloud) > _SCANNED else None, ball_radius_m)
     on = np.isfinite(nearest.deviation_m)
     n = nearest.normals[on]
     deviation = nearest.deviation_m[on]
@@ -256,7 +263,8 @@ def scanned_part(
     sigma = np.sqrt(noise**2 / cloud.count[rows_of] + by_pose**2)
     rows = PartDeviations(foot, n, deviation, sigma, nearest.face[rows_of].astype(np.int64))
     unmatched = 1.0 - float(np.mean(nearest.near))
-    return ScannedPart(part, registration, rows, p_part_tcp, cloud.count[rows_of], noise, unmatched, nominal_outline)
+    count, left_out = cloud.count[rows_of], np.delete(points, rows_of, axis=0)
+    return ScannedPart(part, registration, rows, p_part_tcp, count, noise, unmatched, left_out, nominal_outline)
 
 
 def _agreeing(foot: Float, deviation: Float, noise: float) -> Bool:

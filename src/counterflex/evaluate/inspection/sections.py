@@ -11,8 +11,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.evaluate.feature_finding import Feature, Groove
-from counterflex.evaluate.features import height_at
 from counterflex.evaluate.inspection.inspected_part import InspectedPart
+from counterflex.evaluate.measured_values import height_at
 
 HALF_M: Final = 1.0 * MM
 """Points nearer to the plane of a section than this belong to it."""

@@ -16,12 +16,12 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.features import height_at
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.evaluate.floor_filter import FloorMap
 from counterflex.evaluate.inspection.nominal_part import NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
+from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.surface import SurfaceDeviation, floor_rise, surface_deviation
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 from counterflex.evaluate.tool_path.tracked_path import TrackedPath
@@ -106,6 +106,16 @@ class SweptPart:
 
     def redrawn(self, rng: np.random.Generator) -> None:
         """None: each draw would be a removal of its own."""
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance of the rows from each other, m."""
+        return _PLACES_M
+
+    @property
+    def left_out(self) -> Float:
+        """No points: the surface itself was not measured."""
+        return np.empty((0, 3))
 
     def place_sigma_m(self) -> float:
         """Standard deviation of a wall or floor place by the noise of the readings, median where the tool cut, m."""

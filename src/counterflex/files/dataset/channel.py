@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -88,6 +88,8 @@ def build(name: str, kind: ChannelKind, table: ChannelTable, manifest: Manifest,
             where=f"{where}.columns",
             limit=f"{' or '.join(map(str, expected))}: {kind.text}",
         )
+    if table.factor is not None:
+        cells = _scaled(kind, table, count, cells, where)
     factors = _factors(kind, table, count, cells, where)
     extra = pick(table.sigma_columns, f"{where}.sigma_columns") if table.sigma_columns else None
     return Raw(name, kind, table, manifest, cells, extra, factors, where)
@@ -333,6 +335,24 @@ def _check_natures(kind: ChannelKind, table: ChannelTable, where: str) -> None:
         raise FileFormatError("the channel has no frame", where=f"{where}.frame", value=table.frame)
 
 
+def _scaled(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, where: str) -> Cells:
+    """Cells in the unit of the manifest: counts or volts times the factor. What a header states is theirs."""
+    if kind.nature == "rotation":
+        raise FileFormatError("the channel is a rotation, which has no factor", where=f"{where}.factor")
+    stated = _by_quantity(np.array(table.factor, dtype=np.float64), kind, count)
+    if len(stated) not in (1, count):
+        raise FileFormatError(
+            "factor has another number of values", where=f"{where}.factor", value=len(stated), limit=f"1 or {count}"
+        )
+    if len(stated) == 1 and len(set(kind.si_units(count))) > 1:
+        raise FileFormatError(
+            "one factor cannot stand for two quantities",
+            where=f"{where}.factor",
+            limit=f"one for each of {', '.join(dict.fromkeys(kind.si_units(count)))}, or {count}",
+        )
+    return replace(cells, values=cells.values * stated, units=(None,) * len(cells.units))
+
+
 def _factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, where: str) -> Float:
     """SI value of one unit of each component, from the manifest or the headers."""
     count = 3 if kind.nature == "rotation" else count
@@ -343,7 +363,11 @@ def _factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, w
         if not all(unit in units.UNITS.get(s, {}) for unit, s in zip(cells.units, si, strict=True)):
             names = list(dict.fromkeys(kind.file_units(count)))
             shown = f'"{names[0]}"' if len(names) == 1 else "[" + ", ".join(f'"{name}"' for name in names) + "]"
-            raise FileFormatError("the unit is missing", where=where, hint=f"Say unit = {shown}, or whichever it is")
+            raw = next((unit for unit in cells.units if unit in units.RAW), None)
+            remark = f"; the header says {raw}: what one of them is, is said by factor = ..." if raw else ""
+            raise FileFormatError(
+                "the unit is missing", where=where, hint=f"Say unit = {shown}, or whichever it is{remark}"
+            )
         return np.array([units.factor(str(unit), s, where) for unit, s in zip(cells.units, si, strict=True)])
     factors = _spread(table.unit, kind, count)
     if len(factors) != count:
@@ -352,13 +376,15 @@ def _factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, w
         )
     if len(cells.units) == count:
         for header, name, result, s in zip(cells.names, factors, cells.units, si, strict=True):
-            if result in units.UNITS.get(s, {}) and result != units.plain(name):
+            if result in {*units.UNITS.get(s, {}), *units.RAW} and result != units.plain(name):
                 raise FileFormatError(
                     "the unit is not the one in the header of the column",
                     where=f"{where}.unit",
                     value=repr(name),
                     limit=f"{result!r} as in '{header}'",
-                    hint='Where the header is wrong, say header_units = "ignore" under [[files]]',
+                    hint=f"How much {name} one {result} is, is said by factor = ..."
+                    if result in units.RAW
+                    else 'Where the header is wrong, say header_units = "ignore" under [[files]]',
                 )
     return np.array([units.factor(name, s, f"{where}.unit") for name, s in zip(factors, si, strict=True)])
 

@@ -45,6 +45,7 @@ class FileTable(Table):
     comment: str = ""
     missing: tuple[str, ...] = ()
     prefix: str = ""
+    part: Name | Line | None = None
     header_units: Literal["check", "ignore"] = "check"
 
     @model_validator(mode="after")
@@ -73,6 +74,7 @@ class ChannelTable(Table):
     columns: tuple[Any, ...] = ()
     constant: tuple[float, ...] | None = None
     unit: tuple[str, ...] | None = None
+    factor: tuple[float, ...] | None = None
     rotation: Rotation | None = None
     frame: str | None = None
     acts_on: Literal["tool", "surroundings"] = "tool"
@@ -89,6 +91,16 @@ class ChannelTable(Table):
     @classmethod
     def _listed(cls, value: Any) -> Any:
         return (value,) if isinstance(value, int | float | str) else _tuple(value)
+
+    @field_validator("factor", mode="before")
+    @classmethod
+    def _factor(cls, value: Any) -> Any:
+        if value is None:
+            return value
+        entries = value if isinstance(value, list) else [value]
+        if not all(isinstance(f, int | float) and not isinstance(f, bool) and 0.0 < abs(f) < math.inf for f in entries):
+            raise ValueError(f"factor = {value!r}; expected finite numbers other than zero")
+        return tuple(float(f) for f in entries)
 
     @field_validator("sigma", mode="before")
     @classmethod
@@ -129,6 +141,8 @@ class ChannelTable(Table):
                 f"sigma_coverage = {self.sigma_coverage:g} belongs to sigma_columns, of which there are none; "
                 "divide sigma by it instead"
             )
+        if self.factor is not None and self.unit is None:
+            raise ValueError("factor says how much of a unit one of the file's numbers is; unit is missing")
         if self.sigma_unit is not None and not self.sigma_columns and not isinstance(self.sigma, tuple):
             raise ValueError(f"sigma_unit = {self.sigma_unit!r} belongs to a sigma, which is not given")
         return self

@@ -20,6 +20,7 @@ from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import close_to
+from counterflex.files.dataset.instrument_files import instrument_columns
 from counterflex.files.dataset.manifest import FileTable
 
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
@@ -178,7 +179,8 @@ def read_table(path: Path, how: FileTable) -> TextTable:
     """Read one file.
 
     Args:
-        path: CSV (or any text with a separator), or Parquet by its ending ``.parquet``.
+        path: CSV (or any text with a separator), Parquet by its ending ``.parquet``, or a file of an instrument
+            (:mod:`counterflex.files.dataset.instrument_files`).
         how: How it is written.
 
     Raises:
@@ -191,6 +193,15 @@ def read_table(path: Path, how: FileTable) -> TextTable:
             where=str(path),
             limit="text (CSV) or Parquet",
             hint="Save the sheet as CSV (UTF-8); separator and decimal go into the manifest",
+        )
+    columns = instrument_columns(path, data, how.part)
+    if columns is not None:
+        if len(columns.lines) == 0:
+            raise FileFormatError("the file has no rows", where=str(path))
+        return TextTable(path, how, columns.names, columns.lines, columns.values, data)
+    if how.part is not None:
+        raise FileFormatError(
+            "the file has no parts", where=f"{path}: part", value=repr(how.part), limit="for .lvm, .tdms and .mat"
         )
     table = _parquet(path, how, data) if path.suffix.lower() == ".parquet" else _text(path, how, data)
     if len(table) == 0:

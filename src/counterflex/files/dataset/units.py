@@ -13,8 +13,8 @@ from counterflex.core.errors import FileFormatError
 UNITS: Final[dict[str, dict[str, float]]] = {
     "m": {"m": 1.0, "mm": u.MM, "um": u.UM, "inch": u.INCH},
     "rad": {"rad": 1.0, "deg": u.DEG, "gon": u.GON, "mrad": u.MRAD, "urad": u.URAD},
-    "N": {"N": 1.0, "kN": u.KN},
-    "N m": {"N m": 1.0, "N mm": u.N_MM, "kN m": u.KN},
+    "N": {"N": 1.0, "kN": u.KN, "daN": u.DECA, "lbf": u.LBF, "ozf": u.OZF, "kgf": u.KGF},
+    "N m": {"N m": 1.0, "N mm": u.N_MM, "kN m": u.KN, "lbf in": u.LBF * u.INCH, "lbf ft": u.LBF * u.FOOT},
     "s": {"s": 1.0, "ms": u.MS, "us": u.US, "ns": u.NS, "min": u.MINUTE},
     "1": {"1": 1.0, "%": u.PERCENT, "um/m": u.MICRO},
     "kg": {"kg": 1.0, "g": u.GRAM},
@@ -31,7 +31,23 @@ UNITS: Final[dict[str, dict[str, float]]] = {
 }
 """SI value of one unit, by SI unit and name."""
 
-_SPELLINGS: Final = {"nm": "N m", "n*m": "N m", "n·m": "N m", "n.m": "N m", "n m": "N m", "nmm": "N mm", "knm": "kN m"}
+RAW: Final = frozenset({"V", "mV", "V/V", "mV/V", "counts", "count", "digits", "LSB", "A", "mA"})
+"""Units of what an amplifier or converter gives: strain gauges are in them, all else needs a factor."""
+_SPELLINGS: Final = {
+    **dict.fromkeys(("lb", "lbs", "lb-f", "pound", "pounds", "pound-force"), "lbf"),
+    **dict.fromkeys(("oz", "ozs"), "ozf"),
+    **dict.fromkeys(("kp", "kg-f"), "kgf"),
+    **dict.fromkeys(("lbf-in", "lbf*in", "lbf·in", "in-lbf", "in lbf", "in-lb", "lb-in", "lb in", "lbin"), "lbf in"),
+    **dict.fromkeys(("lbf-ft", "lbf*ft", "lbf·ft", "ft-lbf", "ft lbf", "ft-lb", "lb-ft", "lb ft"), "lbf ft"),
+    "dan": "daN",
+    "nm": "N m",
+    "n*m": "N m",
+    "n·m": "N m",
+    "n.m": "N m",
+    "n m": "N m",
+    "nmm": "N mm",
+    "knm": "kN m",
+}
 _BRACKETS: Final = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
 _SUFFIX: Final = re.compile(r"_(mm|um|deg|mrad|urad|rad|kn|nm|ms|us|rpm)$")
 SHOP_SUFFIX: Final[Mapping[str, tuple[str, float]]] = {
@@ -87,8 +103,10 @@ def factor(unit: str, si: str, where: str) -> float:
     result = known.get(plain(unit))
     if result is None:
         raise FileFormatError(
-            "the unit is not one of this quantity", where=where, value=repr(unit), limit=", ".join(known)
-        )
+            "the unit is not one of this quantity", where=where, value=repr(unit), limit=", ".join(known),
+            hint=f'Say how much one of them is: unit = "{si}" and factor = {si} by {plain(unit)}'
+            if plain(unit) in RAW else None,
+        )  # fmt: skip
     return result
 
 

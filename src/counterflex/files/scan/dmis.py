@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.errors import FileFormatError
+from counterflex.files.scan.number_lines import text_stream
 from counterflex.files.scan.scan import UNITS, PointStore, Scan
 
 _POINT: Final = re.compile(r"FA\s*\(([^)]*)\)\s*=\s*FEAT\s*/\s*POINT\s*,\s*(\w+)\s*,(.*)", re.IGNORECASE)
@@ -30,7 +31,8 @@ def read_dmis(path: Path) -> Scan:
     Raises:
         FileFormatError: No measured points, polar coordinates, an unknown unit, or a word in place of a number.
     """
-    text = path.read_text(encoding="utf-8", errors="replace").replace("\r", "")
+    with text_stream(path) as stream:
+        text = stream.read().decode("utf-8", "replace").replace("\r", "")
     # a line that ends with $ goes on in the next one
     lines, start = [], 1
     for number, line in enumerate(text.split("\n"), 1):

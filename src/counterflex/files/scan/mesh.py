@@ -49,6 +49,21 @@ def read_mesh(path: Path, kind: str) -> Scan:
     return store.scan()
 
 
+def read_ply_cloud(path: Path) -> Scan:
+    """Read the vertices of a PLY file without faces whose vertices come behind other elements.
+
+    Raises:
+        FileFormatError: It cannot be read.
+    """
+    import trimesh  # heavy
+
+    with file_content.readable(path, "a cloud of points (PLY)", "Export it again"):
+        vertices = np.asarray(trimesh.load(path, file_type="ply", process=False).vertices, np.float64)
+    store = PointStore(path, "cloud of points (PLY)")
+    store.add(vertices.reshape(-1, 3))
+    return store.scan()
+
+
 def _binary_stl(path: Path) -> Any:
     with path.open("rb") as stream:
         count = int(np.frombuffer(stream.read(_STL_HEAD)[80:84], "<u4")[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +12,51 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
+from counterflex.files.scan.cells import Decimals
 
 BLOCK: Final = 1 << 24
-SPACES: Final = bytes.maketrans(b",;\t|", b"    ")
-"""Separators become spaces."""
-DECIMAL_COMMAS: Final = bytes.maketrans(b",;\t|", b".   ")
-"""The same where the comma is that of decimals."""
+SPACES: Final = (bytes.maketrans(b",;\t|", b"    "), b"")
+"""Separators become spaces; nothing is taken out."""
+
+
+def separators(decimals: Decimals) -> tuple[bytes, bytes] | None:
+    """Translation of a line into numbers with points and spaces between, and bytes to take out; None: by cells only.
+
+    Args:
+        decimals: How numbers are written.
+    """
+    if decimals.group not in ("", ",", ".", "'"):
+        return None
+    taken = decimals.group.encode()
+    if decimals.comma:
+        return bytes.maketrans(b",;\t|", b".   "), taken
+    return SPACES[0], taken
+
+
+def text_stream(path: Path) -> BinaryIO:
+    """A text as bytes of UTF-8; one in UTF-16, with its mark or without, is turned into it."""
+    stream = path.open("rb")
+    head = stream.read(200)
+    stream.seek(0)
+    name = utf16(head)
+    if name is None:
+        return stream
+    with stream:
+        return io.BytesIO(stream.read().decode(name, "replace").removeprefix("\ufeff").encode())
+
+
+def utf16(head: bytes) -> str | None:
+    """Encoding of a text whose every other byte is zero, or that begins with a mark of UTF-16; None: another."""
+    if head.startswith(b"\xff\xfe") and not head.startswith(b"\xff\xfe\x00\x00"):
+        return "utf-16-le"
+    if head.startswith(b"\xfe\xff"):
+        return "utf-16-be"
+    even, odd = head[0::2], head[1::2]
+    if len(head) >= 8 and odd.count(0) > 0.9 * len(odd) and even.count(0) == 0:
+        return "utf-16-le"
+    if len(head) >= 8 and even.count(0) > 0.9 * len(even) and odd.count(0) == 0:
+        return "utf-16-be"
+    return None
 
 
 def line_blocks(stream: BinaryIO) -> Iterator[bytes]:
@@ -30,13 +70,13 @@ def line_blocks(stream: BinaryIO) -> Iterator[bytes]:
         yield rest.replace(b"\r", b"\n")
 
 
-def numbers(block: bytes, columns: int, table: bytes, path: Path, first_line: int) -> Float:
+def numbers(block: bytes, columns: int, table: tuple[bytes, bytes], path: Path, first_line: int) -> Float:
     """The numbers (k, columns) of a block of lines.
 
     Args:
         block: Whole lines; empty ones and comments (``#``, ``//``) are left out.
         columns: Numbers in each line.
-        table: Translation that leaves spaces between numbers.
+        table: Translation that leaves spaces between numbers, and bytes that are taken out.
         path: For the error.
         first_line: Number of the first line of the block.
 
@@ -46,7 +86,7 @@ def numbers(block: bytes, columns: int, table: bytes, path: Path, first_line: in
     if b"#" in block or b"/" in block:
         kept = (b"" if line.lstrip().startswith((b"#", b"//")) else line for line in block.split(b"\n"))
         block = b"\n".join(kept)
-    spaced = block.translate(table)
+    spaced = block.translate(*table)
     rows = sum(1 for line in spaced.split(b"\n") if line.strip())
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
@@ -59,10 +99,10 @@ def numbers(block: bytes, columns: int, table: bytes, path: Path, first_line: in
     return values.reshape(rows, columns)
 
 
-def _fault(block: bytes, columns: int, table: bytes, path: Path, first_line: int) -> FileFormatError:
+def _fault(block: bytes, columns: int, table: tuple[bytes, bytes], path: Path, first_line: int) -> FileFormatError:
     """Names the first line that is not as it should be."""
     for number, line in enumerate(block.split(b"\n"), first_line):
-        words = line.translate(table).split()
+        words = line.translate(*table).split()
         if not words:
             continue
         text = line.decode("utf-8", "replace").strip()[:60]

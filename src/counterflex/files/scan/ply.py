@@ -39,6 +39,7 @@ class Header:
         faces: Number of faces.
         start: Place of the first byte behind the header.
         lines: Lines of the header.
+        plain: The vertices come first and have single numbers only; others are read by the library.
     """
 
     text: bool
@@ -49,21 +50,21 @@ class Header:
     faces: int
     start: int
     lines: int
+    plain: bool = True
 
 
 def read_header(path: Path) -> Header:
     """Read the header of a PLY file.
 
     Raises:
-        FileFormatError: It is no header, its vertices have no x, y, z or come behind other elements, or a count is
-            no number.
+        FileFormatError: It is no header, its vertices have no x, y, z, or a count is no number.
     """
     with path.open("rb") as stream:
         return _header(stream, path)
 
 
 def _header(stream: BinaryIO, path: Path) -> Header:
-    order, element, lines = None, "", 0
+    order, element, lines, plain = None, "", 0, True
     counts: dict[str, int] = {}
     properties: list[tuple[str, str]] = []
     while True:
@@ -79,16 +80,14 @@ def _header(stream: BinaryIO, path: Path) -> Header:
                 order = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[words[1]]
             elif words[:1] == ["element"]:
                 element = words[1]
-                if element == "vertex" and counts:
-                    raise FileFormatError("other elements stand before the vertices", where=f"{path}:{lines}")
+                plain &= element != "vertex" or not counts
                 counts[element] = int(words[2])
                 if counts[element] < 0:
                     raise ValueError(words[2])
             elif words[:1] == ["property"] and element == "vertex":
-                properties.append((words[-1], _TYPES[words[1]]))
+                plain &= words[1] != "list"
+                properties.append((words[-1], _TYPES[words[1] if words[1] != "list" else words[3]]))
         except (KeyError, IndexError, ValueError) as fault:
-            if isinstance(fault, FileFormatError):
-                raise
             text = " ".join(words)[:60]
             raise FileFormatError("the header of the PLY file is wrong", where=f"{path}:{lines}", value=text) from fault
     names = tuple(name for name, _ in properties)
@@ -105,6 +104,7 @@ def _header(stream: BinaryIO, path: Path) -> Header:
         counts.get("face", 0),
         stream.tell(),
         lines,
+        plain,
     )
 
 

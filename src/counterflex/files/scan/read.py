@@ -8,9 +8,12 @@ from pathlib import Path
 from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
 from counterflex.core.file_kind import of_bytes
+from counterflex.files.scan.by_library import library_format
 from counterflex.files.scan.dmis import is_dmis, read_dmis
-from counterflex.files.scan.mesh import is_binary_stl, read_mesh
+from counterflex.files.scan.mesh import is_binary_stl, read_mesh, read_ply_cloud
+from counterflex.files.scan.number_lines import utf16
 from counterflex.files.scan.ply import read_header, vertex_blocks
+from counterflex.files.scan.ptx import is_ptx, read_ptx
 from counterflex.files.scan.qif import read_qif
 from counterflex.files.scan.scan import PointStore, Scan
 from counterflex.files.scan.table import read_table
@@ -19,7 +22,8 @@ from counterflex.files.scan.table import read_table
 def read_scan(path: Path) -> Scan:
     """Read the points of a scan.
 
-    Read are PLY, STL (both in text or binary), OBJ, tables of x y z (ASC, XYZ, PTS, TXT, CSV), DMIS output and QIF.
+    Read are PLY, STL (both in text or binary), OBJ, tables of x y z (ASC, XYZ, PTS, TXT, CSV), reports of measuring
+    machines, PTX, DMIS output and QIF; with the extra ``formats`` E57, LAS, LAZ and PCD.
     Meshes are covered with points of even density.
 
     Raises:
@@ -39,8 +43,13 @@ def _read(path: Path, head: bytes) -> Scan:
         header = read_header(path)
         if header.faces:
             return read_mesh(path, "ply")
+        if not header.plain:
+            return read_ply_cloud(path)
         kind = f"cloud of points (PLY, {'text' if header.text else 'binary'})"
         return PointStore(path, kind).extend(vertex_blocks(path, header)).scan()
+    reader = library_format(head, suffix)
+    if reader is not None:
+        return reader(path)
     if suffix == ".ply":
         raise FileFormatError("the file is no PLY file", where=str(path), value=repr(head[:20]), limit="ply")
     if suffix == ".stl" and not is_binary_stl(path) and not head.lstrip().startswith(b"solid"):
@@ -54,6 +63,11 @@ def _read(path: Path, head: bytes) -> Scan:
         raise FileFormatError(f"the file is {other}", where=str(path), limit="a cloud of points, a mesh or a table")
     if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<"):
         return read_qif(path)
+    encoding = utf16(head)
+    if encoding is not None:
+        head = head.decode(encoding, "replace").removeprefix("\ufeff").encode()
+    if is_ptx(head):
+        return read_ptx(path)
     if is_dmis(head):
         return read_dmis(path)
     return read_table(path)

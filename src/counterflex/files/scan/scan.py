@@ -95,6 +95,10 @@ class PointStore:
             self._origin = np.asarray(points[0], np.float64).copy()
         self._chunks.append((points - self._origin).astype(np.float32))
 
+    def skip(self, count: int) -> None:
+        """Count points of the file that hold nothing."""
+        self._dropped += count
+
     def extend(self, blocks: Iterable[Float]) -> PointStore:
         """Take every block."""
         for block in blocks:

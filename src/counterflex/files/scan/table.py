@@ -12,15 +12,23 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.files.scan.number_lines import DECIMAL_COMMAS, SPACES, line_blocks, numbers
+from counterflex.files.scan.cells import MISSING, Decimals, split
+from counterflex.files.scan.cmm_report import gives_axes, read_given_axes, read_rows_of_axes, rows_of_axes
+from counterflex.files.scan.number_lines import line_blocks, numbers, separators, text_stream
 from counterflex.files.scan.scan import UNITS, PointStore, Scan
 
 _HEAD: Final = 1 << 16
-_DECIMAL_COMMA: Final = re.compile(r"\d,\d")
+_SAMPLE: Final = 200
 _NOMINAL: Final = ("nom", "theo", "soll", "target", "cad")
 _DEVIATION: Final = ("dev", "err", "diff", "delta", "abw", "sigma", "tol", "dx", "dy", "dz")
 _MEASURED: Final = ("meas", "act", "ist", "actual")
+_COLUMN_WORDS: Final = (*_NOMINAL, *_DEVIATION, *_MEASURED, "axis", "feature", "value", "radius", "theta", "phi")
+_AXIS: Final = re.compile(r"(?:pos|coord|p|pt|point)?([xyz])(?:\d|pos|coord|coordinate|axis)?")
 _UNIT_WORDS: Final = {"in": "inch", "inches": "inch", "inch": "inch", **{name: name for name in UNITS}}
+_CELLS: Final = re.compile(rb'"|[,;\t|][ ]*[,;\t|\n]|[nN]/[aA]|null|none|(?<![\w.])-+(?![\d.])')
+"""What makes a block be read cell by cell: quotes, empty cells, words for a missing value."""
+_MARKS: Final = re.compile(rb"(?<![^\s,;|])\*+(?![^\s,;|])")
+"""Points that were not measured, as PolyWorks writes them."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +39,9 @@ class _Layout:
         skipped: Lines before the first row.
         columns: Fields in a line.
         xyz: Which of them are x, y, z.
-        table: Translation of separators.
         separator: Between fields; None: any space.
-        plain: Every field is a number.
+        decimals: How numbers are written.
+        plain: Every field is a number without quotes.
         unit: Name of the unit in the header, or None.
         count: Number of rows that the first line announces, or None.
     """
@@ -41,8 +49,8 @@ class _Layout:
     skipped: int
     columns: int
     xyz: tuple[int, int, int]
-    table: bytes
     separator: str | None
+    decimals: Decimals
     plain: bool
     unit: str | None
     count: int | None
@@ -53,14 +61,22 @@ def read_table(path: Path) -> Scan:
 
     Columns are found by a header (``x``, ``y_mm``, ``Meas X``, ``X [in]``; nominal values, deviations and normals
     beside them are left out); without one the first three numbers of a line count. A first line of one whole number is
-    the number of points (PTS).
+    the number of points (PTS). Rows with a mark for a missing value (``*``) are counted and left out. Reports with one
+    row for each axis, or with ``X=.. Y=.. Z=..``, are translation by their lines.
 
     Raises:
         FileFormatError: No numbers, a word in place of one, lines of different length, another number of points than
             announced, or a header without x, y, z.
     """
-    with path.open("rb") as stream:
-        layout = _layout(stream.read(_HEAD), path)
+    with text_stream(path) as stream:
+        head = stream.read(_HEAD)
+    lines = _lines(head, path)
+    if gives_axes(lines):
+        return read_given_axes(path, _whole(path))
+    report = rows_of_axes(lines, str(path))
+    if report is not None:
+        return read_rows_of_axes(path, _whole(path), report)
+    layout = _layout(lines, path)
     store = PointStore(path, "table of points")
     rows = 0
     for block in _rows(path, layout):
@@ -73,61 +89,77 @@ def read_table(path: Path) -> Scan:
     return store.scan(None if layout.unit is None else UNITS[layout.unit])
 
 
-def _layout(head: bytes, path: Path) -> _Layout:
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise FileFormatError("the text is UTF-16", where=str(path), hint="Save it as UTF-8 or ASCII")
+def _whole(path: Path) -> list[str]:
+    """Lines of a report, which has some thousand of them at most."""
+    with text_stream(path) as stream:
+        return stream.read().decode("utf-8", "replace").splitlines()
+
+
+def _lines(head: bytes, path: Path) -> list[str]:
+    """The first lines of a text."""
     if b"\x00" in head:
-        raise FileFormatError("the file is binary and of no known format", where=str(path), hint=_FORMATS)
-    text = head.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "replace")
-    lines = text.splitlines()
+        raise FileFormatError("the file is binary and of no known format", where=str(path), hint=FORMATS)
+    lines = head.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "replace").splitlines()
     if len(head) == _HEAD and len(lines) > 1:
         lines = lines[:-1]  # the last one may be cut off
+    return lines
+
+
+def _layout(lines: list[str], path: Path) -> _Layout:
     rows = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(("#", "//"))]
-    first = next((k for k in rows if _fields(lines[k]) is not None), None)
-    if first is None:
+    match = next(((k, s) for k in rows if (s := _separator(lines, rows, k)) is not None), None)
+    if match is None:
         what = "the file is empty" if not rows else "no line holds three numbers"
-        raise FileFormatError(what, where=str(path), value=lines[rows[0]].strip()[:60] if rows else None, hint=_FORMATS)
-    separator, comma = _fields(lines[first]) or (None, False)
-    words = _split(lines[first], separator)
+        raise FileFormatError(what, where=str(path), value=lines[rows[0]].strip()[:60] if rows else None, hint=FORMATS)
+    first, (separator, decimals) = match
+    words = split(lines[first], separator)
     before = [lines[k] for k in rows if k < first]
     count = int(before[-1]) if before and before[-1].strip().isdigit() else None
-    header = None if not before or count is not None else _split(before[-1], separator)
+    header = None if not before or count is not None else split(before[-1], separator)
     comments = [line.lstrip("#/ \t") for line in lines[:first] if line.lstrip().startswith(("#", "//"))]
-    if header is None and comments and len(_split(comments[-1], separator)) == len(words):
-        header = _split(comments[-1], separator)
-    numeric = [k for k, word in enumerate(words) if _number(word, comma) is not None]
+    if header is None and comments and len(split(comments[-1], separator)) == len(words):
+        header = split(comments[-1], separator)
+    numeric = [k for k, word in enumerate(words) if decimals.number(word) is not None]
+    holds = [k for k, word in enumerate(words) if k in numeric or word.lower() in MISSING]
     xyz, unit = (numeric[0], numeric[1], numeric[2]), None
     if header is not None:
         named = _columns(header, path)
         if named is not None:
             xyz, unit = named
-    table = DECIMAL_COMMAS if comma else SPACES
-    plain = len(numeric) == len(words)
-    return _Layout(first, len(words), xyz, table, separator, plain, unit, count)
+        elif _names_columns(header, len(words), separator, decimals):
+            raise FileFormatError(
+                "the header names no columns of x, y and z",
+                where=str(path),
+                value=", ".join(header)[:80],
+                hint="Name them x, y, z, or leave the header out where the first three numbers are x, y, z",
+            )
+    plain = len(holds) == len(words) and '"' not in lines[first]
+    return _Layout(first, len(words), xyz, separator, decimals, plain, unit, count)
 
 
-_FORMATS: Final = "Read are PLY, STL, OBJ, tables of x y z (ASC, XYZ, PTS, TXT, CSV), DMIS output and QIF"
+def _names_columns(header: list[str], columns: int, separator: str | None, decimals: Decimals) -> bool:
+    """Whether a line above the first row names its columns, and is no title."""
+    if len(header) != columns or any(decimals.number(cell) is not None for cell in header):
+        return False
+    return separator is not None or any(word.lower().startswith(_COLUMN_WORDS) for word in header)
 
 
-def _split(line: str, separator: str | None) -> list[str]:
-    words = line.strip().split(separator)
-    return [word.strip().strip('"') for word in words]
+FORMATS: Final = (
+    "Read are PLY, STL, OBJ, tables of x y z (ASC, XYZ, PTS, TXT, CSV), PTX, E57, PCD, LAS and LAZ, DMIS output and QIF"
+)
 
 
-def _number(word: str, comma: bool) -> float | None:
-    try:
-        return float(word.replace(",", ".") if comma else word)
-    except ValueError:
-        return None
-
-
-def _fields(line: str) -> tuple[str | None, bool] | None:
-    """Separator of a line that holds at least three numbers, and whether its decimals have a comma."""
-    for separator in (";", "\t", None, ","):
-        words = _split(line, separator)
-        comma = separator != "," and any(_DECIMAL_COMMA.search(word) for word in words) and "." not in line
-        if sum(_number(word, comma) is not None for word in words) >= 3:
-            return separator, comma
+def _separator(lines: list[str], rows: list[int], first: int) -> tuple[str | None, Decimals] | None:
+    """Separator of a line that holds at least three numbers, and how they are written in it and the lines after it."""
+    for separator in (";", "\t", "|", None, ","):
+        some = [split(lines[k], separator) for k in rows if k >= first][:_SAMPLE]
+        if len(some[0]) < 3:
+            continue
+        decimals = (
+            Decimals() if separator == "," and '"' not in lines[first] else Decimals.of(c for row in some for c in row)
+        )
+        if sum(decimals.number(word) is not None for word in some[0]) >= 3:
+            return separator, decimals
     return None
 
 
@@ -137,7 +169,7 @@ def _columns(header: list[str], path: Path) -> tuple[tuple[int, int, int], str |
     unit = None
     for k, name in enumerate(header):
         words = [word for word in re.split(r"[^a-z0-9]+", name.lower()) if word]
-        axis = next((word for word in words if word in place), None)
+        axis = next((letter[1] for word in words if (letter := _AXIS.fullmatch(word))), None)
         if axis is None:
             continue
         if any(word.startswith((*_NOMINAL, *_DEVIATION)) for word in words):
@@ -162,36 +194,36 @@ def _columns(header: list[str], path: Path) -> tuple[tuple[int, int, int], str |
 
 def _rows(path: Path, layout: _Layout) -> Iterator[Float]:
     """Points of the file, block by block."""
-    line = 1
-    with path.open("rb") as stream:
+    line, translation = 1, separators(layout.decimals)
+    with text_stream(path) as stream:
         for block in line_blocks(stream):
             lines = block.count(b"\n")
             if line == 1:
                 block = block.removeprefix(b"\xef\xbb\xbf")
                 block = b"\n" * layout.skipped + block.split(b"\n", layout.skipped)[-1]
-            if layout.plain:
-                values = numbers(block, layout.columns, layout.table, path, line)
+            if layout.plain and translation is not None and _CELLS.search(block) is None:
+                marked = _MARKS.sub(b"nan", block) if b"*" in block else block
+                yield numbers(marked, layout.columns, translation, path, line)[:, layout.xyz]
             else:
-                values = _labelled(block, layout, path, line)
-            yield values[:, layout.xyz] if layout.plain else values
+                yield _labelled(block, layout, path, line)
             line += lines
 
 
 def _labelled(block: bytes, layout: _Layout, path: Path, first_line: int) -> Float:
     """Points of lines that also hold words."""
-    comma = layout.table is DECIMAL_COMMAS
     rows = []
     for number, line in enumerate(block.decode("utf-8", "replace").split("\n"), first_line):
         if not line.strip() or line.lstrip().startswith(("#", "//")):
             continue
-        words = _split(line, layout.separator)
+        words = split(line, layout.separator)
         if len(words) <= max(layout.xyz):
             raise FileFormatError(
                 "the line has fewer columns than the first", where=f"{path}:{number}", value=line.strip()[:60]
             )
-        row = [_number(words[k], comma) for k in layout.xyz]
+        cells = [words[k] for k in layout.xyz]
+        row = [np.nan if cell.lower() in MISSING else layout.decimals.number(cell) for cell in cells]
         if None in row:
-            wrong = words[layout.xyz[row.index(None)]]
+            wrong = cells[row.index(None)]
             raise FileFormatError(f"{wrong[:30]!r} is no number", where=f"{path}:{number}", value=line.strip()[:60])
         rows.append(row)
     return np.array(rows, dtype=np.float64).reshape(-1, 3)

@@ -56,7 +56,16 @@ def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
     if program.dialect in ROBOT_DIALECTS:
         return _by_sensor(program)
-    checks = (_unit, _least_increments, _dwells, _skipped_by_switch, _part_zero, _zeros_set_here, _without_length)
+    checks = (
+        _unit,
+        _least_increments,
+        _dwells,
+        _skipped_by_switch,
+        _part_zero,
+        _tool_taken,
+        _zeros_set_here,
+        _without_length,
+    )
     return [sentence for check in checks for sentence in check(program)]
 
 
@@ -79,6 +88,16 @@ def _part_zero(program: Program) -> list[str]:
     return [
         f"{name} (line {line}) is taken as the zero of the part; where it lies is not known. To state it: "
         "part.work_offsets_mm in the cell file, or --parameters"
+    ]
+
+
+def _tool_taken(program: Program) -> list[str]:
+    """Return that the program names no tool."""
+    if not program.tool_taken:
+        return []
+    return [
+        f"the program names no tool: T{program.tool_taken} is taken, the only one of the cell; whether it is the one "
+        "in the spindle was not looked at"
     ]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.features import FeatureRow
+from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import Section
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.data import Fact
@@ -38,6 +39,7 @@ class InspectionData:
         features: Measured on each.
         sections: Across grooves.
         facts: By part, how it was scanned and placed.
+        coverage: By part, areas of the whole machined surface and of each feature.
         notes: What the reader must know.
         paths: By part, where the path of the tool was measured and not the surface; empty for scans.
     """
@@ -50,6 +52,7 @@ class InspectionData:
     features: tuple[FeatureRow, ...]
     sections: tuple[Section, ...]
     facts: Mapping[str, Sequence[Fact]]
+    coverage: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     paths: Mapping[str, MeasuredPath] = field(default_factory=dict)
 
@@ -91,6 +94,7 @@ def inspection_page(data: InspectionData) -> str:
         badge=_badge(data),
         rows=_figure_rows(data),
         path_rows=path_rows(data.paths),
+        coverage=_coverage_rows(data),
         features=_feature_rows(data),
         places=[
             (p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", *(_signed(v) for v in (p.before_mm, p.after_mm)[: len(names)]))
@@ -111,12 +115,32 @@ def _verdict(data: InspectionData) -> str:
     return text + (f"; before, within {figures[0]:.3f} mm." if len(figures) == 2 else ".")
 
 
-def _badge(data: InspectionData) -> tuple[int, int] | None:
-    """How many quantities were measured on the last part, and how many of them are out of tolerance."""
+def _badge(data: InspectionData) -> tuple[str, bool] | None:
+    """How many quantities of the last part are out of tolerance or not wholly measured; and whether it is good."""
     name = list(data.deviations)[-1]
     if not data.features:
         return None
-    return len(data.features), sum(name not in row.worst_m or not row.ok(name) for row in data.features)
+    missing = sum(name not in row.worst_m for row in data.features)
+    bad = sum(name in row.worst_m and not row.ok(name) for row in data.features)
+    partly = sum(name in row.worst_m and row.ok(name) and row.partly(name) for row in data.features)
+    counts = ((bad, "out of tolerance"), (missing, "not measured"), (partly, "measured in part only"))
+    counted = ", ".join(f"{count} {what}" for count, what in counts if count)
+    total = len(data.features)
+    if counted:
+        return f"Of {total} quantities {counted}", False
+    return f"All {total} quantities within tolerance", True
+
+
+def _coverage_rows(data: InspectionData) -> list[dict[str, Any]]:
+    """Areas of each part and its features: machined, judged, not judged, not seen, mm2."""
+    rows = []
+    for name, (whole, of_features) in data.coverage.items():
+        for feature, one in (("whole machined surface", whole), *of_features.items()):
+            areas = (one.machined_m2, one.judged_m2, one.unjudged_m2, one.unseen_m2)
+            cells = [f"{area / MM**2:.0f}" for area in areas]
+            share = f"{100.0 * one.judged_share:.0f} %"
+            rows.append({"part": TITLES[name], "feature": feature, "cells": [*cells, share], "whole": one.whole})
+    return rows
 
 
 def _figure_rows(data: InspectionData) -> list[dict[str, Any]]:
@@ -137,7 +161,7 @@ def _feature_rows(data: InspectionData) -> list[dict[str, Any]]:
         cells = []
         for name in data.deviations:
             if name not in row.worst_m:
-                cells.append({"value": "not found", "off": "", "sigma": "", "ok": False})
+                cells.append({"value": "not found", "off": "", "sigma": "", "ok": False, "share": "0 % seen"})
                 continue
             cells.append(
                 {
@@ -145,6 +169,7 @@ def _feature_rows(data: InspectionData) -> list[dict[str, Any]]:
                     "off": _signed((row.worst_m[name] - row.nominal_m) / MM),
                     "sigma": f"{2.0 * row.standard_deviation_m.get(name, 0.0) / UM:.0f}",
                     "ok": row.ok(name),
+                    "share": f"{100.0 * row.measured_share[name]:.0f} % seen" if row.partly(name) else "",
                 }
             )
         sign = "" if row.nominal_m == 0.0 else "±"

@@ -1,4 +1,4 @@
-"""Commands iso230: circular tests and straightness from raw measurements."""
+"""Commands iso230: circular tests, straightness and positioning from raw measurements."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Average, Files, Format, FrameOf, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
-_iso230 = typer.Typer(no_args_is_help=True, help="Circular tests and straightness (ISO 230) from logs of a tracker.")
+_iso230 = typer.Typer(no_args_is_help=True, help="Circular tests, straightness and positioning (ISO 230).")
 
 CommandedPath = Annotated[
     Path | None,
@@ -29,12 +29,13 @@ def register(app: typer.Typer) -> None:
     """Add these commands."""
     _iso230.command("circularity")(circularity)
     _iso230.command("straightness")(straightness)
+    _iso230.command("positioning")(positioning)
     _iso230.callback()(_group)
     app.add_typer(_iso230, name="iso230")
 
 
 def _group() -> None:
-    """Circular tests and straightness (ISO 230) from logs of a tracker."""
+    """Circular tests, straightness and positioning (ISO 230)."""
 
 
 def circularity(
@@ -137,6 +138,45 @@ def straightness(
         note=f"left out: {summary['ends_left_out']}",
     )
     _show_conditions(summary, out)
+
+
+def positioning(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Table: target_mm, one of position_mm, deviation_um, deviation_mm, and direction where known.",
+            metavar="CSV",
+            callback=arguments.file,
+        ),
+    ],
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute the figures of ISO 230-2 of an axis: A, R, E, M and B, of both directions and of each.
+
+    Without a direction the rows are in the order of the test. The length is not corrected to 20 degC.
+
+    Example: `counterflex iso230 positioning axis.csv --out axis`
+    """
+    if out is not None:
+        keep_inputs(out, file)
+    from counterflex.app.robot_tests.positioning import judge_positioning
+
+    summary = judge_positioning(file, out)
+    if as_json:
+        print_json(summary)
+        return
+    figures = summary["figures"]
+    print_table(
+        f"Positioning over {summary['length_mm']:g} mm, um",
+        ["figure", "both directions", "up", "down"],
+        [[letter, *(_um(figures.get(f"{letter}{way}_um")) for way in ("", "_up", "_down"))] for letter in "AREMB"],
+        note="up: towards larger targets; not corrected to 20 degC",
+    )
+    for line in summary["not_by_standard"]:
+        typer.echo(f"not by ISO 230-2: {line}")
+    if out is not None:
+        say_written(out, f"wrote {out}: report.html, figures.csv, summary.json")
 
 
 def _um(value: float | None) -> str:

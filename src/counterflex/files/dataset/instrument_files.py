@@ -1,0 +1,254 @@
+"""Tables in files of instruments and of MATLAB: ``.mat`` by scipy, ``.tdms`` by npTDMS, ``.lvm`` with its segments."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.core import file_content
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import FileFormatError
+
+LVM: Final = b"LabVIEW Measurement"
+TDMS: Final = b"TDSm"
+MATLAB: Final = b"MATLAB "
+_END: Final = "***End_of_Header***"
+_SPECIAL: Final = ("***Start_Special***", "***End_Special***")
+_DECIMAL: Final = "Decimal_Separator"
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of one length.
+
+    Attributes:
+        names: Of the columns.
+        values: (n,) each; nan where there is no number.
+        lines: (n,) lines of the file, or numbers of the rows from 1.
+    """
+
+    names: tuple[str, ...]
+    values: tuple[Float, ...]
+    lines: Int
+
+
+def instrument_columns(path: Path, data: bytes, part: str | int | None) -> Columns | None:
+    """Read a file of an instrument; None where it is none.
+
+    Args:
+        path: The file.
+        data: Its bytes.
+        part: Segment of an ``.lvm`` (from 1), group of a ``.tdms``, variable or structure of a ``.mat``; None: all that
+            go together.
+
+    Raises:
+        FileFormatError: It cannot be read, there is no such part, or its parts do not go together.
+    """
+    if data.lstrip(b"\xef\xbb\xbf").startswith(LVM):
+        return _lvm(path, data, part)
+    if data.startswith(TDMS):
+        return _tdms(path, data, part)
+    if data.startswith(MATLAB) or path.suffix.lower() == ".mat":
+        return _matlab(path, data, part)
+    return None
+
+
+def _lvm(path: Path, data: bytes, part: str | int | None) -> Columns:
+    """Segments with the same channels one after the other; the column ``Segment`` counts them from 1."""
+    lines = data.decode("utf-8-sig", "replace").replace("\r\n", "\n").split("\n")
+    head: dict[str, list[str]] = {}
+    separator = "," if any(line.startswith("Separator,") for line in lines[:30]) else "\t"
+    place = _header(lines, 0, separator, head)
+    decimal = (head.get(_DECIMAL) or ["."])[0]
+    segments: list[Columns] = []
+    while (start := _next_segment(lines, place)) is not None:
+        segment, place = _segment(path, lines, start, separator, decimal, len(segments) + 1)
+        segments.append(segment)
+    if not segments:
+        raise FileFormatError("the file of LabVIEW has no segment with samples", where=str(path))
+    if part is not None:
+        if not isinstance(part, int) or not 1 <= part <= len(segments):
+            raise FileFormatError(
+                "there is no such segment", where=f"{path}: part", value=repr(part), limit=f"1..{len(segments)}"
+            )
+        return segments[part - 1]
+    names = [one.names for one in segments]
+    if len(set(names)) > 1:
+        other = next(k for k, one in enumerate(names) if one != names[0])
+        raise FileFormatError(
+            "segments of the file have other channels than the first",
+            where=f"{path}:{int(segments[other].lines[0])}",
+            value=", ".join(names[other])[:80],
+            limit=", ".join(names[0])[:80],
+            hint=f"Name one of its {len(segments)} segments: part = 1 under [[files]]",
+        )
+    values = tuple(np.concatenate(columns) for columns in zip(*(one.values for one in segments), strict=True))
+    return Columns(names[0], values, np.concatenate([one.lines for one in segments]))
+
+
+def _header(lines: Sequence[str], start: int, separator: str, into: dict[str, list[str]]) -> int:
+    """Read keys up to the end of a header; the place behind it."""
+    for k in range(start, len(lines)):
+        if lines[k].startswith(_END):
+            return k + 1
+        cells = lines[k].split(separator)
+        into[cells[0]] = cells[1:]
+    return len(lines)
+
+
+def _next_segment(lines: Sequence[str], place: int) -> int | None:
+    """Where the header of the next segment begins; blocks of other data before it are passed over."""
+    special = False
+    for k in range(place, len(lines)):
+        if lines[k].startswith(_SPECIAL):
+            special = lines[k].startswith(_SPECIAL[0])
+        elif not special and lines[k].startswith("Channels"):
+            return k
+    return None
+
+
+def _segment(
+    path: Path, lines: Sequence[str], start: int, separator: str, decimal: str, number: int
+) -> tuple[Columns, int]:
+    head: dict[str, list[str]] = {}
+    first = _header(lines, start, separator, head)
+    titles = [cell.strip() for cell in lines[first].split(separator)] if first < len(lines) else []
+    while titles and titles[-1] in ("", "Comment"):
+        titles.pop()
+    if not titles:
+        raise FileFormatError("a segment has no channels", where=f"{path}:{start + 1}")
+    rows, places = [], []
+    k = first + 1
+    while k < len(lines) and lines[k].strip() and not lines[k].startswith(("Channels", "***")):
+        cells = lines[k].split(separator)[: len(titles)]
+        cells += [""] * (len(titles) - len(cells))
+        rows.append([_number(cell, decimal, path, k + 1) for cell in cells])
+        places.append(k + 1)
+        k += 1
+    values = np.array(rows, dtype=np.float64).reshape(-1, len(titles))
+    names = [title or ("X_Value" if j == 0 else f"#{j + 1}") for j, title in enumerate(titles)]
+    if len(values) and np.isnan(values[:, 0]).all() and "Delta_X" in head:  # files without a column of times
+        x0, step = (_number((head.get(key) or ["0"])[0], decimal, path, start + 1) for key in ("X0", "Delta_X"))
+        values[:, 0] = x0 + step * np.arange(len(values))
+    columns = (*values.T, np.full(len(values), float(number)))
+    return Columns((*_once(names), "Segment"), columns, np.array(places, dtype=np.int64)), k
+
+
+def _number(cell: str, decimal: str, path: Path, line: int) -> float:
+    text = cell.strip().replace(decimal, ".") if decimal != "." else cell.strip()
+    if not text:
+        return np.nan
+    try:
+        return float(text)
+    except ValueError as fault:
+        raise FileFormatError("the cell is not a number", where=f"{path}:{line}", value=repr(cell[:40])) from fault
+
+
+def _once(names: Sequence[str]) -> list[str]:
+    """Names, with the count behind those that come again."""
+    out: list[str] = []
+    for name in names:
+        out.append(name if name not in out else f"{name} {sum(one.split(' ')[0] == name for one in out) + 1}")
+    return out
+
+
+def _tdms(path: Path, data: bytes, part: str | int | None) -> Columns:
+    try:
+        from nptdms import TdmsFile
+    except ImportError as fault:
+        raise FileFormatError(
+            "TDMS files are read by the library npTDMS, which is not installed",
+            where=str(path),
+            hint='Install it: pip install "counterflex[formats]"',
+        ) from fault
+    with file_content.readable(path, "a TDMS file"):
+        file = TdmsFile.read(io.BytesIO(data))
+        groups = {group.name: _channels(group) for group in file.groups()}
+    groups = {name: columns for name, columns in groups.items() if columns}
+    if part is not None:
+        if part not in groups:
+            raise FileFormatError(
+                "there is no such group", where=f"{path}: part", value=repr(part), limit=", ".join(groups) or "none"
+            )
+        groups = {str(part): groups[str(part)]}
+    single = len(groups) == 1
+    columns: dict[str, Float] = {
+        name if single else f"{group}/{name}": value for group, some in groups.items() for name, value in some.items()
+    }
+    return _of_one_length(path, columns, "group")
+
+
+def _channels(group: Any) -> dict[str, Float]:
+    """Numbers of the channels of a group; their times as ``time_s`` where they are stated."""
+    out: dict[str, Float] = {}
+    for channel in group.channels():
+        values = np.asarray(channel[:])
+        if values.dtype.kind not in "biuf" or len(values) == 0:
+            continue
+        out[channel.name] = values.astype(np.float64)
+        step = channel.properties.get("wf_increment")
+        if step and "time_s" not in out:
+            start = float(channel.properties.get("wf_start_offset", 0.0))
+            out["time_s"] = np.asarray(start + float(step) * np.arange(len(values)), np.float64)
+    return out
+
+
+def _matlab(path: Path, data: bytes, part: str | int | None) -> Columns:
+    from scipy.io import loadmat  # heavy
+
+    if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
+        raise FileFormatError(
+            "a MATLAB file of version 7.3 is not read", where=str(path), hint="Save it with save(..., '-v7')"
+        )
+    with file_content.readable(path, "a MATLAB file"):
+        content = loadmat(io.BytesIO(data), simplify_cells=True)
+    columns = _flat({name: value for name, value in content.items() if not name.startswith("__")}, "")
+    if part is not None:
+        chosen = {name: v for name, v in columns.items() if name == part or name.startswith((f"{part}.", f"{part} "))}
+        if not chosen:
+            limit = ", ".join(dict.fromkeys(name.split(".")[0].split(" ")[0] for name in columns))
+            raise FileFormatError("there is no such variable", where=f"{path}: part", value=repr(part), limit=limit)
+        columns = chosen
+    return _of_one_length(path, columns, "variable")
+
+
+def _flat(content: Mapping[str, Any], before: str) -> dict[str, Float]:
+    """Vectors by name; columns of a matrix by name and number, fields of a structure by ``structure.field``."""
+    out: dict[str, Float] = {}
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            out |= _flat(value, f"{before}{name}.")
+            continue
+        array = np.asarray(value)
+        if array.dtype.kind not in "biuf" or array.ndim not in (1, 2) or array.size < 2:
+            continue
+        if array.ndim == 1:
+            out[f"{before}{name}"] = array.astype(np.float64)
+        else:
+            out |= {f"{before}{name} {k + 1}": array[:, k].astype(np.float64) for k in range(array.shape[1])}
+    return out
+
+
+def _of_one_length(path: Path, columns: Mapping[str, Float], kind: str) -> Columns:
+    """Columns as one table.
+
+    Raises:
+        FileFormatError: There are none, or they have different lengths.
+    """
+    lengths = {len(value) for value in columns.values()}
+    if not lengths:
+        raise FileFormatError("the file holds no columns of numbers", where=str(path))
+    if len(lengths) > 1:
+        shown = ", ".join(f"{name} ({len(value)})" for name, value in list(columns.items())[:8])
+        raise FileFormatError(
+            "columns of the file have different lengths",
+            where=str(path),
+            value=shown,
+            hint=f'Name the {kind} that is meant: part = "..." under [[files]]',
+        )
+    return Columns(tuple(columns), tuple(columns.values()), np.arange(1, lengths.pop() + 1, dtype=np.int64))
