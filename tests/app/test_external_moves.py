@@ -142,7 +142,9 @@ def test_the_correction_of_an_operation_is_that_of_a_cell_that_stands_there(tmp_
         _, there = written(tmp_path / str(at), RAIL.replace("at_mm = -50", f"at_mm = {at}"))
         alone = compensate(file, there, predict=False, programmed_feed=True).plan
         rows = np.flatnonzero((both.path.place == place) & (both.volume_m3 > 0.0))
-        same = np.array([np.argmin(np.linalg.norm(alone.path.p_part_tcp - p, axis=1)) for p in both.path.p_part_tcp[rows]])
+        same = np.array(
+            [np.argmin(np.linalg.norm(alone.path.p_part_tcp - p, axis=1)) for p in both.path.p_part_tcp[rows]]
+        )
         np.testing.assert_allclose(both.deflection_part[rows], alone.deflection_part[same], rtol=1e-6, atol=1e-9)
     apart = np.abs(both.deflection_part[:, :3]).max(axis=0)
     assert apart.max() > 1e-4

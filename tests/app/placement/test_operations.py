@@ -11,9 +11,10 @@ import pytest
 from counterflex.app import preflight as checking
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
-from counterflex.app.placement import placement
-from counterflex.app.placement.operations import per_operation, placed_cell
+from counterflex.app.placement import operations_job, placement
+from counterflex.app.placement.operations import per_operation
 from counterflex.app.placement.region import Wish, region_of
+from counterflex.app.placement.whole_program import placed_cell
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import read_cell
@@ -32,7 +33,9 @@ PROGRAM = "G17 G21 G90 G94\nM6 T1\nM3 S13000\nG0 Z80\n" + "".join(CUT.format(y=y
 def files(folder: Path, program: str = PROGRAM, length: int = 1040, rail: str = RAIL) -> tuple[Path, Path]:
     """A long plate on a robot that rides along it."""
     text = (EXAMPLES / "cells" / "kr300_d16_small.toml").read_text(encoding="utf-8")
-    text = text.replace("../", f"{EXAMPLES.as_posix()}/").replace("max_mm = [60, 60, 40]", f"max_mm = [60, {length}, 40]")
+    text = text.replace("../", f"{EXAMPLES.as_posix()}/").replace(
+        "max_mm = [60, 60, 40]", f"max_mm = [60, {length}, 40]"
+    )
     (folder / "cell.toml").write_text(text.replace("cell_mm = 0.2", "cell_mm = 2") + rail, encoding="utf-8")
     (folder / "part.ngc").write_text(program, encoding="ascii")
     return folder / "part.ngc", folder / "cell.toml"
@@ -47,7 +50,9 @@ def test_the_cheapest_way_is_that_of_all_ways(seed: int) -> None:
     allowed, move = draw.uniform(size=(n - 1, k, k)) < 0.7, float(draw.uniform(0.0, 0.5))
 
     def total(way: tuple[int, ...]) -> float:
-        moves = [0.0 if a == b else move if allowed[i, a, b] else np.inf for i, (a, b) in enumerate(itertools.pairwise(way))]
+        moves = [
+            0.0 if a == b else move if allowed[i, a, b] else np.inf for i, (a, b) in enumerate(itertools.pairwise(way))
+        ]
         return float(sum(costs[i, place] for i, place in enumerate(way)) + sum(moves))
 
     best = min(total(way) for way in itertools.product(range(k), repeat=n))
@@ -99,7 +104,7 @@ def test_a_program_that_no_single_place_reaches(tmp_path: Path) -> None:
     """The two ends of the plate are 5 m apart."""
     long = RAIL.replace("-1500", "-3000").replace("2500", "7500").replace("at_mm = 500", "at_mm = 0")
     program, file = files(tmp_path, PROGRAM.replace("Y1000", "Y5000"), 5040, long)
-    summary = placement.run(program, file, tmp_path / "out", operations=True, count=64)
+    summary = operations_job.run(program, file, tmp_path / "out", count=64)
     assert summary["chosen"] is None
     assert "out of reach" in summary["one_place_refused"]
     first, last = (row["E1"] for row in summary["operations"])
@@ -111,10 +116,10 @@ def test_a_program_that_no_single_place_reaches(tmp_path: Path) -> None:
 def test_what_cannot_be_divided_is_refused(tmp_path: Path) -> None:
     program, file = files(tmp_path, PROGRAM.replace("G0 Z80", "G0 Z45"))
     with pytest.raises(InputError, match=r"one operation.*clearance_mm = 20"):
-        placement.run(program, file, tmp_path / "out", operations=True, count=64)
+        operations_job.run(program, file, tmp_path / "out", count=64)
     program, file = files(tmp_path, rail="")
     with pytest.raises(InputError, match="no \\[\\[external_axes\\]\\]"):
-        placement.run(program, file, tmp_path / "out", operations=True, count=64)
+        operations_job.run(program, file, tmp_path / "out", count=64)
     assert not (tmp_path / "out").exists()
 
 

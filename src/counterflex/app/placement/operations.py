@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.stats import qmc
 
-from counterflex.app.inputs import Job, Reading, faults_in, read_job, setting_of
+from counterflex.app.inputs import Job, Reading
 from counterflex.app.placement.frame import Frame, Stand
-from counterflex.app.posture import robot_of, surroundings_of
+from counterflex.app.placement.whole_program import Divided, Fault, require_runs
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.cell.cell import Cell, resolve
+from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.set_up import AxisMove
-from counterflex.path.external_axes import moving
-from counterflex.plan.inputs import solve_joints
 from counterflex.plan.placement.operations import (
     Operation,
     OperationSite,
@@ -30,10 +28,8 @@ from counterflex.plan.placement.operations import (
     sites_of,
 )
 from counterflex.plan.placement.search import Region
-from counterflex.plan.posture.clearance import kept
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey_kernel import POWER
-from counterflex.plan.preflight.external_moves import standing_along
 from counterflex.plan.stability.stretches import Stretch
 from counterflex.robot.model.opw import BRANCHES
 
@@ -48,25 +44,6 @@ _REFINED: Final = 12
 _MOVE: Final = 0.01
 """Share of the sum over all operations that a move must save: it takes time, and the axis must find its place again."""
 _ROUNDS: Final = 20
-
-
-@dataclass(frozen=True, eq=False)
-class Divided:
-    """Places chosen for a program.
-
-    Attributes:
-        stand: Pose of the part, and values of the axes in the first operation.
-        branch: Of the arm.
-        rotation_rad: About the tool axis.
-        moves: Of the axes along the program, by name.
-        summary: In shop units: the operations, and the error of all of them.
-    """
-
-    stand: Stand
-    branch: str
-    rotation_rad: float
-    moves: dict[str, list[AxisMove]]
-    summary: dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +155,7 @@ def _nowhere(job: Job, search: _Search, costs: Float) -> ReachError:
 
 def _ranked(search: _Search, costs: Float, grid: list[Float], least_damping: float) -> list[tuple[float, str, Int]]:
     """Postures with their places of the grid, by the error that is left; those that cannot be run come last."""
-    out = []
+    out: list[tuple[float, int, tuple[float, str, Int]]] = []
     for turn, number, chosen in best_postures(costs, TRIED):
         rotation, branch = float(search.sites[0].site.freedom.grid_rad[turn]), BRANCHES[number]
         total = sum(
@@ -305,8 +282,8 @@ def _along(
             break
         made = _made(job, cell, search, values[way], posture)
         try:
-            _require_runs(program, cell, made, reading)
-        except _Fault as fault:
+            require_runs(program, cell, made, reading)
+        except Fault as fault:
             refused = fault.reason
             _block(fault.place, way, costs, allowed)
         else:
@@ -316,19 +293,6 @@ def _along(
         "no places lead through all operations in this posture", where=Path(job.program.name).name,
         hint="Widen --region E1=A,B, or write a program for each operation",
     )  # fmt: skip
-
-
-class _Fault(Exception):
-    """A program cannot be run with its places.
-
-    Attributes:
-        place: Number of the place, between two where the axes move; of the begin where it is not known.
-        reason: Why.
-    """
-
-    def __init__(self, place: float, reason: ReachError) -> None:
-        super().__init__(reason.what)
-        self.place, self.reason = place, reason
 
 
 def _block(place: float, way: Int, costs: Float, allowed: Bool) -> None:
@@ -366,55 +330,6 @@ def _made(job: Job, cell: Cell, search: _Search, values: Float, posture: tuple[s
     ]
     branch, rotation, _ = posture
     return Divided(stands[0], branch, rotation, moves, {"operations": rows})
-
-
-def placed_cell(cell: Cell, divided: Divided) -> Cell:
-    """The cell with the places of a choice, as its cell file will be read."""
-    axes = []
-    for axis in cell.tables.external_axes:
-        unit, moves = "mm" if axis.kind == "linear" else "deg", divided.moves.get(axis.name, [])
-        axes.append(axis.model_copy(update={
-            f"at_{unit}": divided.stand.axes[axis.name],
-            f"moves_{unit}": tuple((round(one.from_mm, 3), round(one.to_mm, 3), one.value) for one in moves),
-            "moves_at_mm": tuple((one.point_mm[0], one.point_mm[1], one.point_mm[2]) for one in moves),
-        }))  # fmt: skip
-    shoulder, elbow, wrist = divided.branch.split()
-    posture = cell.tables.posture.model_copy(update={
-        "shoulder": shoulder, "elbow": elbow, "wrist": wrist, "turning_mm_deg": (), "turning_at_mm": (),
-        "rotation_about_tool_deg": divided.rotation_rad / DEG,
-    })  # fmt: skip
-    part = cell.part.model_copy(update=dict(divided.stand.part))
-    tables = cell.tables.model_copy(update={"external_axes": tuple(axes), "posture": posture, "part": part})
-    made = resolve(tables, cell.path, assume_class=cell.class_stiffness is not None)
-    return replace(made, R_part_plane=cell.R_part_plane, tool_turns=cell.tool_turns)
-
-
-def _require_runs(program: str | Path, cell: Cell, divided: Divided, reading: Reading) -> None:
-    """Refuse places with which the whole program cannot be run: reach, limits, singularities, bodies, moves included.
-
-    Raises:
-        _Fault: It cannot; says where.
-    """
-    there = placed_cell(cell, divided)
-    job = read_job(program, there, reading=reading, may_move=True)
-    setting, path = setting_of(there, job), job.machined
-    line: Int = job.line_of_motion[path.motion]
-    with faults_in(job):
-        try:
-            q = solve_joints(path, line, setting).q
-        except ReachError as fault:
-            point = fault.data.get("point")
-            raise _Fault(0.0 if point is None else float(path.place[int(point)]), fault) from fault
-    around = surroundings_of(job, there)
-    close, _ = kept(q, robot_of(there, setting), around, standing_along(path, setting))
-    if close is not None:
-        names = " and ".join(around.bodies[k].name for k in (close.first, close.second))
-        moves = " while an external axis moves" if moving(path)[close.point] else ""
-        reason = ReachError(
-            f"bodies come too close{moves}: {names}", where=f"line {int(line[close.point])}",
-            value=f"{close.distance_m / MM:.1f} mm", hint="Raise the retract between the operations",
-        )  # fmt: skip
-        raise _Fault(float(path.place[close.point]), reason)
 
 
 def _with_errors(

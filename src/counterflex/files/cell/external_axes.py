@@ -74,7 +74,9 @@ class ExternalAxisTable(Table):
             raise ValueError(f"the places along the path of moves_{unit} do not rise")
         for *_, value in self.moves:
             if not low <= value <= high:
-                raise ValueError(f"{self.name} cannot go to {value:g} (moves_{unit}); limits {low:g} to {high:g} {unit}")
+                raise ValueError(
+                    f"{self.name} cannot go to {value:g} (moves_{unit}); limits {low:g} to {high:g} {unit}"
+                )
 
     @property
     def moves(self) -> tuple[tuple[float, float, float], ...]:

@@ -82,9 +82,7 @@ class OperationSite:
         robot = site.robot.facing(seen.T_base_standing)
         R = tool_orientation(site.cut.axis_part, rotation_rad)
         try:
-            solved = inverse_path(
-                robot.controller_chain, tool_poses(robot.T_base_part, site.cut.p_part, R), branch
-            )
+            solved = inverse_path(robot.controller_chain, tool_poses(robot.T_base_part, site.cut.p_part, R), branch)
         except ReachError:
             return refused
         if robot.room(solved.q).min() < 0.0 or solved.wrist.min() < np.sin(robot.limits.wrist_rad):

@@ -154,7 +154,9 @@ class RapidWriter(RobotWriter[RapidSettings]):
         settings = self.settings
         axes = ",".join(number(a / DEG, 5) for a in settings.start_axes_rad)
         tool, speed = self._tool_name(self.first_tool), self._speed_data(settings.start_m_s)
-        move = f"    MoveAbsJ [[{axes}],{rapid_external(settings.external_axes)}],{speed},fine,{tool}\\WObj:={self._wobj};"
+        move = (
+            f"    MoveAbsJ [[{axes}],{rapid_external(settings.external_axes)}],{speed},fine,{tool}\\WObj:={self._wobj};"
+        )
         return [*lead, *self._indented(UNSUPERVISED), move]
 
     def finish(self) -> list[str]:

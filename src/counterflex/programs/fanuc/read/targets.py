@@ -161,7 +161,9 @@ class Targets:
                 T = _added(T, value, computed, where)
             else:
                 T = self._in_frame(T, value, frame, where)
-        return replace(target, T_user_tool=T, literal=None, computed=f"{target.computed}, {computed}".removeprefix(", "))
+        return replace(
+            target, T_user_tool=T, literal=None, computed=f"{target.computed}, {computed}".removeprefix(", ")
+        )
 
     def _displacement(self, option: str, register: str, routine: Routine, statement: Statement
                       ) -> tuple[Value, int | None]:  # fmt: skip
