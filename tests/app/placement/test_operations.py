@@ -44,7 +44,7 @@ def files(folder: Path, program: str = PROGRAM, length: int = 1040, rail: str = 
 @pytest.mark.parametrize("seed", range(40))
 def test_the_cheapest_way_is_that_of_all_ways(seed: int) -> None:
     draw = np.random.default_rng(seed)
-    n, k = draw.integers(1, 5), draw.integers(1, 5)
+    n, k = int(draw.integers(1, 5)), int(draw.integers(1, 5))
     costs = draw.uniform(size=(n, k))
     costs[draw.uniform(size=costs.shape) < 0.15] = np.inf
     allowed, move = draw.uniform(size=(n - 1, k, k)) < 0.7, float(draw.uniform(0.0, 0.5))
@@ -70,7 +70,7 @@ def test_each_operation_stands_where_it_costs_least(tmp_path: Path) -> None:
     program, file = files(tmp_path)
     given = placement.prepared(program, read_cell(file), AS_IT_IS, "both")
     done = per_operation(
-        program, given.job, given.cell, given.task, given.stretches, given.frame, region_of(Wish(), given.frame),
+        program, given, region_of(Wish(), given.frame),
         reading=AS_IT_IS, one=None, least_damping=-np.inf,
     )  # fmt: skip
     rows, whole = done.summary["operations"], done.summary["per_operation"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -12,6 +11,7 @@ from scipy.stats import qmc
 
 from counterflex.app.inputs import Job, Reading
 from counterflex.app.placement.frame import Frame, Stand
+from counterflex.app.placement.placement import Prepared
 from counterflex.app.placement.whole_program import Divided, Fault, require_runs
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ReachError
@@ -30,7 +30,6 @@ from counterflex.plan.placement.operations import (
 from counterflex.plan.placement.search import Region
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey_kernel import POWER
-from counterflex.plan.stability.stretches import Stretch
 from counterflex.robot.model.opw import BRANCHES
 
 PLACES: Final = 25
@@ -81,18 +80,14 @@ class _Search:
 
 
 def per_operation(
-    program: str | Path, job: Job, cell: Cell, task: Task, stretches: Sequence[Stretch], frame: Frame, region: Region,
-    *, reading: Reading, one: tuple[Stand, str, float] | None, least_damping: float, progress: Progress = silent,
+    program: str | Path, given: Prepared, region: Region, *, reading: Reading, one: tuple[Stand, str, float] | None,
+    least_damping: float, progress: Progress = silent,
 ) -> Divided:  # fmt: skip
     """Choose a place of the external axes for each operation, with one posture for all.
 
     Args:
         program: The program.
-        job: The same as read.
-        cell: Its cell.
-        task: The program on it.
-        stretches: What it cuts.
-        frame: Where it may be.
+        given: The same on its cell.
         region: Values of the external axes; the part stays where ``one`` has it.
         reading: How the program is read.
         one: Best place for all operations, branch and rotation in rad; None where there is none.
@@ -103,7 +98,8 @@ def per_operation(
         InputError: The cell has no external axes, the robot holds the part, or the program is one operation.
         ReachError: An operation can be run nowhere, or the axes cannot go from one place to the next.
     """
-    search = _search_of(program, cell, task, stretches, frame, one)
+    job, cell, frame = given.job, given.cell, given.frame
+    search = _search_of(program, given, one)
     grid = _grid(region, search, one)
     costs = np.stack([
         np.stack([site.posture_costs(frame.seen(search.place(values))) for values in grid]) for site in search.sites
@@ -190,19 +186,17 @@ def require_operations(program: str | Path, cell: Cell, task: Task) -> list[Oper
     return operations
 
 
-def _search_of(
-    program: str | Path, cell: Cell, task: Task, stretches: Sequence[Stretch], frame: Frame,
-    one: tuple[Stand, str, float] | None,
-) -> _Search:  # fmt: skip
+def _search_of(program: str | Path, given: Prepared, one: tuple[Stand, str, float] | None) -> _Search:
     """Operations of a program, and where its part stands."""
-    operations = require_operations(program, cell, task)
+    task, frame = given.task, given.frame
+    operations = require_operations(program, given.cell, task)
     part = frame.here[:4].copy()
     if one is not None:
         seen = frame.at(one[0])
         zero = frame.seen(np.concatenate([part, frame.here[4:]]))
         if not np.allclose(seen.T_base_standing, zero.T_base_standing, atol=1e-9):
             part = _part_of(frame, one[0])
-    return _Search(task, frame, part, sites_of(task, operations, stretches), operations)
+    return _Search(task, frame, part, sites_of(task, operations, given.stretches), operations)
 
 
 def _part_of(frame: Frame, stand: Stand) -> Float:
@@ -280,7 +274,7 @@ def _along(
         way = cheapest_places(costs, allowed, _MOVE * float(least.sum()))
         if way is None:
             break
-        made = _made(job, cell, search, values[way], posture)
+        made = _made(job, search, values[way], posture)
         try:
             require_runs(program, cell, made, reading)
         except Fault as fault:
@@ -288,7 +282,7 @@ def _along(
             _block(fault.place, way, costs, allowed)
         else:
             total = float(costs[np.arange(len(way)), way].sum())
-            return total, _with_errors(made, job, search, (costs, way), one)
+            return total, _with_errors(made, search, (costs, way), one)
     raise refused or ReachError(
         "no places lead through all operations in this posture", where=Path(job.program.name).name,
         hint="Widen --region E1=A,B, or write a program for each operation",
@@ -307,7 +301,7 @@ def _block(place: float, way: Int, costs: Float, allowed: Bool) -> None:
     costs[bounds[k] : bounds[k + 1], way[bounds[k]]] = np.inf
 
 
-def _made(job: Job, cell: Cell, search: _Search, values: Float, posture: tuple[str, float, float]) -> Divided:
+def _made(job: Job, search: _Search, values: Float, posture: tuple[str, float, float]) -> Divided:
     """Cell file keys of places (operations, axes)."""
     path = job.machined
     along = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1)) / MM
@@ -333,7 +327,7 @@ def _made(job: Job, cell: Cell, search: _Search, values: Float, posture: tuple[s
 
 
 def _with_errors(
-    made: Divided, job: Job, search: _Search, chosen: tuple[Float, Int], one: tuple[Stand, str, float] | None
+    made: Divided, search: _Search, chosen: tuple[Float, Int], one: tuple[Stand, str, float] | None
 ) -> Divided:
     """The choice with the errors of its operations, beside those of the best place for all."""
     costs, way = chosen

@@ -56,8 +56,7 @@ def run(
         damping = -np.inf if done is None else done.summary["chosen"]["damping_in_cut"]
         with faults_in(given.job):
             divided = per_operation(
-                program, given.job, given.cell, given.task, given.stretches, given.frame,
-                region_of(options.get("wish") or Wish(), given.frame), reading=reading, one=one,
+                program, given, region_of(options.get("wish") or Wish(), given.frame), reading=reading, one=one,
                 least_damping=-np.inf if damping is None else min(0.0, damping - ROUNDING),
                 progress=parts[OPERATIONS],
             )  # fmt: skip

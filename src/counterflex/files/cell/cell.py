@@ -234,10 +234,10 @@ class Cell:
 
     @cached_property
     def T_frame_part(self) -> Float:
-        """(4, 4) part frame as programs give it: in the robot base, external axes that the controller counts in at zero.
+        """(4, 4) part frame as programs give it: in the robot base, coupled external axes at zero.
 
-        Such an axis (``coupled``) carries no frame away: the controller's world stands where it is when the axis is at
-        zero, and a frame on a positioner goes with that.
+        An axis that the controller counts in (``coupled``) carries no frame away: its world stands where it is with the
+        axis at zero, and a frame on a positioner goes with that.
         """
         free = tuple(axis for axis in self.tables.external_axes if not axis.coupled)
         T_base_floor = pose.inverse(moved(free, "robot"))

@@ -90,8 +90,8 @@ def placement(
     Where the robot holds the part (part_on = "flange") the spindle that stands is placed: its tip in the region, its
     bodies (frame = "tcp") with it.
 
-    With --per-operation every operation gets its own place of rail or positioner: the cell file then says where along the
-    program they move, and KRL, RAPID and FANUC programs carry the values.
+    With --per-operation every operation gets its own place of rail or positioner: the cell file then says where along
+    the program they move, and KRL, RAPID and FANUC programs carry the values.
 
     With --mounting spindle.b_deg=0,-35 the angle of the spindle is chosen too, one of those that the shop has.
 
