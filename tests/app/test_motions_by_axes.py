@@ -1,4 +1,4 @@
-"""Motions by axes between cuts, as controllers make them: a second model swings the arm, and planted faults are found."""
+"""Motions by axes between cuts, as controllers make them: a second model swings the arm, planted faults are found."""
 
 from __future__ import annotations
 
@@ -103,8 +103,8 @@ def rest(language: str) -> Callable[[list[str]], list[str]]:
         at = next(i for i, line in enumerate(text) if "[[-12.0000,45.0000,60.0000]" in line)
         move = text[at].strip()
         axes = "[[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"  # upper arm upright, forearm level
-        return [*text[:at], f"    MoveAbsJ {axes},v1000,fine,t_part\\WObj:=w_part;", f"    {move.replace('MoveL', 'MoveJ')}",
-                *text[at:]]  # fmt: skip
+        moves = [f"    MoveAbsJ {axes},v1000,fine,t_part\\WObj:=w_part;", f"    {move.replace('MoveL', 'MoveJ')}"]
+        return [*text[:at], *moves, *text[at:]]
 
     def fanuc(text: list[str]) -> list[str]:
         at = next(i for i, line in enumerate(text) if "P[6]" in line and ":L" in line)
@@ -154,7 +154,7 @@ def test_a_body_in_the_swung_arc_is_found(tmp_path: Path) -> None:
 
 
 def test_the_arc_is_what_the_stock_meets(tmp_path: Path) -> None:
-    """By axes the tool bulges away from the robot, beyond the line between the ends: that way meets bodies and stock."""
+    """By axes the tool bulges away from the robot, beyond the line between the ends."""
     cell = cell_of(tmp_path)
     low = [f"LIN {{X 20.0,Y -900.0,Z 45.0,{POSE}}}", f"{{X 0.0,Y 900.0,Z 45.0,{POSE}}}"]
     paths = {}
