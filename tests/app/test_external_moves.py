@@ -246,3 +246,70 @@ def test_a_program_that_moves_otherwise_than_the_cell_file_is_refused(tmp_path: 
     cell.path.write_text(text)
     with pytest.raises(ProgramError, match=r"moves E1 otherwise than the cell file says.*got 200; expected 300"):
         read_job(source, read_cell(cell.path), may_move=True)
+
+
+def rapid_of(lines: list[str], find: str, value: float) -> list[str]:
+    """The rail in every target from one on."""
+    at = next(i for i, line in enumerate(lines) if find in line)
+    none, there = "[9E9,9E9,9E9,9E9,9E9,9E9]]", f"[{value:g},9E9,9E9,9E9,9E9,9E9]]"
+    zero = "[0,9E9,9E9,9E9,9E9,9E9]]"
+    return [
+        line.replace(none, zero if i < at else there).replace("[0.00000,9E9", "[0,9E9" if i < at else f"[{value:g},9E9")
+        for i, line in enumerate(lines)
+    ]
+
+
+def fanuc_of(lines: list[str], number: int, value: float) -> list[str]:
+    """The rail in every position from one on."""
+    out, at = [], 0
+    for line in lines:
+        at = int(line[2 : line.index("]")]) if line.startswith("P[") else at
+        moved = line.replace("E1 = 0.0000 mm", f"E1 = {value:g} mm") if at >= number else line
+        out.append(moved)
+    return out
+
+
+PLACES = {
+    # language: edit of the program at the first target of the second cut, and at the first cut itself
+    "rapid": (lambda t: rapid_of(t, "[[-12.0000,45.0000,60", 300), lambda t: rapid_of(t, "[[20.0000,15.0000,36", 300)),
+    "fanuc": (lambda t: fanuc_of(t, 6, 300), lambda t: fanuc_of(t, 4, 300)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("language", PLACES)
+def test_rails_in_rapid_and_fanuc(tmp_path: Path, language: str) -> None:
+    """A clean program that rides between its cuts, one that rides in a cut, and one beyond the travel of the rail."""
+    file, cell = written(tmp_path, RAIL.replace("at_mm = -50", "at_mm = 0"))
+    conversion.run(file, cell.path, tmp_path / "out", language)
+    source = tmp_path / "out" / f"part.{ENDINGS[language]}"
+    text = source.read_text().splitlines()
+    clean, in_cut = PLACES[language]
+    verdicts = {}
+    for name, lines in (("clean", clean(text)), ("cut", in_cut(text)),
+                        ("travel", [line.replace("300", "900") for line in clean(text)])):  # fmt: skip
+        source.write_text("\n".join(lines) + "\n")
+        rows = rows_of(source, cell)
+        verdicts[name] = rows["external axes"]["verdict"]
+        if name == "clean":
+            assert "fail" not in {row["verdict"] for row in rows.values()}
+            assert "1 moves" in rows["external axes"]["what"]
+    assert verdicts == {"clean": "ok", "cut": "fail", "travel": "fail"}
+
+
+def test_a_place_out_of_reach_is_found(tmp_path: Path) -> None:
+    """The second place takes the robot 4 m away along its rail: reach fails in the rows of that place."""
+    rail = RAIL.replace("max_mm = 500", "max_mm = 5000")
+    file, cell = written(tmp_path, rail + STANDING.replace("300", "4000"))
+    row = rows_of(file, cell)["reach"]
+    assert row["verdict"] == "fail"
+    assert row["line"] is not None
+
+
+def test_a_table_that_turns_is_looked_at_in_both_places(tmp_path: Path) -> None:
+    """A program on a table at rest is clean; the joints of one that turns it are others."""
+    free, cell = written(tmp_path / "free", TABLE)
+    assert "fail" not in [row["verdict"] for row in rows_of(free, cell).values()]
+    file, turned = written(tmp_path / "turned", TABLE + TURNED.replace("-25", "-85"))
+    rows = rows_of(file, turned)
+    assert "1 moves" in rows["external axes"]["what"]
+    assert rows["joint limits"]["value"] != rows_of(free, cell)["joint limits"]["value"]

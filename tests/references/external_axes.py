@@ -1,4 +1,4 @@
-"""Rails and positioners as makers describe them, and the points of programs with the values of external axes beside them.
+"""Rails and positioners as makers describe them, and points of programs with the values of external axes.
 
 Nothing of the package is imported. An axis moves what it carries along a line, or about one, in the controller's world.
 Lengths in mm, angles in deg.

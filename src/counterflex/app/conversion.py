@@ -91,6 +91,12 @@ def run(
             hint="Copy it, or name another language with --to",
         )  # fmt: skip
     to_robot = dialect in ROBOT_DIALECTS
+    if (isinstance(program, RobotProgram) and program.external) or any(a.moves for a in cell.tables.external_axes):
+        raise InputError(
+            "external axes move between the operations of the program, and convert writes one place",
+            where=Path(program.name).name, limit="axes that stand",
+            hint="compensate --as krl, rapid or fanuc writes a G-code program with the places of the cell file",
+        )  # fmt: skip
     refuse_unmapped(program, cell)
     warnings = omissions(program)
     if to_robot and not isinstance(program, RobotProgram):

@@ -140,16 +140,16 @@ def require_frames(places: ExternalPlaces | None, cell: Cell, language: str) -> 
     if places is None:
         return
     moves = np.ptp(places.values, axis=0) > 0.0
-    for axis, moving in zip(cell.tables.external_axes, moves, strict=True):
-        if not moving:
+    for axis, moved in zip(cell.tables.external_axes, moves, strict=True):
+        if not moved:
             continue
         one = f"a program for each operation, with {axis.name} at rest, needs no such frame"
         if not axis.coupled:
             raise InputError(
-                f"{axis.name} moves between operations, and the cell file does not say that the controller counts it in",
+                f"{axis.name} moves between operations, and nothing says that the controller counts it in",
                 where=f"{cell.path}: external_axes.coupled", value="missing" if axis.coupled is None else "false",
-                limit="true", hint="Say coupled = true where the frame of the part stays right when the axis moves (the "
-                f"axis is part of the robot's kinematics on the controller); {one}",
+                limit="true", hint="Say coupled = true where the frame of the part stays right when the axis moves: it "
+                f"is part of the robot's kinematics on the controller; {one}",
             )  # fmt: skip
         named = language == "rapid" and cell.tables.controller.work_object
         if axis.carries == "part" and not named:
@@ -191,7 +191,7 @@ def refuse_moves(places: ExternalPlaces | None, where: str) -> None:
         raise InputError(
             "external axes move between the operations of the program, and this command takes them at rest",
             where=where, value=f"{len(places.values)} places", limit="one place",
-            hint="compensate, preflight, convert, plan stability and plan placement take them; for this one write a "
+            hint="compensate, preflight, plan stability and plan placement take them; for this one write a "
             "program for each operation, and a cell file with the place of each",
         )  # fmt: skip
 

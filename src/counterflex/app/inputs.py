@@ -148,15 +148,8 @@ def read_job(
 ) -> Job:
     """Read a program and sample its path with the cell's rapid speed.
 
-    Args:
-        file: The program.
-        cell: The cell.
-        reading: How it is read.
-        step_m: Longest step of the path.
-        may_move: External axes may move between its operations.
-
     Raises:
-        InputError: They do, and may not.
+        InputError: External axes move between its operations, and ``may_move`` does not let them.
         FileFormatError: The cell file describes no milling, or turns the tool along another program.
         ProgramError: The program cannot be read exactly, or makes no motion.
     """

@@ -158,9 +158,9 @@ def with_places(path: ToolPath, changes: Sequence[Change], places: ExternalPlace
         steps, time_s = _steps(places, number, speed_m_s)
         first, last = int(rows[0]), int(rows[-1])
         if change.standing:
-            path = _stretched(path, last, last, steps, time_s, number)
+            path = _stretched(path, last, last, steps, time_s)
         else:
-            path = _stretched(path, max(first - 1, 0), last, steps, time_s, number)
+            path = _stretched(path, max(first - 1, 0), last, steps, time_s)
     return path
 
 
@@ -172,7 +172,7 @@ def _steps(places: ExternalPlaces, number: int, speed_m_s: float) -> tuple[int, 
     return steps, float(change.max(initial=0.0)) / speed_m_s
 
 
-def _stretched(path: ToolPath, begin: int, last: int, steps: int, time_s: float, number: int) -> ToolPath:
+def _stretched(path: ToolPath, begin: int, last: int, steps: int, time_s: float) -> ToolPath:
     """Rows between two rows with the place going on by one, then all that follow.
 
     Where both rows are the same the tool stands; else it goes on along the rows between them.

@@ -11,9 +11,10 @@ import pytest
 from counterflex.app import preflight as checking
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
-from counterflex.app.placement import placement
-from counterflex.app.placement.operations import per_operation, placed_cell
+from counterflex.app.placement import operations_job, placement
+from counterflex.app.placement.operations import per_operation
 from counterflex.app.placement.region import Wish, region_of
+from counterflex.app.placement.whole_program import placed_cell
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import read_cell
@@ -43,7 +44,7 @@ def files(folder: Path, program: str = PROGRAM, length: int = 1040, rail: str = 
 @pytest.mark.parametrize("seed", range(40))
 def test_the_cheapest_way_is_that_of_all_ways(seed: int) -> None:
     draw = np.random.default_rng(seed)
-    n, k = draw.integers(1, 5), draw.integers(1, 5)
+    n, k = int(draw.integers(1, 5)), int(draw.integers(1, 5))
     costs = draw.uniform(size=(n, k))
     costs[draw.uniform(size=costs.shape) < 0.15] = np.inf
     allowed, move = draw.uniform(size=(n - 1, k, k)) < 0.7, float(draw.uniform(0.0, 0.5))
@@ -69,7 +70,7 @@ def test_each_operation_stands_where_it_costs_least(tmp_path: Path) -> None:
     program, file = files(tmp_path)
     given = placement.prepared(program, read_cell(file), AS_IT_IS, "both")
     done = per_operation(
-        program, given.job, given.cell, given.task, given.stretches, given.frame, region_of(Wish(), given.frame),
+        program, given, region_of(Wish(), given.frame),
         reading=AS_IT_IS, one=None, least_damping=-np.inf,
     )  # fmt: skip
     rows, whole = done.summary["operations"], done.summary["per_operation"]
@@ -103,7 +104,7 @@ def test_a_program_that_no_single_place_reaches(tmp_path: Path) -> None:
     """The two ends of the plate are 5 m apart."""
     long = RAIL.replace("-1500", "-3000").replace("2500", "7500").replace("at_mm = 500", "at_mm = 0")
     program, file = files(tmp_path, PROGRAM.replace("Y1000", "Y5000"), 5040, long)
-    summary = placement.run(program, file, tmp_path / "out", operations=True, count=64)
+    summary = operations_job.run(program, file, tmp_path / "out", count=64)
     assert summary["chosen"] is None
     assert "out of reach" in summary["one_place_refused"]
     first, last = (row["E1"] for row in summary["operations"])
@@ -115,10 +116,10 @@ def test_a_program_that_no_single_place_reaches(tmp_path: Path) -> None:
 def test_what_cannot_be_divided_is_refused(tmp_path: Path) -> None:
     program, file = files(tmp_path, PROGRAM.replace("G0 Z80", "G0 Z45"))
     with pytest.raises(InputError, match=r"one operation.*clearance_mm = 20"):
-        placement.run(program, file, tmp_path / "out", operations=True, count=64)
+        operations_job.run(program, file, tmp_path / "out", count=64)
     program, file = files(tmp_path, rail="")
     with pytest.raises(InputError, match="no \\[\\[external_axes\\]\\]"):
-        placement.run(program, file, tmp_path / "out", operations=True, count=64)
+        operations_job.run(program, file, tmp_path / "out", count=64)
     assert not (tmp_path / "out").exists()
 
 

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.stats import qmc
 
-from counterflex.app.inputs import Job, Reading, faults_in, read_job, setting_of
+from counterflex.app.inputs import Job, Reading
 from counterflex.app.placement.frame import Frame, Stand
-from counterflex.app.posture import robot_of, surroundings_of
+from counterflex.app.placement.placement import Prepared
+from counterflex.app.placement.whole_program import Divided, Fault, require_runs
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, UM
-from counterflex.files.cell.cell import Cell, resolve
+from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.set_up import AxisMove
-from counterflex.path.external_axes import moving
-from counterflex.plan.inputs import solve_joints
 from counterflex.plan.placement.operations import (
     Operation,
     OperationSite,
@@ -30,11 +28,8 @@ from counterflex.plan.placement.operations import (
     sites_of,
 )
 from counterflex.plan.placement.search import Region
-from counterflex.plan.posture.clearance import kept
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey_kernel import POWER
-from counterflex.plan.preflight.external_moves import standing_along
-from counterflex.plan.stability.stretches import Stretch
 from counterflex.robot.model.opw import BRANCHES
 
 PLACES: Final = 25
@@ -48,25 +43,6 @@ _REFINED: Final = 12
 _MOVE: Final = 0.01
 """Share of the sum over all operations that a move must save: it takes time, and the axis must find its place again."""
 _ROUNDS: Final = 20
-
-
-@dataclass(frozen=True, eq=False)
-class Divided:
-    """Places chosen for a program.
-
-    Attributes:
-        stand: Pose of the part, and values of the axes in the first operation.
-        branch: Of the arm.
-        rotation_rad: About the tool axis.
-        moves: Of the axes along the program, by name.
-        summary: In shop units: the operations, and the error of all of them.
-    """
-
-    stand: Stand
-    branch: str
-    rotation_rad: float
-    moves: dict[str, list[AxisMove]]
-    summary: dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,18 +80,14 @@ class _Search:
 
 
 def per_operation(
-    program: str | Path, job: Job, cell: Cell, task: Task, stretches: Sequence[Stretch], frame: Frame, region: Region,
-    *, reading: Reading, one: tuple[Stand, str, float] | None, least_damping: float, progress: Progress = silent,
+    program: str | Path, given: Prepared, region: Region, *, reading: Reading, one: tuple[Stand, str, float] | None,
+    least_damping: float, progress: Progress = silent,
 ) -> Divided:  # fmt: skip
     """Choose a place of the external axes for each operation, with one posture for all.
 
     Args:
         program: The program.
-        job: The same as read.
-        cell: Its cell.
-        task: The program on it.
-        stretches: What it cuts.
-        frame: Where it may be.
+        given: The same on its cell.
         region: Values of the external axes; the part stays where ``one`` has it.
         reading: How the program is read.
         one: Best place for all operations, branch and rotation in rad; None where there is none.
@@ -126,7 +98,8 @@ def per_operation(
         InputError: The cell has no external axes, the robot holds the part, or the program is one operation.
         ReachError: An operation can be run nowhere, or the axes cannot go from one place to the next.
     """
-    search = _search_of(program, cell, task, stretches, frame, one)
+    job, cell, frame = given.job, given.cell, given.frame
+    search = _search_of(program, given, one)
     grid = _grid(region, search, one)
     costs = np.stack([
         np.stack([site.posture_costs(frame.seen(search.place(values))) for values in grid]) for site in search.sites
@@ -178,7 +151,7 @@ def _nowhere(job: Job, search: _Search, costs: Float) -> ReachError:
 
 def _ranked(search: _Search, costs: Float, grid: list[Float], least_damping: float) -> list[tuple[float, str, Int]]:
     """Postures with their places of the grid, by the error that is left; those that cannot be run come last."""
-    out = []
+    out: list[tuple[float, int, tuple[float, str, Int]]] = []
     for turn, number, chosen in best_postures(costs, TRIED):
         rotation, branch = float(search.sites[0].site.freedom.grid_rad[turn]), BRANCHES[number]
         total = sum(
@@ -213,19 +186,17 @@ def require_operations(program: str | Path, cell: Cell, task: Task) -> list[Oper
     return operations
 
 
-def _search_of(
-    program: str | Path, cell: Cell, task: Task, stretches: Sequence[Stretch], frame: Frame,
-    one: tuple[Stand, str, float] | None,
-) -> _Search:  # fmt: skip
+def _search_of(program: str | Path, given: Prepared, one: tuple[Stand, str, float] | None) -> _Search:
     """Operations of a program, and where its part stands."""
-    operations = require_operations(program, cell, task)
+    task, frame = given.task, given.frame
+    operations = require_operations(program, given.cell, task)
     part = frame.here[:4].copy()
     if one is not None:
         seen = frame.at(one[0])
         zero = frame.seen(np.concatenate([part, frame.here[4:]]))
         if not np.allclose(seen.T_base_standing, zero.T_base_standing, atol=1e-9):
             part = _part_of(frame, one[0])
-    return _Search(task, frame, part, sites_of(task, operations, stretches), operations)
+    return _Search(task, frame, part, sites_of(task, operations, given.stretches), operations)
 
 
 def _part_of(frame: Frame, stand: Stand) -> Float:
@@ -303,32 +274,19 @@ def _along(
         way = cheapest_places(costs, allowed, _MOVE * float(least.sum()))
         if way is None:
             break
-        made = _made(job, cell, search, values[way], posture)
+        made = _made(job, search, values[way], posture)
         try:
-            _require_runs(program, cell, made, reading)
-        except _Fault as fault:
+            require_runs(program, cell, made, reading)
+        except Fault as fault:
             refused = fault.reason
             _block(fault.place, way, costs, allowed)
         else:
             total = float(costs[np.arange(len(way)), way].sum())
-            return total, _with_errors(made, job, search, (costs, way), one)
+            return total, _with_errors(made, search, (costs, way), one)
     raise refused or ReachError(
         "no places lead through all operations in this posture", where=Path(job.program.name).name,
         hint="Widen --region E1=A,B, or write a program for each operation",
     )  # fmt: skip
-
-
-class _Fault(Exception):
-    """A program cannot be run with its places.
-
-    Attributes:
-        place: Number of the place, between two where the axes move; of the begin where it is not known.
-        reason: Why.
-    """
-
-    def __init__(self, place: float, reason: ReachError) -> None:
-        super().__init__(reason.what)
-        self.place, self.reason = place, reason
 
 
 def _block(place: float, way: Int, costs: Float, allowed: Bool) -> None:
@@ -343,7 +301,7 @@ def _block(place: float, way: Int, costs: Float, allowed: Bool) -> None:
     costs[bounds[k] : bounds[k + 1], way[bounds[k]]] = np.inf
 
 
-def _made(job: Job, cell: Cell, search: _Search, values: Float, posture: tuple[str, float, float]) -> Divided:
+def _made(job: Job, search: _Search, values: Float, posture: tuple[str, float, float]) -> Divided:
     """Cell file keys of places (operations, axes)."""
     path = job.machined
     along = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1)) / MM
@@ -368,57 +326,8 @@ def _made(job: Job, cell: Cell, search: _Search, values: Float, posture: tuple[s
     return Divided(stands[0], branch, rotation, moves, {"operations": rows})
 
 
-def placed_cell(cell: Cell, divided: Divided) -> Cell:
-    """The cell with the places of a choice, as its cell file will be read."""
-    axes = []
-    for axis in cell.tables.external_axes:
-        unit, moves = "mm" if axis.kind == "linear" else "deg", divided.moves.get(axis.name, [])
-        axes.append(axis.model_copy(update={
-            f"at_{unit}": divided.stand.axes[axis.name],
-            f"moves_{unit}": tuple((round(one.from_mm, 3), round(one.to_mm, 3), one.value) for one in moves),
-            "moves_at_mm": tuple((one.point_mm[0], one.point_mm[1], one.point_mm[2]) for one in moves),
-        }))  # fmt: skip
-    shoulder, elbow, wrist = divided.branch.split()
-    posture = cell.tables.posture.model_copy(update={
-        "shoulder": shoulder, "elbow": elbow, "wrist": wrist, "turning_mm_deg": (), "turning_at_mm": (),
-        "rotation_about_tool_deg": divided.rotation_rad / DEG,
-    })  # fmt: skip
-    part = cell.part.model_copy(update=dict(divided.stand.part))
-    tables = cell.tables.model_copy(update={"external_axes": tuple(axes), "posture": posture, "part": part})
-    made = resolve(tables, cell.path, assume_class=cell.class_stiffness is not None)
-    return replace(made, R_part_plane=cell.R_part_plane, tool_turns=cell.tool_turns)
-
-
-def _require_runs(program: str | Path, cell: Cell, divided: Divided, reading: Reading) -> None:
-    """Refuse places with which the whole program cannot be run: reach, limits, singularities, bodies, moves included.
-
-    Raises:
-        _Fault: It cannot; says where.
-    """
-    there = placed_cell(cell, divided)
-    job = read_job(program, there, reading=reading, may_move=True)
-    setting, path = setting_of(there, job), job.machined
-    line: Int = job.line_of_motion[path.motion]
-    with faults_in(job):
-        try:
-            q = solve_joints(path, line, setting).q
-        except ReachError as fault:
-            point = fault.data.get("point")
-            raise _Fault(0.0 if point is None else float(path.place[int(point)]), fault) from fault
-    around = surroundings_of(job, there)
-    close, _ = kept(q, robot_of(there, setting), around, standing_along(path, setting))
-    if close is not None:
-        names = " and ".join(around.bodies[k].name for k in (close.first, close.second))
-        moves = " while an external axis moves" if moving(path)[close.point] else ""
-        reason = ReachError(
-            f"bodies come too close{moves}: {names}", where=f"line {int(line[close.point])}",
-            value=f"{close.distance_m / MM:.1f} mm", hint="Raise the retract between the operations",
-        )  # fmt: skip
-        raise _Fault(float(path.place[close.point]), reason)
-
-
 def _with_errors(
-    made: Divided, job: Job, search: _Search, chosen: tuple[Float, Int], one: tuple[Stand, str, float] | None
+    made: Divided, search: _Search, chosen: tuple[Float, Int], one: tuple[Stand, str, float] | None
 ) -> Divided:
     """The choice with the errors of its operations, beside those of the best place for all."""
     costs, way = chosen

@@ -34,14 +34,13 @@ from counterflex.plan.posture.held import Held, Task, held
 from counterflex.plan.stability.stretches import Stretch, stretches_of
 
 READING, CUTTING, SEARCHING, CHOOSING = "reading the program", "cutting", "searching the place", "choosing the posture"
-OPERATIONS: Final = "a place for each operation"
 TABLE: Final = "candidates.csv"
 CANDIDATES: Final = 1024
 FINALISTS: Final = 3
 """Places whose posture is chosen along the whole path; the best of them is taken."""
 _APART_M: Final = 0.05
 _APART_RAD: Final = 15.0 * DEG
-_ROUNDING: Final = 0.01
+ROUNDING: Final = 0.01
 """Damping ratio that the whole path, its finer grid and the rounded pose may take from that of a candidate."""
 
 
@@ -258,7 +257,7 @@ def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, 
             failed = fault
         else:
             _, error, damping = worth(site, there.robot, chosen.best.q[site.rows])
-            short = max(0.0, judged.least_damping - damping - _ROUNDING) if np.isfinite(judged.least_damping) else 0.0
+            short = max(0.0, judged.least_damping - damping - ROUNDING) if np.isfinite(judged.least_damping) else 0.0
             done.append((error + short, stand, chosen))
         if len(done) == FINALISTS or len(tried) == 4 * FINALISTS:
             break
@@ -297,7 +296,6 @@ def run(
     out: str | Path,
     *,
     mounting: Mounting | None = None,
-    operations: bool = False,
     progress: Progress = silent,
     **options: Any,
 ) -> dict[str, Any]:
@@ -308,7 +306,6 @@ def run(
         cell_file: Cell file.
         out: Folder; made when missing.
         mounting: Angles of the spindle to choose from; every one costs a search. None: it stays as it is.
-        operations: Choose a place of the external axes for each operation.
         progress: Progress callback, fraction 0 to 1.
         options: As for :func:`placement_of`.
 
@@ -316,11 +313,6 @@ def run(
         The summary.
     """
     cell = read_cell(cell_file)
-    if operations:
-        if mounting is not None:
-            raise InputError("--mounting and --per-operation are chosen one after the other", value="both",
-                             hint="Choose the mounting first, then the places with the cell file that it writes")  # fmt: skip
-        return _run_per_operation(program, cell, Path(out), progress, options)
     with atomic.atomic_folder(out) as staging:
         mounted = None
         if mounting is None:
@@ -336,49 +328,6 @@ def run(
         atomic.write_text(staging / TABLE, table_of(done.judged, cell))
         write_summary(staging / "summary.json", done.summary)
     return done.summary
-
-
-def _run_per_operation(
-    program: str | Path, cell: Cell, out: Path, progress: Progress, options: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Write the same with a place of the external axes for each operation; one place for all may be impossible."""
-    from counterflex.app.placement.operations import per_operation, require_operations
-
-    parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, OPERATIONS: 6.0})
-    reading, surface = options.get("reading", AS_IT_IS), options.get("surface", "both")
-    with atomic.atomic_folder(out) as staging:
-        given = prepared(program, cell, reading, surface, parts[CUTTING])
-        require_operations(program, given.cell, given.task)
-        done, why = None, ""
-        try:
-            done = placement_of(program, cell, given=given, progress=parts[SEARCHING], **options)
-        except ReachError as fault:
-            why = f"{fault.what}: {fault.value}"
-        one = None if done is None else (done.stand, done.chosen.best.branch, done.chosen.best.rotation_rad)
-        damping = -np.inf if done is None else done.summary["chosen"]["damping_in_cut"]
-        with faults_in(given.job):
-            divided = per_operation(
-                program, given.job, given.cell, given.task, given.stretches, given.frame,
-                region_of(options.get("wish") or Wish(), given.frame), reading=reading, one=one,
-                least_damping=-np.inf if damping is None else min(0.0, damping - _ROUNDING),
-                progress=parts[OPERATIONS],
-            )  # fmt: skip
-        nothing = dict.fromkeys(("present", "posture_alone", "chosen", "reduction_percent"))
-        summary = done.summary if done is not None else {
-            "program": given.job.program.name, "cell": given.cell.label, "robot": given.cell.robot.name,
-            "surface": surface, "external_axes": [axis.name for axis in given.frame.axes], **nothing,
-            "one_place_refused": why, "counterflex": __version__,
-        }  # fmt: skip
-        summary = summary | divided.summary
-        text = text_with_place(
-            cell.path, divided.stand.part, divided.branch, divided.rotation_rad / DEG, out, None, divided.stand.axes,
-            divided.moves,
-        )  # fmt: skip
-        atomic.write_text(staging / "cell.toml", text)
-        if done is not None:
-            atomic.write_text(staging / TABLE, table_of(done.judged, given.cell))
-        write_summary(staging / "summary.json", summary)
-    return summary
 
 
 def _best_mounting(

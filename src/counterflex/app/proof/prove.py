@@ -102,6 +102,7 @@ def prove(
     if not seeds:
         raise InputError("there are no truth seeds")
     cell = in_working_plane(program, read_cell(cell_file, assume_class=assume_class), reading)
+    simulate.require_simulated(cell)
     job = read_job(program, cell, reading=reading)
     require_stiffness_for(job, cell)
     begin = time.perf_counter()

@@ -48,8 +48,28 @@ OTHER_CELL_M = 20.0 * MM
 """Distance of a body from where the cell has it, beyond which a truth is taken for another cell's."""
 
 
+def require_simulated(cell: Cell) -> None:
+    """Refuse a tilted or turning tool on a part that the robot holds: the twin moves such a tool along the path.
+
+    Raises:
+        InputError: The cell and its program are such.
+    """
+    if cell.holds_part and cell.tool_turns:
+        raise InputError(
+            "a part that the robot holds is machined on the simulated cell with the tool along its own z only",
+            where=str(cell.path), value="a tilted tool", limit="rotary words at 0",
+            hint="Turn the part frame ([part] a_deg, b_deg, c_deg) so that its z is along the tool; compensate and "
+            "preflight take the program as it is",
+        )  # fmt: skip
+
+
 def controller(cell: Cell) -> Controller:
-    """The robot controller as a cell file describes it: nominal geometry, part frame, speeds."""
+    """The robot controller as a cell file describes it: nominal geometry, part frame, speeds.
+
+    Raises:
+        InputError: As :func:`require_simulated`.
+    """
+    require_simulated(cell)
     tables = cell.tables
     return controller_of(
         cell.nominal_robot,

@@ -181,7 +181,7 @@ def differences(before_m: Float, after_m: Float) -> tuple[Bool, Bool]:
 
 def bent(job: Job, cell: Cell) -> Bent:
     """Cut a program with a tool that yields."""
-    path, setting = job.path, setting_of(cell, job)
+    path, setting = job.path, setting_of(cell, job, part_may_be_held=True)
     with faults_in(job):
         q = solve_joints(path, job.line_of_motion[path.motion], setting).q
         mode = mode_of(setting.chain, q[len(q) // 2], setting.mode)

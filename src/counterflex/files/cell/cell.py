@@ -71,35 +71,18 @@ class Cell:
     tool_turns: bool = False
 
     def with_turning_tool(self) -> Cell:
-        """The same cell for a program that cuts in several directions of the tool, or turns it in the cut.
-
-        Raises:
-            InputError: The robot holds the part.
-        """
-        self._require_part_standing()
+        """The same cell for a program that cuts in several directions of the tool, or turns it in the cut."""
         return replace(self, tool_turns=True)
 
     def in_plane(self, R_part_plane: Float) -> Cell:
         """The same cell with the part seen in a working plane.
 
+        A part that the robot holds stays in its own axes, as for a tool that turns: the robot's chain ends in them.
+
         Args:
             R_part_plane: (3, 3); the origin stays that of the part.
-
-        Raises:
-            InputError: The robot holds the part.
         """
-        self._require_part_standing()
-        return replace(self, R_part_plane=R_part_plane)
-
-    def _require_part_standing(self) -> None:
-        if self.holds_part:
-            raise InputError(
-                "a part that the robot holds is cut along its own z only",
-                where=str(self.path),
-                value="a tilted tool",
-                limit="rotary words at 0",
-                hint="Turn the part frame ([part] a_deg, b_deg, c_deg) so that its z is along the tool",
-            )
+        return self.with_turning_tool() if self.holds_part else replace(self, R_part_plane=R_part_plane)
 
     @property
     def label(self) -> str:
@@ -234,10 +217,10 @@ class Cell:
 
     @cached_property
     def T_frame_part(self) -> Float:
-        """(4, 4) part frame as programs give it: in the robot base, external axes that the controller counts in at zero.
+        """(4, 4) part frame as programs give it: in the robot base, coupled external axes at zero.
 
-        Such an axis (``coupled``) carries no frame away: the controller's world stands where it is when the axis is at
-        zero, and a frame on a positioner goes with that.
+        An axis that the controller counts in (``coupled``) carries no frame away: its world stands where it is with the
+        axis at zero, and a frame on a positioner goes with that.
         """
         free = tuple(axis for axis in self.tables.external_axes if not axis.coupled)
         T_base_floor = pose.inverse(moved(free, "robot"))

@@ -1,7 +1,7 @@
 """Table ``[[external_axes]]`` of a cell file: a rail under the robot, or a positioner under the part.
 
-Such an axis stands still while an operation is cut; ``moves_mm`` or ``moves_deg`` take it to another place between two of
-them. Its value moves what it carries, as a rigid body, from where that is at zero: along its direction, or about it
+Such an axis stands still while an operation is cut; ``moves_mm`` or ``moves_deg`` take it to another place between two
+of them. Its value moves what it carries, as a rigid body, from where that is at zero: along its direction, or about it
 through its origin. Poses of the cell file hold at zero.
 """
 

@@ -361,3 +361,8 @@ class CellTables(Versioned):
             )
         if any(axis.carries == "part" for axis in self.external_axes):
             raise ValueError('the robot carries the part (part_on = "flange"); no external axis can carry it')
+        if any(axis.coupled or axis.moves for axis in self.external_axes):
+            raise ValueError(
+                'the robot carries the part (part_on = "flange"); its external axes stand all along, and frames are '
+                "given from where they stand: take coupled and moves_mm out"
+            )

@@ -62,7 +62,7 @@ class OperationSite:
     length_m: float
 
     def posture_costs(self, seen: Seen) -> Float:
-        """(r, 8) m^(POWER + 1), deflection of each posture that is held in a place; infinite where it is not reached."""
+        """(r, 8) m^(POWER + 1), deflection of each posture held in a place; infinite where it is not reached."""
         robot = self.site.robot.facing(seen.T_base_standing)
         cut = self.site.cut
         survey = survey_path(cut, robot, self.site.freedom.grid_rad, np.arange(len(cut)))

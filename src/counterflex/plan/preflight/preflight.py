@@ -154,7 +154,7 @@ def preflight(
         rows += _joint_rows(first, solution, margin, along, bounds, "cutting path" if cuts else "path at feed")
         rows.append(joint_checks.between_row(setting.controller_chain.axes))
         rows += collision_rows(
-            setting.controller_chain, bodies, q, fine.tool[:reached], standing_along(first, setting), bounds.clearance_m,
+            setting.controller_chain, bodies, q, first.tool, standing_along(first, setting), bounds.clearance_m,
             parts[COLLISION], None if made.result is None else lambda: MachinedStock(made.turning, stock, setting),
             fine.kind[:reached] == RAPID,
         )  # fmt: skip

@@ -161,9 +161,12 @@ def axes_row(whole: Swung, setting: Setting, left_out: tuple[str, ...]) -> Row:
             goes_on = len(ends) and ends[-1] + 1 < len(whole.made) and not whole.made[ends[-1] + 1]
             branch = branch_of(setting.controller_chain, q)
             if goes_on and branch != setting.branch:
-                return Row(CHECK, "warning", point=int(ends[-1]),
-                           what=f"from here on the arm is {branch}, [posture] is {setting.branch}: compensate plans "
-                           "with that of the cell file", advice="Give [posture] the posture of the program")  # fmt: skip
+                what = (
+                    f"from here on the arm is {branch}, [posture] is {setting.branch}: compensate plans with that of "
+                    "the cell file"
+                )
+                advice = "Give [posture] the posture of the program"
+                return Row(CHECK, "warning", point=int(ends[-1]), what=what, advice=advice)
     if left_out:
         return Row(CHECK, NOT_LOOKED_AT,
                    what=f"{', '.join(left_out[:3])}{' ...' if len(left_out) > 3 else ''}: before the first target or "

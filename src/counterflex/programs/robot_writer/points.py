@@ -173,9 +173,7 @@ def choose_points(
     ends = np.concatenate([path.motion[1:] != path.motion[:-1], [True]])
     exact = _exact(program, path, ends, events)
     exact[:-1] |= (way[1:] == way[:-1]) & moving[1:]  # the nominal path stands still, the commanded one moves back
-    moved, whole = np.diff(path.place) != 0.0, path.place == np.round(path.place)
-    exact[:-1] |= moved & whole[:-1]  # external axes move from here, the tool stands,
-    exact[1:] |= moved & whole[1:]  # and have arrived here
+    whole = _standing(path, exact)
     stays = exact | (rapid & ends)
     stays[:-1] |= (speed[1:] != speed[:-1]) | (rapid[1:] != rapid[:-1])
     stays[0] = True
@@ -230,6 +228,14 @@ def _exact(program: Program, path: ToolPath, ends: Bool, events: frozenset[int])
     exact |= ends & (_turns_back(path) | _in_cycle(program)[path.motion])
     exact[-1] = True
     return exact
+
+
+def _standing(path: ToolPath, exact: Bool) -> Bool:
+    """(n,) rows at which external axes stand; the two beside each of their moves become exact."""
+    moved, whole = np.diff(path.place) != 0.0, path.place == np.round(path.place)
+    exact[:-1] |= moved & whole[:-1]
+    exact[1:] |= moved & whole[1:]
+    return whole
 
 
 def _turns_back(path: ToolPath) -> Bool:

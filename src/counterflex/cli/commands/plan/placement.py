@@ -91,8 +91,8 @@ def placement(
     Where the robot holds the part (part_on = "flange") the spindle that stands is placed: its tip in the region, its
     bodies (frame = "tcp") with it.
 
-    With --per-operation every operation gets its own place of rail or positioner: the cell file then says where along the
-    program they move, and KRL, RAPID and FANUC programs carry the values.
+    With --per-operation every operation gets its own place of rail or positioner: the cell file then says where along
+    the program they move, and KRL, RAPID and FANUC programs carry the values.
 
     With --mounting spindle.b_deg=0,-35 the angle of the spindle is chosen too, one of those that the shop has.
 
@@ -102,24 +102,30 @@ def placement(
     box, axes = arguments.region(region or [], "--region")
     angles = arguments.numbers(turned, "--turned", 2)
     from counterflex.app.inputs import Reading
+    from counterflex.app.placement import operations_job
     from counterflex.app.placement import placement as job
     from counterflex.app.placement.region import Wish
     from counterflex.app.placement.spindle_mounting import Mounting
+    from counterflex.core.errors import InputError
     from counterflex.plan.posture.cut_path import Surface
 
+    if per_operation and mounting is not None:
+        raise InputError(
+            "--mounting and --per-operation are chosen one after the other", value="both",
+            hint="Choose the mounting first, then the places with the cell file that it writes",
+        )  # fmt: skip
+    options: dict[str, Any] = {
+        "reading": Reading(dialect, parameters, complete=not without_end),
+        "surface": cast("Surface", surface),
+        "wish": Wish(box, None if angles is None else tuple(angles), axes or None),
+        "count": candidates,
+    }
     with progress_bar(f"searching the place for {program.name}") as progress:
-        summary = job.run(
-            program,
-            cell,
-            out,
-            reading=Reading(dialect, parameters, complete=not without_end),
-            surface=cast("Surface", surface),
-            wish=Wish(box, None if angles is None else tuple(angles), axes or None),
-            count=candidates,
-            mounting=None if mounting is None else Mounting(*arguments.body_angles(mounting, "--mounting")),
-            operations=per_operation,
-            progress=progress,
-        )
+        if per_operation:
+            summary = operations_job.run(program, cell, out, progress=progress, **options)
+        else:
+            mounted = None if mounting is None else Mounting(*arguments.body_angles(mounting, "--mounting"))
+            summary = job.run(program, cell, out, mounting=mounted, progress=progress, **options)
     if summary["chosen"] is not None:
         _show(summary)
     if per_operation:
