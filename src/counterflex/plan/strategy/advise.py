@@ -37,8 +37,8 @@ _HIGH: Final = 0.9
 _GAIN: Final = 0.98
 """A choice that leaves less than this share of the best allowed one is better."""
 _ALIKE: Final = 1.05
-"""Choices of which nine of ten draws stay below sizes up to this factor apart are ranked by their force: the standard
-error of that quantile of :data:`_DRAWS` draws is 4 %, and what is not drawn (entry, exit, swing) grows with the force."""
+"""Choices whose bounds (nine of ten draws) are up to this factor apart are ranked by their force: the standard error of
+that quantile of :data:`_DRAWS` draws is 4 %, and what is not drawn (entry, exit, swing) grows with the force."""
 
 
 @dataclass(frozen=True)
