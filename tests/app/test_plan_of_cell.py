@@ -11,7 +11,7 @@ import pytest
 from counterflex.app import examples
 from counterflex.app.compensation import compensate as job
 from counterflex.app.correction.correct import correct
-from counterflex.app.plan_of_cell import APART_M, require_of_cell
+from counterflex.app.plan_of_cell import APART_M, require_of_cell, require_same_cell
 from counterflex.app.run.job_check import cell_of_run
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
@@ -80,3 +80,19 @@ def test_the_check_is_forward_kinematics(planned: Path) -> None:
             require_of_cell(plan, about, read_cell(_other(planned, "y_mm = -30", f"y_mm = {shift - 30.0}")), "p")
         value: Any = caught.value.value
         assert float(value.split()[0]) == pytest.approx(shift, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('catalog = "kuka_kr300_r2500_ultra"', 'catalog = "kuka_kr500_r2830"', "another robot"),
+        ("diameter_mm = 16", "diameter_mm = 12", "another tool T"),
+        ("x_mm = 1350", "x_mm = 1150", "the part lies elsewhere"),
+    ],
+)
+def test_a_part_of_another_cell_is_refused(planned: Path, old: str, new: str, says: str) -> None:
+    """A simulated part is taken by its folder; the cell file in it must be of the same robot, tools and place."""
+    cell = read_cell(planned / "cell.toml")
+    require_same_cell(read_cell(planned / "cell.toml"), cell, "part")
+    with pytest.raises(InputError, match=f"part: the part was machined in another cell: {says}"):
+        require_same_cell(read_cell(_other(planned, old, new)), cell, "part")

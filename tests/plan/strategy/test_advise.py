@@ -186,3 +186,16 @@ def test_a_slot_damps_and_the_limiting_depth_is_the_published_one() -> None:
     k, a = 390e3, 3 / (2.0 * math.pi) * (600e6 / 2.0 - 180e6 * math.pi / 4.0)
     expected = 2.0 * 0.03 * k / (2.0 * math.pi * 10.0 * 60.0 / 39000.0 * a)
     assert 6 * MM / half[0, 0] == pytest.approx(expected, rel=5e-3)
+
+
+def test_choices_of_the_same_error_are_ranked_by_force(law: KienzleLaw, place: Place) -> None:
+    """Two choices of which draws tell no difference: the lighter one comes first, a clearly better one before both."""
+    choices = tried(law, place)
+    one, other, third = (int(row) for row in np.flatnonzero(choices.cuts.up)[:3])
+    high, force = np.full(len(choices.cuts), 900.0 * UM), choices.force_n.copy()
+    high[[one, other, third]], force[[one, other, third]] = (100.0 * UM, 103.0 * UM, 120.0 * UM), (200.0, 150.0, 10.0)
+    alike = replace(choices, high_m=high, force_n=force)
+    keys = [(row, choices.cuts.ae_m[row], choices.cuts.up[row]) for row in (one, other)]
+    assert alike.best(1) == [other], keys
+    high[other] = 106.0 * UM
+    assert replace(alike, high_m=high).best(1) == [one]
