@@ -139,6 +139,7 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
     return AsWritten(
         approximation_m(program), program_size(job, cell, language), remarks, known, silent_spindle and not wired,
         0 if remarks.robot else _arrival(program), stated_postures(program) if remarks.robot else None,
+        remarks.robot and not wired,
     )  # fmt: skip
 
 
