@@ -22,6 +22,7 @@ from counterflex.programs.program import Program
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.rotary.fitted import fitted
 from counterflex.programs.rotary.poses import Words, turned_path
+from counterflex.programs.stated.two_readings import doubtful_readings
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LANGUAGES = ("gcode", "sinumerik", "apt", "krl", "rapid", "fanuc", "val3")
@@ -350,3 +351,21 @@ def test_start_postures_are_no_motions_of_the_path_and_are_named(language: str, 
         np.testing.assert_array_equal(a.p_end, b.p_end)
     about = conversion.run(main, cell_file, tmp_path / "out", "gcode")
     assert any("motions by axes before the path" in warning for warning in about["warnings"])
+
+
+def test_a_conversion_says_what_the_program_leaves_unsaid(tmp_path: Path) -> None:
+    source = (EXAMPLES / "programs" / "groove.ngc").read_text()
+    file, cell = tmp_path / "groove.ngc", EXAMPLES / "cells" / "kr300_d16_small.toml"
+    file.write_text(re.sub(r"\bG21\b", "", source))
+    said = conversion.run(file, cell, tmp_path / "out", "krl")["warnings"]
+    assert any("before it says the unit" in warning for warning in said)
+
+
+@pytest.mark.parametrize(
+    ("language", "name"), [("gcode", "groove.ngc"), ("sinumerik", "groove.mpf"), ("apt", "groove.apt")]
+)
+def test_what_is_written_leaves_nothing_unsaid(language: str, name: str, tmp_path: Path) -> None:
+    cell = EXAMPLES / "cells" / "kr300_d16_small.toml"
+    conversion.run(EXAMPLES / "programs" / "groove.ngc", cell, tmp_path / "krl", "krl")
+    conversion.run(tmp_path / "krl" / "groove.src", cell, tmp_path / "out", language)
+    assert doubtful_readings(read_program_file(tmp_path / "out" / name)) == []

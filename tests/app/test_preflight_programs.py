@@ -31,7 +31,8 @@ STATED: dict[str, Any] = {
         "joint_acceleration_deg_s2": [110, 70, 140, 400, 300, 300], "cable_axis4_deg": 270, "cable_axis6_deg": 270,
     },
     "process_limits": {
-        "spindle_min_rpm": 3000, "spindle_max_rpm": 24000, "spindle_power_w": 8000, "spindle_torque_nm": 6,
+        "spindle_run_up_s": 0.2, "spindle_min_rpm": 3000, "spindle_max_rpm": 24000,
+        "spindle_power_w": 8000, "spindle_torque_nm": 6,
         "force_n": 2000, "axis_torque_nm": [3000, 3000, 3000, 800, 800, 500], "tool_bending_um": 100,
         "deflection_um": 3000, "acceleration_mm_s2": 2000,
     },

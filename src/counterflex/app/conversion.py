@@ -42,6 +42,8 @@ from counterflex.programs.rapid.writer import RapidSettings
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.rotary.fitted import turns
+from counterflex.programs.stated.posture import other_postures
+from counterflex.programs.stated.two_readings import doubtful_readings
 from counterflex.programs.val3.application import Val3Settings
 
 _MACHINES: Final[dict[str, type[Emitter]]] = {
@@ -98,12 +100,12 @@ def run(
             hint="compensate --as krl, rapid or fanuc writes a G-code program with the places of the cell file",
         )  # fmt: skip
     refuse_unmapped(program, cell)
-    warnings = omissions(program)
+    warnings = [*doubtful_readings(program), *omissions(program)]
     if to_robot and not isinstance(program, RobotProgram):
         refuse_change_in_cut(program, cell)
         refuse_other_height(program)
     if to_robot:
-        warnings += remarks(cell, dialect)
+        warnings += [*remarks(cell, dialect), *other_postures(program, cell.tables.posture.branch)]
     program = _without_rotary_words(program, cell, tolerance_m)
     sequence = list(steps(program, orientations(program, cell), to_robot=to_robot))
     written = _emitter(program, cell, language, tolerance_m, points_per_file).write(sequence)

@@ -140,7 +140,7 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
     return AsWritten(
         approximation_m(program), program_size(job, cell, language), remarks, known, silent_spindle and not wired,
         0 if remarks.robot else _arrival(program), program.left_out if isinstance(program, RobotProgram) else (),
-        stated_postures(program) if remarks.robot else None,
+        stated_postures(program) if remarks.robot else None, remarks.robot and not wired,
     )  # fmt: skip
 
 

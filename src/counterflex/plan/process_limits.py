@@ -40,6 +40,7 @@ class ProcessLimits:
         modulus_pa: Young's modulus of the tool.
         deflection_m: Largest deflection of the tool square to its path.
         acceleration_m_s2: Largest acceleration of the tool.
+        run_up_s: Time in which the spindle comes to a new speed.
     """
 
     spindle_min_rad_s: float | None = None
@@ -54,6 +55,7 @@ class ProcessLimits:
     deflection_m: float | None = None
     acceleration_m_s2: float | None = None
     torque_by_speed: tuple[tuple[float, float], ...] = ()
+    run_up_s: float | None = None
 
     def torque_at(self, spindle_rad_s: Float) -> Float | None:
         """Largest torque (n,) N m of the spindle at speeds (n,) rad/s; None where it is not known."""

@@ -30,7 +30,8 @@ STATED: dict[str, Any] = {
         "corner_error_um": 400,
     },
     "process_limits": {
-        "spindle_min_rpm": 3000, "spindle_max_rpm": 24000, "spindle_power_w": 8000, "spindle_torque_nm": 6,
+        "spindle_run_up_s": 0.2, "spindle_min_rpm": 3000, "spindle_max_rpm": 24000,
+        "spindle_power_w": 8000, "spindle_torque_nm": 6,
         "force_n": 2000, "axis_torque_nm": [3000, 3000, 3000, 800, 800, 500], "tool_bending_um": 100,
         "deflection_um": 2500, "acceleration_mm_s2": 2000,
     },
@@ -181,6 +182,16 @@ FAULTS = {
     ),
     "no spindle after the tool change": Fault(
         "spindle in the cut", changed(END, "G0 Z60\nM6 T2\nG43 H2\nG0 X-12\nG1 Z34 F1200\nG1 X52\n" + END)
+    ),
+    "cut before the spindle has its speed": Fault(
+        "spindle run-up", changed("M3 S13000\nG0 Z60\n", "G0 Z60\n", changed("G1 Z36", "M3 S13000\nG1 Z36")), WARNS,
+        cell={"process_limits": {"spindle_run_up_s": 3.0}},
+    ),
+    "new speed in the cut": Fault(
+        "spindle run-up", changed("G1 X52 F1500", "G1 X20 F1500\nS12000\nG1 X52"), WARNS
+    ),
+    "run-up of an unknown spindle": Fault(
+        "spindle run-up", CLEAN, NAMED, cell={"process_limits": {"spindle_run_up_s": None}}
     ),
     "spindle left on": Fault("end of the program", changed("M5\nM30\n", "%\n", "%\n" + CLEAN), WARNS),
 }  # fmt: skip

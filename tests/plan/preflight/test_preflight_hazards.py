@@ -53,6 +53,7 @@ OF_PROCESS = {
     "axis_torque_nm": "process_limits.axis_torque_nm", "bending_m": "process_limits.tool_bending_um",
     "overhang_m": "tools.overhang_mm", "modulus_pa": "tools.modulus_gpa",
     "deflection_m": "process_limits.deflection_um", "acceleration_m_s2": "process_limits.acceleration_mm_s2",
+    "run_up_s": "process_limits.spindle_run_up_s",
 }  # fmt: skip
 """What strategy and feed limiter read, by the key that it comes from."""
 OF_PLAN = {
@@ -89,6 +90,7 @@ TIGHT: dict[str, tuple[Any, str]] = {
     "process_limits.axis_torque_nm": ([0.1] * 6, "torque of the axes"),
     "process_limits.tool_bending_um": (0.001, "tool bending"),
     "process_limits.deflection_um": (0.1, "deflection"),
+    "process_limits.spindle_run_up_s": (60, "spindle run-up"),
     "process_limits.acceleration_mm_s2": (1, "acceleration on arcs"),
     "tools.flute_length_mm": (2, "depth of cut to flutes"),
     "tools.overhang_mm": (300, "tool bending"),

@@ -32,7 +32,8 @@ GROOVE = "G0 X-12 Y15 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG0 Z60"
 CORNERED = "G0 X-12 Y10 Z60\nG0 Z42\nG1 Z37 F3000\nG1 X20 F1500\nG1 Y20\nG1 X5\nG0 Z60"
 CellOf = Callable[..., Cell]
 PROCESS_LIMITS = {
-    "spindle_min_rpm": 3000, "spindle_max_rpm": 24000, "spindle_power_w": 8000, "spindle_torque_nm": 6,
+    "spindle_run_up_s": 0.2, "spindle_min_rpm": 3000, "spindle_max_rpm": 24000,
+        "spindle_power_w": 8000, "spindle_torque_nm": 6,
     "force_n": 2000, "axis_torque_nm": [5000] * 6, "tool_bending_um": 100, "deflection_um": 2000,
     "acceleration_mm_s2": 3000,
 }  # fmt: skip

@@ -31,6 +31,7 @@ class ProcessLimitsTable(Table):
     axis_torque_nm: tuple[_Torque, _Torque, _Torque, _Torque, _Torque, _Torque] | None = None
     tool_bending_um: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
     deflection_um: Annotated[float, Field(gt=0.0, le=100_000.0)] | None = None
+    spindle_run_up_s: Annotated[float, Field(gt=0.0, le=600.0)] | None = None
     acceleration_mm_s2: Annotated[float, Field(gt=0.0, le=100_000.0)] | None = None
 
     @model_validator(mode="after")
@@ -65,6 +66,7 @@ class ProcessLimitsTable(Table):
             modulus_pa=CARBIDE_PA if modulus_gpa is None else modulus_gpa * GPA,
             deflection_m=_scaled(self.deflection_um, UM),
             acceleration_m_s2=_scaled(self.acceleration_mm_s2, MM),
+            run_up_s=self.spindle_run_up_s,
         )
 
 

@@ -105,6 +105,8 @@ HAZARDS: Final = (
            "warning"),
     Hazard("spindle in the cut", "cuts with the spindle off, reversed (M4), or stopped before the retract", "none",
            ("tools.spindle_rpm",), "fail"),
+    Hazard("spindle run-up", "shortest time from a change of the spindle speed to the next cut; a wait for a person is "
+           "long enough", "the key", ("process_limits.spindle_run_up_s!",), "warning"),
     Hazard("standing in the cut", "longest dwell of the tool in the material, or a wait for a person or signal there",
            "1 s", ("part.stock",), "warning"),
     Hazard("spindle speed", "highest and lowest speed", "the keys",

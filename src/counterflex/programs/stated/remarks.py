@@ -22,9 +22,10 @@ _ENDS: Final = (2.0, 30.0, 99.0)
 _COOLANT: Final = {7.0: 1, 8.0: 1, 9.0: 0}
 _STOPS: Final = frozenset({0.0, 1.0, 60.0, 66.0})
 _WAITS: Final = {
-    "krl": re.compile(r"\s*WAIT\s+FOR\b(?!\s*\(?\s*TRUE\s*\)?\s*(?:;|$))", re.IGNORECASE),
+    "krl": re.compile(r"\s*(?:HALT\b|WAIT\s+FOR\b(?!\s*\(?\s*TRUE\s*\)?\s*(?:;|$)))", re.IGNORECASE),
     "rapid": re.compile(
-        r"\s*(?:\w+\s*:\s*)?Wait(?:DI|DO|GI|GO|AI|AO|Until|SyncTask|Sensor|TestAndSet|Load)\b", re.IGNORECASE
+        r"\s*(?:\w+\s*:\s*)?(?:Wait(?:DI|DO|GI|GO|AI|AO|Until|SyncTask|Sensor|TestAndSet|Load)\b|(?:Stop|Break)\s*;)",
+        re.IGNORECASE,
     ),
     "fanuc": re.compile(r"[\s\d:]*(?:WAIT\b(?!\s*[\d.]+\s*\(\s*sec)|PAUSE\b)", re.IGNORECASE),
     "val3": re.compile(r"\s*(?:wait|watch|get|popUpMsg)\s*\(", re.IGNORECASE),
@@ -48,6 +49,7 @@ class Stated:
         robot: In a language of robots.
         stops: (motions,) a person or a signal is waited for at the end of the motion (M0, M1, M60, M66; HALT, Stop,
             PAUSE; WAIT FOR, WaitDI, WAIT DI).
+        waits_first: The same before the first motion.
         diameters_m: By tool number, the diameter that a comment of the program names, with its line.
         doubts: Readings of words that controllers read in two ways, one sentence each.
     """
@@ -62,6 +64,7 @@ class Stated:
     stops: Bool
     diameters_m: Mapping[int, tuple[float, int]]
     doubts: tuple[str, ...] = ()
+    waits_first: bool = False
 
 
 def stated(program: Program, known_offsets: bool = False) -> Stated:
@@ -76,12 +79,13 @@ def stated(program: Program, known_offsets: bool = False) -> Stated:
     reader = OffsetReader(program.dialect)
     coolant, cools = 0, any(codes_of(block, "M") & set(_COOLANT) for block in program.blocks)
     names: list[str] = []
-    stops = np.zeros(n, dtype=np.bool_)
+    stops, waits_first = np.zeros(n, dtype=np.bool_), False
     for block in program.blocks:
         reader.take(block)
         behind = block.first_motion + block.motion_count - 1
-        if behind >= 0 and _waits(block, program.dialect):
-            stops[behind] = True
+        if _waits(block, program.dialect):
+            waits_first = waits_first or behind < 0
+            stops[behind : behind + 1] = True  # nothing before the first motion
         coolant = next((_COOLANT[code] for code in codes_of(block, "M") if code in _COOLANT), coolant)
         if not block.motion_count:
             continue
@@ -95,7 +99,7 @@ def stated(program: Program, known_offsets: bool = False) -> Stated:
     ended = any(codes_of(block, "M") & set(_ENDS) for block in program.blocks)
     return Stated(lengths, works, tuple(names), defined, coolants, last != 0.0 and not ended,
                   program.dialect in ROBOT_DIALECTS, stops, diameters_of(program),
-                  tuple(doubtful_readings(program)))  # fmt: skip
+                  tuple(doubtful_readings(program)), waits_first)  # fmt: skip
 
 
 def _waits(block: Block, dialect: str) -> bool:

@@ -32,7 +32,8 @@ _CONTACT_M3: Final = 1e-12
 _STANDING_RAD_S: Final = 1000.0
 """Spindle speed with which a cut is computed where the program states none: only its volumes count then."""
 _OF_VOLUME: Final = (
-    "rapids into the stock", tool_use.REMOVED, "depth of cut to flutes", spindle.IN_CUT, spindle.STANDS,
+    "rapids into the stock", tool_use.REMOVED, "depth of cut to flutes", spindle.IN_CUT, spindle.RUN_UP,
+    spindle.STANDS,
     tool_use.PLUNGING, tool_use.COOLANT, moves.END,
 )  # fmt: skip
 OF_LOAD: Final = tuple(limit.check for limit in demands.LIMITS)
@@ -57,6 +58,7 @@ class AsWritten:
         height_known: The program has named the height of the tool with or before its first motion.
         spindle_by_person: It says nothing of the spindle, and the cell wires no statement to it.
         postures: Posture that motions of a robot program ask for; None of other languages.
+        started_by_person: No statement of the cell's table starts the spindle: the program asks a person for it.
         arrival: Motion at whose end the program has named X, Y and Z: up to there the way is not known.
         left_out: File and line of each motion by axes before the first target and behind the last one.
     """
@@ -69,6 +71,7 @@ class AsWritten:
     arrival: int = 0
     left_out: tuple[str, ...] = ()
     postures: dict[int, StatedPosture] | None = None
+    started_by_person: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +171,7 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
         moves.end_row(path, made.result.volume_m3 > _CONTACT_M3, blank, maybe, written.stated.spindle_on_at_end),
         tool_use.removed_row(path, volume, moves.gap(blank, path.p_part_tcp[path.kind == FEED], radius)),
         spindle.in_cut_row(path, contact, by_person),
+        _run_up(made, written, machining),
         spindle.standing_row(path, contact, written.stated.stops),
         flute_row(path, volume, made.result.axial_depth_m, {n: cutter_of(n) for n in used}, blank.cell_m),
         tool_use.plunge_row(path, volume, contact, cutter_of, tools),
@@ -207,6 +211,13 @@ def demanded(
     demand = cut_demand(inputs, UndisturbedCut(made.result, contact, contact, wrench), machining.limits_of)
     rows = demands.demand_rows(demand, path.tool, path.spindle_rad_s, machining.limits_of, machining.rigid)
     return [*rows, demands.correction_row(demand, bounds, machining.rigid)]
+
+
+def _run_up(made: MadeCut, written: AsWritten, machining: Machining) -> Row:
+    if written.started_by_person:
+        return Row(spindle.RUN_UP, "ok", what="a person starts the spindle")
+    stated = written.stated
+    return spindle.run_up_row(made.path, made.forced, stated.stops, stated.waits_first, machining.limits_of)
 
 
 def cutter_or_none(cutter_of: Callable[[int], Cutter]) -> Callable[[int], Cutter | None]:

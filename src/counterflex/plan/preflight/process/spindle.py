@@ -14,6 +14,8 @@ from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row, Verdict
 from counterflex.plan.process_limits import ProcessLimits
 
+RUN_UP: Final = "spindle run-up"
+RUN_UP_KEY: Final = "process_limits.spindle_run_up_s"
 IN_CUT: Final = "spindle in the cut"
 SPEED: Final = "spindle speed"
 STANDS: Final = "standing in the cut"
@@ -72,6 +74,39 @@ def in_cut_row(path: ToolPath, contact: Bool, by_person: bool) -> Row:
         if np.any(rows):
             return Row(IN_CUT, "fail", float(rows.sum()), 0.0, "", int(np.argmax(rows)), what, advice=_ADVICE)
     return Row(IN_CUT, "ok", 0.0, 0.0, what="clockwise in every cut" if np.any(contact) else "nothing is cut")
+
+
+def run_up_row(
+    path: ToolPath, cuts: Bool, stops: Bool, waits_first: bool, limits_of: Callable[[int], ProcessLimits]
+) -> Row:
+    """Return the shortest time from a change of the spindle speed to the next cut; a wait for a person is long enough.
+
+    Args:
+        path: n rows.
+        cuts: (n,) segments at feed that remove material with the spindle on.
+        stops: (motions,) a person or a signal is waited for at the end of the motion.
+        waits_first: The same before the first motion.
+        limits_of: Gives the limits for a tool number.
+    """
+    if not np.any(cuts):
+        return Row(RUN_UP, "ok", what="no cut with the spindle on")
+    rows = np.arange(len(path))
+    begins = np.concatenate([path.time_s[:1], path.time_s[:-1]])
+    changed = np.maximum.accumulate(np.where(np.diff(path.spindle_rad_s, prepend=np.inf) != 0.0, rows, 0))
+    ends = (np.diff(path.motion, append=-1) != 0) & stops[path.motion]
+    waited = np.maximum.accumulate(np.where(ends, rows, -1 if waits_first else -2))
+    free = np.concatenate([[-1 if waits_first else -2], waited[:-1]]) >= changed - 1
+    time_s = np.where(cuts & ~free, begins - begins[changed], np.inf)
+    row = int(np.argmin(time_s))
+    if not np.isfinite(time_s[row]):
+        return Row(RUN_UP, "ok", what="a person or a signal is waited for before each cut")
+    needed = limits_of(int(path.tool[row])).run_up_s
+    value, what = float(time_s[row]), f"{abs(path.spindle_rad_s[row]) / RPM:.0f} rpm, to the next cut"
+    if needed is None:
+        return Row(RUN_UP, NOT_LOOKED_AT, value, None, "s", row, what, missing=RUN_UP_KEY)
+    short = value < needed
+    return Row(RUN_UP, "warning" if short else "ok", value, needed, "s", row, what,
+               advice="Dwell (G4), or wait for the signal of the spindle, before the cut" if short else "")  # fmt: skip
 
 
 def standing_row(path: ToolPath, contact: Bool, stops: Bool) -> Row:
