@@ -75,7 +75,7 @@ def test_pictures_of_a_plan(plan: Any, kind: str) -> None:
 
 
 def test_a_picture_that_does_not_exist(plan: Any) -> None:
-    with pytest.raises(InputError, match="no such picture.*time, map, remaining, cell"):
+    with pytest.raises(InputError, match="no such picture.*along, map, remaining, cell"):
         plan.plot("pie")
 
 

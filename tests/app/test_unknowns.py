@@ -169,4 +169,4 @@ def test_a_plan_on_the_class_leaves_all_that_is_not_known() -> None:
     assert left is not None
     alone = named(cell, points)["stiffness of A1, A2, A3, A4, A5, A6"]
     assert left.compensated.median_m > 1.3e-3 * median_mm(alone)
-    assert 0.05 < left.worse_share < 0.5
+    assert 0.01 < left.worse_share < 0.5

@@ -86,14 +86,14 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
     return _points(cell, path.p_part_tcp, q, cut.w_tcp_part, cut.contact, Path(job.program.name).name)
 
 
-def points_of_posture(cell: Cell, cut: CutPath, q: Float, T_base_part: Float, name: str) -> CutPoints | None:
+def points_of_posture(cell: Cell, cut: CutPath, q: Float, T_base_part: Float | None, name: str) -> CutPoints | None:
     """Points of a cut in a posture and a place of the part that the cell file need not have; None where none is cut.
 
     Args:
         cell: The cell.
         cut: The path with its load.
         q: (n, 6) rad along it.
-        T_base_part: (4, 4) where the part stands.
+        T_base_part: (4, 4) where the part stands; None: where the cell file has it.
         name: Of the program.
     """
     return _points(cell, cut.p_part, q, cut.w_tcp_part, cut.weight_m > 0.0, name, T_base_part)

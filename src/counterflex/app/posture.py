@@ -205,7 +205,7 @@ def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surfac
         **{
             name: None
             if held is None
-            else held_row(held, job, cell.chain.axes) | expected_um(held, job, cell, cut, cell.T_base_part, surface)
+            else held_row(held, job, cell.chain.axes) | expected_um(held, job, cell, cut, None, surface)
             for name, held in shown.items()
         },
         "reduction_percent": None
@@ -239,7 +239,7 @@ def held_row(held: Held, job: Job, axes: ControllerAxes) -> dict[str, Any]:
 
 
 def expected_um(
-    what: Held, job: Job, cell: Cell, cut: CutPath, T_base_part: Float, surface: Surface
+    what: Held, job: Job, cell: Cell, cut: CutPath, T_base_part: Float | None, surface: Surface
 ) -> dict[str, list[float] | None]:
     """Deflection to plan with: median and the ends between which nine of ten such cells lie, um.
 
@@ -250,7 +250,7 @@ def expected_um(
         job: The program.
         cell: The cell.
         cut: The path with its load.
-        T_base_part: (4, 4) where the part stands.
+        T_base_part: (4, 4) where the part stands; None: where the cell file has it.
         surface: Which surface matters.
     """
     points = None
