@@ -231,8 +231,10 @@ def main() -> int:
     parser.add_argument("--family", nargs="*", choices=list(FAMILIES), default=list(FAMILIES))
     parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[-1]}")
     parser.add_argument("--workers", type=int, default=2)
-    for switch in ("noise", "show", "store", "quick"):
-        parser.add_argument(f"--{switch}", action="store_true")
+    parser.add_argument("--noise", action="store_true")
+    parser.add_argument("--show", action="store_true")
+    parser.add_argument("--store", action="store_true")
+    parser.add_argument("--quick", action="store_true")
     chosen = parser.parse_args()
     if chosen.show:
         print("\n".join(table(json.loads(STORED.read_text())["rows"])))

@@ -1,7 +1,8 @@
-"""Run every benchmark briefly, as many at a time as there are cores: whether they work, not how fast.
+"""Run every benchmark briefly with all its options, as many at a time as there are cores: whether they work.
 
-They run in processes that have the libraries loaded already (:mod:`loaded_commands`). Each line says how long one
-took. What went wrong is printed at the end, each output from its last lines backwards: the fault stands there.
+The options stand in :mod:`benchmark_options`. They run in processes that have the libraries loaded already
+(:mod:`loaded_commands`). Each line says how long one took. What went wrong is printed at the end, each output from its
+last lines backwards: the fault stands there.
 
     python tools/run_benchmarks.py [FILE ...]
 """
@@ -9,6 +10,7 @@ took. What went wrong is printed at the end, each output from its last lines bac
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -19,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent))
+import benchmark_options
 import loaded_commands
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -30,60 +33,78 @@ _MOST_S: Final = 900.0
 
 
 class Ended(NamedTuple):
-    """How a benchmark ended.
+    """How a run of a benchmark ended.
 
     Attributes:
         file: Of the benchmark.
         status: Exit status, or what became of it.
         seconds: Wall time, s.
         output: Standard output and standard error.
+        words: Options.
     """
 
     file: Path
     status: int | str
     seconds: float
     output: str
+    words: tuple[str, ...] = benchmark_options.BRIEF
 
 
-def run(file: Path, forks: Any = None) -> Ended:
-    """Run one with ``--quick``.
+def run(job: tuple[Path, tuple[str, ...]], forks: Any = None) -> Ended:
+    """Run one briefly.
 
     Args:
-        file: Of the benchmark.
+        job: File of the benchmark, and its options.
         forks: Where processes come from (:func:`loaded_commands.context`); None: a new one.
     """
+    file, options = job
     begin = time.perf_counter()
     status: int | str
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "output"
         output.touch()
+        place = _copied(file, Path(folder)) if benchmark_options.STORES in options else file
+        chosen = [word.replace(benchmark_options.FOLDER, folder) for word in options]
         if forks is not None:
-            words = [str(file), "--quick"]
+            words = [str(place), *chosen]
             status = loaded_commands.ended(forks, words, ROOT, dict(os.environ), output, _MOST_S)
         else:
             with output.open("w") as stream:
-                words = [sys.executable, str(file), "--quick"]
+                words = [sys.executable, str(place), *chosen]
                 status = subprocess.run(words, cwd=ROOT, stdout=stream, stderr=stream, check=False).returncode
         text = output.read_text(encoding="utf-8", errors="replace")
-    return Ended(file, status, time.perf_counter() - begin, text)
+    return Ended(file, status, time.perf_counter() - begin, text, options)
+
+
+def _copied(file: Path, folder: Path) -> Path:
+    """The benchmark in a copy of what it reads and writes."""
+    for name in ("benchmarks", "docs", "examples"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("_build", "__pycache__", "images"))
+    return folder / "benchmarks" / file.name
+
+
+def _named(ended: Ended) -> str:
+    """File and options, where they are others than usual."""
+    return " ".join([ended.file.name, *(ended.words if ended.words != benchmark_options.BRIEF else ())])
 
 
 def failure(ended: Ended) -> str:
     """What to print of one that failed: its last lines, then all of it."""
     lines = ended.output.splitlines() or ["no output"]
-    text = [f"FAILED {ended.file.name}: exit {ended.status}. Its last lines:", *lines[-_LAST:]]
+    text = [f"FAILED {_named(ended)}: exit {ended.status}. Its last lines:", *lines[-_LAST:]]
     if len(lines) > _LAST:
-        text += [f"-- all of {ended.file.name}, {len(lines)} lines:", *lines[-_MOST:]]
+        text += [f"-- all of {_named(ended)}, {len(lines)} lines:", *lines[-_MOST:]]
     return "\n".join(text)
 
 
 def main(files: list[str]) -> int:
     """Run the given benchmarks, or all."""
-    chosen = [Path(file).resolve() for file in files] or sorted((ROOT / "benchmarks").glob("*.py"))
+    named = [Path(file).resolve() for file in files] or sorted((ROOT / "benchmarks").glob("*.py"))
+    chosen = [(file, words) for file in named for words in benchmark_options.runs_of(file.stem)]
     forks, failed = loaded_commands.context(many=not files), []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for ended in pool.map(partial(run, forks=forks), chosen):
-            print(f"  {'FAILED' if ended.status else 'ok'} {ended.seconds:6.1f} s  {ended.file.name}", flush=True)
+            print(f"  {'FAILED' if ended.status else 'ok'} {ended.seconds:6.1f} s  {_named(ended)}", flush=True)
             if ended.status:
                 failed.append(ended)
     for ended in failed:

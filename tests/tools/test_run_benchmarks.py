@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+ROOT = Path(__file__).parents[2]
+_OPTION = re.compile(r"add_argument\(\s*\"(--[a-z-]+)\"(?:(?!add_argument).)*?(SUPPRESS|$)", re.MULTILINE)
+
 
 @pytest.fixture(scope="module")
 def tool() -> ModuleType:
-    file = Path(__file__).parents[2] / "tools" / "run_benchmarks.py"
+    file = ROOT / "tools" / "run_benchmarks.py"
     spec = importlib.util.spec_from_file_location(file.stem, file)
     assert spec is not None
     assert spec.loader is not None
@@ -40,3 +44,12 @@ def test_a_fault_is_printed_before_what_came_before_it(
 def test_one_that_prints_nothing_is_named_too(tool: ModuleType, tmp_path: Path) -> None:
     ended = tool.Ended(tmp_path / "silent.py", -9, 1.0, "")
     assert tool.failure(ended).splitlines() == ["FAILED silent.py: exit -9. Its last lines:", "no output"]
+
+
+def test_every_option_of_every_benchmark_is_in_a_brief_run(tool: ModuleType) -> None:
+    for file in sorted((ROOT / "benchmarks").glob("*.py")):
+        text = file.read_text(encoding="utf-8")
+        options = {name for name, hidden in _OPTION.findall(text) if not hidden}
+        used = {word for words in tool.benchmark_options.runs_of(file.stem) for word in words if word.startswith("--")}
+        assert used | {"--quick"} == options | {"--quick"}, file.name
+        assert text.count("add_argument(") == len(_OPTION.findall(text)), f"{file.name}: an option without its name"

@@ -166,7 +166,7 @@ class TelegramWatch:
         elif malformed >= settings.malformed_hold:
             soft = soft or _TELEGRAM_MALFORMED
         if self.late_in_a_row >= settings.fault_late:
-            hard = hard or _TELEGRAMS_LATE
+            hard, soft = hard or _TELEGRAMS_LATE, soft or _TELEGRAMS_LATE
         elif self.late_in_a_row >= settings.hold_late:
             soft = soft or _TELEGRAMS_LATE
         if self._lates > settings.share_late * WINDOW:

@@ -240,6 +240,19 @@ def _elsewhere(effort: Effort) -> Outcome:
     )
 
 
+def _refused(effort: Effort) -> Outcome:
+    """The controller refuses every answer, because it expects another SENTYPE."""
+    with Rig(seed=effort.seed, sensors=effort.sensors, context=RsiContext(timeout=PATIENT)) as rig:
+        rig.robot.config = replace(rig.config, sentype="Other")
+        rig.control[Request.ARM] = 1
+        rig.run(400)
+        state, cause, refused = rig.state, rig.seen.reported[-1], rig.robot.late
+    return Outcome(
+        state < State.ARMED and cause == Cause.TELEGRAMS_LATE,
+        f"{state.name.lower()} ({_words(cause)}); {refused} answers refused",
+    )
+
+
 _FORCE: Final = ("force",)
 SCENARIOS: Final = (
     *(
@@ -344,5 +357,12 @@ SCENARIOS: Final = (
         "said, and the run ends, within the controller's own timeout",
         _elsewhere,
         sensors=_FORCE,
+    ),
+    Scenario(
+        "R19",
+        "answers-refused",
+        "the controller refuses every answer: it expects another SENTYPE",
+        "not armed, and said",
+        _refused,
     ),
 )

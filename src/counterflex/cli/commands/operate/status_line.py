@@ -12,7 +12,7 @@ from counterflex.app.run.status import Status, force_message
 from counterflex.protocols.session.found import answer_line, found_lines, frame_line
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.estimator.fusion import level
-from counterflex.runtime.state.states import State
+from counterflex.runtime.state.states import Cause, State
 
 _STILL_S: Final = 0.5
 
@@ -90,6 +90,11 @@ def _dangers(status: Status) -> str:
         text += f"  LOGGING STOPPED: {status.log_trouble or 'it goes on'}, {status.records_lost} records lost"
     if status.still_s > _STILL_S:
         text += f"  THE LOOP STANDS STILL: no sign of life for {status.still_s:.1f} s; stop the robot"
+    if status.state <= State.READY and status.cause == Cause.TELEGRAMS_LATE:
+        text += (
+            "  NOT READY: the controller has used none of the last answers, by its own count; compare SENTYPE, the tags"
+            " and the cycle of its configuration with those given here, and the load of this computer"
+        )
     if status.tracker_off:
         text += f"  NOT READY: {status.tracker_off}"
     if status.tares:
