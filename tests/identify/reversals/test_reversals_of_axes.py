@@ -17,7 +17,7 @@ from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import recipe as reversals
 from counterflex.identify.play.path import follow_with_slopes
-from counterflex.identify.play.proposal import motion
+from counterflex.identify.play.proposal import motion, propose
 from counterflex.identify.play.recipe import resolved
 from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals
 from counterflex.identify.reversals.data import balance, motions
@@ -183,9 +183,41 @@ def test_a_loaded_axis_says_that_its_dead_band_was_not_seen(cell: CellModel) -> 
         {"q_motor": 1e-7, "q_link": 1e-6},
         group=np.repeat([0, 1], [len(p[0]) for p in parts]),
     )  # fmt: skip
-    result = reversals.RECIPE.identify(cell, [data], [], {})
+    with pytest.raises(InputError, match="moved in one pose only"):
+        reversals.RECIPE.identify(cell, [data], [], {})
+    result = reversals.RECIPE.identify(cell, [data], [], {"as_stated": True})
     assert any("dead band was not determined" in r for r in result.remarks)
     assert result.fits["axis 3"].sigma_of("axis3.half_band") > 20.0 * URAD
+
+
+def test_friction_of_the_link_beyond_all_friction_of_the_axis_is_not_written(cell: CellModel) -> None:
+    """The motor's torque shows link and motor together: 320 N m of the link alone cannot be part of 150."""
+    data = campaign(cell, 0, by="encoder")
+    tau = data.channel("tau_motor").values
+    weight = np.median(tau, axis=0)
+    weak = changed(data, "tau_motor", weight + (tau - weight) * 150.0 / 380.0)
+    with pytest.raises(InputError, match="contradict the 150 N m that the motor's torque shows"):
+        reversals.RECIPE.identify(cell, [weak], [], {})
+    result = reversals.RECIPE.identify(cell, [weak], [], {"as_stated": True})
+    assert any("used as stated" in r for r in result.remarks)
+    other = replace(campaign(cell, 3, by="tracker"), name="axis 4")
+    both = reversals.RECIPE.identify(cell, [weak, other], [], {})
+    assert [c.axis for c in both.changes if isinstance(c, AxisPlay)] == [3]
+    assert any("its values are not written" in r for r in both.remarks)
+
+
+def test_the_shortest_proposal_holds_a_balanced_and_a_loaded_pose_of_each_axis(cell: CellModel) -> None:
+    proposal = propose(cell, 12, {})
+    q = np.column_stack([proposal.columns[f"q{i + 1}_rad"] for i in range(6)])
+    axes = proposal.columns["axis"]
+    torque = np.abs(axis_torque(cell.chain, q))
+    for axis in range(6):
+        rows = np.flatnonzero(axes == axis + 1)
+        assert len(np.unique(np.round(q[rows], 6), axis=0)) == 2
+        if axis > 0:
+            load = torque[rows, axis]
+            assert float(load.max()) > 3.0 * float(load.min())
+    assert len(np.unique(np.round(propose(cell, 24, {}).columns["speed_rad_s"], 9))) == 3
 
 
 def changed(data: Dataset, name: str, values: Float) -> Dataset:

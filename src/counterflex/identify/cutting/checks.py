@@ -17,10 +17,11 @@ from scipy.optimize import nnls
 from counterflex.core.arrays import Float
 from counterflex.core.units import MINUTE, MM, RPM
 from counterflex.cutting.arc_force import term_force
+from counterflex.identify.cutting.cut_rows import FORCES, cuts_of, has_air, rows_per_turn
 from counterflex.identify.cutting.force_forms import FORMS
 from counterflex.identify.cutting.record import contact, zero
 from counterflex.identify.cutting.residuals import SlotResiduals
-from counterflex.identify.cutting.steady_cuts import FORCES, SteadyCuts, pieces_of
+from counterflex.identify.cutting.steady_cuts import SteadyCuts, pieces_of
 from counterflex.identify.data.alternative_readings import Reading, sign_mistakes, swapped_columns, unit_mistakes
 from counterflex.identify.data.dataset import Channel, Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading
@@ -90,10 +91,14 @@ def cut_means(data: Dataset) -> Dataset:
     rows: list[int] = []
     values: list[Float] = []
     deep: list[float] = []
-    for cut in dict.fromkeys(data.group.tolist()):
-        mine = np.flatnonzero(data.group == cut)
-        mine = mine[np.argsort(time[mine], kind="stable")]
-        touching = contact(force[mine, :3], depth[mine])
+    for _, mine in cuts_of(data):
+        touching = contact(
+            force[mine, :3],
+            depth[mine],
+            rows_per_turn(time[mine], data.values("spindle_speed")[mine, 0]),
+            steady=bool(np.all(state[mine] == state[mine[0]])),
+            air=has_air(data),
+        )
         shown = force[mine] - zero(force[mine], time[mine], touching).value
         change = np.any(np.diff(state[mine], axis=0) != 0.0, axis=1) | (np.diff(touching.astype(np.int8)) != 0)
         bounds = [0, *(np.flatnonzero(change) + 1).tolist(), len(mine)]

@@ -11,8 +11,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.force_forms import FORMS
+from counterflex.identify.cutting.pieces import Pieces
 from counterflex.identify.cutting.residuals import SlotResiduals, geometry_parameters
-from counterflex.identify.cutting.steady_cuts import Pieces
 from counterflex.identify.data.model import CellModel
 
 FORCE_N = 0.5

@@ -24,6 +24,7 @@ from counterflex.core.units import MM
 from counterflex.identify.cutting import TITLE
 from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.considered import RUNOUT_M, WEAR, force_sensor, with_shared
+from counterflex.identify.cutting.cut_rows import in_air
 from counterflex.identify.cutting.force_forms import EDGES, FORMS, Form, form
 from counterflex.identify.cutting.proposal import SETTINGS as PROPOSAL
 from counterflex.identify.cutting.proposal import propose
@@ -44,7 +45,10 @@ from counterflex.identify.solver.solve import solve
 KIND = "slots"
 LIMIT = 5.0
 """Error of the mean force on cuts not used that the recipe aims at, %."""
-_LEAST_PIECES = 6
+_LEAST_PIECES = 5
+_FULL_PIECES = 6
+"""Fewest pieces for a law of more than six constants: five feeds at one depth tell two of each direction."""
+_FEW_CONSTANTS = 6
 
 SETTINGS: dict[str, float | int | str | bool] = {
     "tool": 0,
@@ -79,8 +83,9 @@ def identify(inputs: Inputs) -> Identification:
     sensor = force_sensor(data)
     wear, eccentric = (as_positive(key, float(options[key]), zero=True) for key in ("wear_sigma", "runout_sigma_m"))
     notes: list[str] = []
+    air = [d for d in (*data, *holdout) if in_air(d)]
     for i, dataset in enumerate([*data, *holdout]):
-        notes += check(cell, dataset, tool, as_stated=bool(options["as_stated"]))
+        notes += [] if dataset in air else check(cell, dataset, tool, as_stated=bool(options["as_stated"]))
         parts[READING](0.5 * (i + 1) / (len(data) + len(holdout)))
     cuts = pieces_of(
         cell,
@@ -128,7 +133,8 @@ def row_error(block: Residuals, x: Float) -> Float:
     if not isinstance(block, SlotResiduals):
         raise InputError("a block of the cutting recipe holds test cuts", value=block.name)
     force = block.pieces.force
-    out: Float = np.linalg.norm(force - block.predict(x), axis=1) / np.maximum(np.linalg.norm(force, axis=1), 1e-9)
+    least = np.linalg.norm(block.pieces.sigma, axis=1)  # a piece without force has no relative error
+    out: Float = np.linalg.norm(force - block.predict(x), axis=1) / np.maximum(np.linalg.norm(force, axis=1), least)
     return out
 
 
@@ -211,7 +217,7 @@ class _Problem:
         forms = list(requested) if full in requested else [*requested, full]
         parts = in_parts(progress, {f"held out: {item.text}": item.count + 3.0 for item in forms})
         for item in forms:
-            if 3 * self.train_count <= item.count + 3 and item is not full:
+            if self._beyond(item) and item is not full:
                 continue
             held_out = cross_validate(
                 self.parameters(item),
@@ -223,10 +229,15 @@ class _Problem:
             )
             out.append(Trial(item, held_out.identified, held_out))
         self._nominal = out[-1].held_out.nominal
-        candidates = [t for t in out if t.form in requested]
+        candidates = [t for t in out if t.form in requested and not self._beyond(t.form)]
         if not candidates:
             raise InputError("too few cuts for this form of the force law", value=self.train_count)
         return candidates
+
+    def _beyond(self, item: Form) -> bool:
+        """Whether a form has more constants than the pieces tell."""
+        few = self.train_count < _FULL_PIECES and item.count > _FEW_CONSTANTS
+        return few or 3 * self.train_count <= item.count + 3
 
     def judged(self, best: Trial, separate: bool) -> tuple[Float, Float]:
         """Relative errors (identified, nominal) of pieces that were not used."""

@@ -14,6 +14,15 @@ AIR_ROWS = 5
 """Fewest rows in air from which a zero is taken."""
 RISE = 0.2
 """Share of the plateau above which a force counts as contact, where the record does not say what is air."""
+_TEETH = 8
+"""Rows in a revolution from which its ripple shows whether the tool cuts."""
+_FEWEST_TURNS = 4
+_QUIET = 0.1
+"""Ripple in a revolution, as a share of that of the cut, below which a row is in air. Air shows noise, a cut at a third
+of the feed a third of the ripple."""
+_APART = 2.6
+"""Distance of two levels of force in standard deviations about each. Entry and exit over half of the record give 3.3, a
+ramp over all of it 2.4, one level with noise 2."""
 _STEEP = 0.6  # change of depth per travel that is a step and no ramp
 _BATCHES = 8
 
@@ -35,13 +44,20 @@ class Zero:
     drift: Float
 
 
-def contact(force: Float, depth: Float) -> Bool:
+def contact(force: Float, depth: Float, per_turn: int = 1, *, steady: bool = True, air: bool = True) -> Bool:
     """Rows of one cut in which the tool may touch the work.
+
+    Where no row says what is air, the force decides: more than :data:`RISE` of the way from the first rows to the
+    plateau, by means over a revolution. A record of the middle of a cut has no air and no way to go: its force would be
+    compared with itself. It is recognised by its ripple, which is as large everywhere, or, where the record does not
+    show single teeth, by a force without two levels.
 
     Args:
         force: (n, 3) N as shown.
-        depth: (n,) m commanded depth; where some rows have 0, these are the air. Otherwise the force decides: more
-            than :data:`RISE` of the way from the first rows to the plateau.
+        depth: (n,) m commanded depth; where some rows have 0, these are the air.
+        per_turn: Rows in a revolution of the spindle.
+        steady: Feed, speed and width stay the same: one level of the force is then one state.
+        air: False states that all rows are in the cut.
 
     Returns:
         (n,) mask.
@@ -49,8 +65,43 @@ def contact(force: Float, depth: Float) -> Bool:
     if np.any(depth <= 0.0):
         return np.array(depth > 0.0, dtype=np.bool_)
     n = len(force)
-    size = np.linalg.norm(force - np.median(force[: max(AIR_ROWS, n // 20)], axis=0), axis=1)
-    return np.array(size > RISE * np.quantile(size, 0.95), dtype=np.bool_)
+    everywhere = np.ones(n, dtype=np.bool_)
+    if not air:
+        return everywhere
+    window = max(1, min(per_turn, n // _FEWEST_TURNS))
+    mean = _moving_mean(force, window)
+    quiet = False
+    if window >= _TEETH:
+        ripple = np.sqrt(np.sum(np.maximum(_moving_mean(force**2, window) - mean**2, 0.0), axis=1))
+        quiet = bool(np.any(ripple < _QUIET * float(np.quantile(ripple, 0.95))))
+        if not quiet and not steady:
+            return everywhere  # levels differ by the feed, teeth are seen in all of them
+    first = mean[: max(AIR_ROWS, n // 20)]
+    size = np.linalg.norm(mean - np.median(first, axis=0), axis=1)
+    touching = np.array(size > RISE * np.quantile(size, 0.95), dtype=np.bool_)
+    if steady and not quiet and not _two_levels(size, touching):
+        return everywhere
+    return touching
+
+
+def _two_levels(size: Float, upper: Bool) -> bool:
+    """Whether sizes fall into two levels, far apart in terms of the scatter about each."""
+    low, high = size[~upper], size[upper]
+    if len(low) == 0 or len(high) == 0:
+        return False
+    within = np.sqrt((np.sum((low - low.mean()) ** 2) + np.sum((high - high.mean()) ** 2)) / len(size))
+    return bool(high.mean() - low.mean() > _APART * within)
+
+
+def _moving_mean(values: Float, window: int) -> Float:
+    """Mean over ``window`` rows about each row, shorter at the ends."""
+    if window <= 1:
+        return values
+    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
+    row = np.arange(len(values))
+    begin, end = np.maximum(row - window // 2, 0), np.minimum(row - window // 2 + window, len(values))
+    out: Float = (total[end] - total[begin]) / (end - begin)[:, None]
+    return out
 
 
 def zero(values: Float, time_s: Float, touching: Bool) -> Zero:
@@ -80,7 +131,9 @@ def zero(values: Float, time_s: Float, touching: Bool) -> Zero:
     return Zero(value, 0.5 * np.hypot(error[0], error[1]), 2, middle[1] - middle[0])
 
 
-def settled(touching: Bool, travel_m: Float, depth: Float, conditions: Float, trim_m: Float) -> list[Int]:
+def settled(
+    touching: Bool, travel_m: Float, depth: Float, conditions: Float, trim_m: Float, gap: Bool | None = None
+) -> list[Int]:
     """Stretches of one cut over which conditions are steady, far enough from entries, exits and steps.
 
     Args:
@@ -89,6 +142,8 @@ def settled(touching: Bool, travel_m: Float, depth: Float, conditions: Float, tr
         depth: (n,) m; a change steeper than a ramp is a step.
         conditions: (n, k) feed, speed, width, direction: any change is a step.
         trim_m: (n,) distance that is left out beside every end and step.
+        gap: (n,) rows before which the record has a gap. Given for a record without any air: its stretches begin and
+            end in the cut, so nothing is left out at gaps and at its ends.
 
     Returns:
         Rows of each stretch.
@@ -99,15 +154,18 @@ def settled(touching: Bool, travel_m: Float, depth: Float, conditions: Float, tr
     step = np.any(np.abs(np.diff(conditions, axis=0)) > 1e-3 * scale, axis=1)
     step |= np.abs(np.diff(depth)) > _STEEP * travel + 1e-6
     step |= np.diff(touching.astype(np.int8)) != 0
+    free = {0, n} if gap is not None else set()
+    if gap is not None:
+        step |= gap[1:]
+        free |= set(np.flatnonzero(gap).tolist())
     breaks = [0, *(np.flatnonzero(step) + 1).tolist(), n]
     out: list[Int] = []
     for first, last in itertools.pairwise(breaks):
         if not touching[first]:
             continue
         rows = np.arange(first, last, dtype=np.int64)
-        inside = (travel_m[rows] >= travel_m[first] + trim_m[rows]) & (
-            travel_m[rows] <= travel_m[last - 1] - trim_m[rows]
-        )
+        begin, end = (0.0 if edge in free else trim_m[rows] for edge in (first, last))
+        inside = (travel_m[rows] >= travel_m[first] + begin) & (travel_m[rows] <= travel_m[last - 1] - end)
         if np.any(inside):
             out.append(rows[inside])
     return out

@@ -18,7 +18,7 @@ from counterflex.cutting.arc_force import ArcCuts, TermForce, force_thickness, m
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.force_forms import Form
-from counterflex.identify.cutting.steady_cuts import Pieces
+from counterflex.identify.cutting.pieces import Pieces
 from counterflex.identify.solver.parameters import Parameter, Parameters
 
 LAW: Final = 9

@@ -10,22 +10,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
-from counterflex.identify.cutting.record import contact, mean_with_sigma, settled, slope, split_ramp, zero
+from counterflex.identify.cutting.cut_rows import (
+    chosen_tool,
+    cuts_of,
+    force_of,
+    has_air,
+    in_air,
+    rows_per_turn,
+    tools_of,
+    ungrouped,
+    zero_in_air,
+)
+from counterflex.identify.cutting.pieces import Pieces
+from counterflex.identify.cutting.record import Zero, contact, mean_with_sigma, settled, slope, split_ramp, zero
 from counterflex.identify.cutting.runout import fast_enough, turn_amplitude
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
-FORCES = ("w_tcp_base", "f_tcp_base", "f_tcp_part")
-"""Channels that hold the force, the first that is there is used."""
 _RAMP_SHARE = 0.15
+_GAP = 3.0
+"""Periods of a record beyond which it has a gap."""
 
 
 @dataclass(frozen=True)
@@ -39,65 +52,6 @@ class Cutting:
 
     trim_diameters: float = 1.0
     settle_s: float = 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class Pieces:
-    """Mean forces of steady pieces of cuts, in the feed frame.
-
-    Attributes:
-        force: (n, 3) N on the tool: along the feed, to its left, up.
-        sigma: (n, 3) N standard deviation of these means.
-        depth_m: (n,) axial depth: measured where ``measured``, else commanded.
-        depth_sigma_m: (n,) its standard deviation where measured, else 0.
-        measured: (n,) whether the depth was measured.
-        left_m: (n,) left bound of the engaged strip from the tool axis, commanded, R at the cutter's edge.
-        right_m: (n,) right bound, -R at the cutter's edge.
-        left_wall: (n,) whether the left bound is the work's edge (down-milling), which does not move with the tool.
-        right_wall: (n,) whether the right bound is (up-milling).
-        feed_tooth_m: (n,) horizontal feed per tooth.
-        drop_tooth_m: (n,) descent per tooth; of the measured floor where the depth was measured.
-        drop_sigma_m: (n,) its standard deviation.
-        give_m: (n, 3) displacement of the tool under the measured force by the elastic model; 0 where unknown.
-        elastic: (n,) whether it is known.
-        axes: (n, 3, 3) from the axes that the force was given in to the feed frame.
-        turn_n: (n,) amplitude of the force across the tool axis once per turn, NaN where the record does not show it.
-        cut: (n,) id of the cut, over all datasets.
-        blank: (n,) index of the blank.
-        run_m: (n,) length that the tool had cut before.
-        session: (n,) index of the dataset.
-        place: (n,) index into the places of :func:`pieces_of`, for messages.
-    """
-
-    force: Float
-    sigma: Float
-    depth_m: Float
-    depth_sigma_m: Float
-    measured: Bool
-    left_m: Float
-    right_m: Float
-    left_wall: Bool
-    right_wall: Bool
-    feed_tooth_m: Float
-    drop_tooth_m: Float
-    drop_sigma_m: Float
-    give_m: Float
-    elastic: Bool
-    axes: Float
-    turn_n: Float
-    cut: Int
-    blank: Int
-    run_m: Float
-    session: Int
-    place: Int
-
-    def __len__(self) -> int:
-        """Number of pieces."""
-        return len(self.cut)
-
-    def subset(self, rows: Bool) -> Pieces:
-        """The marked pieces."""
-        return Pieces(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,18 +97,19 @@ def pieces_of(
         ModelError: The spindle turned backwards (M4).
     """
     options = Cutting() if options is None else options
-    chosen = _tool(data, tool)
+    chosen = chosen_tool(data, tool)
     cutter = cell.cutter_of(chosen)
     rows: list[dict[str, object]] = []
     places: list[str] = []
     remarks: list[str] = []
     blanks: list[str] = []
     used, run = "", 0.0
+    air = zero_in_air(data)
     for session, dataset in enumerate(data):
-        dataset = dataset.rows(np.array(_tools(dataset) == chosen, dtype=np.bool_))
-        if len(dataset) == 0:
+        dataset = dataset.rows(np.array(tools_of(dataset) == chosen, dtype=np.bool_))
+        if len(dataset) == 0 or in_air(dataset):
             continue
-        reader = _Reader(cell, cutter, dataset, options, run)
+        reader = _Reader(cell, cutter, dataset, options, run, air)
         used = reader.force_name
         for piece, place, blank in reader.pieces():
             name = f"{session}:{blank}"
@@ -176,39 +131,22 @@ def pieces_of(
     return SteadyCuts(pieces, cutter, chosen, tuple(blanks), tuple(places), tuple(dict.fromkeys(remarks)), used)
 
 
-def _tools(dataset: Dataset) -> Int:
-    if dataset.has("tool"):
-        return np.array(np.round(dataset.values("tool")[:, 0]), dtype=np.int64)
-    return np.full(len(dataset), int(dataset.settings.get("tool", 1)), dtype=np.int64)
-
-
-def _tool(data: Sequence[Dataset], requested: int | None) -> int:
-    numbers = np.unique(np.concatenate([_tools(d) for d in data])) if data else np.zeros(0, dtype=np.int64)
-    if requested is not None:
-        if requested not in numbers:
-            raise InputError("no test cut was made with this tool", value=f"T{requested}", limit=_names(numbers))
-        return requested
-    if len(numbers) != 1:
-        raise InputError(
-            "the test cuts were made with several tools; the constants belong to one tool and material",
-            value=_names(numbers),
-            hint="Choose one: --set tool=1",
-        )
-    return int(numbers[0])
-
-
-def _names(numbers: Int) -> str:
-    return ", ".join(f"T{i}" for i in numbers) or "none"
-
-
 class _Reader:
     """One dataset, piece by piece."""
 
-    def __init__(self, cell: CellModel, cutter: Cutter, dataset: Dataset, options: Cutting, run_m: float) -> None:
-        self.run_m = run_m
+    def __init__(
+        self,
+        cell: CellModel,
+        cutter: Cutter,
+        dataset: Dataset,
+        options: Cutting,
+        run_m: float,
+        air: tuple[Float, Float] | None = None,
+    ) -> None:
+        self.run_m, self.air = run_m, air
         self.cell, self.cutter, self.dataset, self.options = cell, cutter, dataset, options
         self.remarks: list[str] = []
-        self.force_name = next((name for name in FORCES if dataset.has(name)), FORCES[0])
+        self.force_name = force_of(dataset)
         self.wrench = dataset.values(self.force_name)
         self.series = dataset.has("time_s")
         self.sigma = dataset.channel(self.force_name).sigma
@@ -281,26 +219,46 @@ class _Reader:
             ]
         return self._from_series()
 
+    @cached_property
+    def cut_of(self) -> Int:
+        """(rows,) id of the cut: the group, or where rows of a record have none, its stretches of equal conditions."""
+        if not self.series or not ungrouped(self.dataset):
+            return self.dataset.group
+        state = np.column_stack([self.feed, self.spindle, self.width, self.direction, self.depth, self.blank])
+        _, number = np.unique(state, axis=0, return_inverse=True)
+        return np.asarray(number, dtype=np.int64).reshape(-1)
+
     def _from_series(self) -> list[tuple[dict[str, object], str, int]]:
         time_all = self._scalar("time_s")
         out: list[tuple[dict[str, object], str, int]] = []
-        bare = 0
-        for cut in dict.fromkeys(self.dataset.group.tolist()):
-            rows = np.flatnonzero(self.dataset.group == cut)
-            rows = rows[np.argsort(time_all[rows], kind="stable")]
+        bare = middles = 0
+        for cut, rows in cuts_of(self.dataset):
             time = time_all[rows]
-            touching = contact(self.wrench[rows, :3], self.depth[rows])
-            base = zero(self.wrench[rows], time, touching)
-            bare += base.sides == 0
-            shown = self.wrench[rows] - base.value
-            step = np.diff(time, prepend=time[0])
-            travel = np.cumsum(self.feed[rows] * step)
             conditions = np.column_stack(
                 [self.feed[rows], self.spindle[rows], self.width[rows], self.direction[rows], self.blank[rows]]
             )
-            trim = self.options.trim_diameters * self.cutter.diameter_m + self.options.settle_s * self.feed[rows]
+            touching = contact(
+                self.wrench[rows, :3],
+                self.depth[rows],
+                rows_per_turn(time, self.spindle[rows]),
+                steady=bool(np.all(conditions == conditions[0])),
+                air=has_air(self.dataset),
+            )
+            base = zero(self.wrench[rows], time, touching)
+            if base.sides == 0 and self.air is not None:
+                base = Zero(np.tile(self.air[0], (len(rows), 1)), self.air[1], 1, np.zeros(len(self.air[0])))
+            bare += base.sides == 0
+            shown = self.wrench[rows] - base.value
+            step = np.diff(time, prepend=time[0])
+            gap = np.array(step > _GAP * np.median(step), dtype=np.bool_)
+            middle = bool(np.all(touching) and np.all(self.depth[rows] > 0.0))
+            middles += middle
+            travel = np.cumsum(self.feed[rows] * step)
+            # The middle of a cut has no entry: a step of the feed settles in time, not over the tool's diameter.
+            entry_m = 0.0 if middle else self.options.trim_diameters * self.cutter.diameter_m
+            trim = entry_m + self.options.settle_s * self.feed[rows]
             begin = len(out)
-            for stretch in settled(touching, travel, self.depth[rows], conditions, trim):
+            for stretch in settled(touching, travel, self.depth[rows], conditions, trim, gap if middle else None):
                 most = _RAMP_SHARE * float(np.max(self.depth[rows]))
                 for part in split_ramp(stretch, self.depth[rows], most):
                     if len(part) < AT_LEAST:
@@ -320,7 +278,13 @@ class _Reader:
                 self.remarks.append(f"Cut {cut} has no settled stretch and is not used")
         if bare:
             self.remarks.append(
-                f"{bare} cuts have no rows in air before or after them: the force channel is taken as free of zero"
+                f"{bare} cuts have no rows in air before or after them: the force channel is taken as free of zero. An "
+                "unknown zero counts as edge force: give a record in air (depth 0 in all rows) as a further file"
+            )
+        if middles:
+            self.remarks.append(
+                f"{middles} cuts have no entry and no exit in their record: they are taken as middles of cuts, and "
+                "nothing is left out at their ends"
             )
         return out
 
@@ -379,7 +343,7 @@ class _Reader:
             "elastic": self.q is not None,
             "axes": R @ in_part,
             "turn_n": np.nan,
-            "cut": int(self.dataset.group[first]),
+            "cut": int(self.cut_of[first]),
             "run_m": run,
         }
 

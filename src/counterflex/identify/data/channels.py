@@ -289,6 +289,7 @@ CHANNELS_OF: Final[dict[str, tuple[str, ...]]] = {
 SETTINGS: Final[dict[str, str]] = {
     "payload_kg": "additional mass on the flange, not in the cell file",
     "remark": "anything worth keeping",
+    "air": "'none': no row of this record of cuts is in air",
     "bandwidth_hz": "frequency up to which the force sensor is true; single teeth are looked for only below it",
     "force_accuracy_n": "uncertainty (95 %) of each axis of the force sensor by its data sheet: % of range times range",
     "force_scale_sigma": "standard deviation of the scale of each axis of the force sensor, share of the force",

@@ -35,9 +35,11 @@ _TRACKER_M = 4.0 * UM
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Poses and speeds of ``count`` motions, dealt to the six axes in turn.
 
-    Per axis the first pose is balanced (its weight turns the gear neither way, so that the dead band shows), the next
-    one loaded, the other axes firmly on one flank of their gears, each at two speeds (a delay grows with the speed,
-    play does not); of the poses that qualify the one with the longest lever.
+    Per axis one pose is balanced (its weight turns the gear neither way, so that the dead band shows), one loaded (so
+    that only friction shows): two motions of an axis are one of each, the slower one balanced. The next two are the
+    same poses at the other speed (a delay grows with the speed, play does not), further ones are in further poses. The
+    other axes stand firmly on one flank of their gears; of the poses that qualify the one with the longest lever is
+    taken.
 
     Args:
         cell: Play, compliance and weights.
@@ -62,16 +64,19 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     rows: list[tuple[int, int, float]] = []
     unbalanced = []
     used: list[set[int]] = [set() for _ in range(6)]
+    pairs: list[list[int]] = [[] for _ in range(6)]
     for k in range(count):
         axis, turn = k % 6, k // 6
-        if turn % 2 == 0:
-            pose, balanced = _choose(cell, axis, torque, lever[:, axis], turn // 2, used[axis])
+        loaded = turn % 2
+        if turn % 4 < 2:
+            pose, balanced = _choose(cell, axis, torque, lever[:, axis], loaded, used[axis])
             used[axis].add(pose)
-            if turn % 4 == 0 and not balanced:
+            pairs[axis] = [*pairs[axis][-1:], pose]
+            if not loaded and not balanced:
                 unbalanced.append(axis + 1)
         else:
-            pose = rows[-6][1]
-        rows.append((axis, pose, SPEEDS_RAD_S[axis][turn % 2]))
+            pose = pairs[axis][loaded]
+        rows.append((axis, pose, SPEEDS_RAD_S[axis][loaded if turn % 4 < 2 else 1 - loaded]))
     rows.sort(key=lambda row: (row[0], row[1], row[2]))
     poses = q[[pose for _, pose, _ in rows]]
     axes = np.array([axis for axis, _, _ in rows])
@@ -82,8 +87,9 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
         "approach each pose slowly and let the arm rest; motions of one axis follow one another",
     ]
     if unbalanced:
+        which = ", ".join(map(str, sorted(set(unbalanced))))
         remarks.append(
-            f"no pose balances axis {', '.join(map(str, unbalanced))}: its dead band will hardly be determined, and "
+            f"no pose balances axis {which}: its dead band will hardly be determined, and "
             f"hardly matters if its load never changes its sign"
         )
     columns = {f"q{i + 1}_rad": poses[:, i] for i in range(6)}

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import in_parts, share_of
+from counterflex.core.progress import Progress, in_parts, share_of
 from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import TITLE
 from counterflex.identify.play.considered import compliance_share, with_honest_sigma, with_spread
-from counterflex.identify.play.parameters import axis_play, blocks, compliance, parameters
+from counterflex.identify.play.parameters import COMPLIANCE, axis_play, blocks, compliance, parameters
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
+from counterflex.identify.play.trust import least_seen, why_not
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.reversals.data import Motion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
@@ -59,73 +60,111 @@ def identify(inputs: Inputs) -> Identification:
     records = motions(cell, data)
     unseen = motions(cell, holdout, len(records))
     axes = sorted({m.axis for m in records})
-    fits: dict[str, Fit] = {}
-    errors: list[HeldOut] = []
-    changes: list[AxisPlay] = []
-    figures: list[Figure] = []
-    remarks: list[str] = []
-    pictures: list[Picture] = []
     rows_of = {axis: float(sum(len(m.q) for m in records if m.axis == axis)) for axis in axes}
     parts = in_parts(progress, {f"axis {axis + 1}": rows_of[axis] for axis in axes}) if axes else {}
+    found = []
     for axis in axes:
-        axis_progress = parts[f"axis {axis + 1}"]
-        mine = [m for m in records if m.axis == axis]
-        other = [m for m in unseen if m.axis == axis]
-        remarks += _turned_torque(mine, bool(settings["as_stated"]))
-        large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
-        p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
-        rows = [AxisResiduals(tuple(blocks(mine, places)))]
-        first = share_of(axis_progress, 0.0, 0.3, f"axis {axis + 1}")
-        plain = solve(p, rows, robust=False, stop=_STOP, progress=first)
-        fit = with_honest_sigma(plain, rows[0])
-        needed = [name for name in p.names if name.endswith(".delay")]
-        turn_spread = 0.0
-        if other:
-            errors.append(
-                score_separate(
-                    p,
-                    rows,
-                    [AxisResiduals(tuple(blocks(other, places)))],
-                    needed=needed,
-                    error=angle_error,
-                    robust=False,
-                    stop=_STOP,
-                )
-            )
-        elif len(mine) > 1:
-            folds = min(4, len(mine))
-            held_out = cross_validate(
-                p,
-                rows,
-                needed=needed,
-                error=angle_error,
-                folds=Folds(folds),
-                robust=False,
-                stop=_STOP,
-                start=fit.values,
-                progress=share_of(axis_progress, 0.3, 1.0, f"axis {axis + 1}"),
-            )
-            errors.append(held_out)
-            fit = _at_least(fit, jackknife([part.values for part in held_out.fits]))
-            turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in held_out.fits])[0])
-        share = float(settings["bearing_m"]) / min(m.lever_m for m in mine)
-        fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
-        fits[f"axis {axis + 1}"] = fit
-        play = _play(fit, axis)
-        changes.append(AxisPlay(axis, resolved(play)))
-        figures += _figures(cell, fit, axis, play, mine, (turn_spread, share))
-        remarks += _remarks(cell, fit, axis, play, mine)
-        pictures += [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]]
-        axis_progress(1.0)
-    if not errors:
+        mine, other = ([m for m in given if m.axis == axis] for given in (records, unseen))
+        found.append(_axis(cell, axis, mine, other, settings, parts[f"axis {axis + 1}"]))
+    judged = [one for one in found if one.errors is not None]
+    used = [one for one in judged if one.withheld is None or settings["as_stated"]]
+    if not judged:
         raise InputError(
             "each axis has one motion only, so none can be held out",
             value=len(records),
             limit="two motions of an axis",
             hint="Record a second motion (another pose, speed or amplitude), or give a separate file with --holdout",
         )
+    if not used:
+        raise InputError(
+            "play and friction of no axis can be trusted",
+            where=records[0].where,
+            value=f"{len(found)} axes",
+            hint=f"{judged[0].withheld}. If the data are right, add --set as_stated=true",
+        )
+    said = "used as stated, as requested" if settings["as_stated"] else "its values are not written"
     return Identification(
-        "play", fits, _headline(errors), tuple(figures), tuple(changes), tuple(remarks), tuple(pictures)
+        "play",
+        {f"axis {one.axis + 1}": one.fit for one in found},
+        _headline([one.errors for one in used if one.errors is not None]),
+        tuple(figure for one in found for figure in one.figures),
+        tuple(AxisPlay(one.axis, resolved(one.play)) for one in used),
+        (
+            *(f"{one.withheld}; {said}." for one in found if one.withheld is not None),
+            *(remark for one in found for remark in one.remarks),
+        ),
+        tuple(picture for one in found for picture in one.pictures),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Axis:
+    """What the motions of one axis give; ``withheld`` says why its values are not to be used."""
+
+    axis: int
+    fit: Fit
+    play: Play
+    errors: HeldOut | None
+    withheld: str | None
+    figures: Sequence[Figure]
+    remarks: Sequence[str]
+    pictures: Sequence[Picture]
+
+
+def _axis(
+    cell: CellModel,
+    axis: int,
+    mine: Sequence[Motion],
+    other: Sequence[Motion],
+    settings: Mapping[str, Any],
+    progress: Progress,
+) -> _Axis:
+    remarks = _turned_torque(mine, bool(settings["as_stated"]))
+    large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
+    p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
+    rows = [AxisResiduals(tuple(blocks(mine, places)))]
+    plain = solve(p, rows, robust=False, stop=_STOP, progress=share_of(progress, 0.0, 0.3, f"axis {axis + 1}"))
+    fit = with_honest_sigma(plain, rows[0])
+    needed = [name for name in p.names if name.endswith(".delay")]
+    turn_spread = 0.0
+    errors: HeldOut | None = None
+    if other:
+        errors = score_separate(
+            p,
+            rows,
+            [AxisResiduals(tuple(blocks(other, places)))],
+            needed=needed,
+            error=angle_error,
+            robust=False,
+            stop=_STOP,
+        )
+    elif len(mine) > 1:
+        errors = cross_validate(
+            p,
+            rows,
+            needed=needed,
+            error=angle_error,
+            folds=Folds(min(4, len(mine))),
+            robust=False,
+            stop=_STOP,
+            start=fit.values,
+            progress=share_of(progress, 0.3, 1.0, f"axis {axis + 1}"),
+        )
+        fit = _at_least(fit, jackknife([part.values for part in errors.fits]))
+        turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in errors.fits])[0])
+    share = float(settings["bearing_m"]) / min(m.lever_m for m in mine)
+    fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
+    play = _play(fit, axis)
+    progress(1.0)
+    return _Axis(
+        axis,
+        fit,
+        play,
+        errors,
+        why_not(axis, mine, *_link_friction(fit, axis, turn_spread)),
+        _figures(cell, fit, axis, play, mine, (turn_spread, share)),
+        [*remarks, *_remarks(cell, fit, axis, play, mine)],
+        [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]],
     )
 
 
@@ -182,6 +221,15 @@ def turn(fit: Fit, axis: int) -> float:
     return fit.value(f"{name}.compliance") * sum(
         fit.value(n) for n in fit.parameters.names if n.startswith(f"{name}.friction")
     )
+
+
+def _link_friction(fit: Fit, axis: int, turn_spread: float) -> tuple[float, float]:
+    """Dry friction of an axis on the side of the link, N m, and its standard deviation."""
+    width, sigma = loop_half_width(fit, axis)
+    soft = fit.value(f"axis{axis + 1}.compliance")
+    held = 0.0 if fit.parameters.items[0].free else COMPLIANCE
+    total = width / soft
+    return total, float(np.hypot(max(sigma, turn_spread) / soft, held * total))
 
 
 def jackknife(values: Sequence[Float]) -> Float:
@@ -264,13 +312,9 @@ def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
 def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion]) -> list[str]:
     out = [f"axis {axis + 1}: {sentence}" for sentence in fit.hidden]
     total = sum(play.friction_nm)
-    crossed = any(float(np.min(np.abs(m.torque))) < 0.7 * total for m in mine)
-    if not crossed:
-        least = min(float(np.min(np.abs(m.torque))) for m in mine)
-        out.append(
-            f"axis {axis + 1}: its weight ({least:.0f} N m at least) kept the gear on one flank, so the dead band "
-            f"was not determined; measure in a pose where the axis is balanced"
-        )
+    missing = least_seen(axis, mine, total)
+    if missing is not None:
+        out.append(missing)
     if fit.parameters.items[0].free is False:
         out.append(
             f"axis {axis + 1}: friction refers to the torsion compliance of the cell file "

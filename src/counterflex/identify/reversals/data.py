@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
@@ -44,6 +44,7 @@ class Motion:
         motor_torque: (n,) N m or None.
         where: For messages.
         lever_m: Distance that the tool moves per rad; infinite for encoders.
+        pose: (6,) rad, mean angles of all axes.
     """
 
     run: int
@@ -57,6 +58,7 @@ class Motion:
     motor_torque: Float | None
     where: str
     lever_m: float = float("inf")
+    pose: Float = field(default_factory=lambda: np.zeros(6))
 
 
 def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> list[Motion]:
@@ -157,7 +159,9 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
                 value=f"{np.ptp(link[:, axis]) / span[axis]:.3g} times the motion of '{lead}'",
                 limit="1",
             )
-        return Motion(run, axis, "encoder", q[:, axis], torque, time, gap, sigma[:, axis], motor, place)
+        return Motion(
+            run, axis, "encoder", q[:, axis], torque, time, gap, sigma[:, axis], motor, place, pose=q.mean(axis=0)
+        )
     p = channel.values[rows]
     angle = q[:, axis] - np.mean(q[:, axis])
     slope = np.polyfit(angle, p - np.mean(p, axis=0), 1)[0]
@@ -178,7 +182,18 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
         )
     along = slope / lever
     return Motion(
-        run, axis, "tracker", q[:, axis], torque, time, p @ along, np.sqrt(sigma**2 @ along**2), motor, place, lever
+        run,
+        axis,
+        "tracker",
+        q[:, axis],
+        torque,
+        time,
+        p @ along,
+        np.sqrt(sigma**2 @ along**2),
+        motor,
+        place,
+        lever,
+        q.mean(axis=0),
     )
 
 
@@ -207,8 +222,18 @@ def balance(q: Float, time_s: Float, motor: Float) -> tuple[float, float]:
 
 def motor_friction(mine: Sequence[Motion]) -> float | None:
     """Half the difference of the motor's torque between the directions of motion, N m; None if it was not recorded."""
+    seen = _motor_halves(mine)
+    return float(np.mean(seen)) if seen else None
+
+
+def motor_friction_sigma(mine: Sequence[Motion]) -> float:
+    """Standard deviation of :func:`motor_friction` by its scatter over the motions, N m; 0 with fewer than two."""
+    seen = _motor_halves(mine)
+    return float(np.std(seen, ddof=1) / np.sqrt(len(seen))) if len(seen) > 1 else 0.0
+
+
+def _motor_halves(mine: Sequence[Motion]) -> list[float]:
     halves = [
         balance(m.q, m.time_s, m.motor_torque)[1] for m in mine if m.motor_torque is not None and m.time_s is not None
     ]
-    seen = [half for half in halves if np.isfinite(half)]
-    return float(np.mean(seen)) if seen else None
+    return [half for half in halves if np.isfinite(half)]

@@ -99,6 +99,37 @@ class Solved:
         return out
 
 
+@dataclass(frozen=True, eq=False)
+class MirroredBody:
+    """A solved body mirrored at the plane x = 0 of its own frame: ``u'(Sx) = S u(x)``, S = diag(-1, 1, 1).
+
+    Attributes:
+        original: The body that was solved.
+    """
+
+    original: Solved
+
+    @property
+    def stiffness(self) -> Float:
+        """(6, 6) as of :class:`Solved`: forces mirror with S, moments with -S."""
+        out: Float = _MIRRORED[:, None] * self.original.stiffness * _MIRRORED
+        return out
+
+    @property
+    def unknowns(self) -> int:
+        """Of the system that was solved for both."""
+        return 0
+
+    def strain(self, points: Float) -> Float:
+        """Strain at points of the mirrored body, as of :class:`Solved`."""
+        s = _MIRRORED[:3]
+        out: Float = self.original.strain(points * s) * s[:, None, None] * s[:, None] * _MIRRORED
+        return out
+
+
+_MIRRORED: Float = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
+
+
 def solve(body: Bricks, e_pa: float, poisson_ratio: float) -> Solved:
     """Solve a body for the six unit motions of its loaded face.
 

@@ -10,8 +10,8 @@ from counterflex.core.arrays import Float
 from counterflex.geometry import wrench
 from counterflex.geometry.rotation import skew
 from counterflex.sensing.holder_beam import Gauge, HolderBeam
-from counterflex.sensing.holder_design.bricks import Solved, solve
-from counterflex.sensing.holder_design.drawing import Drawing, Pocket
+from counterflex.sensing.holder_design.bricks import MirroredBody, Solved, solve
+from counterflex.sensing.holder_design.drawing import BRICKS, Drawing, Pocket
 from counterflex.sensing.strain_holder import Sight, lever, sight
 
 
@@ -25,7 +25,7 @@ class Behaviour:
             holder's origin.
         strain: (n, 3) 1/N: the same by a force at the tool tip.
         sight: What the bridges see of a force at the tool tip, for white noise of one unit each scaled by ``noise``.
-        unknowns: Of both cheeks.
+        unknowns: Of the cheeks that were solved: one where the other is its mirror image.
     """
 
     compliance: Float
@@ -41,7 +41,9 @@ class Behaviour:
         return out
 
 
-def behaviour(drawing: Drawing, mesh_m: float, noise: float = 0.2e-6, *, cut: bool = True) -> Behaviour:
+def behaviour(
+    drawing: Drawing, mesh_m: float, noise: float = 0.2e-6, *, cut: bool = True, bricks: int = BRICKS
+) -> Behaviour:
     """Solve both cheeks and join them by the rigid ring.
 
     ``k = sum A^T K_cheek A`` at the ring, ``A`` the motion of a cheek's end by that of the ring; the tool tip is fixed
@@ -53,14 +55,19 @@ def behaviour(drawing: Drawing, mesh_m: float, noise: float = 0.2e-6, *, cut: bo
         mesh_m: Largest edge of a brick, m.
         noise: Standard deviation of a bridge's strain.
         cut: With the pockets; else the original design on the same grid, its bridges not evaluated.
+        bricks: Fewest over every pocket and the wall behind it.
 
     Raises:
         InputError: The drawing cannot be meshed, or a piece of it is held by nothing.
     """
     beam = drawing.beam
-    solved: dict[int, Solved] = {}
-    for side in (-1, 1):
-        solved[side] = solve(drawing.cheek(side, mesh_m, cut=cut), beam.e_pa, beam.poisson_ratio)
+    right = solve(drawing.cheek(1, mesh_m, cut=cut, bricks=bricks), beam.e_pa, beam.poisson_ratio)
+    solved: dict[int, Solved | MirroredBody] = {1: right}
+    solved[-1] = (
+        MirroredBody(right)
+        if drawing.mirrored
+        else solve(drawing.cheek(-1, mesh_m, cut=cut, bricks=bricks), beam.e_pa, beam.poisson_ratio)
+    )
     motions = {side: np.eye(6) for side in solved}
     for side, A in motions.items():
         A[:3, 3:] = -skew(np.array([0.5 * side * beam.distance_m, 0.0, 0.0]))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
@@ -20,6 +21,11 @@ from counterflex.sensing.holder_design.bricks import Bricks
 
 LEAST_WALL_M = 1e-3
 """Least thickness of material behind a pocket, and least width of a rib."""
+BRICKS: Final = 4
+"""Bricks over the height, the width and the depth of every pocket, and over the wall behind it: with one or two the
+strain of a plain notch is wrong by a third."""
+GROWTH: Final = 0.6
+"""Growth of the bricks by the distance from a pocket."""
 LEAST_GAP_M = 1e-3
 """Least distance of a pocket from the ends of the cheek and from another one."""
 
@@ -127,16 +133,18 @@ class Drawing:
                         f"pocket {k + 1} meets pocket {j + 1}", value=round(1e3 * distance, 3), limit=">= 1 mm apart"
                     )
 
-    def cheek(self, side: int, mesh_m: float, *, cut: bool = True) -> Bricks:
+    def cheek(self, side: int, mesh_m: float, *, cut: bool = True, bricks: int = BRICKS) -> Bricks:
         """One cheek as bricks, its own middle plane at x = 0.
 
         Args:
             side: -1 or +1.
             mesh_m: Largest edge of a brick away from pockets along y and z; at pockets it is finer.
             cut: With its pockets; else the cheek of the original design on the same grid.
+            bricks: Fewest over the height, the width and the depth of every pocket, and over the wall behind it.
         """
         beam, own = self.beam, [p for p in self.pockets if p.side == side]
         t, b, length = beam.thickness_m, beam.width_m, beam.length_m
+        depths = [p.depth_m for p in own]
         marks_x, marks_y, marks_z = [-0.5 * t, 0.5 * t], [-0.5 * b, 0.5 * b], [0.0, length]
         for p in own:
             sign = _face(p)
@@ -145,9 +153,14 @@ class Drawing:
             marks_z += [p.z_m - 0.5 * p.height_m, p.z_m, p.z_m + 0.5 * p.height_m]
             if p.bridged:
                 marks_y += [p.y_m - 0.5 * p.rib_m, p.y_m + 0.5 * p.rib_m]
-        x = _planes(marks_x, 0.5 * t, 0.5 * t)
-        y = _planes(marks_y, mesh_m, 0.5 * mesh_m)
-        z = _planes(marks_z, mesh_m, 0.5 * mesh_m)
+        fine_x = [*depths, *(t - d for d in depths)]
+        x = _planes(marks_x, min([0.5 * t, *(size / bricks for size in fine_x)]), [])
+        y = _planes(
+            marks_y, mesh_m, [(p.y_m - 0.5 * p.width_m, p.y_m + 0.5 * p.width_m, p.width_m / bricks) for p in own]
+        )
+        z = _planes(
+            marks_z, mesh_m, [(p.z_m - 0.5 * p.height_m, p.z_m + 0.5 * p.height_m, p.height_m / bricks) for p in own]
+        )
         mid = [0.5 * (planes[1:] + planes[:-1]) for planes in (x, y, z)]
         filled = np.ones((len(mid[0]), len(mid[1]), len(mid[2])), dtype=np.bool_)
         for p in own if cut else ():
@@ -156,6 +169,19 @@ class Drawing:
             cut_z = np.abs(mid[2] - p.z_m) < 0.5 * p.height_m
             filled &= ~(cut_x[:, None, None] & cut_y[None, :, None] & cut_z[None, None, :])
         return Bricks(x, y, z, filled)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether both cheeks have the same pockets, mirrored at the plane between them."""
+        left, right = (
+            sorted(
+                (p.outer, p.y_m, p.z_m, p.width_m, p.height_m, p.depth_m, p.rib_m)
+                for p in self.pockets
+                if p.side == side
+            )
+            for side in (-1, 1)
+        )
+        return left == right
 
     def gauge_points(self, pocket: Pocket) -> Float:
         """(k, 3) m in the frame of :meth:`cheek`: points under the grid of the gauges, along z."""
@@ -173,12 +199,26 @@ def _face(pocket: Pocket) -> int:
     return pocket.side if pocket.outer else -pocket.side
 
 
-def _planes(marks: list[float], coarse: float, fine: float) -> Float:
-    """Planes through all marks, no farther apart than ``coarse``; ``fine`` where two marks are near."""
+def _planes(marks: list[float], coarse: float, fine: list[tuple[float, float, float]]) -> Float:
+    """Planes through all marks, no farther apart than ``coarse``, graded towards what is fine.
+
+    Args:
+        marks: Places of planes.
+        coarse: Largest distance.
+        fine: Intervals (low, high, largest distance in them); away from one the distance grows by :data:`GROWTH` times
+            the way to it.
+    """
     places = np.unique(np.round(marks, 12))
-    out = [places[0]]
-    for low, high in pairwise(places):
-        edge = fine if high - low < 2.0 * coarse else coarse
-        count = max(1, int(np.ceil((high - low) / edge - 1e-9)))
-        out += [low + (high - low) * (k + 1) / count for k in range(count)]
+    out = [float(places[0])]
+    for low, high in pairwise(places.tolist()):
+
+        def size(at: float) -> float:
+            return min([coarse, *(edge + GROWTH * max(a - at, at - b, 0.0) for a, b, edge in fine)])
+
+        # Planes at equal steps of the number of bricks: the integral of 1 / size.
+        at = np.linspace(low, high, 201)
+        density = np.array([1.0 / size(float(v)) for v in at])
+        count = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(at))])
+        n = max(1, int(np.ceil(count[-1] - 1e-6)))
+        out += np.interp(np.arange(1, n + 1) * count[-1] / n, count, at).tolist()
     return np.array(out)

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.sensing.holder_beam import Gauge
 from counterflex.sensing.holder_design.design import Behaviour, behaviour, gain_by_pocket, lost_stiffness
-from counterflex.sensing.holder_design.drawing import LEAST_GAP_M, Drawing, Pocket
+from counterflex.sensing.holder_design.drawing import BRICKS, LEAST_GAP_M, Drawing, Pocket
 from counterflex.sensing.strain_holder import lever
 
 _STATIONS = (0.12, 0.3, 0.5, 0.7, 0.88)
@@ -48,7 +48,9 @@ def candidates(drawing: Drawing, template: Pocket) -> tuple[Pocket, ...]:
     )
 
 
-def choose(drawing: Drawing, count: int, lost_share: float, mesh_m: float, noise: float) -> Chosen:
+def choose(
+    drawing: Drawing, count: int, lost_share: float, mesh_m: float, noise: float, *, bricks: int = BRICKS
+) -> Chosen:
     """Choose places for ``count`` pockets like the first of the drawing.
 
     ``max log det(K^T K)`` with ``K`` the strain per newton at the tool tip, ``s_plain`` by beam theory times the gain
@@ -62,6 +64,7 @@ def choose(drawing: Drawing, count: int, lost_share: float, mesh_m: float, noise
         lost_share: Largest share of the stiffness at the tool tip that may be lost, any direction, 0 .. 1.
         mesh_m: Largest edge of a brick.
         noise: Standard deviation of a bridge's strain.
+        bricks: Fewest over every pocket and the wall behind it.
 
     Raises:
         InputError: No pockets, a number out of range, or no choice within the limit.
@@ -74,7 +77,7 @@ def choose(drawing: Drawing, count: int, lost_share: float, mesh_m: float, noise
     surface = _surface_strain(drawing, places)
     now, limit = drawing, lost_share
     for trial in range(1, _TRIALS + 1):
-        plain, cut = behaviour(now, mesh_m, noise, cut=False), behaviour(now, mesh_m, noise)
+        plain, cut = (behaviour(now, mesh_m, noise, cut=c, bricks=bricks) for c in (False, True))
         lost = lost_stiffness(plain, cut)
         if trial > 1 and np.all(lost <= lost_share):
             return Chosen(now, plain, cut, trial)
