@@ -42,7 +42,7 @@ def inspect(
         Path | None,
         typer.Option(
             "--scan",
-            help="Scan of the part: PLY, STL, OBJ, table of x y z, DMIS output, QIF.",
+            help="Scan of the part: PLY, STL, OBJ, E57, LAS, PCD, PTX, table or report of points, DMIS output, QIF.",
             metavar="FILE",
             callback=arguments.file,
         ),
