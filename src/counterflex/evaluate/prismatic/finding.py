@@ -12,7 +12,7 @@ Walls and floors of grooves and round pockets, which are found by the moves of t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -132,11 +132,25 @@ def find_prismatic(surface: NominalSurface, taken_walls: Bool, taken_floors: Boo
             xy, height = _floor(surface, labels, region[k])
             name = "step" if region[k] else "wall"
             out.append(PrismaticFeature(name, walls=(wall,), floor=xy, floor_m=height))
-    out += [_contour(one) for one in segments if not one.straight]
+    for segment in segments:
+        if not segment.straight:
+            _add_curved(out, _contour(segment), _foot(segment, surface, labels), surface, labels)
     floors_used = {_label_at(labels, surface, one.floor) for one in out}
     out += _bare_floors(surface, free, floors_used)
     out += _free_forms(surface, taken_floors)
     return _numbered(out)
+
+
+def _add_curved(
+    features: list[PrismaticFeature], curved: PrismaticFeature, floor: int, surface: NominalSurface, labels: Int
+) -> None:
+    """Add a curved wall: to the pocket or island at whose floor it stands, as a corner of it, else by itself."""
+    if curved.circle is None and floor:
+        for k, one in enumerate(features):
+            if len(one.pairs) == 2 and _label_at(labels, surface, one.floor) == floor:
+                features[k] = replace(one, contour=(*one.contour, *curved.contour))
+                return
+    features.append(curved)
 
 
 def _numbered(features: Sequence[PrismaticFeature]) -> tuple[PrismaticFeature, ...]:
@@ -144,8 +158,7 @@ def _numbered(features: Sequence[PrismaticFeature]) -> tuple[PrismaticFeature, .
     out = []
     for one in features:
         count[one.name] = count.get(one.name, 0) + 1
-        fields = {key: value for key, value in vars(one).items() if key != "name"}
-        out.append(PrismaticFeature(f"{one.name} {count[one.name]}", **fields))
+        out.append(replace(one, name=f"{one.name} {count[one.name]}"))
     return tuple(out)
 
 
