@@ -73,7 +73,7 @@ class PrismaticFeature:
         pairs: Its pairs of walls, the longer size first.
         walls: Its single walls.
         contour: Its curved walls.
-        circle: Centre (m, m) and radius (m) where the contour is a circle.
+        circle_m: Centre and radius, m, where the contour is a circle.
         floor: (n, 2) m, places on its floor, on a grid; empty where it has none.
         floor_m: Height of the floor where it is level; nan else.
     """
@@ -82,7 +82,7 @@ class PrismaticFeature:
     pairs: tuple[WallPair, ...] = ()
     walls: tuple[WallSegment, ...] = ()
     contour: tuple[WallSegment, ...] = ()
-    circle: tuple[float, float, float] | None = None
+    circle_m: tuple[float, float, float] | None = None
     floor: Float | None = None
     floor_m: float = float("nan")
 
@@ -145,7 +145,7 @@ def _add_curved(
     features: list[PrismaticFeature], curved: PrismaticFeature, floor: int, surface: NominalSurface, labels: Int
 ) -> None:
     """Add a curved wall: to the pocket or island at whose floor it stands, as a corner of it, else by itself."""
-    if curved.circle is None and floor:
+    if curved.circle_m is None and floor:
         for k, one in enumerate(features):
             if len(one.pairs) == 2 and _label_at(labels, surface, one.floor) == floor:
                 features[k] = replace(one, contour=(*one.contour, *curved.contour))
@@ -185,11 +185,11 @@ def _pairs(
             second = walls[b]
             if a in used or b in used or region[a] != region[b] or first.normal @ second.normal > -_PARALLEL:
                 continue
-            apart = first.offset_m + second.offset_m  # along the first normal; the second one points the other way
-            pair = WallPair((first, second), abs(apart), apart > 0.0)
+            distance = first.offset_m + second.offset_m  # along the first normal; the second one points the other way
+            pair = WallPair((first, second), abs(distance), distance > 0.0)
             low, high = pair.common_m
             if pair.facing == facing and high - low >= _OVERLAP * min(first.length_m, second.length_m):
-                sized.append((-apart, a, b, pair))
+                sized.append((-distance, a, b, pair))
     sized.sort(key=lambda one: one[0])
     out, taken = [], set()
     for _, a, b, pair in sized:
@@ -232,7 +232,7 @@ def _crosses(a: WallPair, b: WallPair) -> bool:
 
 
 def _floor(surface: NominalSurface, labels: Int, label: int) -> tuple[Float | None, float]:
-    """Places on a level floor, about a millimetre apart, and its height; none for label 0."""
+    """Places on a level floor, about a millimetre distance, and its height; none for label 0."""
     if label == 0:
         return None, float("nan")
     grid = surface.nominal
@@ -287,4 +287,4 @@ def _contour(wall: WallSegment) -> PrismaticFeature:
     middle = centre + wall.points[:, :2].mean(axis=0)
     outward = float(np.mean(np.sum((xy - centre) * wall.normals, axis=1))) < 0.0
     circle = (float(middle[0]), float(middle[1]), radius)
-    return PrismaticFeature("boss" if outward else "bore", contour=(wall,), circle=circle)
+    return PrismaticFeature("boss" if outward else "bore", contour=(wall,), circle_m=circle)

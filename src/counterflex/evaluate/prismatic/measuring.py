@@ -42,7 +42,7 @@ def measure_prismatic(
     for pair in feature.pairs:
         rows += [_position(wall, parts, inset, 0.5 * pair.size_m, inward=not pair.facing) for wall in pair.walls]
     rows += [_position(wall, parts, inset, wall.offset_m) for wall in feature.walls]
-    if feature.circle is not None:
+    if feature.circle_m is not None:
         rows += _circle(feature, parts, inset)
     elif feature.contour:
         off = {name: np.concatenate([_left(w, part, inset) for w in feature.contour]) for name, part in parts.items()}
@@ -107,7 +107,7 @@ def side_of(normal: Float) -> str:
 
 
 def _circle(feature: PrismaticFeature, parts: Parts, inset: float) -> list[Row]:
-    x, y, radius = feature.circle or (0.0, 0.0, 0.0)
+    x, y, radius = feature.circle_m or (0.0, 0.0, 0.0)
     wall = feature.contour[0]
     diameter, round_, centre, shares = {}, {}, {}, {}
     for name, part in parts.items():
