@@ -180,7 +180,6 @@ FILES: dict[str, tuple[str, bytes, list[str]]] = {
     "text for a number": ("s.xyz", (TEXT + "1 two 3\n").encode(), ["s.xyz:4", "'two' is no number"]),
     "line too short": ("s.xyz", (TEXT + "1 2\n").encode(), ["s.xyz:4", "columns", "got 2", "expected 3"]),
     "only not a number": ("s.xyz", b"nan nan nan\nnan nan nan\n", ["s.xyz", "no valid point", "2 points"]),
-    "UTF-16": ("s.txt", TEXT.encode("utf-16"), ["s.txt", "UTF-16"]),
     "unknown binary": ("s.bin", bytes(range(256)) * 8, ["s.bin", "binary", "PLY, STL, OBJ"]),
     "workbook": ("s.csv", b"PK\x03\x04rest", ["s.csv", "spreadsheet"]),
     "pts with a wrong count": ("s.pts", ("5\n" + TEXT).encode(), ["s.pts", "first line", "got 3", "expected 5"]),

@@ -65,6 +65,7 @@ def pocket() -> tuple[str, Float, dict[tuple[str, str], tuple[float, float]]]:
             (name, "wall y+"): (12.0, 12.01),
             (name, "wall y-"): (12.0, 12.05),
             (name, "depth"): (4.0, 4.1),
+            (name, "corners"): (0.0, -0.03),
         },
     )
 
@@ -78,7 +79,13 @@ def island() -> tuple[str, Float, dict[tuple[str, str], tuple[float, float]]]:
     return (
         HEAD + loop((7.0, 3.0), (33.0, 27.0), 15.0) + TAIL,
         sampled(made),
-        {(name, "length"): (10.0, 10.04), (name, "width"): (8.0, 8.06), (name, "height"): (5.0, 4.93)},
+        {
+            (name, "length"): (10.0, 10.04),
+            (name, "width"): (8.0, 8.06),
+            (name, "wall x+"): (5.0, 5.02),
+            (name, "wall y-"): (4.0, 4.03),
+            (name, "height"): (5.0, 4.93),
+        },
     )
 
 

@@ -83,7 +83,7 @@ def _scales(parts: Mapping[str, Inspected | InspectedPath]) -> tuple[str, ...]:
     """Note of each scan whose scale is not 1."""
     return tuple(
         f"{one.file}: {100.0 * one.scale.scale:+.4f} % ± {100.0 * one.scale.sigma:.4f} % of scale in "
-        f"{len(one.scale.directions)} directions alike, {abs(one.scale.scale) * 1e5:.0f} µm over 100 mm. U holds it."
+        f"{len(one.scale.agreeing)} directions alike, {abs(one.scale.scale) * 1e5:.0f} µm over 100 mm. U holds it."
         for one in parts.values()
         if isinstance(one, Inspected) and one.scale.common and one.scale.significant
     )
@@ -124,7 +124,8 @@ def _scale_fact(scale: dict[str, Any]) -> Fact:
     if scale["percent"] is None:
         return Fact("Scale", "not known", "", "no two opposite faces of the blank were scanned")
     each = ", ".join(f"{axis} {value:+.4f} %" for axis, value in scale["directions_percent"].items())
-    alike = "directions agree" if scale["directions_agree"] else "the size of the blank is in it"
+    agree = ", ".join(scale["directions_agree"])
+    alike = f"{agree} agree" if agree else "the size of the blank is in it"
     value = f"{scale['percent']:+.4f} ± {scale['standard_deviation_percent']:.4f} %"
     return Fact("Scale against the blank", value, "", f"{each}; {alike}")
 

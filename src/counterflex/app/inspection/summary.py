@@ -120,7 +120,7 @@ def _scale(one: ScaleEstimate) -> dict[str, Any]:
         "percent": round(100.0 * one.scale, 5) if known else None,
         "standard_deviation_percent": round(100.0 * one.sigma, 5) if known else None,
         "directions_percent": {axis: round(100.0 * value, 5) for axis, value in one.directions.items()},
-        "directions_agree": one.common,
+        "directions_agree": list(one.agreeing),
         "significant": one.significant,
     }
 

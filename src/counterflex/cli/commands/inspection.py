@@ -42,7 +42,7 @@ def inspect(
         Path | None,
         typer.Option(
             "--scan",
-            help="Scan of the part: PLY, STL, OBJ, table of x y z, DMIS output, QIF.",
+            help="Scan of the part: PLY, STL, OBJ, E57, LAS, PCD, PTX, table or report of points, DMIS output, QIF.",
             metavar="FILE",
             callback=arguments.file,
         ),
@@ -317,9 +317,13 @@ def scale_line(scale: dict[str, Any]) -> str:
     value, sigma = scale["percent"], scale["standard_deviation_percent"]
     each = ", ".join(f"{axis} {one:+.4f} %" for axis, one in scale["directions_percent"].items())
     line = f"scale of the scan against the blank: {value:+.4f} % +- {sigma:.4f} % ({each})"
+    agree = scale["directions_agree"]
+    other = [axis for axis in scale["directions_percent"] if axis not in agree]
+    if agree and other:
+        line += f"; {', '.join(agree)} agree, and along {', '.join(other)} the blank is of another size"
     if not scale["significant"]:
         return line
-    if not scale["directions_agree"]:
+    if not agree:
         return line + ": the blank is of another size, or the scan of another scale; no two directions agree on one"
     return line + f": {abs(value) * 1000.0:.0f} um over 100 mm. Calibrate the scanner; until then U holds it"
 

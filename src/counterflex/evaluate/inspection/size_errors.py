@@ -6,6 +6,7 @@ every face by ``r``. Neither is a pose, so that no registration takes it away, a
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,17 +37,22 @@ class ScaleEstimate:
     Attributes:
         directions: By axis, size of the scan by that of the blank, less 1; axes of which both faces were measured.
         sigmas: Standard deviation of each.
-        scale: Weighted mean, less 1; nan where no direction is known.
+        scale: Weighted mean of the directions that agree, or of all, less 1; nan where no direction is known.
         sigma: Standard deviation of it; the scatter of the directions is in it.
-        common: True where two or three directions agree: a scale. One alone, or directions that differ, may as well be
-            the blank, which is sawn or cast.
+        agreeing: Axes, two or three, in which the scale is the same: a scale of the scan. One alone, or directions that
+            differ, may as well be the blank, which is sawn or cast.
     """
 
     directions: dict[str, float]
     sigmas: dict[str, float]
     scale: float
     sigma: float
-    common: bool
+    agreeing: tuple[str, ...] = ()
+
+    @property
+    def common(self) -> bool:
+        """True where two or three directions agree."""
+        return bool(self.agreeing)
 
     @property
     def significant(self) -> bool:
@@ -75,14 +81,31 @@ def scale_of(rows: PartDeviations, faces: DatumFaces) -> ScaleEstimate:
             scales[axis] = (sides[0][0] + sides[1][0]) / size
             sigmas[axis] = float(np.hypot(sides[0][1], sides[1][1])) / size
     if not scales:
-        return ScaleEstimate({}, {}, np.nan, np.nan, False)
-    value, sigma = np.array(list(scales.values())), np.array(list(sigmas.values()))
+        return ScaleEstimate({}, {}, np.nan, np.nan)
+    for count in (3, 2):
+        alike = [
+            (chi, mean, sigma, axes)
+            for axes in itertools.combinations(scales, count)
+            for mean, sigma, chi, agree in (_combined(axes, scales, sigmas),)
+            if agree
+        ]
+        if alike:
+            _, mean, sigma, axes = min(alike)
+            return ScaleEstimate(scales, sigmas, mean, sigma, axes)
+    mean, sigma, _, _ = _combined(tuple(scales), scales, sigmas)
+    return ScaleEstimate(scales, sigmas, mean, sigma)
+
+
+def _combined(
+    axes: tuple[str, ...], scales: dict[str, float], sigmas: dict[str, float]
+) -> tuple[float, float, float, bool]:
+    """Weighted mean of directions, its standard deviation, their scatter by it, and whether they agree."""
+    value, sigma = np.array([scales[axis] for axis in axes]), np.array([sigmas[axis] for axis in axes])
     weight = sigma**-2.0
     mean = float(np.average(value, weights=weight))
-    spread = float(np.sum(weight * (value - mean) ** 2))
-    wider = np.sqrt(max(1.0, spread / max(len(value) - 1, 1)))
-    common = len(value) > 1 and bool(np.all(np.abs(value - mean) <= np.maximum(_SAME * sigma, abs(mean) / 3.0)))
-    return ScaleEstimate(scales, sigmas, mean, float(wider / np.sqrt(weight.sum())), common)
+    chi = float(np.sum(weight * (value - mean) ** 2)) / max(len(value) - 1, 1)
+    agree = bool(np.all(np.abs(value - mean) <= np.maximum(_SAME * sigma, abs(mean) / 3.0)))
+    return mean, float(np.sqrt(max(1.0, chi) / weight.sum())), chi, agree
 
 
 def _mean(rows: PartDeviations, faces: DatumFaces, name: str) -> tuple[float, float] | None:

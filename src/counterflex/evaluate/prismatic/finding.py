@@ -12,7 +12,7 @@ Walls and floors of grooves and round pockets, which are found by the moves of t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -73,7 +73,7 @@ class PrismaticFeature:
         pairs: Its pairs of walls, the longer size first.
         walls: Its single walls.
         contour: Its curved walls.
-        circle: Centre (m, m) and radius (m) where the contour is a circle.
+        circle_m: Centre and radius, m, where the contour is a circle.
         floor: (n, 2) m, places on its floor, on a grid; empty where it has none.
         floor_m: Height of the floor where it is level; nan else.
     """
@@ -82,7 +82,7 @@ class PrismaticFeature:
     pairs: tuple[WallPair, ...] = ()
     walls: tuple[WallSegment, ...] = ()
     contour: tuple[WallSegment, ...] = ()
-    circle: tuple[float, float, float] | None = None
+    circle_m: tuple[float, float, float] | None = None
     floor: Float | None = None
     floor_m: float = float("nan")
 
@@ -132,11 +132,25 @@ def find_prismatic(surface: NominalSurface, taken_walls: Bool, taken_floors: Boo
             xy, height = _floor(surface, labels, region[k])
             name = "step" if region[k] else "wall"
             out.append(PrismaticFeature(name, walls=(wall,), floor=xy, floor_m=height))
-    out += [_contour(one) for one in segments if not one.straight]
+    for segment in segments:
+        if not segment.straight:
+            _add_curved(out, _contour(segment), _foot(segment, surface, labels), surface, labels)
     floors_used = {_label_at(labels, surface, one.floor) for one in out}
     out += _bare_floors(surface, free, floors_used)
     out += _free_forms(surface, taken_floors)
     return _numbered(out)
+
+
+def _add_curved(
+    features: list[PrismaticFeature], curved: PrismaticFeature, floor: int, surface: NominalSurface, labels: Int
+) -> None:
+    """Add a curved wall: to the pocket or island at whose floor it stands, as a corner of it, else by itself."""
+    if curved.circle_m is None and floor:
+        for k, one in enumerate(features):
+            if len(one.pairs) == 2 and _label_at(labels, surface, one.floor) == floor:
+                features[k] = replace(one, contour=(*one.contour, *curved.contour))
+                return
+    features.append(curved)
 
 
 def _numbered(features: Sequence[PrismaticFeature]) -> tuple[PrismaticFeature, ...]:
@@ -144,8 +158,7 @@ def _numbered(features: Sequence[PrismaticFeature]) -> tuple[PrismaticFeature, .
     out = []
     for one in features:
         count[one.name] = count.get(one.name, 0) + 1
-        fields = {key: value for key, value in vars(one).items() if key != "name"}
-        out.append(PrismaticFeature(f"{one.name} {count[one.name]}", **fields))
+        out.append(replace(one, name=f"{one.name} {count[one.name]}"))
     return tuple(out)
 
 
@@ -172,11 +185,11 @@ def _pairs(
             second = walls[b]
             if a in used or b in used or region[a] != region[b] or first.normal @ second.normal > -_PARALLEL:
                 continue
-            apart = first.offset_m + second.offset_m  # along the first normal; the second one points the other way
-            pair = WallPair((first, second), abs(apart), apart > 0.0)
+            distance = first.offset_m + second.offset_m  # along the first normal; the second one points the other way
+            pair = WallPair((first, second), abs(distance), distance > 0.0)
             low, high = pair.common_m
             if pair.facing == facing and high - low >= _OVERLAP * min(first.length_m, second.length_m):
-                sized.append((-apart, a, b, pair))
+                sized.append((-distance, a, b, pair))
     sized.sort(key=lambda one: one[0])
     out, taken = [], set()
     for _, a, b, pair in sized:
@@ -219,7 +232,7 @@ def _crosses(a: WallPair, b: WallPair) -> bool:
 
 
 def _floor(surface: NominalSurface, labels: Int, label: int) -> tuple[Float | None, float]:
-    """Places on a level floor, about a millimetre apart, and its height; none for label 0."""
+    """Places on a level floor, about a millimetre distance, and its height; none for label 0."""
     if label == 0:
         return None, float("nan")
     grid = surface.nominal
@@ -274,4 +287,4 @@ def _contour(wall: WallSegment) -> PrismaticFeature:
     middle = centre + wall.points[:, :2].mean(axis=0)
     outward = float(np.mean(np.sum((xy - centre) * wall.normals, axis=1))) < 0.0
     circle = (float(middle[0]), float(middle[1]), radius)
-    return PrismaticFeature("boss" if outward else "bore", contour=(wall,), circle=circle)
+    return PrismaticFeature("boss" if outward else "bore", contour=(wall,), circle_m=circle)

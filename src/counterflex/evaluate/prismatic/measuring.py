@@ -40,17 +40,14 @@ def measure_prismatic(
     for name, pair in zip(names, feature.pairs, strict=False):
         rows += _size(name, pair, parts, inset)
     for pair in feature.pairs:
-        middle = 0.5 * (pair.walls[0].offset_m - pair.walls[1].offset_m)
-        for wall, sign in zip(pair.walls, (1.0, -1.0), strict=True):
-            rows.append(_position(wall, parts, inset, abs(wall.offset_m - sign * middle)))
-    for wall in feature.walls:
-        rows.append(_position(wall, parts, inset, wall.offset_m))
-    if feature.circle is not None:
+        rows += [_position(wall, parts, inset, 0.5 * pair.size_m, inward=not pair.facing) for wall in pair.walls]
+    rows += [_position(wall, parts, inset, wall.offset_m) for wall in feature.walls]
+    if feature.circle_m is not None:
         rows += _circle(feature, parts, inset)
     elif feature.contour:
         off = {name: np.concatenate([_left(w, part, inset) for w in feature.contour]) for name, part in parts.items()}
         span = float(np.max([np.ptp(w.points, axis=0).max() for w in feature.contour]))
-        rows.append(values_row("profile", 0.0, span, off))
+        rows.append(values_row("corners" if feature.pairs else "profile", 0.0, span, off))
     return rows + _floor(feature, surface, parts)
 
 
@@ -92,16 +89,17 @@ def _size(name: str, pair: WallPair, parts: Parts, inset: float) -> list[Row]:
     return [values_row(name, pair.size_m, pair.size_m, values)]
 
 
-def _position(wall: WallSegment, parts: Parts, inset: float, nominal: float) -> Row:
-    """Place of a wall along its normal into the material; ``nominal`` is counted from where the row counts."""
+def _position(wall: WallSegment, parts: Parts, inset: float, nominal: float, *, inward: bool = False) -> Row:
+    """Place of a wall, counted outward as ``nominal`` is: out of the cut, or with ``inward`` out of an island."""
+    sign = -1.0 if inward else 1.0
     place = _stations(wall, *wall.ends_m)
     normals = np.tile(wall.normal, (len(place), 1))
-    values = {name: nominal + _exit_beyond(place, normals, part, inset) for name, part in parts.items()}
-    return values_row(f"wall {side_of(wall.normal)}", nominal, abs(nominal), values)
+    values = {name: nominal + sign * _exit_beyond(place, normals, part, inset) for name, part in parts.items()}
+    return values_row(f"wall {side_of(sign * wall.normal)}", nominal, abs(nominal), values)
 
 
 def side_of(normal: Float) -> str:
-    """Side to which a wall stands, seen from the cut: an axis of the part, or its direction in degrees."""
+    """Side on which a wall stands: an axis of the part, or its direction in degrees."""
     whole = np.round(normal)
     if float(np.abs(normal - whole).max()) < 1e-2:
         return _SIDES[int(whole[0]), int(whole[1])]
@@ -109,7 +107,7 @@ def side_of(normal: Float) -> str:
 
 
 def _circle(feature: PrismaticFeature, parts: Parts, inset: float) -> list[Row]:
-    x, y, radius = feature.circle or (0.0, 0.0, 0.0)
+    x, y, radius = feature.circle_m or (0.0, 0.0, 0.0)
     wall = feature.contour[0]
     diameter, round_, centre, shares = {}, {}, {}, {}
     for name, part in parts.items():

@@ -136,10 +136,10 @@ def _coverage_rows(data: InspectionData) -> list[dict[str, Any]]:
     rows = []
     for name, (whole, of_features) in data.coverage.items():
         for feature, one in (("whole machined surface", whole), *of_features.items()):
-            areas = (one.machined_m2, one.judged_m2, one.unjudged_m2, one.unseen_m2)
+            areas = (one.unseen_m2, one.unjudged_m2, one.judged_m2, one.machined_m2)
             cells = [f"{area / MM**2:.0f}" for area in areas]
             share = f"{100.0 * one.judged_share:.0f} %"
-            rows.append({"part": TITLES[name], "feature": feature, "cells": [*cells, share], "whole": one.whole})
+            rows.append({"part": TITLES[name], "feature": feature, "cells": [share, *cells], "whole": one.whole})
     return rows
 
 
