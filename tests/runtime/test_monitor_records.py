@@ -11,6 +11,7 @@ from counterflex.runtime.monitoring.records import PLAN_ROW
 from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.runtime.state.planned import PLAN
 
+
 def test_a_loops_hash_is_over_the_arrays_of_older_logs() -> None:
     """Reals, whole numbers, limits of the speed, plan; without what samples and energies are kept over."""
     override = OverrideSettings(tolerance_m=1e-4, least=0.3, change_per_s=0.5)

@@ -244,7 +244,7 @@ def turning(rpm: float, orders: dict[int, float], seconds: float = 2.0) -> Float
 )
 @pytest.mark.parametrize("slower", [0.0, 0.003, 0.007])
 def test_tooth_passing_at_the_edge_of_the_band_leaves_nothing(rpm: int, teeth: int, slower: float) -> None:
-    """About 500 Hz at 1 kHz, the spindle as commanded or slower: the lines are followed, and chatter beside them stays."""
+    """About 500 Hz at 1 kHz, the spindle as commanded or slower: its lines are followed, and chatter stays."""
     lines = {teeth: 100.0, 2 * teeth: 40.0, 3 * teeth: 15.0} | ({1: 20.0} if teeth > 1 else {})
     quiet = turning(rpm * (1.0 - slower), lines)
     found = fast(quiet, rpm / 60.0, teeth)

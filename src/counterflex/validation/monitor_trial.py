@@ -1,9 +1,9 @@
 """Trials of process monitoring on made-up force signals, tooth by tooth: how often it sees, how often it errs.
 
-A straight cut at any speed, number of teeth and engagement. The signal is not the model: each tooth has a radius (run-out)
-and a pitch angle, the spindle runs slower than commanded and yields at the entry, force and timing are off by other
-amounts in every trial, the stock is uneven, the arm swings at the entry, only a part of the alternating force reaches
-the sensor, and the sensor samples without a filter, so that every line above half its rate folds.
+A straight cut at any speed, number of teeth and engagement. The signal is not the model: each tooth has a radius
+(run-out) and a pitch angle, the spindle runs slower than commanded and yields at the entry, force and timing are off by
+other amounts in every trial, the stock is uneven, the arm swings at the entry, only a part of the alternating force
+reaches the sensor, and the sensor samples without a filter, so that every line above half its rate folds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.records import records
 from counterflex.core.units import MM, UM
 from counterflex.geometry import rotation
@@ -43,9 +43,9 @@ class Cut:
     """Cut of a trial.
 
     Attributes:
-        rpm: Spindle speed.
+        speed_rpm: Spindle speed.
         teeth: Of the tool.
-        width: Of the cut by the diameter; 1 is a slot.
+        width_share: Width of the cut by the diameter; 1 is a slot.
         is_climb: Climb milling; else conventional.
         feed_tooth_m: Feed per tooth.
         ramp_m: Way over which the tool comes into the cut.
@@ -56,9 +56,9 @@ class Cut:
         gaps: Gaps of the stock, without material over a quarter of the cut.
     """
 
-    rpm: float = 13_000.0
+    speed_rpm: float = 13_000.0
     teeth: int = 3
-    width: float = 1.0
+    width_share: float = 1.0
     is_climb: bool = True
     feed_tooth_m: float = 38.5 * UM
     ramp_m: float = 8.0 * MM
@@ -71,7 +71,7 @@ class Cut:
     @property
     def turn_per_s(self) -> float:
         """Turns of the spindle per second."""
-        return self.rpm / 60.0
+        return self.speed_rpm / 60.0
 
     @property
     def feed_m_s(self) -> float:
@@ -81,7 +81,7 @@ class Cut:
     @property
     def angles(self) -> tuple[float, float]:
         """Entry and exit angle of a tooth, from across the feed."""
-        arc = float(np.arccos(1.0 - 2.0 * min(self.width, 1.0)))
+        arc = float(np.arccos(1.0 - 2.0 * min(self.width_share, 1.0)))
         return (np.pi - arc, np.pi) if self.is_climb else (0.0, arc)
 
     def table(self, broken: tuple[int, ...], radius: Float, pitch: Float) -> Float:
@@ -124,13 +124,13 @@ class Incident:
         at_m: Where it begins, from the start of the cut.
         size: Of it: share of the mean force of an overload, teeth that break, N of chatter or of slow chatter, rise of
             the ratio per metre; m without material.
-        thinner: Share by which the stock becomes thinner there; below 0 thicker.
+        thinner_share: Share by which the stock becomes thinner there; below 0 thicker.
     """
 
     event: Event | None = None
     at_m: float = 60.0 * MM
     size: float = 0.0
-    thinner: float = 0.0
+    thinner_share: float = 0.0
 
 
 def mean_force(cut: Cut) -> Float:
@@ -194,9 +194,9 @@ def signal(cut_m: float, incident: Incident, seed: int, cut: Cut = SLOT) -> Floa
     wave = np.convolve(rng.standard_normal(k + lag), window)[lag : lag + k]
     engaged = engaged * (1.0 + 0.015 * wave)
     place = x - AIR_M - incident.at_m
-    after = place > 0.0
+    after: Bool = place > 0.0
     slowly: Float = np.clip(place / cut.ramp_m, 0.0, 1.0)
-    engaged = engaged * (1.0 - incident.thinner * slowly)
+    engaged = engaged * (1.0 - incident.thinner_share * slowly)
     broken: tuple[int, ...] = ()
     if incident.event == Event.MISSING_CUT:
         engaged = np.where(after & (place < incident.size), 0.0, engaged)
@@ -224,7 +224,7 @@ def signal(cut_m: float, incident: Incident, seed: int, cut: Cut = SLOT) -> Floa
 
 
 def _teeth(
-    cut: Cut, angle: Float, broken: tuple[int, ...], after: Float, engaged: Float, rng: np.random.Generator
+    cut: Cut, angle: Float, broken: tuple[int, ...], after: Bool, engaged: Float, rng: np.random.Generator
 ) -> Float:
     """Force of the teeth; of what turns with the spindle only REACHING gets to the sensor."""
     radius = cut.runout_m * rng.standard_normal(cut.teeth)

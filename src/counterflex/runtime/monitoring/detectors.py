@@ -25,13 +25,13 @@ ONSET: Final = 1.0
 ALIAS: Final = 1.5
 """Slow force by what is estimated of lines that fold into it: their beats."""
 SHAKEN: Final = 0.5
-"""Ratio's share of what is estimated of harmonics that fold to hardly any frequency: the force filter takes the rest."""
+"""Share of harmonics that fold to hardly any frequency that shakes the ratio: the force filter takes the rest."""
 HIGHER: Final = 0.4
-"""Root mean square of the harmonics that are not followed, by that of those that are: of a cut of 15 % of the diameter."""
+"""Root mean square of harmonics that are not followed by those that are, of a cut of 15 % of the diameter."""
 RISE_OF_TOOTH: Final = 0.25
 """Rise between the tooth passing by the tooth passing: one tooth lost leaves from 0.4 (two and six teeth 0.8, 0.45)."""
-RISE_OF_TURN: Final = 0.3
-"""And by what run-out leaves there: of a narrower cut it rises by a fifth, as its chip is thinner."""
+RISE_OF_TURN: Final = 0.5
+"""And by what run-out leaves there: it rises by a fifth in a narrower cut, and beats at speeds where lines meet."""
 SHARE_OF_LOST: Final = 0.4
 """Least drop by the share that is lost with one tooth, where the rise says that one is."""
 ALL_LOST: Final = 0.7
@@ -226,5 +226,7 @@ def low_chatter(m: Record, s: Record, given: Record, noise: float, steady: bool)
             m.level[k] = given.wrench[k] - m.now.force[k]
     limit = 0.0
     if steady and math.isfinite(m.samples.alias):  # else harmonics of the tooth passing look like slow force
-        limit = math.hypot(math.hypot(s.low_chatter_share * m.now.predicted, s.noise_z * noise), ALIAS * m.samples.alias)
+        limit = math.hypot(
+            math.hypot(s.low_chatter_share * m.now.predicted, s.noise_z * noise), ALIAS * m.samples.alias
+        )
     judge(m, s, _LOW_CHATTER, math.sqrt(m.slow), limit, s.low_chatter_cycles)

@@ -32,7 +32,7 @@ from counterflex.core.records import Record, Records
 from counterflex.runtime.monitoring.records import FAST, HARMONICS, MEMORY, SAMPLES, SETTINGS
 
 NOTCH_S: Final = 0.033
-"""Time constant tau of the notches: 3.2 Hz on each side. Shorter ones take chatter between the lines with them."""
+"""Time constant tau of the notches: 4.8 Hz on each side. Shorter ones take chatter between the lines with them."""
 TOOTH_ORDERS: Final = 6
 """Harmonics of the tooth passing that are followed; the other lines are orders between them, the lowest first."""
 SLOW_HZ: Final = 60.0
@@ -46,7 +46,7 @@ FOLLOW: Final = 8.0
 SLIP: Final = 0.015
 """Largest share by which the spindle may be off its commanded speed: slip of an asynchronous motor at full load."""
 FIRST_SLIP: Final = -0.004
-"""Slip until lines show it: of an asynchronous motor under half its load. It tells lines apart that fold to one place."""
+"""Slip until lines show it: of an asynchronous motor under half its load. It parts lines that fold to one place."""
 LINES: Final = 2.0
 """Squared amplitude of all lines by the energy of the rest from which on they show the speed of the spindle."""
 RESOLVED: Final = 0.8
@@ -86,7 +86,7 @@ def _list_orders(d: Record, used: int, first: int, last: int, z: int) -> int:
 def set_lines(d: Record, turn: float, teeth: int, period: float) -> None:
     """Begin with the lines of a spindle speed and a tool; by how much the spindle was off its speed is kept.
 
-    Orders are listed the strongest first: the tooth passing, what run-out leaves below it, its next harmonic, and so on.
+    Orders are listed the strongest first: the tooth passing, what run-out leaves below it, its next harmonic, etc.
 
     Args:
         d: SAMPLES; changed.
@@ -119,12 +119,12 @@ def _choose_lines(d: Record) -> None:
         d: SAMPLES; active and seen are changed, and lines that are given up are zero.
     """
     turn = d.turn * (1.0 + d.slip)
-    apart = RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
+    spacing = RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
     for k in range(HARMONICS):
         f = folded(turn * d.order[k])
-        active = f > apart
+        active = f > spacing
         for j in range(k):
-            if d.active[j] > 0.5 and abs(folded(turn * d.order[j]) - f) < apart:
+            if d.active[j] > 0.5 and abs(folded(turn * d.order[j]) - f) < spacing:
                 active = False
         if not active:
             for axis in range(3):
@@ -137,7 +137,7 @@ def _choose_lines(d: Record) -> None:
 def _is_separate(d: Record) -> int:
     """1 where the tooth passing is seen, and lines between its harmonics that are told apart from them now."""
     z, turn = max(1, d.teeth), d.turn * (1.0 + d.slip)
-    apart = 0.7 * RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
+    spacing = 0.7 * RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
     tooth_seen, between = False, True
     count = 0
     for k in range(HARMONICS):
@@ -147,7 +147,7 @@ def _is_separate(d: Record) -> int:
             count += 1
             f = folded(turn * d.order[k])
             for j in range(HARMONICS):
-                if d.seen[j] > 0.5 and int(d.order[j]) % z == 0 and abs(folded(turn * d.order[j]) - f) < apart:
+                if d.seen[j] > 0.5 and int(d.order[j]) % z == 0 and abs(folded(turn * d.order[j]) - f) < spacing:
                     between = False
     return 1 if between and tooth_seen and count > 0 else 0
 
@@ -165,9 +165,7 @@ def _set_wave(d: Record) -> None:
 
 
 @kernel("void(Samples, float64[::1], int64, float64, float64, float64, int64)", Samples=SAMPLES)
-def _take_sample(
-    d: Record, sample: Float, lines: int, share: float, forget: float, gain: float, early: int
-) -> None:
+def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: float, gain: float, early: int) -> None:
     """One sample through high-passes and notches; the energies of the rest and of what lies about the corner.
 
     Args:
@@ -204,7 +202,7 @@ def _take_sample(
 
 @kernel("float64(Samples, float64)", Samples=SAMPLES)
 def _follow_speed(d: Record, time: float) -> float:
-    """Let the spindle speed follow the turning of the phasors; the squared frequency that lines are off by, (rad/s)^2 N^2.
+    """Let the spindle speed follow the turning of the phasors; squared speed that lines are off by, (rad/s)^2 N^2.
 
     Args:
         d: SAMPLES; changed.
