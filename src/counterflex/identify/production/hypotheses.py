@@ -305,11 +305,11 @@ def _batch(series: Series, designs: Sequence[Design]) -> list[Weighed]:
     out = []
     for i, d in enumerate(designs):
         p = d.rows.shape[1]
-        mean: Float = m0[i, :p] + moved[i, :, :p]
-        cov: Float = covariance[i, :, :p, :p]
-        own = np.asarray(log[i] + d.prior, dtype=np.float64)
+        mean: Float = np.asarray(m0[i, :p] + moved[i, :, :p], dtype=np.float64)
+        cov: Float = np.asarray(covariance[i, :, :p, :p], dtype=np.float64)
+        own: Float = np.array(log[i] + d.prior, dtype=np.float64)
         for j in d.rising:  # prior and posterior of what only rises, cut off at 0
-            own = own + log_ndtr(mean[:, j] / np.sqrt(cov[:, j, j])) + math.log(2.0)
+            own += log_ndtr(mean[:, j] / np.sqrt(cov[:, j, j])) + math.log(2.0)
         out.append(Weighed(d, own, mean, cov))
     return out
 

@@ -111,12 +111,32 @@ def set_lines(d: Record, turn: float, teeth: int, period: float) -> None:
     _list_orders(d, used, z, HARMONICS * z, z)
 
 
-@kernel("void(Samples)", Samples=SAMPLES)
-def _choose_lines(d: Record) -> None:
+@kernel("float64(float64, int64)")
+def mean_gain(turns: float, count: int) -> float:
+    """Squared amplitude that the mean over ``count`` samples leaves of a line of ``turns`` per sample."""
+    sine = math.sin(math.pi * turns)
+    if abs(sine) < 1e-9:
+        return 1.0
+    return (math.sin(math.pi * turns * count) / (count * sine)) ** 2
+
+
+@kernel("float64(float64, float64)")
+def _high_pass_square(turns: float, share: float) -> float:
+    """Squared gain of the two high-passes at a line of ``turns`` per sample."""
+    # |(1 - s/2) (1 - 1/z) / (1 - (1 - s) / z)| of each high-pass at the line.
+    cosine, keep = math.cos(2.0 * math.pi * turns), 1.0 - share
+    gain = (1.0 - 0.5 * share) ** 2 * (2.0 - 2.0 * cosine) / (1.0 - 2.0 * keep * cosine + keep * keep)
+    return max(1e-12, gain * gain)
+
+
+@kernel("void(Samples, float64, int64)", Samples=SAMPLES)
+def _choose_lines(d: Record, share: float, count: int) -> None:
     """Follow every line that is told apart from those before it, at the speed at which the spindle turns now.
 
     Args:
-        d: SAMPLES; active and seen are changed, and lines that are given up are zero.
+        d: SAMPLES; active, seen and gains are changed, and lines that are given up are zero.
+        share: Of the new value in the low-passes.
+        count: Samples of a cycle.
     """
     turn = d.turn * (1.0 + d.slip)
     spacing = RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
@@ -129,6 +149,8 @@ def _choose_lines(d: Record) -> None:
         if not active:
             for axis in range(3):
                 d.lines[axis, 2 * k] = d.lines[axis, 2 * k + 1] = 0.0
+        d.gain[k] = 1.0 / _high_pass_square(f, share)
+        d.mean_gain[k] = mean_gain(f, max(1, count))
         d.active[k] = 1.0 if active else 0.0
         d.seen[k] = 1.0 if active and f > VISIBLE_HZ * d.period else 0.0
 
@@ -136,7 +158,7 @@ def _choose_lines(d: Record) -> None:
 @kernel("int64(Samples)", Samples=SAMPLES)
 def _is_separate(d: Record) -> int:
     """1 where the tooth passing is seen, and lines between its harmonics that are told apart from them now."""
-    z, turn = max(1, d.teeth), d.turn * (1.0 + d.slip)
+    z = max(1, d.teeth)
     spacing = 0.7 * RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
     tooth_seen, between = False, True
     count = 0
@@ -145,23 +167,29 @@ def _is_separate(d: Record) -> int:
             tooth_seen = True
         elif d.seen[k] > 0.5:
             count += 1
-            f = folded(turn * d.order[k])
+            f = d.place[k]
             for j in range(HARMONICS):
-                if d.seen[j] > 0.5 and int(d.order[j]) % z == 0 and abs(folded(turn * d.order[j]) - f) < spacing:
+                if d.seen[j] > 0.5 and int(d.order[j]) % z == 0 and abs(d.place[j] - f) < spacing:
                     between = False
     return 1 if between and tooth_seen and count > 0 else 0
 
 
-@kernel("void(Samples)", Samples=SAMPLES)
-def _set_wave(d: Record) -> None:
-    """Cosine and sine of every line that is followed at the present angle."""
+@kernel("void(Samples, boolean)", Samples=SAMPLES)
+def _set_wave(d: Record, first: bool) -> None:
+    """Cosine and sine of every line that is followed at the present angle; within a cycle turned on by one sample."""
+    speed = d.turn * (1.0 + d.slip)
     for k in range(HARMONICS):
-        if d.active[k] > 0.5:
-            angle = d.angle * d.order[k]
-            angle = 2.0 * math.pi * (angle - math.floor(angle))
-            d.wave[2 * k], d.wave[2 * k + 1] = math.cos(angle), math.sin(angle)
-        else:
+        if d.active[k] < 0.5:
             d.wave[2 * k] = d.wave[2 * k + 1] = 0.0
+        elif first:
+            turns, step = d.angle * d.order[k], speed * d.order[k]
+            angle, step = 2.0 * math.pi * (turns - math.floor(turns)), 2.0 * math.pi * (step - math.floor(step))
+            d.wave[2 * k], d.wave[2 * k + 1] = math.cos(angle), math.sin(angle)
+            d.step[2 * k], d.step[2 * k + 1] = math.cos(step), math.sin(step)
+        else:
+            c, s = d.wave[2 * k], d.wave[2 * k + 1]
+            d.wave[2 * k] = c * d.step[2 * k] - s * d.step[2 * k + 1]
+            d.wave[2 * k + 1] = s * d.step[2 * k] + c * d.step[2 * k + 1]
 
 
 @kernel("void(Samples, float64[::1], int64, float64, float64, float64, int64)", Samples=SAMPLES)
@@ -214,7 +242,7 @@ def _follow_speed(d: Record, time: float) -> float:
         if d.active[k] < 0.5:
             continue
         real = imaginary = 0.0
-        at_edge = folded(d.turn * (1.0 + d.slip) * d.order[k]) > edge  # its image turns the other way
+        at_edge = d.place[k] > edge  # its image turns the other way
         for axis in range(3):
             a, b = d.lines[axis, 2 * k], d.lines[axis, 2 * k + 1]
             c, s = d.before[axis, 2 * k], d.before[axis, 2 * k + 1]
@@ -245,30 +273,18 @@ def _follow_speed(d: Record, time: float) -> float:
     return float(d.turning * d.turning * max(0.0, leaks))
 
 
-@kernel("float64(Samples, int64, float64)", Samples=SAMPLES)
-def _square(d: Record, line: int, share: float) -> float:
+@kernel("float64(Samples, int64)", Samples=SAMPLES)
+def _square(d: Record, line: int) -> float:
     """Squared amplitude of a line over the three axes, before the high-passes."""
     total = 0.0
     for axis in range(3):
         cosine, sine = d.lines[axis, 2 * line], d.lines[axis, 2 * line + 1]
         total += cosine * cosine + sine * sine
-    # |(1 - s/2) (1 - 1/z) / (1 - (1 - s) / z)| of each high-pass at the line.
-    cosine, keep = math.cos(2.0 * math.pi * d.turn * d.order[line]), 1.0 - share
-    gain = (1.0 - 0.5 * share) ** 2 * (2.0 - 2.0 * cosine) / (1.0 - 2.0 * keep * cosine + keep * keep)
-    return total / (gain * gain)
+    return float(total * d.gain[line])
 
 
-@kernel("float64(float64, int64)")
-def mean_gain(turns: float, count: int) -> float:
-    """Squared amplitude that the mean over ``count`` samples leaves of a line of ``turns`` per sample."""
-    sine = math.sin(math.pi * turns)
-    if abs(sine) < 1e-9:
-        return 1.0
-    return (math.sin(math.pi * turns * count) / (count * sine)) ** 2
-
-
-@kernel("void(Samples, Fast, float64, int64)", Samples=SAMPLES, Fast=FAST)
-def _measure(d: Record, out: Record, share: float, count: int) -> None:
+@kernel("void(Samples, Fast)", Samples=SAMPLES, Fast=FAST)
+def _measure(d: Record, out: Record) -> None:
     """Amplitudes of the tooth passing and between; what all lines leave in the mean force of a cycle.
 
     A harmonic that folds below the high-passes is not seen: its amplitude is taken for that of the next lower one that
@@ -277,16 +293,14 @@ def _measure(d: Record, out: Record, share: float, count: int) -> None:
     Args:
         d: SAMPLES; alias is changed.
         out: FAST; turn and tooth are changed.
-        share: Of the new value in the low-passes.
-        count: Samples of the cycle.
     """
     tooth = turns = known = hidden = slow_energy = 0.0
     waiting = 0
     for k in range(HARMONICS):
         of_teeth = int(d.order[k]) % max(1, d.teeth) == 0
-        square = _square(d, k, share) if d.seen[k] > 0.5 else 0.0
-        f = folded(d.turn * (1.0 + d.slip) * d.order[k])
-        hidden += square * mean_gain(f, max(1, count))
+        square = _square(d, k) if d.seen[k] > 0.5 else 0.0
+        f = d.place[k]
+        hidden += square * d.mean_gain[k]
         if of_teeth:
             tooth += square
             slow = f <= VISIBLE_HZ * d.period
@@ -336,28 +350,32 @@ def take_samples(
     forget = 1.0 - math.exp(-s.sample_period / s.energy_time)
     gain, settled = 2.0 * s.sample_period / NOTCH_S, int(SETTLED_S / s.sample_period)
     lines = HARMONICS if turn > 0.0 else 0
+    fresh = True
     if lines > 0:
         if d.slip == 0.0:
             d.slip = FIRST_SLIP
         if d.settled == 0 or (d.in_cut == 1 and d.strength <= LINES * d.energy):
-            _choose_lines(d)  # out of the cut, at the speed that the cut has shown
+            _choose_lines(d, share, count)  # out of the cut, at the speed that the cut has shown
             d.in_cut = 0
     for i in range(count):
         d.angle += turn * (1.0 + d.slip)
         d.angle -= math.floor(d.angle)
         if not (math.isfinite(samples[i, 0]) and math.isfinite(samples[i, 1]) and math.isfinite(samples[i, 2])):
-            d.settled = 0
+            d.settled, fresh = 0, True
             continue
         if d.settled == 0:
             for axis in range(3):
                 d.high_pass[axis, 0], d.high_pass[axis, 1], d.slower[axis] = samples[i, axis], 0.0, 0.0
         if lines > 0:
-            _set_wave(d)
+            _set_wave(d, fresh)
+            fresh = False
         _take_sample(d, samples[i], lines, share, forget, gain, settled // 3)
     off = 0.0
+    for k in range(lines):
+        d.place[k] = folded(turn * (1.0 + d.slip) * d.order[k])
     if lines > 0 and count > 0:
         off = _follow_speed(d, count * s.sample_period)
-    _measure(d, out, share, count)
+    _measure(d, out)
     out.samples = count
     out.residual = math.sqrt(d.energy)
     out.slower = math.sqrt(SLOWER * SLOWER * d.slower_energy + 0.5 * off * NOTCH_S * NOTCH_S)
