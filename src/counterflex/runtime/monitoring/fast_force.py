@@ -51,6 +51,8 @@ LINES: Final = 2.0
 """Squared amplitude of all lines by the energy of the rest from which on they show the speed of the spindle."""
 RESOLVED: Final = 0.8
 """Lines as many turns of their phasors apart within tau as this, in rad, are told apart."""
+CLEAR: Final = 1.6
+"""The same for a line whose amplitude is to show a lost tooth, from the tooth passing and its first harmonic."""
 VISIBLE_HZ: Final = 40.0
 """Folded lines below are too much weakened by the high-passes for an amplitude."""
 KEPT_S: Final = 1.0
@@ -129,6 +131,16 @@ def _high_pass_square(turns: float, share: float) -> float:
     return max(1e-12, gain * gain)
 
 
+@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+def _is_clear(d: Record, line: int) -> bool:
+    """Whether a line of the spindle lies off the tooth passing and its harmonic at the commanded speed."""
+    z, f = max(1, d.teeth), folded(d.turn * d.order[line])
+    if int(d.order[line]) % z == 0:
+        return True
+    nearest = min(abs(folded(d.turn * z) - f), abs(folded(2.0 * d.turn * z) - f))
+    return bool(nearest > CLEAR * d.period / (2.0 * math.pi * NOTCH_S))
+
+
 @kernel("void(Samples, float64, int64)", Samples=SAMPLES)
 def _choose_lines(d: Record, share: float, count: int) -> None:
     """Follow every line that is told apart from those before it, at the speed at which the spindle turns now.
@@ -152,26 +164,20 @@ def _choose_lines(d: Record, share: float, count: int) -> None:
         d.gain[k] = 1.0 / _high_pass_square(f, share)
         d.mean_gain[k] = mean_gain(f, max(1, count))
         d.active[k] = 1.0 if active else 0.0
-        d.seen[k] = 1.0 if active and f > VISIBLE_HZ * d.period else 0.0
+        d.seen[k] = 1.0 if active and f > VISIBLE_HZ * d.period and _is_clear(d, k) else 0.0
 
 
 @kernel("int64(Samples)", Samples=SAMPLES)
 def _is_separate(d: Record) -> int:
-    """1 where the tooth passing is seen, and lines between its harmonics that are told apart from them now."""
+    """1 where the tooth passing is seen, and lines between its harmonics."""
     z = max(1, d.teeth)
-    spacing = 0.7 * RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
-    tooth_seen, between = False, True
-    count = 0
+    tooth = between = 0
     for k in range(HARMONICS):
         if d.seen[k] > 0.5 and int(d.order[k]) % z == 0:
-            tooth_seen = True
+            tooth = 1
         elif d.seen[k] > 0.5:
-            count += 1
-            f = d.place[k]
-            for j in range(HARMONICS):
-                if d.seen[j] > 0.5 and int(d.order[j]) % z == 0 and abs(d.place[j] - f) < spacing:
-                    between = False
-    return 1 if between and tooth_seen and count > 0 else 0
+            between = 1
+    return tooth * between
 
 
 @kernel("void(Samples, boolean)", Samples=SAMPLES)
