@@ -230,11 +230,52 @@ def test_harmonics_of_the_spindle_are_told_from_what_does_not_turn_with_it() -> 
     assert loud.residual == pytest.approx(60.0 / np.sqrt(2.0), rel=0.25)
 
 
-def test_once_per_turn_that_falls_on_the_tooth_passing_is_not_told_apart() -> None:
-    """15 000 rpm, three teeth: 750 Hz folds to 250 Hz, which is once per turn."""
-    found = fast(np.ones(1200), 250.0)
-    assert found.separate == 0.0
-    assert fast(np.ones(1200), 216.7).separate == 1.0
+def turning(rpm: float, orders: dict[int, float], seconds: float = 2.0) -> Float:
+    """Lines of a spindle by their order, sampled at 1 kHz as they are, folded or not."""
+    t = np.arange(round(1000.0 * seconds)) * 1e-3
+    out: Float = np.zeros(len(t))
+    for order, amplitude in orders.items():
+        out = out + amplitude * np.sin(2.0 * np.pi * order * rpm / 60.0 * t + 0.7 * order)
+    return out
+
+
+@pytest.mark.parametrize(
+    ("rpm", "teeth"), [(10_000, 3), (15_000, 2), (30_000, 1), (7_500, 4), (9_900, 3), (12_000, 5), (14_900, 2)]
+)
+@pytest.mark.parametrize("slower", [0.0, 0.003, 0.007])
+def test_tooth_passing_at_the_edge_of_the_band_leaves_nothing(rpm: int, teeth: int, slower: float) -> None:
+    """About 500 Hz at 1 kHz, the spindle as commanded or slower: its lines are followed, and chatter stays."""
+    lines = {teeth: 100.0, 2 * teeth: 40.0, 3 * teeth: 15.0} | ({1: 20.0} if teeth > 1 else {})
+    quiet = turning(rpm * (1.0 - slower), lines)
+    found = fast(quiet, rpm / 60.0, teeth)
+    assert found.ready == 1.0
+    assert found.residual < 0.25 * 100.0  # 0.4 of the root mean square of such lines counts as theirs
+    t = 1e-3 * np.arange(len(quiet))
+    loud = [
+        fast(quiet + 60.0 * np.sin(2.0 * np.pi * hz * t), rpm / 60.0, teeth).residual
+        for hz in (88.0, 117.0, 152.0, 205.0, 271.0, 345.0, 423.0)
+    ]
+    assert np.median(loud) > 0.7 * 60.0 / np.sqrt(2.0)
+
+
+@pytest.mark.parametrize(
+    ("rpm", "teeth", "separate"),
+    [(15_000, 3, 0.0), (12_000, 4, 0.0), (20_000, 3, 0.0), (13_000, 3, 1.0), (10_000, 3, 1.0), (8_000, 4, 1.0)],
+)
+def test_lines_that_fall_on_the_tooth_passing_are_not_told_apart(rpm: int, teeth: int, separate: float) -> None:
+    """15 000 rpm, three teeth: 750 Hz folds to 250 Hz, which is once per turn; 20 000 rpm: it folds to nothing."""
+    signal = turning(0.997 * rpm, {teeth: 100.0, 1: 10.0})
+    assert fast(signal, rpm / 60.0, teeth).separate == separate
+
+
+def test_an_unknown_spindle_speed_and_a_slow_sensor_show_no_chatter() -> None:
+    assert fast(turning(13_000.0, {3: 100.0}), 0.0).ready == 0.0
+    slow = records(SETTINGS)
+    slow[0].sample_period, slow[0].energy_time = 10e-3, 0.04
+    memory, samples = records(MEMORY), np.zeros((1, 6))
+    for k in range(200):
+        take_samples(samples, 1, k, 216.7, 3, slow, memory)
+    assert memory[0].fast.ready == 0.0
 
 
 def test_missing_samples_are_waited_out() -> None:

@@ -8,7 +8,7 @@ import pytest
 from counterflex.core.units import MM
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.settings import MonitorSettings
-from counterflex.validation.monitor_trial import EXPONENT, Incident, run_trial
+from counterflex.validation.monitor_trial import EXPONENT, Cut, Incident, run_trial
 
 SETTINGS = MonitorSettings(force_limit_n=2000.0, exponent=EXPONENT)
 SEEDS = range(500, 508)
@@ -55,3 +55,31 @@ def test_wear_is_reported_with_its_trend() -> None:
     assert not any(out.events for out in sound)
     np.testing.assert_allclose([out.trend_per_m for out in found], 0.4, atol=0.12)
     np.testing.assert_allclose([out.trend_per_m for out in sound], 0.0, atol=0.03)
+
+
+EDGE = [Cut(speed_rpm=10_000.0), Cut(speed_rpm=15_000.0, teeth=2), Cut(speed_rpm=7_500.0, teeth=4)]
+SIDE = Cut(speed_rpm=8_000.0, teeth=4, width_share=0.3)
+
+
+@pytest.mark.parametrize("cut", EDGE, ids=["10 000 rpm, 3 teeth", "15 000 rpm, 2 teeth", "7 500 rpm, 4 teeth"])
+def test_tooth_passing_at_the_edge_of_the_band_is_no_chatter(cut: Cut) -> None:
+    for seed in list(SEEDS)[:2]:
+        assert Event.CHATTER not in run_trial(SETTINGS, SLOT, Incident(), seed, cut).events
+
+
+def test_a_fast_entry_is_no_chatter() -> None:
+    """1 mm of way into a slot at 65 mm/s: the whole alternating force within 15 ms."""
+    cut = Cut(ramp_m=1.0 * MM, feed_tooth_m=1e-4)
+    for seed in list(SEEDS)[:4]:
+        assert not run_trial(SETTINGS, SLOT, Incident(), seed, cut).events
+
+
+@pytest.mark.parametrize("cut", [Cut(), SIDE], ids=["slot", "side cut"])
+def test_thinner_stock_is_no_breakage_and_a_lost_tooth_is_one(cut: Cut) -> None:
+    """Stock 20 and 30 % thinner takes more of the force than a tooth of three or four does."""
+    for seed in list(SEEDS)[:3]:
+        for thinner in (0.2, 0.3):
+            thin = run_trial(SETTINGS, SLOT, Incident(thinner_share=thinner), seed, cut)
+            assert Event.BREAKAGE not in thin.events
+    broken = [run_trial(SETTINGS, SLOT, Incident(Event.BREAKAGE, size=1), seed, cut).events for seed in list(SEEDS)[:5]]
+    assert sum(Event.BREAKAGE in events for events in broken) >= 4

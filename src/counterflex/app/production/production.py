@@ -257,7 +257,7 @@ def _taken(
 def _estimated(
     runs: Sequence[KeptRun], model: CellModel, cell: Cell, tool: int, options: Mapping[str, Any], progress: Progress
 ) -> tuple[Estimate, list[RunFactor], Drift]:
-    """Constants as in the first run, the factor of each run, the drift; significant changes are out of the constants."""
+    """Constants as in the first run, the factor of each run, the drift; changes are out of the constants."""
     every = joined([kept.stretches for kept in runs])
     number: Int = np.repeat(np.arange(len(runs)), [len(kept.stretches) for kept in runs])
     geometry = geometry_of(every, number, float(options["top_sigma_m"]))

@@ -193,7 +193,7 @@ def _remarks(p: Produced) -> list[str]:
     return out
 
 
-_SAID = {
+_TEXT = {
     Kind.NEW_EDGE: "a new edge",
     Kind.CHIPPED: "a chipped edge",
     Kind.LOST_TOOTH: "a lost tooth",
@@ -208,7 +208,7 @@ def _event_remark(p: Produced, event: Named) -> str:
     first = f"The force {'rises' if event.size > 0.0 else 'falls'} by {abs(100.0 * event.size):.1f} % at {run}"
     if event.until:
         first += f" and comes back at {p.runs[event.until].facts['run']}"
-    may = ", ".join(f"{_SAID[kind]} {100.0 * share:.0f} %" for kind, share in event.kinds if share > 0.02)
+    may = ", ".join(f"{_TEXT[kind]} {100.0 * share:.0f} %" for kind, share in event.kinds if share > 0.02)
     odds = f"{event.odds:.2g}" if event.odds < 1e6 else "1e6 and more"
     then = ""
     if event.kind is Kind.NEW_EDGE:
@@ -241,7 +241,7 @@ def _drift_remarks(p: Produced, grown: Drift) -> list[str]:
         late = "never" if math.isinf(ends[2]) else f"{ends[2]:.1f}"
         out.append(
             f"The limit is reached after {ends[1]:.1f} m of cut more ({ends[0]:.1f} to {late} m), if the force goes on "
-            f"growing as at the last run ({grown.shape}, probability {grown.shape_probability:.2f})"
+            f"growing as at the last run ({grown.shape}, probability {grown.shape_chance:.2f})"
         )
     return out
 
@@ -257,10 +257,10 @@ def _pictures(p: Produced) -> tuple[Picture, ...]:
         for sign, name in ((2.0, "+"), (-2.0, "-")):
             curves.append(Curve(f"edge {e + 1} {name} 2 standard deviations", x, s[mine] + sign * sigma[mine]))
         if grown.is_known:
-            curves.append(Curve(f"edge {e + 1}, expected", x, grown.expected[mine], line=True))
+            curves.append(Curve(f"edge {e + 1}, expected", x, grown.factor[mine], line=True))
     limit = np.array([0.0, float(np.max(grown.before_m))])
     first = int(np.argmax(grown.edge == grown.edge[-1]))
-    worn = float(grown.expected[first]) * (1.0 + float(p.options["wear_limit"]))
+    worn = float(grown.factor[first]) * (1.0 + float(p.options["wear_limit"]))
     curves.append(Curve("limit of wear", limit, np.full(2, worn), line=True))
     block, fit = p.estimate.block, p.estimate.fit
     rest = fit.residuals[0] * block.sigma / np.linalg.norm(block.pieces.force, axis=1, keepdims=True)
@@ -365,8 +365,8 @@ def result_of(p: Produced, identification: Identification, date: str) -> dict[st
             "significant": grown.is_significant,
             "scatter": round(grown.scatter, 5),
             "shape": grown.shape,
-            "shape_probability": round(grown.shape_probability, 4),
-            "expected": [round(float(v), 5) for v in grown.expected],
+            "shape_chance": round(grown.shape_chance, 4),
+            "expected": [round(float(v), 5) for v in grown.factor],
             "level_percent": 100.0 * LEVEL,
             "events": [
                 {

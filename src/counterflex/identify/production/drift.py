@@ -77,8 +77,8 @@ class Drift:
         before_m: (n,) length that its edge had cut at the middle of each run.
         events: Named, in their order.
         shape: Name of the most probable shape of the growth.
-        shape_probability: Of it.
-        expected: (n,) factor of each run, scatter apart.
+        shape_chance: Of it.
+        factor: (n,) expected factor of each run, scatter apart.
         force: (n,) the same by the first run's.
         force_sigma: (n,) its standard deviation.
         slope: Growth per metre of cut at the last run, share of the force of the first run of its edge.
@@ -95,8 +95,8 @@ class Drift:
     before_m: Float
     events: tuple[Named, ...]
     shape: str
-    shape_probability: float
-    expected: Float
+    shape_chance: float
+    factor: Float
     force: Float
     force_sigma: Float
     slope: float
@@ -174,11 +174,11 @@ class _Search:
 
     def weighed(self, sets: Sequence[tuple[Event, ...]]) -> list[list[Weighed]]:
         """Hypotheses of event sets, over all shapes."""
-        wanted = [events for events in dict.fromkeys(sets) if events not in self._known]
-        if wanted:
-            found = weigh(self.series, [design(self.series, events, shape) for events in wanted for shape in SHAPES])
-            for i, events in enumerate(wanted):
-                self._known[events] = found[i * len(SHAPES) : (i + 1) * len(SHAPES)]
+        needed = [events for events in dict.fromkeys(sets) if events not in self._known]
+        if needed:
+            weighed = weigh(self.series, [design(self.series, events, shape) for events in needed for shape in SHAPES])
+            for i, events in enumerate(needed):
+                self._known[events] = weighed[i * len(SHAPES) : (i + 1) * len(SHAPES)]
         return [self._known[events] for events in sets]
 
     def best(self) -> tuple[Event, ...]:
@@ -225,8 +225,8 @@ class _Search:
         ]
         if not more:
             return []
-        found = weigh(self.series, [design(self.series, e, shape) for e in more for shape in (CONSTANT, LINE)])
-        scores = [score(found[2 * i : 2 * i + 2]) for i in range(len(more))]
+        weighed = weigh(self.series, [design(self.series, e, shape) for e in more for shape in (CONSTANT, LINE)])
+        scores = [score(weighed[2 * i : 2 * i + 2]) for i in range(len(more))]
         return [more[i] for i in np.argsort(scores)[::-1][:_CLOSE]]
 
     def _at(self, at: int) -> list[Event]:
@@ -290,8 +290,8 @@ class _Search:
 
     def _size(self, event: Event, events: tuple[Event, ...]) -> float:
         """Change of the expected factor at an event, share of that before it."""
-        one = max(self.weighed([events])[0], key=lambda w: float(np.max(w.log)))
-        expected = one.design.X @ one.mean[int(np.argmax(one.log))]
+        one = max(self.weighed([events])[0], key=lambda w: float(np.max(w.log_weight)))
+        expected = one.design.rows @ one.mean[int(np.argmax(one.log_weight))]
         return float(expected[event.at] / expected[event.at - 1] - 1.0)
 
 
@@ -304,9 +304,9 @@ def _drift(
 ) -> Drift:
     """Growth over all hypotheses near the best one, by draws from their mixture."""
     near = [w for group in search.weighed(search.near(events)) for w in group]
-    weight = np.concatenate([w.log for w in near])
+    weight = np.concatenate([w.log_weight for w in near])
     weight = np.exp(weight - log_sum(weight))
-    own = [(w.design.shape.name, float(np.sum(np.exp(w.log)))) for w in _scaled(search.weighed([events])[0])]
+    own = [(w.design.shape.name, float(np.sum(np.exp(w.log_weight)))) for w in _scaled(search.weighed([events])[0])]
     shapes: dict[str, float] = {}
     for name, share in own:
         shapes[name] = shapes.get(name, 0.0) + share
@@ -329,7 +329,7 @@ def _drift(
 def _scaled(weighed: Sequence[Weighed]) -> list[Weighed]:
     """The same with evidences that sum to 1."""
     total = score(weighed)
-    return [Weighed(w.design, w.log - total, w.mean, w.covariance) for w in weighed]
+    return [Weighed(w.design, w.log_weight - total, w.mean, w.covariance) for w in weighed]
 
 
 def _draws(near: Sequence[Weighed], weight: Float, count: int) -> tuple[Float, Float, Float]:
@@ -345,7 +345,7 @@ def _draws(near: Sequence[Weighed], weight: Float, count: int) -> tuple[Float, F
         d = w.design
         level = b @ d.start
         steps = sum((np.maximum(0.0, b[:, j]) for j in d.steps), np.zeros(len(b)))
-        grown.append((b @ d.trend + steps) / level)
+        grown.append((b @ d.growth + steps) / level)
         slope.append(b @ d.slope / level)
-        expected.append(b @ d.X.T)
+        expected.append(b @ d.rows.T)
     return np.concatenate(grown), np.concatenate(slope), np.concatenate(expected)

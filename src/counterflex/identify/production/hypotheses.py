@@ -101,11 +101,11 @@ class Shape:
     bends: str = ""
     at: float = 0.0
 
-    def columns(self, length: Float, slope: bool = False) -> list[Float]:
+    def columns(self, length: Float, *, slope: bool = False) -> list[Float]:
         """Columns, or their derivatives, at lengths by the longest life."""
         if self.name == "constant":
             return []
-        out = [np.ones_like(length) if slope else length]
+        out: list[Float] = [np.ones_like(length) if slope else length]
         if self.bends == "fast":
             rest = np.exp(-length / self.at)
             out.append(rest / self.at if slope else 1.0 - rest)
@@ -113,7 +113,11 @@ class Shape:
             out.append(self.at * length ** (self.at - 1.0) if slope else length**self.at)
         elif self.bends == "knee":
             after = 1.0 / (1.0 - self.at)
-            out.append((length > self.at) * after if slope else np.maximum(0.0, length - self.at) * after)
+            out.append(
+                after * np.asarray(length > self.at, dtype=np.float64)
+                if slope
+                else after * np.maximum(0.0, length - self.at)
+            )
         return out
 
     @property
@@ -177,24 +181,24 @@ class Design:
     Attributes:
         events: Of it.
         shape: Of it.
-        X: (n, p) columns.
+        rows: (n, p) columns at each run.
         mean: (p,) prior means.
         sigma: (p,) prior standard deviations.
         rising: Column of each jump that only goes up.
         start: (p,) force of the first run of the present edge.
-        trend: (p,) growth from there to the last run, jumps apart.
+        growth: (p,) growth from there to the last run, jumps apart.
         slope: (p,) its derivative at the last run, per metre.
         steps: Columns of jumps of the present edge.
     """
 
     events: tuple[Event, ...]
     shape: Shape
-    X: Float
+    rows: Float
     mean: Float
     sigma: Float
     rising: tuple[int, ...]
     start: Float
-    trend: Float
+    growth: Float
     slope: Float
     steps: tuple[int, ...]
 
@@ -251,13 +255,13 @@ class Weighed:
 
     Attributes:
         design: Its columns.
-        log: (t,) logarithm of the evidence times the priors, by scatter.
+        log_weight: (t,) logarithm of the evidence times the priors, by scatter.
         mean: (t, p) of the unknowns.
         covariance: (t, p, p) theirs.
     """
 
     design: Design
-    log: Float
+    log_weight: Float
     mean: Float
     covariance: Float
 
@@ -270,7 +274,7 @@ def scatters(series: Series) -> Float:
 
 def weigh(series: Series, designs: Sequence[Design]) -> list[Weighed]:
     """Evidence of hypotheses, in batches."""
-    widest = max(d.X.shape[1] for d in designs)
+    widest = max(d.rows.shape[1] for d in designs)
     count = max(1, _BATCH // (len(series.factor) * widest * len(_SCATTERS)))
     out: list[Weighed] = []
     for first in range(0, len(designs), count):
@@ -279,12 +283,12 @@ def weigh(series: Series, designs: Sequence[Design]) -> list[Weighed]:
 
 
 def _batch(series: Series, designs: Sequence[Design]) -> list[Weighed]:
-    n, widest = len(series.factor), max(d.X.shape[1] for d in designs)
+    n, widest = len(series.factor), max(d.rows.shape[1] for d in designs)
     X, m0 = np.zeros((len(designs), n, widest)), np.zeros((len(designs), widest))
     s0 = np.ones((len(designs), widest))  # a column of zeros keeps its prior and leaves the evidence alone
     for i, d in enumerate(designs):
-        p = d.X.shape[1]
-        X[i, :, :p], m0[i, :p], s0[i, :p] = d.X, d.mean, d.sigma
+        p = d.rows.shape[1]
+        X[i, :, :p], m0[i, :p], s0[i, :p] = d.rows, d.mean, d.sigma
     variance = series.sigma**2 + scatters(series)[:, None] ** 2
     rest = series.factor - np.einsum("cnp,cp->cn", X, m0)
     weighted = X[:, None] / variance[None, :, :, None]
@@ -300,21 +304,22 @@ def _batch(series: Series, designs: Sequence[Design]) -> list[Weighed]:
     log += np.log(_SCATTERS) - 2.5 * np.log1p(0.25 * (_SCATTERS / MODEL_SCATTER) ** 2)
     out = []
     for i, d in enumerate(designs):
-        p = d.X.shape[1]
-        mean, cov = m0[i, :p] + moved[i, :, :p], covariance[i, :, :p, :p]
-        own: Float = log[i] + d.prior
+        p = d.rows.shape[1]
+        mean: Float = np.asarray(m0[i, :p] + moved[i, :, :p], dtype=np.float64)
+        cov: Float = np.asarray(covariance[i, :, :p, :p], dtype=np.float64)
+        own: Float = np.array(log[i] + d.prior, dtype=np.float64)
         for j in d.rising:  # prior and posterior of what only rises, cut off at 0
-            own = own + log_ndtr(mean[:, j] / np.sqrt(cov[:, j, j])) + math.log(2.0)
+            own += log_ndtr(mean[:, j] / np.sqrt(cov[:, j, j])) + math.log(2.0)
         out.append(Weighed(d, own, mean, cov))
     return out
 
 
-def log_sum(logs: Float) -> float:
+def log_sum(values: Float) -> float:
     """Logarithm of the sum of numbers that are given by their logarithms."""
-    most = float(np.max(logs))
-    return most + math.log(float(np.sum(np.exp(logs - most))))
+    most = float(np.max(values))
+    return most + math.log(float(np.sum(np.exp(values - most))))
 
 
 def score(weighed: Sequence[Weighed]) -> float:
     """Logarithm of the evidence of hypotheses together."""
-    return log_sum(np.concatenate([w.log for w in weighed]))
+    return log_sum(np.concatenate([w.log_weight for w in weighed]))

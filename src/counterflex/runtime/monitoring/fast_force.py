@@ -1,24 +1,24 @@
-"""What the force sensor's own samples (1 kHz) say beyond the mean force: what turns with the spindle, and the rest.
+"""The force sensor's own samples: what turns with the spindle, and the rest.
 
-The tooth passing frequency of a fast spindle lies above half the sampling rate (13 000 rpm with three teeth: 650 Hz
-against 500 Hz) and folds back: a line at f appears at ``|f - round(f / f_s) f_s|``. Where the spindle speed is known
-the places of all its harmonics are known too, folded or not, and can be told from what does not turn with the spindle,
-unless two of them fall on the same place.
+The teeth of a fast spindle pass more often than half the sampling rate (13 000 rpm with three teeth: 650 Hz against
+500 Hz), so that their lines fold back: a line at f appears at ``|f - round(f / f_s) f_s|``. No line has to be looked
+for. Its phase at a sample is its order times the angle of the spindle there, so an adaptive notch (Widrow et al. 1975)
+on the cosine and sine of that angle follows it wherever it folds to, at the edge of the band too::
 
-Sample by sample: slow force out (two high-passes, 60 Hz), then an adaptive notch per harmonic (Widrow et al. 1975)::
+    e = x - sum_k (a_k cos k psi + b_k sin k psi),    a_k += mu e cos k psi,    b_k += mu e sin k psi
 
-    e = x - sum_k (a_k cos th_k + b_k sin th_k),    a_k += mu e cos th_k,    b_k += mu e sin th_k
+Orders followed are those of the tooth passing and, between them, those that run-out or a lost tooth leave. The spindle
+turns slower than commanded under load: by how much is seen from how fast the phasors ``a_k - i b_k`` turn, all orders
+together, and ``psi`` follows it. Of what a notch follows with its time constant tau, ``2 pi delta tau`` of the
+amplitude is left in e at a frequency that is off by delta.
 
-A notch is about ``mu f_s / (2 pi)`` wide on each side and follows the true speed within that. ``sqrt(a_k^2 + b_k^2)``
-over the three axes is the amplitude of a harmonic, the energy of e the vibration that is none.
-
-Of the force that is slow (an entry, the arm that swings) the high-passes leave a rest. How much it can be is seen from
-what they take out: with the second low-pass of what the first high-pass leaves, passed through a third, a line at f
-has ``e / b = r sqrt(1 + r^2)``, r = f by 60 Hz, and a step of the force ``e / b = 1.15``. What is no more than
-:data:`SLOWER` times b is therefore slower than 54 Hz, or a step.
+Ahead of the notches slow force is taken out by two high-passes of 60 Hz. How much they leave of it (an entry, the arm
+that swings) is seen from what they take out: with the second low-pass of what the first high-pass leaves, passed
+through a third, a line at f has ``e / b = r sqrt(1 + r^2)``, r = f by 60 Hz, and a step of the force ``e / b = 1.15``.
+What is no more than :data:`SLOWER` times b is therefore slower than 54 Hz, or a step.
 
 What reaches a flange sensor is the cutting force through the spindle's inertia: above the robot's own modes only a part
-of it, the same part in every cycle. So amplitudes are judged against their own past, never as absolute forces.
+of it. So amplitudes are compared with each other and with their own past, never as absolute forces.
 """
 
 from __future__ import annotations
@@ -29,17 +29,36 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.monitoring.records import HARMONICS, MEMORY, SAMPLES, SETTINGS
+from counterflex.runtime.monitoring.records import FAST, HARMONICS, MEMORY, SAMPLES, SETTINGS
 
-GAIN: Final = 0.06
-"""mu of the notches: 9.5 Hz on each side at 1 kHz, memory 33 ms."""
+NOTCH_S: Final = 0.033
+"""Time constant tau of the notches: 4.8 Hz on each side. Shorter ones take chatter between the lines with them."""
+TOOTH_ORDERS: Final = 6
+"""Harmonics of the tooth passing that are followed; the other lines are orders between them, the lowest first."""
 SLOW_HZ: Final = 60.0
 """Corner of the high-passes: the mean force and the robot's own modes lie below."""
-SETTLED: Final = 150
-"""Samples after a gap or another speed before amplitudes are believed."""
+SETTLED_S: Final = 0.15
+"""Time after a gap or another speed before amplitudes count."""
 SLOWER: Final = 1.2
 """Residual that a force slower than 54 Hz or a step of the force leaves at most, by what lies about the corner."""
-_CLOSE: Final = 0.025  # lines closer than this share of the sampling rate are one line
+FOLLOW: Final = 8.0
+"""Gain of the spindle speed, 1/s of a turn of the phasors by 1 rad: well damped with the lag of the notches."""
+SLIP: Final = 0.015
+"""Largest share by which the spindle may be off its commanded speed: slip of an asynchronous motor at full load."""
+FIRST_SLIP: Final = -0.004
+"""Slip until lines show it: of an asynchronous motor under half its load. It parts lines that fold to one place."""
+LINES: Final = 2.0
+"""Squared amplitude of all lines by the energy of the rest from which on they show the speed of the spindle."""
+RESOLVED: Final = 0.8
+"""Lines as many turns of their phasors apart within tau as this, in rad, are told apart."""
+CLEAR: Final = 1.6
+"""The same for a line whose amplitude is to show a lost tooth, from the tooth passing and its first harmonic."""
+VISIBLE_HZ: Final = 40.0
+"""Folded lines below are too much weakened by the high-passes for an amplitude."""
+KEPT_S: Final = 1.0
+"""Time over which an amplitude is forgotten that the samples do not show: of a sine at half the sampling rate."""
+LEAST_RATE: Final = 8.0
+"""Least sampling rate by the corner of the high-passes."""
 
 
 @kernel("float64(float64)")
@@ -49,80 +68,138 @@ def folded(turns: float) -> float:
     return min(rest, 1.0 - rest)
 
 
+@kernel("int64(Samples, int64, int64, int64, int64)", Samples=SAMPLES)
+def _list_orders(d: Record, used: int, first: int, last: int, z: int) -> int:
+    """List orders from first to last that are not listed yet; z above 0 takes multiples of it, below 0 the others."""
+    for order in range(first, last + 1):
+        if used == HARMONICS:
+            break
+        if (order % abs(z) == 0) == (z > 0):
+            listed = False
+            for k in range(used):
+                listed = listed or int(d.order[k]) == order
+            if not listed:
+                d.order[used] = float(order)
+                used += 1
+    return used
+
+
 @kernel("void(Samples, float64, int64, float64)", Samples=SAMPLES)
-def set_lines(d: Record, turn: float, teeth: int, slow: float) -> None:
-    """Choose the lines of a spindle speed: those that fall apart, above the high-pass and below half the rate.
+def set_lines(d: Record, turn: float, teeth: int, period: float) -> None:
+    """Begin with the lines of a spindle speed and a tool; by how much the spindle was off its speed is kept.
+
+    Orders are listed the strongest first: the tooth passing, what run-out leaves below it, its next harmonic, etc.
 
     Args:
         d: SAMPLES; changed.
-        turn: Turns of the spindle per sample.
-        teeth: Of the tool.
-        slow: Corner of the high-pass by the sampling rate.
+        turn: Turns of the spindle per sample; 0 where not known.
+        teeth: Of the tool; 0 where not known.
+        period: Of the samples, s.
     """
     d.lines[:] = 0.0
-    d.frequency[:] = -1.0
-    d.turn = turn
-    d.settled, d.turn_line, d.tooth_line, d.separate = 0, -1, -1, 0
-    if turn <= 0.0:
-        return
+    d.before[:] = 0.0
+    d.active[:] = 0.0
+    d.turn, d.teeth, d.period = turn, teeth, period
+    d.settled = d.in_cut = 0
+    d.turning = 0.0
     z = max(1, teeth)
-    used = 0
-    for k in range(HARMONICS):
-        order = z if k == 0 else (2 * z if k == 1 else k - 1)
-        f = folded(turn * order)
-        if f < slow or f > 0.5 - 0.5 * _CLOSE:
-            continue
-        place = -1
-        for j in range(used):
-            if abs(d.frequency[j] - f) < _CLOSE:
-                place = j
-        if place < 0:
-            own = turn * order - math.floor(turn * order)
-            d.frequency[used] = 1.0 - own if own > 0.5 else own
-            place = used
-            used += 1
-            if order == 1:
-                d.separate = 1
-        if order == 1:
-            d.turn_line = place
-        if order == z:
-            d.tooth_line = place
-    if z == 1:
-        d.separate = 0
+    used = _list_orders(d, 0, z, z, z)
+    for harmonic in range(2, TOOTH_ORDERS + 1):
+        if z > 1 and harmonic < 4:
+            used = _list_orders(d, used, (harmonic - 2) * z + 1, (harmonic - 1) * z - 1, -z)
+        used = _list_orders(d, used, harmonic * z, harmonic * z, z)
+    if z > 1:
+        used = _list_orders(d, used, 1, HARMONICS * z, -z)
+    _list_orders(d, used, z, HARMONICS * z, z)
 
 
-@kernel("float64(Samples, int64, float64)", Samples=SAMPLES)
-def _amplitude(d: Record, line: int, share: float) -> float:
-    """Amplitude of a line over the three axes, before the high-passes; 0 for no line."""
-    if line < 0:
-        return 0.0
-    total = 0.0
-    for axis in range(3):
-        cosine, sine = d.lines[axis, 2 * line], d.lines[axis, 2 * line + 1]
-        total += cosine * cosine + sine * sine
+@kernel("float64(float64, int64)")
+def mean_gain(turns: float, count: int) -> float:
+    """Squared amplitude that the mean over ``count`` samples leaves of a line of ``turns`` per sample."""
+    sine = math.sin(math.pi * turns)
+    if abs(sine) < 1e-9:
+        return 1.0
+    return (math.sin(math.pi * turns * count) / (count * sine)) ** 2
+
+
+@kernel("float64(float64, float64)")
+def _high_pass_square(turns: float, share: float) -> float:
+    """Squared gain of the two high-passes at a line of ``turns`` per sample."""
     # |(1 - s/2) (1 - 1/z) / (1 - (1 - s) / z)| of each high-pass at the line.
-    cosine, keep = math.cos(2.0 * math.pi * d.frequency[line]), 1.0 - share
+    cosine, keep = math.cos(2.0 * math.pi * turns), 1.0 - share
     gain = (1.0 - 0.5 * share) ** 2 * (2.0 - 2.0 * cosine) / (1.0 - 2.0 * keep * cosine + keep * keep)
-    return math.sqrt(total) / gain
+    return max(1e-12, gain * gain)
 
 
-@kernel("int64(Samples, int64)", Samples=SAMPLES)
-def _set_wave(d: Record, number: int) -> int:
-    """Cosine and sine of every line at a sample; returns the number of lines."""
-    lines = 0
+@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+def _is_clear(d: Record, line: int) -> bool:
+    """Whether a line of the spindle lies off the tooth passing and its harmonic at the commanded speed."""
+    z, f = max(1, d.teeth), folded(d.turn * d.order[line])
+    if int(d.order[line]) % z == 0:
+        return True
+    nearest = min(abs(folded(d.turn * z) - f), abs(folded(2.0 * d.turn * z) - f))
+    return bool(nearest > CLEAR * d.period / (2.0 * math.pi * NOTCH_S))
+
+
+@kernel("void(Samples, float64, int64)", Samples=SAMPLES)
+def _choose_lines(d: Record, share: float, count: int) -> None:
+    """Follow every line that is told apart from those before it, at the speed at which the spindle turns now.
+
+    Args:
+        d: SAMPLES; active, seen and gains are changed, and lines that are given up are zero.
+        share: Of the new value in the low-passes.
+        count: Samples of a cycle.
+    """
+    turn = d.turn * (1.0 + d.slip)
+    spacing = RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
     for k in range(HARMONICS):
-        f = d.frequency[k]
-        if f < 0.0:
-            break
-        angle = number * f
-        angle = 2.0 * math.pi * (angle - math.floor(angle))
-        d.wave[2 * k], d.wave[2 * k + 1] = math.cos(angle), math.sin(angle)
-        lines += 1
-    return lines
+        f = folded(turn * d.order[k])
+        active = f > spacing
+        for j in range(k):
+            if d.active[j] > 0.5 and abs(folded(turn * d.order[j]) - f) < spacing:
+                active = False
+        if not active:
+            for axis in range(3):
+                d.lines[axis, 2 * k] = d.lines[axis, 2 * k + 1] = 0.0
+        d.gain[k] = 1.0 / _high_pass_square(f, share)
+        d.mean_gain[k] = mean_gain(f, max(1, count))
+        d.active[k] = 1.0 if active else 0.0
+        d.seen[k] = 1.0 if active and f > VISIBLE_HZ * d.period and _is_clear(d, k) else 0.0
 
 
-@kernel("void(Samples, float64[::1], int64, float64, float64)", Samples=SAMPLES)
-def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: float) -> None:
+@kernel("int64(Samples)", Samples=SAMPLES)
+def _is_separate(d: Record) -> int:
+    """1 where the tooth passing is seen, and lines between its harmonics."""
+    z = max(1, d.teeth)
+    tooth = between = 0
+    for k in range(HARMONICS):
+        if d.seen[k] > 0.5 and int(d.order[k]) % z == 0:
+            tooth = 1
+        elif d.seen[k] > 0.5:
+            between = 1
+    return tooth * between
+
+
+@kernel("void(Samples, boolean)", Samples=SAMPLES)
+def _set_wave(d: Record, first: bool) -> None:
+    """Cosine and sine of every line that is followed at the present angle; within a cycle turned on by one sample."""
+    speed = d.turn * (1.0 + d.slip)
+    for k in range(HARMONICS):
+        if d.active[k] < 0.5:
+            d.wave[2 * k] = d.wave[2 * k + 1] = 0.0
+        elif first:
+            turns, step = d.angle * d.order[k], speed * d.order[k]
+            angle, step = 2.0 * math.pi * (turns - math.floor(turns)), 2.0 * math.pi * (step - math.floor(step))
+            d.wave[2 * k], d.wave[2 * k + 1] = math.cos(angle), math.sin(angle)
+            d.step[2 * k], d.step[2 * k + 1] = math.cos(step), math.sin(step)
+        else:
+            c, s = d.wave[2 * k], d.wave[2 * k + 1]
+            d.wave[2 * k] = c * d.step[2 * k] - s * d.step[2 * k + 1]
+            d.wave[2 * k + 1] = s * d.step[2 * k] + c * d.step[2 * k + 1]
+
+
+@kernel("void(Samples, float64[::1], int64, float64, float64, float64, int64)", Samples=SAMPLES)
+def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: float, gain: float, early: int) -> None:
     """One sample through high-passes and notches; the energies of the rest and of what lies about the corner.
 
     Args:
@@ -131,6 +208,8 @@ def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: flo
         lines: Number of lines.
         share: Of the new value in the low-passes.
         forget: Of the new value in the energies.
+        gain: mu of the notches.
+        early: Samples after which energies are filtered.
     """
     whole = (1.0 - 0.5 * share) / (1.0 - share)  # gain 1 at half the sampling rate
     energy = slower = 0.0
@@ -145,14 +224,105 @@ def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: flo
         for k in range(2 * lines):
             e -= line[k] * d.wave[k]
         for k in range(2 * lines):
-            line[k] += GAIN * e * d.wave[k]
+            line[k] += gain * e * d.wave[k]
         energy += e * e
     d.settled += 1
-    if d.settled > SETTLED // 3:
+    if d.settled > early:
         d.energy += forget * (energy - d.energy)
         d.slower_energy += forget * (slower - d.slower_energy)
     else:
         d.energy, d.slower_energy = energy, slower
+
+
+@kernel("float64(Samples, float64)", Samples=SAMPLES)
+def _follow_speed(d: Record, time: float) -> float:
+    """Let the spindle speed follow the turning of the phasors; squared speed that lines are off by, (rad/s)^2 N^2.
+
+    Args:
+        d: SAMPLES; changed.
+        time: Since the last call, s.
+    """
+    turned = weight = energy = leaks = 0.0
+    voters, edge = max(4, d.teeth + 1), 0.5 - RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
+    for k in range(HARMONICS):
+        if d.active[k] < 0.5:
+            continue
+        real = imaginary = 0.0
+        at_edge = d.place[k] > edge  # its image turns the other way
+        for axis in range(3):
+            a, b = d.lines[axis, 2 * k], d.lines[axis, 2 * k + 1]
+            c, s = d.before[axis, 2 * k], d.before[axis, 2 * k + 1]
+            real += a * c + b * s
+            imaginary += a * s - b * c
+            if at_edge:
+                a, b = a - time / KEPT_S * a, b - time / KEPT_S * b
+            d.lines[axis, 2 * k], d.lines[axis, 2 * k + 1] = a, b
+            d.before[axis, 2 * k], d.before[axis, 2 * k + 1] = a, b
+        energy += real
+        order = d.order[k]
+        if not at_edge:
+            leaks += order * order * real
+        if k < voters and real > 0.0 and not at_edge:
+            turned += order * imaginary
+            weight += order * order * real
+    falls = energy < (1.0 - 0.25 * time / NOTCH_S) * d.strength
+    d.strength = energy
+    if falls or energy <= LINES * d.energy or weight <= 0.0:  # what is left of a cut, noise, or chatter
+        d.turning = 0.0
+        return 0.0
+    d.in_cut = 1
+    speed = turned / weight / time  # of the spindle, beside the speed that is followed, rad/s
+    share = time / (NOTCH_S + time)
+    d.turning += share * (speed - d.turning)
+    d.slip += FOLLOW * time * speed * d.period / (2.0 * math.pi * d.turn)
+    d.slip = min(SLIP, max(-SLIP, d.slip))
+    return float(d.turning * d.turning * max(0.0, leaks))
+
+
+@kernel("float64(Samples, int64)", Samples=SAMPLES)
+def _square(d: Record, line: int) -> float:
+    """Squared amplitude of a line over the three axes, before the high-passes."""
+    total = 0.0
+    for axis in range(3):
+        cosine, sine = d.lines[axis, 2 * line], d.lines[axis, 2 * line + 1]
+        total += cosine * cosine + sine * sine
+    return float(total * d.gain[line])
+
+
+@kernel("void(Samples, Fast)", Samples=SAMPLES, Fast=FAST)
+def _measure(d: Record, out: Record) -> None:
+    """Amplitudes of the tooth passing and between; what all lines leave in the mean force of a cycle.
+
+    A harmonic that folds below the high-passes is not seen: its amplitude is taken for that of the next lower one that
+    is, or of a higher one.
+
+    Args:
+        d: SAMPLES; alias is changed.
+        out: FAST; turn and tooth are changed.
+    """
+    tooth = turns = known = hidden = slow_energy = 0.0
+    waiting = 0
+    for k in range(HARMONICS):
+        of_teeth = int(d.order[k]) % max(1, d.teeth) == 0
+        square = _square(d, k) if d.seen[k] > 0.5 else 0.0
+        f = d.place[k]
+        hidden += square * d.mean_gain[k]
+        if of_teeth:
+            tooth += square
+            slow = f <= VISIBLE_HZ * d.period
+            if d.seen[k] > 0.5:
+                known = square
+                slow_energy += waiting * known
+                waiting = 0
+            elif slow and known > 0.0:
+                slow_energy += known
+            elif slow:
+                waiting += 1
+        else:
+            turns += square
+    out.turn, out.tooth = math.sqrt(turns), math.sqrt(tooth)
+    d.slow = math.sqrt(0.5 * slow_energy)
+    d.alias = math.inf if waiting > 0 else math.sqrt(0.5 * (hidden + slow_energy))
 
 
 @kernel(
@@ -177,25 +347,44 @@ def take_samples(
     """
     s, d, out = settings[0], memories[0].samples, memories[0].fast
     turn = turn_per_s * s.sample_period
-    if turn != d.turn:
-        set_lines(d, turn, teeth, SLOW_HZ * s.sample_period)
+    if turn != d.turn or teeth != d.teeth:
+        set_lines(d, turn, teeth, s.sample_period)
     if count > 0 and number != d.following:
         d.settled = 0
     d.following = number + count
     share = 1.0 - math.exp(-2.0 * math.pi * SLOW_HZ * s.sample_period)
     forget = 1.0 - math.exp(-s.sample_period / s.energy_time)
+    gain, settled = 2.0 * s.sample_period / NOTCH_S, int(SETTLED_S / s.sample_period)
+    lines = HARMONICS if turn > 0.0 else 0
+    fresh = True
+    if lines > 0:
+        if d.slip == 0.0:
+            d.slip = FIRST_SLIP
+        if d.settled == 0 or (d.in_cut == 1 and d.strength <= LINES * d.energy):
+            _choose_lines(d, share, count)  # out of the cut, at the speed that the cut has shown
+            d.in_cut = 0
     for i in range(count):
+        d.angle += turn * (1.0 + d.slip)
+        d.angle -= math.floor(d.angle)
         if not (math.isfinite(samples[i, 0]) and math.isfinite(samples[i, 1]) and math.isfinite(samples[i, 2])):
-            d.settled = 0
+            d.settled, fresh = 0, True
             continue
         if d.settled == 0:
             for axis in range(3):
                 d.high_pass[axis, 0], d.high_pass[axis, 1], d.slower[axis] = samples[i, axis], 0.0, 0.0
-        _take_sample(d, samples[i], _set_wave(d, number + i), share, forget)
+        if lines > 0:
+            _set_wave(d, fresh)
+            fresh = False
+        _take_sample(d, samples[i], lines, share, forget, gain, settled // 3)
+    off = 0.0
+    for k in range(lines):
+        d.place[k] = folded(turn * (1.0 + d.slip) * d.order[k])
+    if lines > 0 and count > 0:
+        off = _follow_speed(d, count * s.sample_period)
+    _measure(d, out)
     out.samples = count
     out.residual = math.sqrt(d.energy)
-    out.slower = math.sqrt(d.slower_energy)
-    out.turn = _amplitude(d, d.turn_line, share)
-    out.tooth = _amplitude(d, d.tooth_line, share)
-    out.ready = 1.0 if count > 0 and d.settled >= SETTLED else 0.0
-    out.separate = 1.0 if d.separate == 1 else 0.0
+    out.slower = math.sqrt(SLOWER * SLOWER * d.slower_energy + 0.5 * off * NOTCH_S * NOTCH_S)
+    fast_enough = s.sample_period * SLOW_HZ * LEAST_RATE <= 1.0
+    out.ready = 1.0 if count > 0 and d.settled >= settled and turn > 0.0 and fast_enough else 0.0
+    out.separate = float(_is_separate(d)) if lines > 0 else 0.0

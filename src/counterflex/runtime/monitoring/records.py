@@ -10,8 +10,8 @@ from typing import Final
 from counterflex.core.records import record
 from counterflex.runtime.monitoring.events import EVENTS
 
-HARMONICS: Final = 8
-"""Lines of the force that are followed: one to six times per turn, and the tooth passing with its first harmonic."""
+HARMONICS: Final = 16
+"""Lines of the force that are followed."""
 CLASSES: Final = 8
 """Classes of force among which ratios are compared."""
 
@@ -66,17 +66,18 @@ SETTINGS: Final = record(
     largest_correction=float,  # m
     sample_period=float,  # of the force sensor, s
     energy_time=float,  # memory of the energy of its fast samples, s
+    filter_time=float,  # time constant of a stage of the force filters, s
 )
 """What the monitor is set to."""
 
 FAST: Final = record(
     samples=float,  # taken in this cycle
     residual=float,  # root mean square of what is neither slow nor a harmonic of the spindle, N
-    turn=float,  # amplitude once per turn of the spindle, N
-    tooth=float,  # amplitude at the tooth passing frequency or its alias, N
+    turn=float,  # amplitude of the orders of the spindle that are none of the tooth passing, N
+    tooth=float,  # amplitude of the tooth passing and its harmonics, N
     ready=float,  # 1: the three above have settled
-    separate=float,  # 1: once per turn can be told from the tooth passing and its harmonics
-    slower=float,  # root mean square of what lies about the corner of the high-pass and below, N
+    separate=float,  # 1: the two can be told apart
+    slower=float,  # root mean square of what slow force and a spindle off its speed leave in the residual, N
 )
 """What the fast samples of a cycle say; given to the other detectors."""
 
@@ -108,8 +109,8 @@ OUTCOME: Final = record(
 )
 """What the monitor found, bits."""
 
-REFERENCE: Final = record(ratio=float, ratio_variance=float, turn=float, turn_variance=float)
-"""Of a steady stretch: ratio, and amplitude once per turn by force."""
+REFERENCE: Final = record(ratio=float, ratio_variance=float, turn=float, turn_variance=float, tooth=float)
+"""Of a steady stretch: ratio; amplitudes between and of the tooth passing by predicted force."""
 
 FORCE_CLASS: Final = record(
     number=float,  # of ratios
@@ -149,16 +150,29 @@ SAMPLES: Final = record(
     high_pass=(float, (3, 2)),  # axis, stage
     slower=(float, 3),  # third low-pass
     lines=(float, (3, 2 * HARMONICS)),  # axis; cosine and sine amplitude of each line
+    before=(float, (3, 2 * HARMONICS)),  # the same a cycle ago
     energy=float,  # of the residual, N^2
     slower_energy=float,
-    turn=float,  # turns of the spindle per sample
-    frequency=(float, HARMONICS),  # turns of the line per sample, folded; -1 unused
+    turn=float,  # commanded turns of the spindle per sample
+    slip=float,  # share by which the spindle turns faster than commanded
+    strength=float,  # squared amplitude of all lines a cycle ago, N^2
+    turning=float,  # speed of the spindle beside the one that is followed, filtered, rad/s
+    alias=float,  # root mean square of what lines leave in the mean force of a cycle, N; inf: not known
+    slow=float,  # the part of it of harmonics that fold below the high-passes, where it is known
+    angle=float,  # of the spindle, turns
+    period=float,  # of the samples, s
+    order=(float, HARMONICS),  # of each line
+    active=(float, HARMONICS),  # 1: it is followed
+    place=(float, HARMONICS),  # turns per sample that it folds to
+    gain=(float, HARMONICS),  # its squared amplitude by that behind the high-passes
+    mean_gain=(float, HARMONICS),  # what the mean over a cycle leaves of it, squared
+    seen=(float, HARMONICS),  # 1: its amplitude counts
     wave=(float, 2 * HARMONICS),  # cos and sin of each line, this sample
+    step=(float, 2 * HARMONICS),  # of the angle from sample to sample
+    teeth=int,
     settled=int,  # samples since a gap or another speed
     following=int,  # sequence number of the next sample
-    turn_line=int,  # place of the line once per turn, -1
-    tooth_line=int,
-    separate=int,  # 1: once per turn is a line of its own
+    in_cut=int,  # 1: lines were strong enough to follow the speed since they were chosen
 )
 """What is remembered of the force sensor's own samples."""
 
@@ -181,6 +195,8 @@ MEMORY: Final = record(
     reference=REFERENCE,
     wear=WEAR,
     peak=float,  # largest recent force
+    risen=float,  # amplitude that lines between the tooth passing have gained in a steady stretch, N
+    onset=float,  # largest recent change of the force within the time constant of the notches, N
     place=(float, 3),  # commanded place of the last cycle, correction included
     velocity=(float, (3, 2)),  # its velocity, two stages of the force filter
     acceleration=float,  # largest recent one, m/s^2

@@ -202,7 +202,7 @@ class MonitorSettings:
         s.settle_cycles, s.clear_cycles = self._cycles(self.settle_s), self._cycles(self.clear_s)
         s.stale_cycles = self.stale_cycles
         s.least_speed = 1.0
-        s.sample_period, s.energy_time = self.sample_s, FAST_S
+        s.sample_period, s.energy_time, s.filter_time = self.sample_s, FAST_S, self.filter_s
         return out
 
     def _cycles(self, time_s: float) -> int:
