@@ -4,8 +4,8 @@ The groove on the shipped cell: candidates are judged as ``counterflex plan plac
 programming and distances of bodies. Printed are wall and processor time, and the time per evaluated pose of the robot
 beside that of the bare deflection kernel.
 
-With ``--operations`` three grooves on a plate of 1.6 m are cut on a rail: error in the best place for all, and with a place
-for each, by the criterion of the search.
+With ``--operations`` three grooves on a plate of 1.6 m are cut on a rail: error in the best place for all, and with a
+place for each, by the criterion of the search.
 
 With ``--gain PROGRAM`` (groove or part) the program is machined uncompensated on simulated cells of the family
 ``wide``, in the place and posture of the cell file and in the chosen ones; the choice knows the catalogue only.
