@@ -111,13 +111,13 @@ def _counts(chain: ElasticChain, q: Float, at: Int, away_m: Float) -> Int:
 
 def _swing(columns: dict[str, Float], setting: Setting, q: Float, between: Int) -> None:
     """Enter tip and axis of the tool where the arm swings them."""
-    Ts_base_hand = forward(setting.controller_chain, q[between])
+    Ts_hand = forward(setting.controller_chain, q[between])
     if setting.T_base_tcp is None:
         places = setting.places
-        Ts = setting.T_base_part if places is None else places.Ts_base_part(columns["place"][between])
-        Ts_part_tcp = pose.inverse(Ts) @ Ts_base_hand
+        Ts_base_part = setting.T_base_part if places is None else places.Ts_base_part(columns["place"][between])
+        Ts_part_tcp = pose.inverse(Ts_base_part) @ Ts_hand
     else:
-        Ts_part_tcp = pose.inverse(Ts_base_hand) @ setting.T_base_tcp
+        Ts_part_tcp = pose.inverse(Ts_hand) @ setting.T_base_tcp
     columns["p_part_tcp"][between] = Ts_part_tcp[:, :3, 3]
     columns["axis_part"][between] = -Ts_part_tcp[:, :3, 2]
 
