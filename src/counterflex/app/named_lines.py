@@ -25,7 +25,7 @@ def with_files(data: Any, program: Program) -> Any:
 
 def _named(data: Any, program: Program) -> Any:
     if isinstance(data, str):
-        return _LINES.sub(lambda found: _places(found[0], found[1], program), data)
+        return _LINES.sub(lambda match: _places(match[0], match[1], program), data)
     if isinstance(data, list | tuple):
         return type(data)(_named(item, program) for item in data)
     if not isinstance(data, dict):

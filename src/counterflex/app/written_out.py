@@ -58,8 +58,10 @@ def run(
         (staging / FOLDER).mkdir()
         for name in files:
             shutil.copyfile(Path(folder) / name, staging / FOLDER / name)
-        said = f"{place} runs several times and each pass needs another correction: the program was written out, each "
-        said += f"motion once, as counterflex convert does; lines are those of {FOLDER}/{files[0]}"
-        summary["written"]["warnings"] = [said, *summary["written"]["warnings"]]
+        message = (
+            f"{place} runs several times and each pass needs another correction: the program was written out, each "
+        )
+        message += f"motion once, as counterflex convert does; lines are those of {FOLDER}/{files[0]}"
+        summary["written"]["warnings"] = [message, *summary["written"]["warnings"]]
         write_folder_summary(staging, summary)
     return summary

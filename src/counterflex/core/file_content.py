@@ -76,15 +76,15 @@ def text(path: str | os.PathLike[str], hint: str = "Save it as UTF-8 text") -> s
 def decoded(data: bytes, path: str | os.PathLike[str], hint: str = "Save it as UTF-8 text") -> str:
     """Return bytes of a file as text, see :func:`text`."""
     try:
-        found = data.decode("utf-8-sig")
+        decoded_text = data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         kind = "text in UTF-16" if data.startswith(_UTF_16) else of_bytes(data)
         byte = f"byte 0x{data[fault.start]:02x} in line {data[: fault.start].count(10) + 1}"
         raise FileFormatError("not a text file in UTF-8", where=str(path), value=kind or byte, hint=hint) from fault
-    if "\0" in found:
-        line = found[: found.index("\0")].count("\n") + 1
+    if "\0" in decoded_text:
+        line = decoded_text[: decoded_text.index("\0")].count("\n") + 1
         raise FileFormatError("not a text file: it contains zero bytes", where=f"{path}:{line}", hint=hint)
-    return found
+    return decoded_text
 
 
 def json_value(path: str | os.PathLike[str], kind: str = "JSON", hint: str = _AGAIN) -> Any:
@@ -93,9 +93,9 @@ def json_value(path: str | os.PathLike[str], kind: str = "JSON", hint: str = _AG
     Raises:
         FileFormatError: As :func:`text`, or it is no JSON.
     """
-    found = text(path, hint)
+    content_text = text(path, hint)
     with readable(path, kind, hint):
-        return json.loads(found)
+        return json.loads(content_text)
 
 
 def _refusal(path: Path, kind: str, hint: str, fault: BaseException, family: type[FileFormatError]) -> FileFormatError:
@@ -107,9 +107,9 @@ def _refusal(path: Path, kind: str, hint: str, fault: BaseException, family: typ
         return family("it is a folder", where=where, limit="a file", hint="Name a file in it")
     if known is not None:
         return family(f"cannot be read: {known.strerror}", where=where, hint="Check the file and the rights on it")
-    said = " ".join(str(fault).split()) or type(fault).__name__
+    message = " ".join(str(fault).split()) or type(fault).__name__
     if isinstance(fault, MemoryError):
-        said = "more than the memory of this computer"
+        message = "more than the memory of this computer"
     if isinstance(fault, RecursionError):
-        said = "nested too deeply"
-    return family(f"not readable as {kind}", where=where, value=said[:_LONGEST], hint=hint)
+        message = "nested too deeply"
+    return family(f"not readable as {kind}", where=where, value=message[:_LONGEST], hint=hint)
