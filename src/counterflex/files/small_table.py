@@ -47,11 +47,11 @@ def rows_of(text: str, where: str) -> list[tuple[int, list[str]]]:
         FileFormatError: A row has decimal commas between commas, or a number is grouped by points.
     """
     lines = text.splitlines()
-    said = _SEPARATOR.fullmatch(lines[0]) if lines else None
-    if said is not None:
+    stated = _SEPARATOR.fullmatch(lines[0]) if lines else None
+    if stated is not None:
         lines[0] = ""
     header = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
-    separator = said[1] if said is not None else next((mark for mark in (";", "\t") if mark in header), ",")
+    separator = stated[1] if stated is not None else next((mark for mark in (";", "\t") if mark in header), ",")
     if separator not in header and len(header.split()) > 1:
         raise FileFormatError(
             "the header has no separator", where=where, value=header.strip()[:60], limit="commas, semicolons or tabs"

@@ -149,10 +149,10 @@ def _unit(program: Program) -> list[str]:
         return []
     for block in program.blocks:
         if block.words:
-            said = bool(codes_of(block, "G") & words.codes)
+            is_stated = bool(codes_of(block, "G") & words.codes)
         else:
-            said = words.form is not None and words.form.match(block.text) is not None
-        if said:
+            is_stated = words.form is not None and words.form.match(block.text) is not None
+        if is_stated:
             return []
         if block.motion_count:
             return [
