@@ -258,8 +258,8 @@ def expected_um(
         points = points_of_posture(cell, cut, what.q, T_base_part, job.program.name)
     if points is None:
         return {"expected_um": None}
-    found = expected_deflection(cell, points)
-    return {"expected_um": [_um(value) for value in (found.median_m, found.low_m, found.high_m)]}
+    deflection = expected_deflection(cell, points)
+    return {"expected_um": [_um(value) for value in (deflection.median_m, deflection.low_m, deflection.high_m)]}
 
 
 def _um(value_m: float) -> float:
