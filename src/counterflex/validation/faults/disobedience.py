@@ -264,7 +264,7 @@ SCENARIOS: Final = (
             (
                 "none",
                 "the robot leaves the correction out",
-                "fault within 0.112 s, half of what it took before",
+                "fault within 0.12 s",
                 np.zeros_like,
                 "wrong",
                 _WRONG_S,
