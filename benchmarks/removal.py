@@ -122,8 +122,7 @@ def cases(n: int, source: Path | None, adaptive: Path | None = None) -> list[Cas
         ball, kind = program(source)
         ball, kind = ball[: n + 1], kind[:n]
         feed = ball[1:][kind == FEED]
-        low = feed.min(axis=0) - np.array([0.0, 0.0, 0.01])
-        high = feed.max(axis=0) + np.array([0.0, 0.0, 0.002])
+        low, high = feed.min(axis=0) - 0.01, feed.max(axis=0) + np.array([0.01, 0.01, 0.002])
         corners = (tuple(low), tuple(high))
     block = ((0.0, 0.0, -0.03), (SIDE_M, SIDE_M, 0.0))
     paths = [

@@ -25,7 +25,7 @@ from counterflex.app.run.recorder import SUMMARY
 from counterflex.app.run.status import StatusReader
 from counterflex.core.arrays import Float, Int
 from counterflex.protocols.processes.control_array import CONTROL, Life, Request
-from counterflex.protocols.session.found import found, found_lines
+from counterflex.protocols.session.comparison import compared, comparison_lines
 from counterflex.runtime.record_ring import WIDTH, RecordRing, column
 from counterflex.runtime.state.supervisor import Cause, State
 
@@ -145,10 +145,10 @@ def test_an_unreadable_message_of_a_robot_that_waits_is_a_cycle() -> None:
 
 def test_lines_say_how_much_and_what_to_do() -> None:
     words = [0] * CONTROL
-    numbers: dict[str, Any] = found(words)
-    assert list(found_lines(numbers, Cause.NONE, Cause.NONE)) == []
+    numbers: dict[str, Any] = compared(words)
+    assert list(comparison_lines(numbers, Cause.NONE, Cause.NONE)) == []
     numbers |= {"missing_mm": 0.21, "missing_most_mm": 0.25, "frame_offset_mm": 3.0, "off_plan_mm": 2.0}
-    lines = list(found_lines(numbers, Cause.FRAME_OFFSET, Cause.OFF_PATH))
+    lines = list(comparison_lines(numbers, Cause.FRAME_OFFSET, Cause.OFF_PATH))
     assert "0.25 mm" in lines[0]
     assert "3.00 mm" in lines[1]
     assert "2.00 mm" in lines[2]

@@ -113,12 +113,12 @@ class RunCauses:
     @property
     def names(self) -> list[str]:
         """Their names."""
-        found = self._since if self._armed else self._before
-        return sorted(Cause(one).name.lower() for one in found if one)
+        causes = self._since if self._armed else self._before
+        return sorted(Cause(one).name.lower() for one in causes if one)
 
 
 def _missing(summary: Mapping[str, Any]) -> str:
-    missing = summary.get("found", {}).get("missing_most_mm")
+    missing = summary.get("compared", {}).get("missing_most_mm")
     return f", but up to {missing:.2f} mm of the correction were missing at the robot" if missing else ""
 
 
@@ -128,8 +128,9 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     Args:
         summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``,
             ``holds_feed`` (the robot's link has a word for it),
-            ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`), ``found``
-            (:func:`counterflex.protocols.session.found.found`), ``another_port`` of a session that is not answered.
+            ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`), ``compared``
+            (:func:`counterflex.protocols.session.comparison.compared`), ``another_port`` of a session that is not
+            answered.
         arm: It was started to correct.
 
     Returns:

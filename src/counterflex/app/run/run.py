@@ -37,7 +37,7 @@ from counterflex.protocols.processes.one_run import OneRun
 from counterflex.protocols.processes.operator_words import OperatorFile
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.processes.snapshot import SnapshotMemory
-from counterflex.protocols.session.found import found
+from counterflex.protocols.session.comparison import compared
 from counterflex.protocols.session.tracker_off import tracker_off
 from counterflex.runtime.record_ring import RecordRing
 
@@ -295,7 +295,7 @@ class Supervised:
             "trouble": self._trouble,
             "recorder_died": died,
             "tracker_off": tracker_off(self.control),
-            "found": found(self.control),
+            "compared": compared(self.control),
             "another_port": int(self.control[Course.ANOTHER_PORT]) or None,
             "holds_feed": not self.control[Life.CANNOT_HOLD],
             "loop_ended": AS_REQUESTED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",

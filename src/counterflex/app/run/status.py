@@ -13,7 +13,7 @@ from counterflex.core.units import NS
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
 from counterflex.files.logs.place import trouble_message
 from counterflex.protocols.processes.control_array import Kept, Life, Shown, Tally
-from counterflex.protocols.session.found import found
+from counterflex.protocols.session.comparison import compared
 from counterflex.protocols.session.tracker_off import offset_message, tracker_off
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import RESULTS, RecordRing, column
@@ -51,7 +51,7 @@ class Status:
         set_back: How often the tracker's clock was set back, so far.
         tracker_off: How far from the controller's pose the tracker sees the tool, and what to do, where that keeps the
             loop from being armed; else empty.
-        found: What robot, frames and plan show (:func:`counterflex.protocols.session.found.found`).
+        compared: What robot, frames and plan show (:func:`counterflex.protocols.session.comparison.compared`).
     """
 
     state: State
@@ -79,7 +79,7 @@ class Status:
     rejected: int = 0
     set_back: int = 0
     tracker_off: str = ""
-    found: Mapping[str, float | None] = field(default_factory=dict)
+    compared: Mapping[str, float | None] = field(default_factory=dict)
 
 
 class StatusReader:
@@ -141,7 +141,7 @@ class StatusReader:
             int(last[column("out_rejected")]),
             int(control[Tally.TRACKER_SET_BACK]),
             "" if off is None else offset_message(off),
-            found(control),
+            compared(control),
         )
 
 

@@ -157,7 +157,7 @@ def run(
 
 def _show(summary: dict[str, Any], out: Path) -> None:
     """What a run was, for people."""
-    from counterflex.protocols.session.found import summary_lines
+    from counterflex.protocols.session.comparison import summary_lines
 
     print_table(
         "Online run",
@@ -173,7 +173,7 @@ def _show(summary: dict[str, Any], out: Path) -> None:
     )
     typer.echo("states: " + ", ".join(f"{name} {count}" for name, count in summary["states"].items()))
     show_process(summary)
-    for line in summary_lines(summary["found"]):
+    for line in summary_lines(summary["compared"]):
         typer.echo(line)
     if summary["causes"]:
         typer.echo("causes: " + ", ".join(name.replace("_", " ") for name in summary["causes"]))

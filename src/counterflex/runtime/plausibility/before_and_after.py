@@ -141,12 +141,12 @@ def watch_robot(
     memory.still = min(memory.still + 1, limits.settle_cycles) if stood else 0
     _way(ring, here - 1, here - 1 - window, moved)
     _way(ring, here - 1 - _TURN_BACK * window, here - 1 - (_TURN_BACK + 1) * window, before)
-    found = judge_answer(difference, moved, before, bent, state, ring, corrects, work.answer[:], limits, memory)
-    if found == WRONG:
+    answer = judge_answer(difference, moved, before, bent, state, ring, corrects, work.answer[:], limits, memory)
+    if answer == WRONG:
         return DOUBT_ANSWER
-    if found == TOO_SHORT:
+    if answer == TOO_SHORT:
         return DOUBT_TOO_SHORT
-    return DOUBT_SHORT if found == SHORT else 0
+    return DOUBT_SHORT if answer == SHORT else 0
 
 
 @kernel("int64(float64[::1], Past[::1], int64, int64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Past=PAST)

@@ -26,7 +26,7 @@ DOUBT_FEED: Final = 131072
 """It runs at another feed than planned."""
 DOUBT_FORCE: Final = 262144
 """The measured force lasts off the predicted one by more than a stated share."""
-TOLD_SHARE: Final = 0.5
+REPORTED_SHARE: Final = 0.5
 """Share of the limit of the place from which on it is told."""
 _ARMED: Final = int(State.ARMED)
 _FAULT: Final = int(State.FAULT)
@@ -63,19 +63,19 @@ def hold_against_plan(state: Record, result: Record, feed: float, ratio: float, 
     memory.plan_cycles = min(memory.plan_cycles + 1, limits.settle_cycles)
     if memory.plan_cycles < limits.settle_cycles:
         return
-    soft = told = 0
-    if memory.plan_place > TOLD_SHARE * limits.plan_m:
+    soft = cause = 0
+    if memory.plan_place > REPORTED_SHARE * limits.plan_m:
         result.doubt |= DOUBT_PLACE
-        told = _OFF_PATH
+        cause = _OFF_PATH
         soft = _OFF_PATH if memory.plan_place > limits.plan_m else 0
     elif abs(memory.plan_feed - 1.0) > limits.plan_feed:
         result.doubt |= DOUBT_FEED
-        told = _FEED
+        cause = _FEED
         soft = _FEED if memory.plan_feed > 1.0 else 0
     elif abs(memory.plan_force - 1.0) > limits.plan_force:
         result.doubt |= DOUBT_FORCE
-        told = _FORCE
-    if told != 0 and result.degraded == 0:
-        result.degraded = told
+        cause = _FORCE
+    if cause != 0 and result.degraded == 0:
+        result.degraded = cause
     if soft != 0 and memory.soft == 0:
         memory.soft = memory.plan_soft = soft

@@ -9,7 +9,7 @@ import typer
 
 from counterflex.app.run.process_events import shown_event
 from counterflex.app.run.status import Status, force_message
-from counterflex.protocols.session.found import answer_line, found_lines, frame_line
+from counterflex.protocols.session.comparison import answer_line, comparison_lines, frame_line
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.estimator.fusion import level
 from counterflex.runtime.state.states import Cause, State
@@ -45,9 +45,9 @@ class StatusLines:
     def __call__(self, status: Status) -> None:
         """Print the lines of a status; what was compared before arming once."""
         lines = [*process_lines(status), status_line(status)]
-        if status.state >= State.ARMED and not self._armed and status.found:
+        if status.state >= State.ARMED and not self._armed and status.compared:
             self._armed = True
-            lines[:0] = [frame_line(status.found), answer_line(status.found)]
+            lines[:0] = [frame_line(status.compared), answer_line(status.compared)]
         for line in lines:
             typer.echo(line, err=True)
 
@@ -103,8 +103,8 @@ def _dangers(status: Status) -> str:
             f" {SessionChecks.force_n:g} N and {SessionChecks.moment_nm:g} N m; tried again ({status.tares}):"
             " take the tool off the part, or identify the payload"
         )
-    if status.found:
-        text += "".join(f"  {line}" for line in found_lines(status.found, status.cause, status.degraded))
+    if status.compared:
+        text += "".join(f"  {line}" for line in comparison_lines(status.compared, status.cause, status.degraded))
     text += force_message(status)
     if status.trouble:
         text += f"  INTERNAL: {status.trouble}"

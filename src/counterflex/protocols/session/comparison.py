@@ -24,7 +24,7 @@ _NUMBERS: Final = (
 )
 
 
-def found(words: Words) -> dict[str, float | None]:
+def compared(words: Words) -> dict[str, float | None]:
     """Numbers by name; None where nothing has been looked at.
 
     Args:
@@ -33,11 +33,11 @@ def found(words: Words) -> dict[str, float | None]:
     return {name: None if words[place] < 0 else round(words[place] * unit, 4) for name, place, unit in _NUMBERS}
 
 
-def found_lines(numbers: Mapping[str, Any], cause: Cause, degraded: Cause) -> Iterator[str]:
+def comparison_lines(numbers: Mapping[str, Any], cause: Cause, degraded: Cause) -> Iterator[str]:
     """Lines for the status: what is wrong now.
 
     Args:
-        numbers: Of :func:`found`.
+        numbers: Of :func:`compared`.
         cause: Of the state of the loop.
         degraded: Why the correction is worse than it could be.
     """
