@@ -8,12 +8,11 @@ response is nowhere negative: what is between two bounds stays between the filte
 - *overload*: measured size above the plan's largest force about here times ``1 + model error``, plus noise, plus
   margin; or the force (moment) of a cycle above the limit of spindle and tool.
 - *wear*: cumulative sum and trend of the ratio, :mod:`counterflex.runtime.monitoring.wear`.
-- *breakage*: in a stretch that the plan says is steady the ratio drops at once. By more than half of what one tooth
-  carries (:func:`counterflex.runtime.monitoring.plan.lost_tooth`) counts where at the same time the amplitude once per
-  turn rises by force; without that sign, or where it cannot be told, by twice of what one tooth carries; by half of
-  all force in any case.
+- *breakage*: in a stretch that the plan says is steady the ratio drops at once, and lines of the spindle between the
+  tooth passing rise: by a share of what one tooth carries (:func:`counterflex.runtime.monitoring.plan.lost_tooth`).
+  Without that sign it is thinner stock, unless hardly any force is left; by half where the two cannot be told apart.
 - *chatter*: energy of the samples that is neither slow nor a harmonic of the spindle, against what it is out of the
-  cut, plus a share of the largest force to be expected, plus what slow force leaves in it.
+  cut, plus a share of the largest force to be expected and of the lines, plus what slow or changing force leaves in it.
 - *low chatter*: slow vibration of the force that does not die away where the plan is steady.
 
 What the sensor shows without a cut is learnt out of the cut, :mod:`counterflex.runtime.monitoring.air_noise`.
