@@ -11,6 +11,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import CircularPocket, Groove, find_features
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
+from counterflex.evaluate.prismatic.finding import PrismaticFeature, stands_out
 from counterflex.evaluate.surface import nominal_surface
 from counterflex.evaluate.tolerances import flatness_k, linear_m
 from counterflex.path import FEED, RAPID, ToolPath
@@ -132,3 +133,13 @@ def test_no_variant_is_refused() -> None:
     surface = nominal_surface(stock, stock, nominal.p_part_tcp, CUTTER)
     with pytest.raises(InputError, match="no machined part"):
         measure_features(surface, nominal.p_part_tcp, [], {})
+
+
+@pytest.mark.parametrize(
+    ("name", "outward"), [("island 1", True), ("rib 2", True), ("boss 1", True), ("bore 1", False)]
+)
+def test_what_stands_out_has_material_left_where_its_size_is_too_large(name: str, *, outward: bool) -> None:
+    feature = PrismaticFeature(name)
+    assert stands_out(feature) == outward
+    row = FeatureRow(name, "length", 10e-3, {"made": 10.04e-3}, {}, 0.1e-3, "given", grows=stands_out(feature))
+    assert row.material_left_m("made") == pytest.approx(40e-6 if outward else -40e-6)

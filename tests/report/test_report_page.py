@@ -312,7 +312,7 @@ def test_table_and_map_have_one_sign(page: str, job: tuple[ReportData, dict[str,
     text = " ".join(outline(page).text)
     assert shown in text
     assert text.count("+ = material left") >= 2
-    assert replace(row, nominal_m=0.0, worst_m={"nominal": 2e-4}).material_left_m("nominal") == 2e-4
+    assert replace(row, nominal_m=0.0, worst_m={"nominal": 2e-4}, grows=True).material_left_m("nominal") == 2e-4
 
 
 def test_before_and_after_stand_at_the_same_place_of_the_path(

@@ -23,7 +23,7 @@ from counterflex.evaluate.measured_values import (
     height_at,
     values_row,
 )
-from counterflex.evaluate.prismatic.finding import PrismaticFeature
+from counterflex.evaluate.prismatic.finding import PrismaticFeature, stands_out
 from counterflex.evaluate.prismatic.measuring import measure_prismatic
 from counterflex.evaluate.surface import NominalSurface, floor_rise
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
@@ -31,6 +31,8 @@ from counterflex.evaluate.tolerances import FORM, SIZES, flatness_k, linear_m
 
 _LEAST_DEPTH_M = 0.2 * MM  # shallower, a wall has no height to be measured at
 ZONES = ("flatness", "roundness")
+_SIGNED = ("centre", "profile", "corners")
+"""Beside the zones: distances from nominal, and deviations that have the sign of the surface already."""
 WHOLE = 0.9
 """A quantity with values at fewer of its places is measured in part. Strips at the ends of a groove have none."""
 
@@ -50,6 +52,7 @@ class FeatureRow:
         tolerance_source: Where the tolerance comes from.
         standard_deviation_m: Variant name to the standard deviation of the mean value, m, where the part was measured.
         measured_share: Variant name to the share of the feature's places at which there was a value, 0 to 1.
+        grows: The value grows with the material that is left: a zone, or the size of an island, rib or boss.
     """
 
     feature: str
@@ -61,6 +64,7 @@ class FeatureRow:
     tolerance_source: str
     standard_deviation_m: Mapping[str, float] = field(default_factory=dict)
     measured_share: Mapping[str, float] = field(default_factory=dict)
+    grows: bool = False
 
     def partly(self, variant: str) -> bool:
         """True where a tenth of the places or more of a variant had no value: elsewhere it may be worse."""
@@ -73,10 +77,11 @@ class FeatureRow:
     def material_left_m(self, variant: str) -> float:
         """Deviation of the worst value with the sign of the surface, m: positive where material is left.
 
-        A groove or pocket that is too wide or too deep lacks material. Zones (nominal 0) have no sign and are positive.
+        A groove or pocket that is too wide or too deep lacks material, an island that is too wide has some left; zones
+        are positive.
         """
         off = self.worst_m[variant] - self.nominal_m
-        return off if self.nominal_m == 0.0 else -off
+        return off if self.grows else -off
 
 
 @dataclass(frozen=True)
@@ -172,6 +177,7 @@ def measure_features(
                     general if tolerance is None else tolerance,
                     (FORM if quantity in ZONES else SIZES) if tolerance is None else "given",
                     measured_share=share,
+                    grows=quantity in (*ZONES, *_SIGNED) or (quantity != "height" and stands_out(feature)),
                 )
             )
     return tuple(rows)

@@ -107,6 +107,11 @@ class PrismaticFeature:
         return out
 
 
+def stands_out(feature: object) -> bool:
+    """Whether walls of a feature look outward: an island, a rib or a boss."""
+    return isinstance(feature, PrismaticFeature) and feature.kind in ("island", "rib", "boss")
+
+
 def find_prismatic(surface: NominalSurface, taken_walls: Bool, taken_floors: Bool) -> tuple[PrismaticFeature, ...]:
     """Find the features of a surface.
 
