@@ -128,7 +128,7 @@ def test_a_program_of_an_archive_finds_its_controller_data_and_subprograms(tmp_p
 def test_axes_that_are_left_out_stay_where_the_last_place_by_axes_had_them() -> None:
     seen: list[list[float]] = []
 
-    def tip(axes_deg: list[float]) -> Float:
+    def tip(axes_deg: list[float], external: dict[int, float]) -> Float:
         seen.append(list(axes_deg))
         return pose.make(None, np.array([axes_deg[0] / 1000, 0.0, 0.5]))
 

@@ -35,7 +35,8 @@ from counterflex.robot.model.opw import BRANCHES
 PLACES: Final = 25
 """Places that every operation is tried at, over the travel of all axes, before the best are refined."""
 POSTURES: Final = 3
-"""Postures whose places are refined: the best by their error, lost motion and swing included, of :data:`TRIED`."""
+"""Postures whose places are refined: so many by their deflection, and as many by their error, lost motion and swing
+included, of :data:`TRIED`."""
 TRIED: Final = 16
 """Postures that have the least deflection, each operation in its own best place."""
 _REFINED: Final = 12
@@ -108,7 +109,7 @@ def per_operation(
     low, high = np.array(region.low[4:]), np.array(region.high[4:])
     best: tuple[float, Divided] | None = None
     fault: ReachError | None = None
-    postures = _ranked(search, costs, grid, least_damping)[:POSTURES]
+    postures = _chosen_postures(search, costs, grid, least_damping)
     if one is not None:  # no worse than one place for all
         freedom = search.sites[0].site.freedom
         turn, number = round(one[2] / freedom.step_rad) % freedom.rotations, BRANCHES.index(one[1])
@@ -149,8 +150,10 @@ def _nowhere(job: Job, search: _Search, costs: Float) -> ReachError:
     )  # fmt: skip
 
 
-def _ranked(search: _Search, costs: Float, grid: list[Float], least_damping: float) -> list[tuple[float, str, Int]]:
-    """Postures with their places of the grid, by the error that is left; those that cannot be run come last."""
+def _chosen_postures(
+    search: _Search, costs: Float, grid: list[Float], least_damping: float
+) -> list[tuple[float, str, Int]]:
+    """Postures that are refined, with their places of the grid."""
     out: list[tuple[float, int, tuple[float, str, Int]]] = []
     for turn, number, chosen in best_postures(costs, TRIED):
         rotation, branch = float(search.sites[0].site.freedom.grid_rad[turn]), BRANCHES[number]
@@ -158,7 +161,8 @@ def _ranked(search: _Search, costs: Float, grid: list[Float], least_damping: flo
             search.cost(k, grid[place], branch, rotation, least_damping) for k, place in enumerate(chosen.tolist())
         )
         out.append((total, len(out), (rotation, branch, chosen)))
-    return [posture for *_, posture in sorted(out)]
+    first = [number for _, number, _ in sorted(out)[:POSTURES]]
+    return [out[number][2] for number in dict.fromkeys([*range(min(POSTURES, len(out))), *first])]
 
 
 def require_operations(program: str | Path, cell: Cell, task: Task) -> list[Operation]:
