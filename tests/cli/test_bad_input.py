@@ -157,7 +157,7 @@ CELLS: dict[str, tuple[str, str, list[str]]] = {
     "robot by its model": ("kuka_kr300_r2500_ultra", "KR 300", ["'KR 300'", "kuka_kr300_r2500_ultra"]),
     "two robots": (CATALOG, CATALOG + '\nurdf = "a.urdf"', ["robot:", "exactly one", "catalog and urdf"]),
     "no robot": (CATALOG, "", ["robot:", "exactly one", "none of them"]),
-    "URDF missing": (CATALOG, 'urdf = "arm.urdf"', ["robot.urdf", "arm.urdf", "No such file"]),
+    "URDF missing": (CATALOG, 'urdf = "arm.urdf"', ["robot.urdf", "arm.urdf", "no such file"]),
     "own geometry, sign": (
         OWN,
         GEOMETRY.replace("signs = [1", "signs = [2"),
@@ -250,7 +250,7 @@ def test_cell_file(folder: Path, refused: Any, old: str, new: str, says: list[st
         (b"", ["cell.toml: the file is empty"]),
         (b"\n \n", ["cell.toml: the file is empty"]),
         ("name = 'M\xfcller'".encode("latin-1"), ["cell.toml: not a text file in UTF-8", "0xfc in line 1"]),
-        (b"\0\1\2", ["cell.toml: not valid TOML"]),
+        (b"\0\1\2", ["cell.toml:1: not a text file: it contains zero bytes"]),
     ],
     ids=["empty", "blank", "latin-1", "binary"],
 )
@@ -331,7 +331,7 @@ def test_stl_blank(folder: Path, refused: Any, scale: float, closed: bool, says:
 MASS = r"\nmass_kg = [\d.]+"
 TRUTHS: dict[str, tuple[str, str, list[str]]] = {
     "empty": (r"(?s).*", "", ["bad.toml: the file is empty"]),
-    "not TOML": (r"\[cutting\]", "[cutting", ["bad.toml", "not valid TOML", "line"]),
+    "not TOML": (r"\[cutting\]", "[cutting", ["bad.toml", "not readable as TOML", "line"]),
     "wrong format": ("counterflex-truth", "counterflex-cell", ["bad.toml", "got 'counterflex-cell'"]),
     "newer version": ("version = 1", "version = 4", ["newer", "version 4", "at most 1"]),
     "unknown key": (r"\[cutting\]", "[cutting]\nspeed = 3", ["bad.toml: cutting", "unknown key 'speed'"]),
@@ -550,9 +550,9 @@ DAMAGED: dict[str, tuple[str, bytes | None, list[str]]] = {
     "run damaged": ("run.parquet", b"damaged", ["run.parquet", "not readable as a Parquet file"]),
     "run empty": ("run.parquet", b"", ["run.parquet", "not readable as a Parquet file"]),
     "surface missing": ("surface.npz", None, ["surface.npz", "no such file"]),
-    "surface damaged": ("surface.npz", b"damaged", ["surface.npz", "damaged"]),
-    "surface cut off": ("surface.npz", b"PK\x03\x04-\x00\x00\x00\x08", ["surface.npz", "damaged"]),
-    "surface empty": ("surface.npz", b"", ["surface.npz", "damaged"]),
+    "surface damaged": ("surface.npz", b"damaged", ["surface.npz", "do not belong together"]),
+    "surface cut off": ("surface.npz", b"PK\x03\x04-\x00\x00\x00\x08", ["surface.npz", "do not belong together"]),
+    "surface empty": ("surface.npz", b"", ["surface.npz", "do not belong together"]),
     "cell missing": ("cell.toml", None, ["run/cell.toml", "missing"]),
     "cell damaged": ("cell.toml", b"format = 3", ["cell.toml", "counterflex-cell"]),
     "truth missing": ("truth.toml", None, ["run/truth.toml", "missing"]),

@@ -241,7 +241,7 @@ def test_what_is_no_serial_six_axis_robot_is_refused(tmp_path: Path, text: str, 
 
 
 def test_missing_file_and_missing_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(FileFormatError, match="no such file"):
         load_urdf(tmp_path / "nothing.urdf")
 
     def absent(name: str) -> ModuleType:

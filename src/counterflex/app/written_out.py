@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +9,7 @@ from typing import Any, Final
 from counterflex.app import conversion
 from counterflex.app.compensation import compensate
 from counterflex.app.inputs import AS_IT_IS, Reading
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import ProgramError
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.files.summary_file import write_folder_summary
@@ -57,11 +56,11 @@ def run(
         summary = compensate.run(Path(folder) / files[0], cell_file, staging, progress=again, **options)
         (staging / FOLDER).mkdir()
         for name in files:
-            shutil.copyfile(Path(folder) / name, staging / FOLDER / name)
+            atomic.write_bytes(staging / FOLDER / name, file_content.content(Path(folder) / name))
         message = (
             f"{place} runs several times and each pass needs another correction: the program was written out, each "
+            f"motion once, as counterflex convert does; lines are those of {FOLDER}/{files[0]}"
         )
-        message += f"motion once, as counterflex convert does; lines are those of {FOLDER}/{files[0]}"
         summary["written"]["warnings"] = [message, *summary["written"]["warnings"]]
         write_folder_summary(staging, summary)
     return summary

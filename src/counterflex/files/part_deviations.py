@@ -62,8 +62,8 @@ def read_part_deviations(path: Path) -> tuple[PartDeviations, MeasuredPart]:
         FileFormatError: See :func:`counterflex.files.parquet_table.read`; or a row or an entry of the metadata is no
             valid one.
     """
-    require_whole(path.parent)
     data, about = read(path, KIND, VERSION, LAYOUT)
+    require_whole(path.parent)
     try:
         deviations = PartDeviations(**data)
     except InputError as fault:

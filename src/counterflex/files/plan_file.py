@@ -101,9 +101,9 @@ def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
     Raises:
         FileFormatError: See :func:`counterflex.files.parquet_table.read`.
     """
-    require_whole(path.parent)
     layout = LAYOUT + MEASURED if is_corrected(path) else LAYOUT
     data, about = read(path, KIND, VERSION, layout)
+    require_whole(path.parent)
     tool_path = ToolPath(**{name.removeprefix("path."): data.pop(name) for name in list(data) if "." in name})
     counted = about.get(AXES)
     if counted is not None:

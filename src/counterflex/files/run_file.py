@@ -49,6 +49,6 @@ def read_run(path: Path) -> tuple[Run, dict[str, Any]]:
         FileFormatError: See :func:`counterflex.files.parquet_table.read` and
             :func:`counterflex.files.summary_file.require_whole`.
     """
-    require_whole(path.parent)
     data, about = read(path, KIND, VERSION, LAYOUT, AXIS)
+    require_whole(path.parent)
     return Run(**data), about

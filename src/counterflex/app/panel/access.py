@@ -84,8 +84,6 @@ def require_protected(server: str, encryption: str, settings: Served) -> None:
             f"{encryption} needs a certificate and its key", value="one of them",
             limit="--certificate FILE --key FILE",
         )  # fmt: skip
-    if settings.certificate is not None and settings.key is not None:
-        _require_usable(settings.certificate, settings.key)
     lacking = [] if settings.users is not None else ["passwords (--users FILE)"]
     lacking += [] if settings.certificate is not None else [f"{encryption} (--certificate FILE --key FILE)"]
     if settings.host not in LOOPBACK and lacking:
@@ -95,6 +93,8 @@ def require_protected(server: str, encryption: str, settings: Served) -> None:
             value=f"without {' and '.join(lacking)}",
             hint="Make users with counterflex panel-user; leave out --host to serve this computer only",
         )
+    if settings.certificate is not None and settings.key is not None:
+        _require_usable(settings.certificate, settings.key)
 
 
 def _require_usable(certificate: Path, key: Path) -> None:
