@@ -158,6 +158,7 @@ def _narrow() -> dict[str, Any]:
         "height": 760,
         "margin": {"l": 52, "r": 6, "t": 90, "b": 44},
         "updatemenus[0].x": 1.0,
+        "updatemenus[0].y": 1.07,  # above the legend, which needs the whole width
         "xaxis.domain": [0.0, 1.0],
         "xaxis2.domain": [0.0, 1.0],
         "yaxis.domain": [0.56, 1.0],
