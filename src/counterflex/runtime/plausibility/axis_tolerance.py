@@ -22,8 +22,8 @@ class AxisTolerance:
 
     position_m: float = 2.0 * MM
     rotation_rad: float = 0.2 * DEG
-    offset_m: float = 1.0 * MM
-    offset_rad: float = 0.2 * DEG
+    offset_m: float = 20.0 * MM
+    offset_rad: float = 3.0 * DEG
 
     def __post_init__(self) -> None:
         """Check that they are lengths and angles above zero.

@@ -11,6 +11,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.kuka_rsi.config import RsiConfig, read_config
 from counterflex.protocols.kuka_rsi.link import RsiLink
@@ -142,7 +143,7 @@ def open_session(
     """
     cell = demo_cell()
     loop = Loop(cell.chain, settings, cell.T_base_part, plan)
-    angles = AxisCheck(cell.controller_chain, _program_base(), settings.period_s)
+    angles = AxisCheck(cell.controller_chain, _program_base(), settings.period_s, OnlineTable().axis_tolerance)
     senses: dict[str, Any] = {"force": force, "angles": angles, "wrench": _sensor_wrench(cell)}
     senses |= {field.name: chosen.pop(field.name) for field in dataclasses.fields(Sensing) if field.name in chosen}
     session = OnlineSession(link, loop, sensing=Sensing(**senses), **{"checks": SessionChecks(), **chosen})
