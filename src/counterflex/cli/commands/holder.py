@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -12,6 +12,8 @@ from counterflex.cli.commands.program import Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.errors import InputError
 
+_SETTLED: Final = 5.0
+"""Change of a strain from half as many bricks above which more are advised, %."""
 _holder = typer.Typer(no_args_is_help=True, help="Design a spindle holder that senses the cutting force by strain.")
 
 
@@ -34,9 +36,16 @@ def design(
     mesh_mm: Annotated[
         float, typer.Option("--mesh", help="Largest edge of a finite element, mm.", min=1.0, max=200.0, metavar="MM")
     ] = 12.0,
-    converge: Annotated[
-        bool, typer.Option("--converge", help="Also with edges of 2, 1.5 and 1 times --mesh: how the figures settle.")
-    ] = False,
+    bricks: Annotated[
+        int,
+        typer.Option(
+            "--bricks",
+            help="Fewest finite elements over every pocket's height, width and depth, and over the wall behind it.",
+            min=1,
+            max=12,
+            metavar="N",
+        ),
+    ] = 4,
     choose: Annotated[
         int | None,
         typer.Option(
@@ -94,7 +103,7 @@ def design(
             holder,
             out,
             mesh_mm=mesh_mm,
-            further_mm=(2.0 * mesh_mm, 1.5 * mesh_mm, mesh_mm) if converge else (),
+            bricks=bricks,
             choose_count=choose,
             lost_percent=lost_percent,
             spindle=spindle,
@@ -135,12 +144,16 @@ def _show(summary: dict[str, Any]) -> None:
             f"condition of M {summary['condition_of_m']:g} (Denkena2015, printed: "
             f"{summary['denkena2015_condition']:g}); {summary['noise_um_m']:g} um/m of noise are {sigma}"
         )
-    for row in summary["convergence"]:
-        compliance = ", ".join(f"{v:.3f}" for v in row["compliance_um_per_kn"])
-        typer.echo(
-            f"bricks of {row['mesh_mm']:g} mm: {row['unknowns']} unknowns, {compliance} um/kN, "
-            f"gain of the first bridge {row['gain'][0]:.3f}"
+    settled = summary["settled_percent"]
+    if settled is None:
+        typer.echo("warning: one brick over a pocket: the strains may be wrong by half; give --bricks 4 or more")
+    else:
+        change = (
+            f"from {max(1, summary['bricks'] // 2)} to {summary['bricks']} bricks over a pocket the strains change by "
+            f"{settled['strain']:g} %, the compliance by {settled['compliance']:g} %: they are settled to about as much"
         )
+        more = "" if settled["strain"] <= _SETTLED else f"; give --bricks {2 * summary['bricks']} or more"
+        typer.echo(f"{'note' if not more else 'warning'}: {change}{more}")
     spindle = summary["spindle"]
     for row in [] if spindle is None else spindle["angles"]:
         angle = "as it is" if row["angle_deg"] is None else f"{spindle['mounting']} = {row['angle_deg']:g} deg"

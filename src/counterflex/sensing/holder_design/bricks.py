@@ -74,7 +74,7 @@ class Solved:
         """Strain at points of the body.
 
         Args:
-            points: (k, 3) m, inside of the body; on a face between two cells the one with the lower number counts.
+            points: (k, 3) m, inside of the body; on a face between cells their mean.
 
         Returns:
             (k, 3, 3, 6) strain tensor for each unit motion.
@@ -90,13 +90,14 @@ class Solved:
         if not np.all(within):
             where = points[int(np.argmin(within))]
             raise InputError("a strain is asked for outside of the body", value=(1e3 * where).round(3).tolist())
-        cells = np.argmax(inside, axis=1)
-        local = basis.mapping.invF(at, tind=cells)
+        of_point, cells = np.nonzero(inside)
+        local = basis.mapping.invF(at[:, of_point], tind=cells)
         shapes = [basis.elem.gbasis(basis.mapping, local, j, tind=cells)[0].grad[:, :, 0] for j in range(basis.Nbfun)]
         nodes = basis.element_dofs[:, cells]
         gradient = np.einsum("jdk,jknm->kndm", np.stack(shapes), self._motion[nodes])
-        out: Float = 0.5 * (gradient + np.swapaxes(gradient, 1, 2))
-        return out
+        out: Float = np.zeros((len(points), 3, 3, 6))
+        np.add.at(out, of_point, 0.5 * (gradient + np.swapaxes(gradient, 1, 2)))
+        return out / np.sum(inside, axis=1)[:, None, None, None]
 
 
 @dataclass(frozen=True, eq=False)
