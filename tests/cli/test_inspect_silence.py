@@ -38,8 +38,9 @@ def work(folder: Path) -> Path:
 def centres(count: int, radius_mm: float) -> Float:
     """Centres of a ball that touches the part as made, part frame, mm."""
     points, face = trimesh.sample.sample_surface(made.part_mesh(), count, seed=2)
-    out: Float = points + radius_mm * made.part_mesh().face_normals[face]
-    return out[points[:, 2] > 0.3]
+    moved = points + radius_mm * made.part_mesh().face_normals[face]
+    out: Float = moved[points[:, 2] > 0.3]
+    return out
 
 
 def write_table(path: Path, points: Float) -> None:

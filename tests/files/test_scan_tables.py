@@ -45,6 +45,9 @@ TABLES: dict[str, bytes] = {
     "utf-16 big end first": rows(lambda v: f"{v:.3f}", "\t", "X\tY\tZ").encode("utf-16-be"),
     "utf-16 of a comma": rows(lambda v: f"{v:.3f}".replace(".", ","), ";").encode("utf-16-le"),
     "names and places": "".join(f"P{k};A;{r[0]};{r[1]};{r[2]}\n" for k, r in enumerate(POINTS.tolist())).encode(),
+    "lines that are numbered": "".join(
+        f"{k + 7} {r[0]} {r[1]} {r[2]} 0.01\n" for k, r in enumerate(POINTS.tolist())
+    ).encode(),
     "named otherwise": rows(lambda v: f"{v:.3f}", ",", "PosX,PosY,PosZ").encode(),
     "a title above": rows(lambda v: f"{v:.3f}", " ", "points of monday").encode(),
     "x= y= z=": "".join(f"P{k}, X={r[0]}, Y={r[1]}, Z={r[2]}\n" for k, r in enumerate(POINTS.tolist())).encode(),

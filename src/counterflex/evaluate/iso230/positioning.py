@@ -1,10 +1,10 @@
 """Accuracy and repeatability of positioning a linear axis by ISO 230-2:2014, from both directions of approach.
 
-With ``x_ij`` the deviation of approach j to target i, their mean and their estimator of the standard deviation
+With ``x_ij`` the deviation of approach j to target i, their mean and their estimator of the standard deviation are::
 
     x_i = sum_j x_ij / n,    s_i = sqrt(sum_j (x_ij - x_i)^2 / (n - 1))
 
-in each direction (up: towards larger targets), the figures are
+in each direction (up: towards larger targets), and the figures::
 
     B_i = x_i up - x_i down,                 B = max |B_i|
     R_i up = 4 s_i up,                       R_i = max(2 s_i up + 2 s_i down + |B_i|, R_i up, R_i down)

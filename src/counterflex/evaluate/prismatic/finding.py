@@ -1,5 +1,7 @@
 """Find features on the surface that a program makes, whatever its moves are: by floors and the walls about them.
 
+::
+
     facing walls       -> pocket (two pairs), slot (one pair)
     walls back to back -> island (two pairs), rib (one pair)
     a wall alone       -> step where a floor lies at its foot, else wall

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -60,7 +61,8 @@ def read_table(path: Path) -> Scan:
     """Read x, y, z of a table.
 
     Columns are found by a header (``x``, ``y_mm``, ``Meas X``, ``X [in]``; nominal values, deviations and normals
-    beside them are left out); without one the first three numbers of a line count. A first line of one whole number is
+    beside them are left out); without one the first three numbers of a line count, behind a number that counts the
+    lines. A first line of one whole number is
     the number of points (PTS). Rows with a mark for a missing value (``*``) are counted and left out. Reports with one
     row for each axis, or with ``X=.. Y=.. Z=..``, are translation by their lines.
 
@@ -121,7 +123,8 @@ def _layout(lines: list[str], path: Path) -> _Layout:
         header = split(comments[-1], separator)
     numeric = [k for k, word in enumerate(words) if decimals.number(word) is not None]
     holds = [k for k, word in enumerate(words) if k in numeric or word.lower() in MISSING]
-    xyz, unit = (numeric[0], numeric[1], numeric[2]), None
+    counted = _counts_up([lines[k] for k in rows if k >= first][:_SAMPLE], separator, numeric)
+    xyz, unit = (numeric[counted], numeric[counted + 1], numeric[counted + 2]), None
     if header is not None:
         named = _columns(header, path)
         if named is not None:
@@ -135,6 +138,16 @@ def _layout(lines: list[str], path: Path) -> _Layout:
             )
     plain = len(holds) == len(words) and '"' not in lines[first]
     return _Layout(first, len(words), xyz, separator, decimals, plain, unit, count)
+
+
+def _counts_up(lines: list[str], separator: str | None, numeric: list[int]) -> bool:
+    """Whether the first of four or more numbers is that of the line: whole, and one more from line to line."""
+    if len(numeric) < 4 or len(lines) < 3:
+        return False
+    cells = [row[numeric[0]] for row in (split(line, separator) for line in lines) if len(row) > numeric[0]]
+    if not all(cell.isdigit() for cell in cells):
+        return False
+    return all(int(after) == int(before) + 1 for before, after in itertools.pairwise(cells))
 
 
 def _names_columns(header: list[str], columns: int, separator: str | None, decimals: Decimals) -> bool:
