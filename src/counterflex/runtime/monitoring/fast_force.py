@@ -57,7 +57,7 @@ VISIBLE_HZ: Final = 40.0
 """Folded lines below are too much weakened by the high-passes for an amplitude."""
 KEPT_S: Final = 1.0
 """Time over which an amplitude is forgotten that the samples do not show: of a sine at half the sampling rate."""
-LEAST_RATE: Final = 8.0
+LEAST_RATE: Final = 10.0
 """Least sampling rate by the corner of the high-passes."""
 
 
