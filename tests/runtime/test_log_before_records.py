@@ -25,7 +25,7 @@ MODES = {"pilot": (ForceMode.PILOT, TrackerMode.OBSERVER), "fused": (ForceMode.F
 
 
 def same_but_for_chatter(replay: Replay) -> bool:
-    """Whether nothing differs, or in the first row that does only the limit of chatter: it is another one since then."""
+    """Whether nothing differs, or in the first row that does only the limit of chatter, which is another since."""
     other = replay.difference
     return other is None or (other.column == "limit_chatter" and other.columns == 1)
 
