@@ -192,6 +192,8 @@ def chatter(m: Record, s: Record, force: float, idle: bool) -> None:
     # The vibration is remembered longer than the force: at an exit it is judged by the force it comes from.
     m.peak = max(force, m.peak * math.exp(-s.period / PEAK_S))
     lines = 0.5 * (fast.turn**2 + fast.tooth**2)
+    if not math.isfinite(lines):  # as in older logs
+        lines = 0.0
     quiet = floor + (s.chatter_share * m.peak) ** 2 + HIGHER * HIGHER * lines
     limit = math.sqrt(quiet * s.energy_quantile + slower + (ONSET * m.onset) ** 2 + m.risen**2) if ready else 0.0
     judge(m, s, _CHATTER, fast.residual, limit, s.chatter_cycles)

@@ -57,7 +57,7 @@ VISIBLE_HZ: Final = 40.0
 """Folded lines below are too much weakened by the high-passes for an amplitude."""
 KEPT_S: Final = 1.0
 """Time over which an amplitude is forgotten that the samples do not show: of a sine at half the sampling rate."""
-LEAST_RATE: Final = 8.0
+LEAST_RATE: Final = 10.0
 """Least sampling rate by the corner of the high-passes."""
 
 
@@ -141,14 +141,13 @@ def _is_clear(d: Record, line: int) -> bool:
     return bool(nearest > CLEAR * d.period / (2.0 * math.pi * NOTCH_S))
 
 
-@kernel("void(Samples, float64, int64)", Samples=SAMPLES)
-def _choose_lines(d: Record, share: float, count: int) -> None:
+@kernel("void(Samples, float64)", Samples=SAMPLES)
+def _choose_lines(d: Record, share: float) -> None:
     """Follow every line that is told apart from those before it, at the speed at which the spindle turns now.
 
     Args:
         d: SAMPLES; active, seen and gains are changed, and lines that are given up are zero.
         share: Of the new value in the low-passes.
-        count: Samples of a cycle.
     """
     turn = d.turn * (1.0 + d.slip)
     spacing = RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
@@ -162,7 +161,6 @@ def _choose_lines(d: Record, share: float, count: int) -> None:
             for axis in range(3):
                 d.lines[axis, 2 * k] = d.lines[axis, 2 * k + 1] = 0.0
         d.gain[k] = 1.0 / _high_pass_square(f, share)
-        d.mean_gain[k] = mean_gain(f, max(1, count))
         d.active[k] = 1.0 if active else 0.0
         d.seen[k] = 1.0 if active and f > VISIBLE_HZ * d.period and _is_clear(d, k) else 0.0
 
@@ -291,38 +289,53 @@ def _square(d: Record, line: int) -> float:
 
 @kernel("void(Samples, Fast)", Samples=SAMPLES, Fast=FAST)
 def _measure(d: Record, out: Record) -> None:
-    """Amplitudes of the tooth passing and between; what all lines leave in the mean force of a cycle.
-
-    A harmonic that folds below the high-passes is not seen: its amplitude is taken for that of the next lower one that
-    is, or of a higher one.
+    """Amplitudes of the tooth passing and of the lines between, N.
 
     Args:
-        d: SAMPLES; alias is changed.
+        d: SAMPLES.
         out: FAST; turn and tooth are changed.
     """
-    tooth = turns = known = hidden = slow_energy = 0.0
-    waiting = 0
+    tooth = turns = 0.0
     for k in range(HARMONICS):
-        of_teeth = int(d.order[k]) % max(1, d.teeth) == 0
-        square = _square(d, k) if d.seen[k] > 0.5 else 0.0
-        f = d.place[k]
-        hidden += square * d.mean_gain[k]
-        if of_teeth:
-            tooth += square
-            slow = f <= VISIBLE_HZ * d.period
-            if d.seen[k] > 0.5:
-                known = square
-                slow_energy += waiting * known
-                waiting = 0
-            elif slow and known > 0.0:
-                slow_energy += known
-            elif slow:
-                waiting += 1
-        else:
-            turns += square
+        if d.seen[k] > 0.5:
+            if int(d.order[k]) % max(1, d.teeth) == 0:
+                tooth += _square(d, k)
+            else:
+                turns += _square(d, k)
     out.turn, out.tooth = math.sqrt(turns), math.sqrt(tooth)
-    d.slow = math.sqrt(0.5 * slow_energy)
-    d.alias = math.inf if waiting > 0 else math.sqrt(0.5 * (hidden + slow_energy))
+
+
+@kernel("void(Samples, Fast, float64, int64, int64, float64)", Samples=SAMPLES, Fast=FAST)
+def estimate_folded(d: Record, fast: Record, turn: float, teeth: int, count: int, period: float) -> None:
+    """Estimate what lines leave in the mean force of a cycle, from their amplitudes and places alone, as a replay can.
+
+    A harmonic that folds below the high-passes is not seen: its amplitude is taken for that of those that are.
+
+    Args:
+        d: SAMPLES; slow and alias are changed.
+        fast: FAST.
+        turn: Commanded turns of the spindle per sample.
+        teeth: Of the tool.
+        count: Samples of a cycle.
+        period: Of the samples, s.
+    """
+    d.slow = d.alias = 0.0
+    tooth, turns = 0.5 * fast.tooth**2, 0.5 * fast.turn**2
+    if turn <= 0.0 or not math.isfinite(tooth + turns):
+        return
+    z, slow, seen, left = max(1, teeth), 0, 0, 0.0
+    for k in range(1, TOOTH_ORDERS + 1):
+        f = folded(turn * (1.0 + FIRST_SLIP) * k * z)
+        if f <= VISIBLE_HZ * period:
+            slow += 1
+        else:
+            seen += 1
+            left += mean_gain(f, count)
+    hidden = tooth * (left + slow) / seen if seen > 0 else 0.0
+    for k in range(1, z):
+        hidden += turns * mean_gain(folded(turn * (1.0 + FIRST_SLIP) * k), count) / (z - 1)
+    d.slow = math.sqrt(tooth * slow / seen) if seen > 0 else 0.0
+    d.alias = math.inf if seen == 0 else math.sqrt(hidden)
 
 
 @kernel(
@@ -361,7 +374,7 @@ def take_samples(
         if d.slip == 0.0:
             d.slip = FIRST_SLIP
         if d.settled == 0 or (d.in_cut == 1 and d.strength <= LINES * d.energy):
-            _choose_lines(d, share, count)  # out of the cut, at the speed that the cut has shown
+            _choose_lines(d, share)  # out of the cut, at the speed that the cut has shown
             d.in_cut = 0
     for i in range(count):
         d.angle += turn * (1.0 + d.slip)

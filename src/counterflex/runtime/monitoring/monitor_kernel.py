@@ -29,6 +29,7 @@ from counterflex.core.records import Record, Records
 from counterflex.runtime.monitoring.air_noise import follow_motion, learn_quiet, noise, quiet_force, two_stages
 from counterflex.runtime.monitoring.detectors import breakage, chatter, judge, low_chatter, wear
 from counterflex.runtime.monitoring.events import EVENTS, Event
+from counterflex.runtime.monitoring.fast_force import estimate_folded
 from counterflex.runtime.monitoring.feed_frame import feed_frame
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.monitoring.wear import new_tool
@@ -193,6 +194,9 @@ def _detect(
         new_tool(m.wear)
         m.events &= ~(1 << _WEAR)
     wear(m, s, moved if cutting else 0.0)
+    samples = max(1, round(s.period / s.sample_period))
+    turn, teeth = here.turn_per_s * s.sample_period, int(here.teeth)
+    estimate_folded(m.samples, m.fast, turn, teeth, samples, s.sample_period)
     breakage(m, s, here, rest, steady)
     chatter(m, s, max(most, filtered), idle)
     low_chatter(m, s, given, rest, steady)

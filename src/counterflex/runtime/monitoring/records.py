@@ -165,7 +165,6 @@ SAMPLES: Final = record(
     active=(float, HARMONICS),  # 1: it is followed
     place=(float, HARMONICS),  # turns per sample that it folds to
     gain=(float, HARMONICS),  # its squared amplitude by that behind the high-passes
-    mean_gain=(float, HARMONICS),  # what the mean over a cycle leaves of it, squared
     seen=(float, HARMONICS),  # 1: its amplitude counts
     wave=(float, 2 * HARMONICS),  # cos and sin of each line, this sample
     step=(float, 2 * HARMONICS),  # of the angle from sample to sample

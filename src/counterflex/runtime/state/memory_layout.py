@@ -22,14 +22,14 @@ _MANY: Final = 64
 """Records from which on an array of them is one stretch, named with its fields: their names would fill the log."""
 _FREE: Final = {"state.reference": 7, "state.swing": 63, "state.known_ahead": 64, "scratch": 12 + 132}
 """Words behind a stretch that meant nothing, or nothing beyond their cycle, in logs that do not say their layout."""
-_ADDED: Final = frozenset(
-    f"tests.{name}"
-    for name in (
-        *("heading", "bend", "bent", "missing", "early_answer", "short", "still"),
-        *("plan_place", "plan_feed", "plan_force", "plan_cycles", "plan_soft", "anchor"),
-    )
+_OTHER: Final = (
+    *("monitor.reference.tooth", "monitor.risen", "monitor.onset", "monitor.samples."),
+    *("tests.heading", "tests.bend", "tests.bent", "tests.missing", "tests.early_answer", "tests.short", "tests.still"),
+    *("tests.plan_", "tests.anchor"),
 )
-"""What a loop of today remembers besides: it begins at zero behind a state that does not have it."""
+"""Beginnings of names that logs may lack or have otherwise: they begin at zero behind a state without them."""
+_SAMPLES_BEFORE: Final = 89
+"""Words of fast samples in logs that do not say their layout."""
 Arrays: TypeAlias = Mapping[str, np.ndarray[Any, Any]]
 """Arrays and arrays of records of 64-bit numbers, C order, by name."""
 
@@ -58,9 +58,16 @@ def layout_before(layout: Layout) -> Layout:
     Args:
         layout: Of the loop that takes them.
     """
-    free = {name: ("", "f8", count) for name, count in _FREE.items()}
-    then = [entry for entry in layout if entry[0] not in _ADDED]
-    return tuple(stretch for entry in then for stretch in (entry, *([free[entry[0]]] if entry[0] in free else [])))
+    out: list[tuple[str, str, int]] = []
+    for entry in layout:
+        name = entry[0]
+        if not name.startswith(_OTHER):
+            out.append(entry)
+        elif name.startswith("monitor.samples.") and ("", "f8", _SAMPLES_BEFORE) not in out:
+            out.append(("", "f8", _SAMPLES_BEFORE))
+        if name in _FREE:
+            out.append(("", "f8", _FREE[name]))
+    return tuple(out)
 
 
 def words_of(arrays: Arrays) -> Int:
@@ -98,14 +105,9 @@ def _rearranged(words: Int, old: Layout, new: Layout) -> Int:
         if stretch[0]:
             parts[stretch] = words[first : first + stretch[2]]
         first += stretch[2]
-    parts |= {stretch: np.zeros(stretch[2], dtype=np.int64) for stretch in new if _begins_at_zero(stretch, parts)}
-    strange = next(iter(sorted(set(parts) ^ set(new))), None)
+    strange = next((s for s in sorted(set(parts) ^ set(new)) if not s[0].startswith(_OTHER)), None)
     if strange is not None:
         name, kind, count = strange
         whose = "the state" if strange in parts else "this loop"
         raise InputError("the state is another loop's", value=f"{name}: {count} x {kind} only in {whose}")
-    return np.concatenate([parts[stretch] for stretch in new])
-
-
-def _begins_at_zero(stretch: tuple[str, str, int], parts: Mapping[tuple[str, str, int], Int]) -> bool:
-    return stretch not in parts and stretch[0] in _ADDED
+    return np.concatenate([parts.get(stretch, np.zeros(stretch[2], dtype=np.int64)) for stretch in new])
