@@ -25,7 +25,14 @@ _FREE: Final = {"state.reference": 7, "state.swing": 63, "state.known_ahead": 64
 _OTHER: Final = (
     *("monitor.reference.tooth", "monitor.risen", "monitor.onset", "monitor.samples."),
     *("tests.heading", "tests.bend", "tests.bent", "tests.missing", "tests.early_answer", "tests.short", "tests.still"),
-    *("tests.plan_", "tests.anchor"),
+    *(
+        "tests.plan_place",
+        "tests.plan_feed",
+        "tests.plan_force",
+        "tests.plan_soft",
+        "tests.plan_cycles",
+        "tests.anchor",
+    ),
 )
 """Beginnings of names that logs may lack or have otherwise: they begin at zero behind a state without them."""
 _SAMPLES_BEFORE: Final = 89
