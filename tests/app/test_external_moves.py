@@ -269,7 +269,7 @@ def fanuc_of(lines: list[str], number: int, value: float) -> list[str]:
     return out
 
 
-PLACES = {
+PLACES: dict[str, tuple[Callable[[list[str]], list[str]], Callable[[list[str]], list[str]]]] = {
     # language: edit of the program at the first target of the second cut, and at the first cut itself
     "rapid": (lambda t: rapid_of(t, "[[-12.0000,45.0000,60", 300), lambda t: rapid_of(t, "[[20.0000,15.0000,36", 300)),
     "fanuc": (lambda t: fanuc_of(t, 6, 300), lambda t: fanuc_of(t, 4, 300)),

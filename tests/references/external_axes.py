@@ -49,8 +49,7 @@ def krl_points(files: Mapping[str, str], axis: int = 1) -> list[tuple[Matrix, fl
 
 def rapid_points(files: Mapping[str, str], axis: int = 1) -> list[tuple[Matrix, float]]:
     """Every MoveL with the value of an external axis."""
-    numbers = lambda n: r"\[" + ",".join([_N] * n) + r"\]"  # noqa: E731
-    form = r"MoveL \[" + ",".join(numbers(n) for n in (3, 4, 4, 6)) + r"\]"
+    form = r"MoveL \[" + ",".join(rf"\[{','.join([_N] * n)}\]" for n in (3, 4, 4, 6)) + r"\]"
     out = []
     for match in re.finditer(form, "\n".join(files.values())):
         v = [float(value) for value in match.groups()]

@@ -232,7 +232,8 @@ def _exact(program: Program, path: ToolPath, ends: Bool, events: frozenset[int])
 
 def _standing(path: ToolPath, exact: Bool) -> Bool:
     """(n,) rows at which external axes stand; the two beside each of their moves become exact."""
-    moved, whole = np.diff(path.place) != 0.0, path.place == np.round(path.place)
+    moved = np.diff(path.place) != 0.0
+    whole: Bool = path.place == np.round(path.place)
     exact[:-1] |= moved & whole[:-1]
     exact[1:] |= moved & whole[1:]
     return whole
