@@ -184,6 +184,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
             write_benchmark_result(folder / name / "result.json", made_result(name))
     if words[0] == "thermal":
         shutil.copy(Path(__file__).parents[2] / "examples" / "touches.csv", folder)
+    if "axis.csv" in words:
+        shutil.copy(Path(__file__).parents[2] / "examples" / "robot_tests" / "axis.csv", folder)
     if words[0] == "doctor":
         monkeypatch.setattr("counterflex.app.doctor.probe", good_machine)
         monkeypatch.setattr("counterflex.app.doctor.machine_file", lambda: folder / "machine.json")
