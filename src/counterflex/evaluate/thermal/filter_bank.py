@@ -130,9 +130,9 @@ def step_over_two(
         [np.concatenate([S1, cross], axis=2), np.concatenate([np.swapaxes(cross, 1, 2), S2], axis=2)], axis=1
     )
     A = np.vstack([np.eye(3), np.eye(3)])
-    told = np.linalg.solve(S, np.broadcast_to(A, (len(S), 6, 3)))
-    spread: Float = np.linalg.inv(A.T @ told).astype(np.float64)
-    step = np.einsum("jab,jcb,jc->ja", spread, told, np.concatenate([first, second], axis=1))
+    weighted = np.linalg.solve(S, np.broadcast_to(A, (len(S), 6, 3)))
+    spread: Float = np.linalg.inv(A.T @ weighted).astype(np.float64)
+    step = np.einsum("jab,jcb,jc->ja", spread, weighted, np.concatenate([first, second], axis=1))
     by_chance = float(weights @ chi2.sf(squares(step, spread), 3))
     return (by_chance, *mean_of(weights, step, spread))
 
