@@ -209,7 +209,7 @@ def provenance(task: Task, result: Identification, date: str, outcome: Outcome =
     unit = unit_of_name(head.name)
     before = "" if head.nominal is None else f" ({head.nominal:.4g} before)"
     how = "a separate file" if task.holdout else "folds of the data"
-    said = "confirmed, " if outcome == "confirmed" else ""
+    prefix = "confirmed, " if outcome == "confirmed" else ""
     values = tuple(
         IdentifiedValue(name=row["name"], value=row["value"], sigma=row["sigma"], unit=row["unit"], seen=row["seen"])
         for fit in result.fits.values()
@@ -222,7 +222,7 @@ def provenance(task: Task, result: Identification, date: str, outcome: Outcome =
         data=tuple(Path(d.where).name for d in task.data),
         data_sha256=tuple(d.fingerprint for d in task.data),
         counterflex=__version__,
-        holdout=f"{said}{head.text}: {head.value:.4g} {unit}".rstrip() + f"{before}, on {how}",
+        holdout=f"{prefix}{head.text}: {head.value:.4g} {unit}".rstrip() + f"{before}, on {how}",
         values=values,
     )
 

@@ -46,12 +46,12 @@ def judged(result: Identification, *, separate: bool) -> tuple[Identification, O
     compared = f"{first.text}: {first.value:.4g} {unit_of_name(first.name)}, {first.nominal:.4g} with the former values"
     if first.value <= (1.0 - GAIN) * first.nominal:
         return result, "better"
-    found = agreement(result.fits.values())
+    match = agreement(result.fits.values())
     nothing = f"No gain on {'the data of --holdout' if separate else 'data not used'} ({compared})."
-    if found.agrees and found.directions and first.value <= found.growth * first.nominal:
+    if match.agrees and match.directions and first.value <= match.growth * first.nominal:
         remark = (
             f"Confirmed: the data agree with the cell file within noise (probability of a larger difference "
-            f"{found.chance:.2g}; {compared}). Its values stay; their standard deviations are those found now."
+            f"{match.chance:.2g}; {compared}). Its values stay; their standard deviations are those found now."
         )
         return confirmed(replace(result, remarks=(remark, *result.remarks))), "confirmed"
     if first.value <= first.nominal:

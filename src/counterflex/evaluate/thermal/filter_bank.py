@@ -54,12 +54,12 @@ class Bank:
         grid = self.weights().reshape(len(WALKS), len(TAUS))
         return grid.sum(axis=0), grid.sum(axis=1)
 
-    def move(self, dt: float, u: float) -> Float:
+    def move(self, step_s: float, u: float) -> Float:
         """Let a time pass at a speed; (m, STATES, STATES) transitions."""
-        hours = dt / _HOUR
+        hours = step_s / _HOUR
         transitions = np.zeros_like(self.P)
         for j, (tau, walk) in enumerate(zip(self.tau_s, self.walk_m, strict=True)):
-            kept = math.exp(-dt / float(tau))
+            kept = math.exp(-step_s / float(tau))
             F = np.eye(STATES)
             F[0, 0], F[0, 1] = kept, (1.0 - kept) * u
             noise = np.diag([self.growth_walk_m**2, 0.0, *(float(walk) ** 2,) * 3, 0.0, 0.0, 0.0]) * hours
@@ -103,7 +103,7 @@ def chance(weights: Float, innovation: Float, S: Float) -> float:
 
 
 def step_over_two(
-    before: Bank, H: Float, y: Float, R: Float, dt: float, u: float, now: tuple[Float, Float, Float]
+    before: Bank, H: Float, y: Float, R: Float, step_s: float, u: float, now: tuple[Float, Float, Float]
 ) -> tuple[float, Float, Float]:
     """Probability of a step of the place before the first of two touches by chance, the step and its covariance.
 
@@ -114,7 +114,7 @@ def step_over_two(
         H: (d, STATES) of the first touch.
         y: (d,) likewise.
         R: (d, d) likewise.
-        dt: Time from the first to the second.
+        step_s: Time from the first to the second.
         u: Speed in it.
         now: H, y, R of the second.
     """
@@ -122,7 +122,7 @@ def step_over_two(
 
     later = before.copy()
     weights, P = before.weights(), before.P
-    F = later.move(dt, u)
+    F = later.move(step_s, u)
     first, S1 = before.expected(H[:3], y[:3], R[:3, :3])
     second, S2 = later.expected(now[0][:3], now[1][:3], now[2][:3, :3])
     cross = H[:3] @ P @ np.swapaxes(F, 1, 2) @ now[0][:3].T
@@ -130,9 +130,9 @@ def step_over_two(
         [np.concatenate([S1, cross], axis=2), np.concatenate([np.swapaxes(cross, 1, 2), S2], axis=2)], axis=1
     )
     A = np.vstack([np.eye(3), np.eye(3)])
-    told = np.linalg.solve(S, np.broadcast_to(A, (len(S), 6, 3)))
-    spread: Float = np.linalg.inv(A.T @ told).astype(np.float64)
-    step = np.einsum("jab,jcb,jc->ja", spread, told, np.concatenate([first, second], axis=1))
+    weighted = np.linalg.solve(S, np.broadcast_to(A, (len(S), 6, 3)))
+    spread: Float = np.linalg.inv(A.T @ weighted).astype(np.float64)
+    step = np.einsum("jab,jcb,jc->ja", spread, weighted, np.concatenate([first, second], axis=1))
     by_chance = float(weights @ chi2.sf(squares(step, spread), 3))
     return (by_chance, *mean_of(weights, step, spread))
 

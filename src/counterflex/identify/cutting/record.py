@@ -20,7 +20,7 @@ _FEWEST_TURNS = 4
 _QUIET = 0.1
 """Ripple in a revolution, as a share of that of the cut, below which a row is in air. Air shows noise, a cut at a third
 of the feed a third of the ripple."""
-_APART = 2.6
+_LEVEL_DISTANCE = 2.6
 """Distance of two levels of force in standard deviations about each. Entry and exit over half of the record give 3.3, a
 ramp over all of it 2.4, one level with noise 2."""
 _STEEP = 0.6  # change of depth per travel that is a step and no ramp
@@ -90,7 +90,7 @@ def _two_levels(size: Float, upper: Bool) -> bool:
     if len(low) == 0 or len(high) == 0:
         return False
     within = np.sqrt((np.sum((low - low.mean()) ** 2) + np.sum((high - high.mean()) ** 2)) / len(size))
-    return bool(high.mean() - low.mean() > _APART * within)
+    return bool(high.mean() - low.mean() > _LEVEL_DISTANCE * within)
 
 
 def _moving_mean(values: Float, window: int) -> Float:

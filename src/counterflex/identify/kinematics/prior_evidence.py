@@ -177,16 +177,16 @@ def _described(stated: ArmPriors, best: _Trial) -> str:
         (stated.angle_rad, best.priors.angle_rad, MRAD, "mrad"),
         (stated.of_zero, best.priors.of_zero, MRAD, "mrad"),
     )
-    said = [
+    changes = [
         f"{name} from {before / unit:.3g} to {now / unit:.3g} {word}"
         for name, (before, now, unit, word) in zip(GROUPS, sizes, strict=True)
         if now > before
     ]
     zeros = _groups(best.setup)[2]
     if not len(zeros):
-        return ", ".join(said)
+        return ", ".join(changes)
     values: Float = best.fit.values[zeros]
-    return f"{', '.join(said)} (largest zero found {float(np.max(np.abs(values))) / MRAD:.3g} mrad)"
+    return f"{', '.join(changes)} (largest zero found {float(np.max(np.abs(values))) / MRAD:.3g} mrad)"
 
 
 def _median_mm(setup: Setup, fit: Fit) -> float:

@@ -62,11 +62,11 @@ def identify(inputs: Inputs) -> Identification:
     axes = sorted({m.axis for m in records})
     rows_of = {axis: float(sum(len(m.q) for m in records if m.axis == axis)) for axis in axes}
     parts = in_parts(progress, {f"axis {axis + 1}": rows_of[axis] for axis in axes}) if axes else {}
-    found = []
+    estimates = []
     for axis in axes:
         mine, other = ([m for m in given if m.axis == axis] for given in (records, unseen))
-        found.append(_axis(cell, axis, mine, other, settings, parts[f"axis {axis + 1}"]))
-    judged = [one for one in found if one.errors is not None]
+        estimates.append(_axis(cell, axis, mine, other, settings, parts[f"axis {axis + 1}"]))
+    judged = [one for one in estimates if one.errors is not None]
     used = [one for one in judged if one.withheld is None or settings["as_stated"]]
     if not judged:
         raise InputError(
@@ -79,21 +79,21 @@ def identify(inputs: Inputs) -> Identification:
         raise InputError(
             "play and friction of no axis can be trusted",
             where=records[0].where,
-            value=f"{len(found)} axes",
+            value=f"{len(estimates)} axes",
             hint=f"{judged[0].withheld}. If the data are right, add --set as_stated=true",
         )
-    said = "used as stated, as requested" if settings["as_stated"] else "its values are not written"
+    remark_end = "used as stated, as requested" if settings["as_stated"] else "its values are not written"
     return Identification(
         "play",
-        {f"axis {one.axis + 1}": one.fit for one in found},
+        {f"axis {one.axis + 1}": one.fit for one in estimates},
         _headline([one.errors for one in used if one.errors is not None]),
-        tuple(figure for one in found for figure in one.figures),
+        tuple(figure for one in estimates for figure in one.figures),
         tuple(AxisPlay(one.axis, resolved(one.play)) for one in used),
         (
-            *(f"{one.withheld}; {said}." for one in found if one.withheld is not None),
-            *(remark for one in found for remark in one.remarks),
+            *(f"{one.withheld}; {remark_end}." for one in estimates if one.withheld is not None),
+            *(remark for one in estimates for remark in one.remarks),
         ),
-        tuple(picture for one in found for picture in one.pictures),
+        tuple(picture for one in estimates for picture in one.pictures),
     )
 
 

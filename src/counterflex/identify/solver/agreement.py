@@ -66,10 +66,10 @@ def agreement(fits: Iterable[Fit]) -> Agreement:
             continue
         u = fit.parameters.coordinates(fit.values)[free][known]
         variance, directions = np.linalg.eigh(fit.covariance[np.ix_(known, known)])
-        told = (variance < DETERMINED) & (variance > 0.0)
-        along = directions[:, told].T @ u
-        total += float(np.sum(along**2 / (variance[told] * (1.0 - variance[told]))))
-        count += int(np.sum(told))
+        determined = (variance < DETERMINED) & (variance > 0.0)
+        along = directions[:, determined].T @ u
+        total += float(np.sum(along**2 / (variance[determined] * (1.0 - variance[determined]))))
+        count += int(np.sum(determined))
     return Agreement(float(chi2.sf(total, count)) if count else 1.0, count, 1.0 + 4.0 * seen / max(freedom, 1.0))
 
 

@@ -97,7 +97,8 @@ class Solved:
         gradient = np.einsum("jdk,jknm->kndm", np.stack(shapes), self._motion[nodes])
         out: Float = np.zeros((len(points), 3, 3, 6))
         np.add.at(out, of_point, 0.5 * (gradient + np.swapaxes(gradient, 1, 2)))
-        return out / np.sum(inside, axis=1)[:, None, None, None]
+        out /= np.sum(inside, axis=1)[:, None, None, None]
+        return out
 
 
 @dataclass(frozen=True, eq=False)
