@@ -26,13 +26,14 @@ from counterflex.geometry import rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.reader import doubtful_readings, read_gcode
+from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Program
 from counterflex.programs.reading import dialect_of, read_program_file, require_linuxcnc
 from counterflex.programs.rotary.fitted import fitted
 from counterflex.programs.rotary.poses import Words, turned_path
+from counterflex.programs.stated.two_readings import doubtful_readings
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT / "tests" / "data" / "gcode" / "corpus"
