@@ -31,14 +31,20 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     "cutting_force": (("--quick", "--seeds", "0", "--count", "12"),),
     "elastic_step": (("--quick", "--json", f"{FOLDER}/figures.json"),),
     "first_day": (("--quick", "--out", f"{FOLDER}/out", "--family", "wide", "--seeds", "1-1", "--workers", "1"),),
+    "headline": (("--quick", "--out", f"{FOLDER}/out", "--levels", "catalogue", "--store"),),
     "identify": (("--quick", "--json"),),
     "interval_coverage": (
         ("--quick", "--each", "--seeds", "1", "--first", "0"),
         ("--quick", "--recipe", "cutting", "--json"),
     ),
+    "monitoring": (("--quick", "--grid", "--others"), ("--seeds", "1", "--first", "0")),
     "online_reply": (("--quick", "--seconds", "2", "--json", f"{FOLDER}/figures.json"), ("--quick", "--stages")),
     "panel": (("--quick", "--minutes", "1", "--block", "1", "--json", f"{FOLDER}/figures.json"),),
-    "placement": (("--quick", "--candidates", "64"), ("--gain", "groove", "--candidates", "64", "--seeds", "1-1")),
+    "placement": (
+        ("--quick", "--candidates", "64"),
+        ("--gain", "groove", "--candidates", "64", "--seeds", "1-1"),
+        ("--operations", "--candidates", "64"),
+    ),
     "plan_better": (
         (
             *("--quick", "--store", "--out", f"{FOLDER}/out", "--levels", "catalogue", "--seeds", "1-1"),
@@ -54,7 +60,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     ),
     "posture": (("--quick", "--gain", "--seeds", "1-1"),),
     "production": (
-        ("--quick", "--drawn", "--family", "mild", "--seeds", "1", "1"),
+        ("--quick", "--drawn", "--series", "--family", "mild", "--seeds", "1", "1"),
         ("--show", "--out", f"{FOLDER}/none"),
         ("--short",),
     ),

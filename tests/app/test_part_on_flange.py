@@ -22,7 +22,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.geometry import pose, rotation
+from counterflex.geometry import pose
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import plan
 from counterflex.robot.elasticity.chain import forward
@@ -177,8 +177,3 @@ def test_a_cell_file_that_contradicts_itself_is_refused(tmp_path: Path, old: str
     file.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(FileFormatError, match=what):
         read_cell(file)
-
-
-def test_a_tool_tilted_in_the_part_is_refused() -> None:
-    with pytest.raises(InputError, match="along its own z"):
-        read_cell(HELD).in_plane(rotation.about_x(0.1))

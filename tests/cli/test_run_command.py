@@ -40,6 +40,8 @@ def summary(ended: str, by: str = "never", cause: str = "none", lost: int = 0) -
         "correction_ended": {"by": by, "cause": cause},
         "log_trouble": "",
         "recorder_died": False,
+        "compared": {"frame_offset_mm": None, "missing_most_mm": None},
+        "another_port": False,
     }
 
 

@@ -36,6 +36,7 @@ OWN: Final = {
     "files/logs/segments.py": "salvages what can be read",
     "files/scan/dmis.py": "within the block of files/scan/read.py",
     "files/scan/mesh.py": "within the block of files/scan/read.py",
+    "files/scan/number_lines.py": "within the block of files/scan/read.py",
     "files/scan/ply.py": "within the block of files/scan/read.py",
     "files/scan/table.py": "within the block of files/scan/read.py",
     "protocols/processes/instance_lock.py": "written by another process of this program",

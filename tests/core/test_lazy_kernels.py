@@ -62,7 +62,7 @@ def test_an_import_compiles_nothing_and_a_call_what_it_needs(tmp_path: Path) -> 
     text = """
         import counterflex.app.run.session
         import counterflex.app.compensation.compensate
-        from counterflex.plan.cut_kernel import oscillator
+        from counterflex.plan.bending_kernels import oscillator
         print(begun)
         oscillator(0.0, 1.0, 0.1)
         print(begun)
@@ -73,7 +73,7 @@ def test_an_import_compiles_nothing_and_a_call_what_it_needs(tmp_path: Path) -> 
         print(begun)
     """
     again = """
-        from counterflex.plan.cut_kernel import oscillator
+        from counterflex.plan.bending_kernels import oscillator
         oscillator(0.0, 1.0, 0.1)
         print(begun)
     """
@@ -88,7 +88,7 @@ def test_an_import_compiles_nothing_and_a_call_what_it_needs(tmp_path: Path) -> 
 
 def test_processes_that_need_the_same_kernel_compile_it_once(tmp_path: Path) -> None:
     text = """
-        from counterflex.plan.cut_kernel import oscillator
+        from counterflex.plan.bending_kernels import oscillator
         oscillator(0.0, 1.0, 0.1)
         print(*begun)
     """
@@ -100,7 +100,7 @@ def test_a_second_installation_reads_what_the_first_has_compiled(tmp_path: Path)
     """Another checkout, environment or copy with the same sources: its kernels are the same."""
     text = """
         import counterflex
-        from counterflex.plan.cut_kernel import oscillator
+        from counterflex.plan.bending_kernels import oscillator
         oscillator(0.0, 1.0, 0.1)
         print(counterflex.__file__)
         print(*begun)

@@ -90,7 +90,6 @@ def test_a_short_dwell_of_fanuc_may_be_in_milliseconds() -> None:
     [
         gcode(PLAIN + "G0 X0 Y0 Z10\nG1 Z0 F100\nG49\nG1 X5\nM2\n"),
         gcode(PLAIN + "G0 X0 Y0 Z10\nG43 H0\nG1 Z0 F100\nM2\n"),
-        gcode("G21 G90 G17 G49\nT1 M6\nS8000 M3\nG0 X0 Y0 Z10\nG1 Z0 F100\nM2\n"),
         read_sinumerik("G71 G90 G17 G54\nG0 X0 Y0 Z10\nD0\nG1 Z0 F100\nM30\n", name="part.mpf"),
         read_twincat("G71 G90 G17\nD1\nG0 X0 Y0 Z10\nD0\nG1 Z0 F100\nM30\n", name="part.nc"),
     ],
@@ -99,6 +98,10 @@ def test_a_cut_without_a_length_offset_is_named(program: Program) -> None:
     (said,) = doubtful_readings(program)
     assert "no tool length offset" in said
     assert "tool tip" in said
+
+
+def test_a_program_for_the_tool_tip_with_a_safe_start_is_no_doubt() -> None:
+    assert doubtful_readings(gcode("G21 G90 G17 G49\nT1 M6\nS8000 M3\nG0 X0 Y0 Z10\nG1 Z0 F100\nM2\n")) == []
 
 
 def test_a_cancelled_offset_at_the_end_is_no_doubt() -> None:

@@ -156,7 +156,7 @@ def _read(path: Path | None, per_kelvin_m: float | None) -> GrowthModel:
     if path is None:
         return GrowthModel(per_kelvin_m=per_kelvin_m)
     where = str(path)
-    content = file_content.json_value(path, hint="counterflex thermal writes a model with --out")
+    content = file_content.json_value(path, hint="counterflex thermal writes a model")
     if not isinstance(content, dict) or content.get("format") != KIND:
         raise FileFormatError("not a model of thermal growth", where=where, hint="counterflex thermal writes one")
     version = content.get("version")

@@ -195,13 +195,18 @@ def _least_increments(program: Program) -> list[str]:
 
 
 def _without_length(program: Program) -> list[str]:
-    """Cuts without a tool length offset in a program that cancels it, or has it elsewhere."""
+    """Cuts without a tool length offset in a program that has one elsewhere, or cancels it on its way.
+
+    G49 in the line of a safe start cancels nothing: a program without any offset is written for the tool tip.
+    """
     reader, bare, other, cancel = OffsetReader(program.dialect), 0, False, 0
+    moved = False
     for block in program.blocks:
         before = reader.length
         reader.take(block)
-        if reader.length == NONE and _CANCELS.search(block.text):
+        if moved and reader.length == NONE and _CANCELS.search(block.text):
             cancel = block.line
+        moved = moved or block.motion_count > 0
         other = other or reader.length not in (NONE, UNSAID) or before not in (NONE, UNSAID)
         if reader.length == NONE and not bare and block.motion_count and any(
             motion.kind in ("feed", "arc")
