@@ -181,8 +181,8 @@ def unsaid_moves(places: ExternalPlaces | None, cell: Cell, language: str) -> li
     names = ", ".join(axis.name for axis, moved in zip(cell.tables.external_axes, moves, strict=True) if moved)
     return [
         f"the program was planned with {names} at {len(places.values)} places ({cell.path.name}: external_axes) and "
-        "does not move them: run it only where the machine goes to each place between the operations; --as krl, rapid or "
-        "fanuc writes the moves"
+        "does not move them: run it only where the machine goes to each place between the operations; --as krl, rapid "
+        "or fanuc writes the moves"
     ]
 
 
