@@ -152,6 +152,7 @@ def run(
     *,
     assume_class: bool = False,
     report: bool = True,
+    shown: str | Path | None = None,
     progress: Progress = silent,
     **options: Any,
 ) -> dict[str, Any]:
@@ -163,6 +164,7 @@ def run(
         out: Folder; made when missing.
         assume_class: Give axes that no stiffness is known of the median of the robot's class, and say so.
         report: Write the HTML page.
+        shown: The program as commands on the page name it; None: as ``program``.
         progress: Progress callback, fraction 0 to 1.
         options: As for :func:`compensate`; returned is its summary.
     """
@@ -186,7 +188,14 @@ def run(
             from counterflex.report.page import prediction_page, write_page
 
             page = prediction_page(
-                prediction(result.plan, cell, result.summary, result.limited, program, result.places)
+                prediction(
+                    result.plan,
+                    cell,
+                    result.summary,
+                    result.limited,
+                    program if shown is None else shown,
+                    result.places,
+                )
             )
             write_page(page, staging / "report.html")
         parts[PAGE](1.0)
