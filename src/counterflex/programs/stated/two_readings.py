@@ -38,10 +38,11 @@ _UNITS: Final = {
 }  # fmt: skip
 """Of TwinCAT nothing is in doubt: G71 is active when a program begins."""
 _FANUC: Final = re.compile(
-    r"^\s*(?:N\d+\s*)?[O:]\d{1,8}\b(?!\s*(?:sub|call|if|while|do|repeat|end|else|break|continue|return)\b)"
+    r"^\s*(?:N\d+\s*)?[O:]\d{1,8}\b(?!\s*(?:sub|call|if|while|do|repeat|end\w*|else\w*|break|continue|return)\b)"
     r"|\bM9[789]\b|\bG(?:65|66|54\.1|154|0?5\.1|1[12]\d|187)\b|\b(?:IF|WHILE)\s*\[.*\]\s*(?:GOTO|THEN|DO)",
     re.IGNORECASE,
 )
+_COMMENT: Final = re.compile(r"\([^()]*\)|;.*")
 _LENGTHS: Final = frozenset("XYZIJKR")
 _HALF_INCH: Final = 0.5 * INCH
 _OPTIONAL: Final = re.compile(r"\s*OPSKIP\s*/\s*ON\b", re.IGNORECASE)
@@ -163,7 +164,7 @@ def _unit(program: Program) -> list[str]:
 
 def _is_fanuc(program: Program) -> bool:
     """Return whether the program has a number, or codes that Fanuc and its relatives have alone."""
-    return program.dialect == _LINUXCNC and any(_FANUC.search(line) for line in program.lines)
+    return program.dialect == _LINUXCNC and any(_FANUC.search(_COMMENT.sub("", line)) for line in program.lines)
 
 
 def _is_whole(block: Block, word: Word) -> bool:
