@@ -239,6 +239,7 @@ def test_what_is_to_be_set_on_the_controller_is_what_the_program_names(tmp_path:
     """A coupled axis carries no frame away: the base is that of the part with the axis at zero."""
     file, cell = written(tmp_path, RAIL + STANDING)
     part = cell.tables.part
+    assert part is not None
     for language, key in (("krl", "BASE_DATA[1]"), ("fanuc", "UFRAME[1]")):
         done = compensate(file, cell, predict=False, language=language)
         value = next(fact.value for fact in to_load(done.summary, cell, [1]) if fact.name == key)
@@ -334,6 +335,34 @@ def test_a_program_that_moves_otherwise_than_the_cell_file_is_refused(tmp_path: 
     cell.path.write_text(text)
     with pytest.raises(ProgramError, match=r"moves E1 otherwise than the cell file says.*got 200; expected 300"):
         read_job(source, read_cell(cell.path), may_move=True)
+
+
+@pytest.mark.parametrize(
+    ("start", "moves", "first", "told"),
+    [
+        ("PTP XSTART", "", "", r"part.src:\d+: external axis E1 .*got 100; expected -50"),
+        ("PTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0,E1 100}", "", "", r"external axis E1 .*got 100; expected -50"),
+        ("PTP {A1 0,E1 100}", "", "", r"external axis E1 .*got 100; expected -50"),
+        ("PTP XSTART", "", ",E1 -50", None),
+        ("PTP XSTART", STANDING, "", None),
+    ],
+)
+def test_axes_that_targets_do_not_name_stand_where_the_start_has_sent_them(
+    tmp_path: Path, start: str, moves: str, first: str, told: str | None
+) -> None:
+    """KRL keeps the value of the motion by axes before the first target, unless that target states its own."""
+    file, cell = written(tmp_path, RAIL + moves)
+    done = compensate(file, cell, predict=False, language="krl")
+    source, data = done.files["part.src"], done.files["part.dat"]
+    begin = source.index("LIN {")
+    end = source.index("}", begin)
+    source = (source[:end] + first + source[end:]).replace("PTP XSTART", start)
+    at = stored(tmp_path, {"part.src": source, "part.dat": data.replace("E1 -50.0000", "E1 100")})
+    if told is None:
+        read_job(at, cell, may_move=True)
+        return
+    with pytest.raises(ProgramError, match=told):
+        read_job(at, cell, may_move=True)
 
 
 def rapid_of(lines: list[str], find: str, value: float) -> list[str]:
