@@ -187,8 +187,8 @@ def by_axes_of(program: Program, cell: Cell) -> ByAxes:
 
 def _turns_of(program: RobotProgram, cell: Cell) -> dict[int, Turns]:
     """Turns that the program states at the ends of its motions by axes; none where no one says how axes are counted."""
-    said = {motion: one for motion, one in stated_turns(program).items() if motion in program.by_axes}
-    if not said:
+    given = {motion: one for motion, one in stated_turns(program).items() if motion in program.by_axes}
+    if not given:
         return {}
     try:
         axes, _ = axes_in(cell, program.dialect)
@@ -196,7 +196,7 @@ def _turns_of(program: RobotProgram, cell: Cell) -> dict[int, Turns]:
         return {}
     return {
         motion: Turns(axes, TURNING, np.array(one.low_deg) * DEG, np.array(one.high_deg) * DEG, one.words)
-        for motion, one in said.items()
+        for motion, one in given.items()
     }
 
 

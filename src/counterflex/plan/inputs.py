@@ -249,8 +249,8 @@ def joint_angles(
     kept = np.flatnonzero(~between)
     motion_of = {row: motion for row, motion in enumerate(path.motion[kept].tolist()) if begins[kept[row]]}
     stated, turns = (
-        {row: said[motion] for row, motion in motion_of.items() if motion in said}
-        for said in (setting.by_axes.stated_rad, setting.by_axes.turns)
+        {row: given[motion] for row, motion in motion_of.items() if motion in given}
+        for given in (setting.by_axes.stated_rad, setting.by_axes.turns)
     )
     try:
         out = solve_pieces(
