@@ -248,10 +248,9 @@ def joint_angles(
         return inverse_path(chain, Ts, setting.branch, enforce_limits=enforce_limits, sigma_floor=sigma_floor)
     kept = np.flatnonzero(~between)
     motion_of = {row: motion for row, motion in enumerate(path.motion[kept].tolist()) if begins[kept[row]]}
-    stated, turns = (
-        {row: given[motion] for row, motion in motion_of.items() if motion in given}
-        for given in (setting.by_axes.stated_rad, setting.by_axes.turns)
-    )
+    by_axes = setting.by_axes
+    stated = {row: by_axes.stated_rad[motion] for row, motion in motion_of.items() if motion in by_axes.stated_rad}
+    turns = {row: by_axes.turns[motion] for row, motion in motion_of.items() if motion in by_axes.turns}
     try:
         out = solve_pieces(
             chain, Ts[kept], setting.branch, Pieces(begins[kept], stated, turns),
