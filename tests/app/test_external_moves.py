@@ -27,6 +27,9 @@ from counterflex.core.errors import CounterflexError, FileFormatError, InputErro
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.path.toolpath import tool_orientation
+from counterflex.programs.difference import differences
+from counterflex.programs.reading import read_program_file
+from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.model import catalog
 
@@ -335,6 +338,23 @@ def test_a_program_that_moves_otherwise_than_the_cell_file_is_refused(tmp_path: 
     cell.path.write_text(text)
     with pytest.raises(ProgramError, match=r"moves E1 otherwise than the cell file says.*got 200; expected 300"):
         read_job(source, read_cell(cell.path), may_move=True)
+
+
+@pytest.mark.parametrize("language", ENDINGS)
+def test_programs_that_move_axes_are_compared_without_a_cell(tmp_path: Path, language: str) -> None:
+    """The correction of one is what differs; one that goes elsewhere is no version of it."""
+    file, cell = written(tmp_path, RAIL + STANDING)
+    done = compensate(file, cell, predict=False, language=language)
+    source = stored(tmp_path, done.files)
+    program = read_program_file(source)
+    assert isinstance(program, RobotProgram)
+    assert [dict(values) for values in program.external.values()] == [{1: 300.0}]
+    (tmp_path / "other").mkdir()
+    moved = {name: re.sub(r"\b300(\.0+)?\b", "301", text) for name, text in done.files.items()}
+    other = read_program_file(stored(tmp_path / "other", moved))
+    assert not any(change.changed for change in differences(program, program))
+    with pytest.raises(InputError, match="external axes go elsewhere; got E1 301; expected E1 300"):
+        differences(program, other)
 
 
 @pytest.mark.parametrize(
