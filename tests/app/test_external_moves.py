@@ -30,6 +30,7 @@ from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.difference import differences
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.stated.two_readings import doubtful_readings
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.model import catalog
 
@@ -383,6 +384,18 @@ def test_axes_that_targets_do_not_name_stand_where_the_start_has_sent_them(
         return
     with pytest.raises(ProgramError, match=told):
         read_job(at, cell, may_move=True)
+
+
+def test_further_groups_of_fanuc_that_stand_are_named(tmp_path: Path) -> None:
+    """Nothing says which axis of the cell a second group is: the program is read, and its place not compared."""
+    file, cell = written(tmp_path, RAIL)
+    done = compensate(file, cell, predict=False, language="fanuc")
+    second = re.sub(
+        r",\n\tE1 = -50.0000 mm\n\};", "\n   GP2:\n\tUF : 1, UT : 1,\n\tJ1 = 300.0 mm\n};", done.files["part.ls"]
+    )
+    messages = doubtful_readings(read_job(stored(tmp_path, {"part.ls": second}), cell).program)
+    assert any("positions state group 2, too" in one and "not compared" in one for one in messages)
+    assert doubtful_readings(read_job(stored(tmp_path, done.files), cell).program) == []
 
 
 def rapid_of(lines: list[str], find: str, value: float) -> list[str]:
