@@ -86,10 +86,10 @@ def _further_groups(program: Program) -> list[str]:
     """Motion groups of FANUC besides that of the arm: the cell file has no word for them."""
     if program.dialect != FANUC_DIALECT:
         return []
-    found = next(((k, m) for k, text in enumerate(program.lines, start=1) if (m := _GROUP.match(text))), None)
-    if found is None:
+    group = next(((k, m) for k, text in enumerate(program.lines, start=1) if (m := _GROUP.match(text))), None)
+    if group is None:
         return []
-    line, match = found
+    line, match = group
     return [
         f"line {line}: positions state group {match[1]}, too, at one place; whether part or robot stand there was not "
         "compared with the cell file"
