@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,22 @@ from controller_arms import Arm, Matrix
 from counterflex.app import conversion
 from counterflex.app import preflight as checking
 from counterflex.app.compensation.compensate import compensate
+from counterflex.app.compensation.compensate import run as compensate_job
+from counterflex.app.compensation.next_steps import to_load
+from counterflex.app.cut_points import points_of_plan
 from counterflex.app.inputs import read_job
+from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.robot_axes import axes_in
+from counterflex.app.run.job_check import cell_of_run
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ProgramError
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.plan_file import read_plan
+from counterflex.path.toolpath import tool_orientation
+from counterflex.programs.difference import differences
+from counterflex.programs.reading import read_program_file
+from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.stated.two_readings import doubtful_readings
+from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.model import catalog
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -164,6 +177,86 @@ def test_what_is_not_known_of_an_axis_is_refused(tmp_path: Path, axes: str, prog
         compensate(file, cell, predict=False, language="krl")
 
 
+def test_the_way_of_a_move_is_that_of_one_rapid(tmp_path: Path) -> None:
+    """The cell file says where a move begins, too: not where the rapid before it began, nor behind its own begin."""
+    for begins in (38.0, 110.0):
+        file, cell = written(tmp_path, RAIL + ALONG.replace("[[80,", f"[[{begins},"))
+        with pytest.raises(FileFormatError, match=rf"no rapid of part.ngc begins after {begins:.0f} mm and ends"):
+            compensate(file, cell, predict=False)
+
+
+def test_of_two_rapids_that_end_in_one_point_the_nearer_along_the_path_is_taken(tmp_path: Path) -> None:
+    twice = PROGRAM.replace("G0 Z60\nG0 X-12 Y45", "G0 Z60\nG0 Z54\nG0 Z60\nG0 X-12 Y45")
+    for behind, line in ((80, 9), (92, 11)):
+        moves = f"moves_mm = [[{behind}, {behind}, 300]]\nmoves_at_mm = [[20, 15, 60]]\n"
+        file, cell = written(tmp_path, RAIL + moves, twice)
+        job = read_job(file, cell, may_move=True)
+        assert job.line_of_motion[job.changes[0].motion] == line
+
+
+def test_moves_in_the_slot_are_refused_before_anything_is_planned(tmp_path: Path) -> None:
+    """Nothing is removed while the axis moves, and the tool stands in the slot that it has cut."""
+    deep = PROGRAM.replace("G1 X20 F1500\nG0 Z60\nG0 X-12 Y45", "G1 X20 F1500\nG0 X10\nG0 Z60\nG0 X-12 Y45")
+    moves = "moves_mm = [[66, 66, 300]]\nmoves_at_mm = [[10, 15, 36]]\n"
+    file, cell = written(tmp_path, RAIL + moves, deep)
+    with pytest.raises(InputError, match="moves while the tool is in the blank"):
+        compensate(file, cell, predict=False, language="krl")
+
+
+def test_gcode_says_that_it_does_not_move_the_axes(tmp_path: Path) -> None:
+    file, cell = written(tmp_path, RAIL + STANDING)
+    told = compensate(file, cell, predict=False).written["warnings"]
+    assert any("planned with E1 at 2 places" in one and "does not move them" in one for one in told)
+    told = compensate(file, cell, predict=False, language="krl").written["warnings"]
+    assert not any("does not move them" in one for one in told)
+
+
+def test_a_plan_with_moves_is_refused_by_all_that_read_a_plan(tmp_path: Path) -> None:
+    """A rail that moves 20 mm is within what a part frame may be measured off: the plan itself says that it moves."""
+    file, cell = written(tmp_path, RAIL + STANDING.replace("300", "-30"))
+    compensate_job(file, cell.path, tmp_path / "out", predict=False, report=False)
+    plan, about = read_plan(tmp_path / "out" / "plan.parquet")
+    _, still = written(tmp_path / "still", RAIL)
+    for where in (cell, still):
+        with pytest.raises(InputError, match="external axes move between the operations.*got 2 places"):
+            require_of_cell(plan, about, where, "plan.parquet")
+    with pytest.raises(InputError, match="external axes move between the operations"):
+        cell_of_run(cell.path, None)
+    cell_of_run(still.path, None)
+
+
+def test_forces_of_a_turned_part_are_turned_with_it(tmp_path: Path) -> None:
+    """What the intervals of the prediction are drawn from: the force in the base, by the posture of the arm alone."""
+    file, cell = written(tmp_path, TABLE + TURNED)
+    done = compensate(file, cell, predict=False)
+    points = points_of_plan(done.plan, cell, "part", done.places)
+    assert points is not None
+    path = done.plan.path
+    assert len(np.unique(path.place[points.row])) == 2
+    R_part_tcp = tool_orientation(path.axis_part, cell.tables.posture.rotations_rad(path.p_part_tcp))[points.row]
+    R_base_part = forward(cell.controller_chain, points.q)[:, :3, :3] @ np.swapaxes(R_part_tcp, 1, 2)
+    force = np.einsum("nij,nj->ni", R_base_part, done.plan.w_tcp_part[points.row, :3])
+    np.testing.assert_allclose(points.w_tcp_base[:, :3], force, atol=1e-6 * np.abs(force).max())
+
+
+def test_what_is_to_be_set_on_the_controller_is_what_the_program_names(tmp_path: Path) -> None:
+    """A coupled axis carries no frame away: the base is that of the part with the axis at zero."""
+    file, cell = written(tmp_path, RAIL + STANDING)
+    part = cell.tables.part
+    assert part is not None
+    for language, key in (("krl", "BASE_DATA[1]"), ("fanuc", "UFRAME[1]")):
+        done = compensate(file, cell, predict=False, language=language)
+        value = next(fact.value for fact in to_load(done.summary, cell, [1]) if fact.name == key)
+        x, y, z = (float(number) for number in re.findall(r"[XYZ] =? ?(-?[\d.]+)", value)[:3])
+        assert (x, y) == pytest.approx((part.x_mm, part.y_mm), abs=1e-3)
+        if language == "fanuc":
+            remark = re.search(r"UFRAME 1 in.*\n.*X (\S+) Y (\S+).*\n.*Z (\S+)", done.files["part.ls"])
+            assert remark is not None
+            assert (x, y, z) == pytest.approx([float(one) for one in remark.groups()], abs=1e-3)
+        else:
+            assert z == pytest.approx(part.z_mm, abs=1e-3)
+
+
 def test_val3_and_commands_that_look_at_one_place_refuse(tmp_path: Path) -> None:
     file, cell = written(tmp_path, RAIL + STANDING)
     with pytest.raises(InputError, match="points of VAL3 have no external axes"):
@@ -246,6 +339,63 @@ def test_a_program_that_moves_otherwise_than_the_cell_file_is_refused(tmp_path: 
     cell.path.write_text(text)
     with pytest.raises(ProgramError, match=r"moves E1 otherwise than the cell file says.*got 200; expected 300"):
         read_job(source, read_cell(cell.path), may_move=True)
+
+
+@pytest.mark.parametrize("language", ENDINGS)
+def test_programs_that_move_axes_are_compared_without_a_cell(tmp_path: Path, language: str) -> None:
+    """The correction of one is what differs; one that goes elsewhere is no version of it."""
+    file, cell = written(tmp_path, RAIL + STANDING)
+    done = compensate(file, cell, predict=False, language=language)
+    source = stored(tmp_path, done.files)
+    program = read_program_file(source)
+    assert isinstance(program, RobotProgram)
+    assert [dict(values) for values in program.external.values()] == [{1: 300.0}]
+    (tmp_path / "other").mkdir()
+    moved = {name: re.sub(r"\b300(\.0+)?\b", "301", text) for name, text in done.files.items()}
+    other = read_program_file(stored(tmp_path / "other", moved))
+    assert not any(change.changed for change in differences(program, program))
+    with pytest.raises(InputError, match="external axes go elsewhere; got E1 301; expected E1 300"):
+        differences(program, other)
+
+
+@pytest.mark.parametrize(
+    ("start", "moves", "first", "told"),
+    [
+        ("PTP XSTART", "", "", r"part.src:\d+: external axis E1 .*got 100; expected -50"),
+        ("PTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0,E1 100}", "", "", r"external axis E1 .*got 100; expected -50"),
+        ("PTP {A1 0,E1 100}", "", "", r"external axis E1 .*got 100; expected -50"),
+        ("PTP XSTART", "", ",E1 -50", None),
+        ("PTP XSTART", STANDING, "", None),
+    ],
+)
+def test_axes_that_targets_do_not_name_stand_where_the_start_has_sent_them(
+    tmp_path: Path, start: str, moves: str, first: str, told: str | None
+) -> None:
+    """KRL keeps the value of the motion by axes before the first target, unless that target states its own."""
+    file, cell = written(tmp_path, RAIL + moves)
+    done = compensate(file, cell, predict=False, language="krl")
+    source, data = done.files["part.src"], done.files["part.dat"]
+    begin = source.index("LIN {")
+    end = source.index("}", begin)
+    source = (source[:end] + first + source[end:]).replace("PTP XSTART", start)
+    at = stored(tmp_path, {"part.src": source, "part.dat": data.replace("E1 -50.0000", "E1 100")})
+    if told is None:
+        read_job(at, cell, may_move=True)
+        return
+    with pytest.raises(ProgramError, match=told):
+        read_job(at, cell, may_move=True)
+
+
+def test_further_groups_of_fanuc_that_stand_are_named(tmp_path: Path) -> None:
+    """Nothing says which axis of the cell a second group is: the program is read, and its place not compared."""
+    file, cell = written(tmp_path, RAIL)
+    done = compensate(file, cell, predict=False, language="fanuc")
+    second = re.sub(
+        r",\n\tE1 = -50.0000 mm\n\};", "\n   GP2:\n\tUF : 1, UT : 1,\n\tJ1 = 300.0 mm\n};", done.files["part.ls"]
+    )
+    messages = doubtful_readings(read_job(stored(tmp_path, {"part.ls": second}), cell).program)
+    assert any("positions state group 2, too" in one and "not compared" in one for one in messages)
+    assert doubtful_readings(read_job(stored(tmp_path, done.files), cell).program) == []
 
 
 def rapid_of(lines: list[str], find: str, value: float) -> list[str]:

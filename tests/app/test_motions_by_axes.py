@@ -16,6 +16,7 @@ from counterflex.app.compensation.compensate import compensate
 from counterflex.app.robot_axes import axes_in
 from counterflex.core.errors import ReachError
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.robot.kinematics.inverse import inverse_all
 from counterflex.robot.model import catalog
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -168,8 +169,6 @@ def test_the_arc_is_what_the_stock_meets(tmp_path: Path) -> None:
 def test_another_branch_that_the_program_states_is_named(tmp_path: Path) -> None:
     cell = cell_of(tmp_path)
     q = axes_in(cell, "krl")[0]
-    from counterflex.robot.kinematics.inverse import inverse_all
-
     T = cell.T_base_part @ np.block([[np.diag([-1.0, 1.0, -1.0]), np.array([[-0.012], [0.045], [0.06]])], [0, 0, 0, 1]])
     other = next(one for one in inverse_all(cell.controller_chain, T) if one.branch == "front up flip")
     shown = np.degrees(q.shown(other.q))
@@ -177,3 +176,67 @@ def test_another_branch_that_the_program_states_is_named(tmp_path: Path) -> None
     row = rows_of(program_of(tmp_path, cell, "krl", between(f"PTP {{{words}}}")), cell)["motions by axes"]
     assert row["verdict"] == "warning"
     assert "front up flip, [posture] is front up noflip" in row["what"]
+
+
+def two_turns(cell: Cell) -> dict[bool, np.ndarray]:
+    """A pose of the second cut that axis 6 reaches a full turn apart, and its axes by whether axis 6 is negative."""
+    T = cell.T_base_part @ np.block([[np.diag([-1.0, 1.0, -1.0]), np.array([[-0.012], [0.045], [0.06]])], [0, 0, 0, 1]])
+    shown = [
+        np.degrees(axes_in(cell, "krl")[0].shown(one.q))
+        for one in inverse_all(cell.controller_chain, T)
+        if one.branch == "front up noflip"
+    ]
+    return {bool(axes[5] < 0): axes for axes in shown if abs(axes[3]) < 180.0}
+
+
+@pytest.mark.parametrize("negative", [True, False])
+@pytest.mark.parametrize("language", ["krl", "rapid", "fanuc"])
+def test_the_stated_turn_is_reached(tmp_path: Path, language: str, negative: bool) -> None:
+    """T, cf6 and the turns of CONFIG choose between angles of axis 6 that are a full turn apart."""
+    cell = cell_of(tmp_path)
+    axes_of_maker = axes_in(cell, language)[0]
+    apart = two_turns(cell)
+    assert len(apart) == 2
+    assert abs(apart[True][5] - apart[False][5]) == pytest.approx(360.0)
+    krl = axes_in(cell, "krl")[0]
+    there = np.degrees(axes_of_maker.shown(krl.model(np.radians(apart[negative]))))
+    file = program_of(tmp_path, cell, language, turned(language, there))
+    found = checking.check(file, cell).result
+    reached = np.degrees(axes_of_maker.shown(found.q))
+    assert np.abs(reached - there).max(axis=1).min() < 1e-3
+    other = np.degrees(axes_of_maker.shown(krl.model(np.radians(apart[not negative]))))
+    assert np.abs(reached - other).max(axis=1).min() > 1.0
+    row = rows_of(file, cell)["motions by axes"]
+    assert row["verdict"] != "warning", row
+
+
+def turned(language: str, there: np.ndarray) -> Callable[[list[str]], list[str]]:
+    """A motion by axes to the begin of the second cut, in the turns of some axes."""
+    bits = sum(1 << axis for axis in range(6) if there[axis] < 0)
+    quarters = ",".join(str(int(np.floor(there[axis] / 90.0))) for axis in (0, 3, 5))
+    turns = ", ".join(str(round(there[axis] / 360.0)) for axis in (0, 3, 5))
+
+    def rapid(text: list[str]) -> list[str]:
+        at = next(i for i, line in enumerate(text) if "[[-12.0000,45.0000,60.0000]" in line)
+        move = text[at].replace("MoveL", "MoveJ").replace("[0,0,0,0]", f"[{quarters},0]")
+        return [line for line in [*text[:at], move, *text[at:]] if "Off" not in line]
+
+    def fanuc(text: list[str]) -> list[str]:
+        at = next(i for i, line in enumerate(text) if "P[6]" in line and ":L" in line)
+        begin = text.index("P[6]{")
+        entry = [line.replace("P[6]", "P[99]").replace("0, 0, 0", turns) for line in text[begin : begin + 6]]
+        end = text.index("/END")
+        return [*text[:at], "   0:J P[99] 10% FINE ;", *text[at:end], *entry, *text[end:]]
+
+    krl = between(f"PTP {{X -12.0,Y 45.0,Z 60.0,{POSE},S 2,T {bits}}}")
+    return {"krl": krl, "rapid": rapid, "fanuc": fanuc}[language]
+
+
+def test_a_turn_that_is_not_reached_is_named(tmp_path: Path) -> None:
+    cell = cell_of(tmp_path)
+    # -300 needs A1 below 0: T 0 asks for a full turn more than the axis goes
+    edit = between(f"PTP {{X -12.0,Y 300.0,Z 60.0,{POSE}}}", f"PTP {{X -12.0,Y 300.0,Z 60.0,{POSE},S 2,T 0}}",
+                   f"PTP {{X -12.0,Y -300.0,Z 60.0,{POSE},S 2,T 0}}")  # fmt: skip
+    row = rows_of(program_of(tmp_path, cell, "krl", edit), cell)["motions by axes"]
+    assert row["verdict"] == "warning"
+    assert "ask for other turns of the axes (T 0)" in row["what"]

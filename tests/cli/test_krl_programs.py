@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -86,3 +87,16 @@ def test_a_loop_whose_passes_need_targets_of_their_own_is_written_out(folder: Pa
     assert 50.0 < moved < 3000.0
     refused = counterflex("compensate", "out/part.src", "--cell", "cell.toml", "--out", "again")
     assert "compensated already" in refused.err
+
+
+def test_the_page_of_a_program_that_was_written_out_names_a_file_that_is_there(folder: Path, counterflex: Any) -> None:
+    """Commands of the page name the program beside the result, not the place where it was written meanwhile."""
+    cut = "LIN {Z 17.000} C_DIS\nLIN {X 10.000} ; the slot\n"
+    loop = f"FOR N=1 TO 2\n{cut}LIN {{Z 22.000}}\nLIN {{X -12.000,Y 17.000}}\nENDFOR\n"
+    (folder / "part.src").write_text(SOURCE.replace(cut, loop), encoding="utf-8")
+    (folder / "part.dat").write_text(DATA, encoding="utf-8")
+    made = counterflex("compensate", "part.src", "--cell", "cell.toml", "--out", "out", "--no-predict")
+    assert made.status == 0, made.err
+    named = re.findall(r"counterflex prove (\S+)", (folder / "out" / "report.html").read_text(encoding="utf-8"))
+    assert named
+    assert {(folder / name).is_file() for name in named} == {True}

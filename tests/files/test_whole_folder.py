@@ -66,6 +66,26 @@ def test_a_file_of_another_folder_is_named(tmp_path: Path, name: str) -> None:
     assert "Write the folder again" in str(fault.value)
 
 
+def test_line_ends_are_no_difference(tmp_path: Path) -> None:
+    """A copy by FTP in text mode or a checkout of git changes them; one changed character is a difference."""
+    with atomic.atomic_folder(tmp_path / "out") as staging:
+        (staging / "a.ngc").write_bytes(b"G0 X1\nG1 X2\nM2\n")
+        (staging / "b.mod").write_bytes(b"MODULE b\r\nENDMODULE\r\n")
+        (staging / "c.bin").write_bytes(b"\0\n\1")
+        write_folder_summary(staging, {"job": "test"})
+    out = tmp_path / "out"
+    (out / "a.ngc").write_bytes(b"G0 X1\r\nG1 X2\r\nM2\r\n")
+    (out / "b.mod").write_bytes(b"MODULE b\nENDMODULE\n")
+    assert require_whole(out)
+    for name, content in (("a.ngc", b"G0 X1\r\nG1 X3\r\nM2\r\n"), ("c.bin", b"\0\r\n\1")):
+        before = (out / name).read_bytes()
+        (out / name).write_bytes(content)
+        with pytest.raises(FileFormatError, match="do not belong together") as fault:
+            require_whole(out)
+        assert "an edited file belongs into a folder of its own" in str(fault.value)
+        (out / name).write_bytes(before)
+
+
 def test_a_folder_that_says_nothing_is_not_looked_at(tmp_path: Path) -> None:
     assert "not looked at" in str(not_compared(tmp_path))
     write_summary(tmp_path / SUMMARY, {"job": "test"})

@@ -219,3 +219,19 @@ def test_swivelling_by_nothing_is_neutral(arguments: str, read: bool) -> None:
         return
     with pytest.raises(ProgramError, match="swivelled plane"):
         read_sinumerik(text, name="part.mpf")
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "o1 while [#1 LT 2]\n G1 X5\n #1 = [#1 + 1]\no1 endwhile\n",
+        "o2 repeat [2]\n G1 X5\no2 endrepeat\n",
+        "o3 if [#1 EQ 0]\n G1 X5\no3 elseif [#1 EQ 1]\n G1 X6\no3 endif\n",
+        "(not a program of O1234: no M98, no G187)\nG1 X5\n",
+        "G1 X5 ; G65 of the other control\n",
+    ],
+)
+def test_words_of_linuxcnc_are_none_of_fanuc(body: str) -> None:
+    """Numbered ends of loops and comments: whole numbers are mm, P is in seconds."""
+    program = gcode(f"G21 G90 G17\nT1 M6\nG43 H1\nS8000 M3\n#1 = 0\nG0 X0 Y0 Z10\nF100\n{body}G4 P2\nG0 Z10\nM2\n")
+    assert doubtful_readings(program) == []

@@ -80,7 +80,7 @@ class Compensation:
         from counterflex.report.remaining_figure import remaining_figure
         from counterflex.report.series_figure import prediction_figure, prediction_map
 
-        data = prediction(self.plan, self.cell, self.summary, self.result.limited)
+        data = prediction(self.plan, self.cell, self.summary, self.result.limited, places=self.result.places)
         pictures: dict[str, Any] = {
             "along": lambda: prediction_figure(data),
             "map": lambda: prediction_map(data),

@@ -13,6 +13,7 @@ from counterflex.app.unknown_stiffness import FORCE_N, UNDER_FORCE, corner_of_bl
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell
+from counterflex.path.external_axes import ExternalPlaces
 from counterflex.plan.inputs import Inputs, solve_joints
 from counterflex.plan.plan import Plan
 from counterflex.plan.posture.cut_path import CutPath
@@ -59,9 +60,17 @@ class CutPoints:
         return out
 
 
-def points_of_plan(plan: Plan, cell: Cell, name: str) -> CutPoints | None:
-    """Points of the cut of a plan; None where nothing is cut."""
-    return _points(cell, plan.path.p_part_tcp, plan.q, plan.w_tcp_part, plan.cutting, name)
+def points_of_plan(plan: Plan, cell: Cell, name: str, places: ExternalPlaces | None = None) -> CutPoints | None:
+    """Points of the cut of a plan; None where nothing is cut.
+
+    Args:
+        plan: The plan.
+        cell: The cell.
+        name: Of the program.
+        places: Of external axes that move along it.
+    """
+    Ts_base_part = None if places is None else places.Ts_base_part(plan.path.place)
+    return _points(cell, plan.path.p_part_tcp, plan.q, plan.w_tcp_part, plan.cutting, name, Ts_base_part)
 
 
 def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutPoints | None:
@@ -128,8 +137,9 @@ def _points(
         return None
     step = np.diff(p_part, axis=0, prepend=p_part[:1])[rows]
     length = np.linalg.norm(step, axis=1)
-    R_base_part = (cell.T_base_part if T_base_part is None else T_base_part)[:3, :3]
-    feed = (step / np.where(length > 0.0, length, 1.0)[:, None]) @ R_base_part.T
-    w = (w_tcp_part[rows].reshape(-1, 2, 3) @ R_base_part.T).reshape(-1, 6)
+    T = cell.T_base_part if T_base_part is None else T_base_part
+    R_base_part = np.broadcast_to(T, (len(q), 4, 4))[rows, :3, :3]
+    feed = np.einsum("nij,nj->ni", R_base_part, step / np.where(length > 0.0, length, 1.0)[:, None])
+    w = np.einsum("nij,nkj->nki", R_base_part, w_tcp_part[rows].reshape(-1, 2, 3)).reshape(-1, 6)
     what = f"in {name} ({100.0 * _SHARE:g} % of the path in the cut)"
     return CutPoints(q[rows], w, feed, np.maximum(length, 1e-12), what, rows)

@@ -18,7 +18,10 @@ from counterflex.path.external_axes import Change, ExternalPlaces, moving, place
 from counterflex.path.tool_rotation import APART_M, NEAR_M
 from counterflex.path.toolpath import ToolPath
 from counterflex.path.turning import TurnedPath
-from counterflex.programs.program import Program
+from counterflex.plan.inputs import Setting
+from counterflex.plan.preflight.external_moves import external_row
+from counterflex.plan.preflight.process.cut_rows import cutter_or_none
+from counterflex.programs.program import ROBOT_DIALECTS, Program
 from counterflex.programs.robot_text.program import RobotProgram
 
 _CUT_M3: Final = 1e-12
@@ -73,11 +76,13 @@ def _chosen(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
     values: dict[tuple[int, bool], dict[int, float]] = {}
     for axis in cell.tables.external_axes:
         for (from_mm, to_mm, value), point in zip(axis.moves, axis.moves_at_mm, strict=True):
-            motion = _motion_at(program, path, to_mm * MM, np.array(point) * MM)
+            motion = _motion_at(program, path, (from_mm * MM, to_mm * MM), np.array(point) * MM)
             if motion is None:
+                begins = "" if to_mm == from_mm else f" begins after {from_mm:.0f} mm and"
                 raise FileFormatError(
                     f"{axis.name} moves along another program than this one", where=f"{cell.path}: external_axes",
-                    value=f"no rapid of {Path(program.name).name} ends at {list(point)} mm after {to_mm:.0f} mm",
+                    value=f"no rapid of {Path(program.name).name}{begins} ends at {list(point)} mm "
+                    f"after {to_mm:.0f} mm",
                     limit=f"within {APART_M / MM:g} mm",
                     hint="Choose places for this program: "
                     + next_command("plan placement", program.name, cell=cell.path, per_operation=True, out="DIR"),
@@ -86,14 +91,22 @@ def _chosen(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
     return tuple(Change(motion, stands, moved) for (motion, stands), moved in sorted(values.items()))
 
 
-def _motion_at(program: Program, path: ToolPath, length_m: float, point: Float) -> int | None:
-    """Rapid of a program that ends at a point after a length of its path; None where none does."""
+def _motion_at(program: Program, path: ToolPath, span_m: tuple[float, float], point: Float) -> int | None:
+    """Rapid of a program that goes from a length of its path to another, and ends at a point; None where none does.
+
+    Where both lengths are the same the axes move behind the rapid, which may begin anywhere.
+    """
     ends = np.flatnonzero(np.append(path.motion[1:] != path.motion[:-1], True))
     along = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1))[ends]
+    begins = np.append(0.0, along[:-1])
     rapid = np.array([program.motions[motion].kind == "rapid" for motion in path.motion[ends]], dtype=np.bool_)
     away = np.linalg.norm(path.p_part_tcp[ends] - point, axis=1)
-    fits = np.flatnonzero(rapid & (np.abs(along - length_m) <= NEAR_M) & (away <= APART_M))
-    return None if len(fits) == 0 else int(path.motion[ends[fits[int(np.argmin(away[fits]))]]])
+    fitting = rapid & (np.abs(along - span_m[1]) <= NEAR_M) & (away <= APART_M)
+    if span_m[0] != span_m[1]:
+        fitting &= np.abs(begins - span_m[0]) <= NEAR_M
+    fits = np.flatnonzero(fitting)
+    off = away + np.abs(along - span_m[1])
+    return None if len(fits) == 0 else int(path.motion[ends[fits[int(np.argmin(off[fits]))]]])
 
 
 def _require_same(program: RobotProgram, changes: tuple[Change, ...], cell: Cell) -> None:
@@ -160,6 +173,19 @@ def require_frames(places: ExternalPlaces | None, cell: Cell, language: str) -> 
             )  # fmt: skip
 
 
+def unsaid_moves(places: ExternalPlaces | None, cell: Cell, language: str) -> list[str]:
+    """Return a sentence where the language of a program has no word for the moves that it was planned with."""
+    if places is None or language in ROBOT_DIALECTS:
+        return []
+    moves = np.ptp(places.values, axis=0) > 0.0
+    names = ", ".join(axis.name for axis, moved in zip(cell.tables.external_axes, moves, strict=True) if moved)
+    return [
+        f"the program was planned with {names} at {len(places.values)} places ({cell.path.name}: external_axes) and "
+        "does not move them: run it only where the machine goes to each place between the operations; --as krl, rapid "
+        "or fanuc writes the moves"
+    ]
+
+
 def require_clear(path: ToolPath, volume_m3: Float, program: Program) -> None:
     """Refuse external axes that move while material is removed.
 
@@ -181,16 +207,47 @@ def require_clear(path: ToolPath, volume_m3: Float, program: Program) -> None:
         )  # fmt: skip
 
 
+def require_allowed(path: ToolPath, setting: Setting, cell: Cell, program: Program) -> None:
+    """Refuse external axes that leave their travel, or move while the tool is in the blank.
+
+    Args:
+        path: n rows.
+        setting: With the places.
+        cell: The cell.
+        program: That it was sampled from.
+
+    Raises:
+        InputError: One does.
+    """
+    row = external_row(path, setting, cell.stock(), cutter_or_none(setting.cutter_of))
+    if row.verdict == "fail" and row.point is not None:
+        block = program.blocks[program.motions[int(path.motion[row.point])].block]
+        raise InputError(row.what, where=block.where(Path(program.name).name), hint=row.advice)
+
+
 def refuse_moves(places: ExternalPlaces | None, where: str) -> None:
     """Refuse a program whose external axes move, for a command that looks at one place.
 
     Raises:
         InputError: They move.
     """
-    if places is not None:
+    refuse_places(1 if places is None else len(places.values), where)
+
+
+def refuse_places(count: int, where: str | Path) -> None:
+    """Refuse more than one place of the external axes, see :func:`refuse_moves`.
+
+    Args:
+        count: Places along a program, a plan or the moves of a cell file.
+        where: Its file.
+
+    Raises:
+        InputError: There are several.
+    """
+    if count > 1:
         raise InputError(
             "external axes move between the operations of the program, and this command takes them at rest",
-            where=where, value=f"{len(places.values)} places", limit="one place",
+            where=str(where), value=f"{count} places", limit="one place",
             hint="compensate, preflight, plan stability and plan placement take them; for this one write a "
             "program for each operation, and a cell file with the place of each",
         )  # fmt: skip

@@ -8,11 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.external_moves import refuse_places
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.tables import ToolTable
-from counterflex.files.plan_file import WORKING_PLANE
+from counterflex.files.plan_file import EXTERNAL_PLACES, WORKING_PLANE
 from counterflex.plan.plan import Plan
 from counterflex.robot.elasticity.chain import forward
 
@@ -35,7 +36,7 @@ def require_of_cell(plan: Plan, about: Mapping[str, Any], cell: Cell, where: str
         where: Its file.
 
     Raises:
-        InputError: It was made for another cell.
+        InputError: It was made for another cell, or external axes move along it.
     """
     robot = about.get("robot")
     if isinstance(robot, str) and robot != cell.chain.name:
@@ -43,6 +44,7 @@ def require_of_cell(plan: Plan, about: Mapping[str, Any], cell: Cell, where: str
             "the plan is of another cell", where=str(where), value=robot, limit=cell.chain.name,
             hint="Plan the program again with this cell file",
         )  # fmt: skip
+    refuse_places(int(about.get(EXTERNAL_PLACES, 1)), where)
     if cell.holds_part or len(plan.path) == 0 or (WORKING_PLANE in about and cell.R_part_plane is None):
         return
     rows = np.unique(np.linspace(0, len(plan.path) - 1, _ROWS).astype(int))

@@ -27,6 +27,7 @@ from counterflex.app.unknowns import sources
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
+from counterflex.path.external_axes import ExternalPlaces
 from counterflex.plan.plan import Plan
 from counterflex.robot.elasticity.compliance import shares
 
@@ -56,12 +57,13 @@ class Foreseen:
     worse_share: float
 
 
-def foreseen(plan: Plan, cell: Cell) -> Foreseen | None:
+def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Foreseen | None:
     """Return the predicted path errors with what is not known.
 
     Args:
         plan: The plan, with its predictions.
         cell: The cell it was made for.
+        places: Of external axes that move along it.
 
     Returns:
         The figures; None where nothing is cut, nothing was predicted, or the robot holds the part (which this does not
@@ -69,25 +71,29 @@ def foreseen(plan: Plan, cell: Cell) -> Foreseen | None:
     """
     if cell.holds_part:
         return None
-    points = points_of_plan(plan, cell, "the program")
+    points = points_of_plan(plan, cell, "the program", places)
     if points is None or np.all(np.isnan(plan.deviation_compensated_part)):
         return None
-    off, R_base_part = _unknown_displacement(plan, cell, points), cell.T_base_part[:3, :3]
+    Ts_base_part = cell.T_base_part if places is None else places.Ts_base_part(plan.path.place[points.row])
+    off, R_base_part = _unknown_displacement(plan, cell, points), Ts_base_part[..., :3, :3]
     nominal, compensated = (
-        points.sizes(deviation[points.row] @ R_base_part.T + off)
+        points.sizes(np.einsum("...ij,...j->...i", R_base_part, deviation[points.row]) + off)
         for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
     )
     worse = float(np.mean(compensated > nominal))
     return Foreseen(expected(nominal, points.of), expected(compensated, points.of), worse)
 
 
-def with_intervals(figures: dict[str, Any], plan: Plan, cell: Cell) -> dict[str, Any]:
+def with_intervals(
+    figures: dict[str, Any], plan: Plan, cell: Cell, places: ExternalPlaces | None = None
+) -> dict[str, Any]:
     """Return the figures of a plan with what is not known: the figures to plan with come first.
 
     Args:
         figures: With ``predicted_nominal`` and ``predicted_compensated`` where they were predicted; left as it is.
         plan: The plan.
         cell: The cell.
+        places: Of external axes that move along it.
 
     Returns:
         The same with ``headline`` in front (``before_mm`` and ``after_mm``: median, lower and upper end of the 90 %
@@ -95,7 +101,7 @@ def with_intervals(figures: dict[str, Any], plan: Plan, cell: Cell) -> dict[str,
         predicted error, and the lowest mode that was taken.
     """
     out = dict(figures) | {"lowest_mode": at_largest_force(cell, plan).shown}
-    errors = foreseen(plan, cell)
+    errors = foreseen(plan, cell, places)
     if errors is None:
         return out
     headline: dict[str, Any] = {}

@@ -27,9 +27,10 @@ from counterflex.programs.rapid.read.job_files import companion_modules
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.statement_forms import Dialect
+from counterflex.programs.stated.turns import TURNING, stated_turns
 from counterflex.programs.val3.read.application import job_files as val3_job_files
 from counterflex.programs.val3.read.motions import Val3Cell
-from counterflex.robot.kinematics.joint_path import ByAxes
+from counterflex.robot.kinematics.joint_path import ByAxes, Turns
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6
@@ -169,7 +170,7 @@ def _tip_of_axes(cell: Cell, language: str, axes_deg: Sequence[float], external:
 
 
 def by_axes_of(program: Program, cell: Cell) -> ByAxes:
-    """Motions that the controller makes by axes, with the axes that the program states at their ends.
+    """Motions that the controller makes by axes, with the axes or turns that the program states at their ends.
 
     Args:
         program: As read; others than programs of robots have none.
@@ -181,7 +182,22 @@ def by_axes_of(program: Program, cell: Cell) -> ByAxes:
     if program.axes_deg:
         axes, _ = axes_in(cell, program.dialect)
         stated = {motion: axes.model(np.asarray(values) * DEG) for motion, values in program.axes_deg.items()}
-    return ByAxes(program.by_axes, stated)
+    return ByAxes(program.by_axes, stated, _turns_of(program, cell))
+
+
+def _turns_of(program: RobotProgram, cell: Cell) -> dict[int, Turns]:
+    """Turns that the program states at the ends of its motions by axes; none where no one says how axes are counted."""
+    given = {motion: one for motion, one in stated_turns(program).items() if motion in program.by_axes}
+    if not given:
+        return {}
+    try:
+        axes, _ = axes_in(cell, program.dialect)
+    except InputError:
+        return {}
+    return {
+        motion: Turns(axes, TURNING, np.array(one.low_deg) * DEG, np.array(one.high_deg) * DEG, one.words)
+        for motion, one in given.items()
+    }
 
 
 _CELLS: Final[dict[str, Callable[[Cell], RobotCell]]] = {

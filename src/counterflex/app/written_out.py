@@ -53,7 +53,10 @@ def run(
     with tempfile.TemporaryDirectory() as folder, atomic.atomic_folder(out) as staging:
         files = conversion.run(program, cell_file, folder, language, reading=reading)["files"]
         again = share_of(progress, 0.5, 1.0)
-        summary = compensate.run(Path(folder) / files[0], cell_file, staging, progress=again, **options)
+        place_of_it = Path(out) / FOLDER / files[0]
+        summary = compensate.run(
+            Path(folder) / files[0], cell_file, staging, shown=place_of_it, progress=again, **options
+        )
         (staging / FOLDER).mkdir()
         for name in files:
             atomic.write_bytes(staging / FOLDER / name, file_content.content(Path(folder) / name))

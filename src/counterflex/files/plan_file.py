@@ -29,6 +29,8 @@ AXES = "controller_axes"
 """Key of the metadata: how the axes of the file follow from the angles of the model, where they are not the same."""
 TOOL_TURNS = "tool_turns"
 """Key of the metadata: the tool cuts in several directions, or turns while it cuts; the plan is in part axes."""
+EXTERNAL_PLACES = "external_places"
+"""Key of the metadata: so many places external axes take along the plan, which has no column for them."""
 
 LAYOUT = (
     Column("time_s", "path.time_s"),

@@ -61,11 +61,12 @@ def require_whole(folder: Path) -> bool:
         return False
     for name, digest in listed.items():
         file = folder / str(name)
-        if file.is_file() and _sha256(file) != digest:
+        if file.is_file() and not _is_same(file, str(digest)):
             raise FileFormatError(
                 "the files of this folder do not belong together: this one was not written with the others",
                 where=str(file), value=f"SHA-256 {_sha256(file)[:12]}", limit=f"{str(digest)[:12]} ({SUMMARY})",
-                hint="It was replaced or edited, or the command was killed while it wrote. Write the folder again",
+                hint="It was replaced or edited, or the command was killed while it wrote. Write the folder again; an "
+                "edited file belongs into a folder of its own",
             )  # fmt: skip
     return True
 
@@ -75,6 +76,16 @@ def not_compared(folder: Path) -> str | None:
     if require_whole(folder):
         return None
     return f"not looked at: whether the files of {folder} belong together; it has no {SUMMARY} that lists them"
+
+
+def _is_same(file: Path, digest: str) -> bool:
+    """Return whether a file has the content of a digest; of a text the line ends may be others (a copy by FTP, git)."""
+    content = file_content.content(file)
+    forms = [content]
+    if b"\0" not in content:
+        lines = content.replace(b"\r\n", b"\n")
+        forms += [lines, lines.replace(b"\n", b"\r\n")]
+    return any(hashlib.sha256(form).hexdigest() == digest for form in forms)
 
 
 def _sha256(file: Path) -> str:

@@ -247,14 +247,13 @@ def joint_angles(
     if not np.any(begins):
         return inverse_path(chain, Ts, setting.branch, enforce_limits=enforce_limits, sigma_floor=sigma_floor)
     kept = np.flatnonzero(~between)
-    stated = {
-        row: setting.by_axes.stated_rad[motion]
-        for row, motion in enumerate(path.motion[kept].tolist())
-        if begins[kept[row]] and motion in setting.by_axes.stated_rad
-    }
+    motion_of = {row: motion for row, motion in enumerate(path.motion[kept].tolist()) if begins[kept[row]]}
+    by_axes = setting.by_axes
+    stated = {row: by_axes.stated_rad[motion] for row, motion in motion_of.items() if motion in by_axes.stated_rad}
+    turns = {row: by_axes.turns[motion] for row, motion in motion_of.items() if motion in by_axes.turns}
     try:
         out = solve_pieces(
-            chain, Ts[kept], setting.branch, Pieces(begins[kept], stated),
+            chain, Ts[kept], setting.branch, Pieces(begins[kept], stated, turns),
             enforce_limits=enforce_limits, sigma_floor=sigma_floor,
         )  # fmt: skip
     except ReachError as fault:

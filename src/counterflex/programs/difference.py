@@ -93,13 +93,15 @@ def differences(before: Program, after: Program) -> list[Change]:
         One change for each motion of the first program.
 
     Raises:
-        InputError: They are no versions of one program: rapids and waits differ in number, or there are fewer motions.
+        InputError: They are no versions of one program: rapids and waits differ in number, there are fewer motions, or
+            external axes go elsewhere.
     """
     if before.dialect != after.dialect:
         raise InputError(
             "two programs of one language are compared", where=Path(after.name).name, value=after.dialect,
             limit=before.dialect,
         )  # fmt: skip
+    _require_same_moves(before, after)
     first, second = _pieces(before.motions), _pieces(after.motions)
     if [kind for kind, _ in first if kind] != [kind for kind, _ in second if kind]:
         raise InputError(
@@ -207,6 +209,23 @@ def _turn(before: Program, after: Program, i: int, j: int) -> Float:
 def largest_first(changes: Sequence[Change]) -> Iterator[Change]:
     """Those that changed, the largest first."""
     yield from sorted((change for change in changes if change.changed), key=lambda change: -change.largest_m)
+
+
+def _require_same_moves(before: Program, after: Program) -> None:
+    """Refuse programs whose external axes go to other places: their targets are those of another place."""
+    moves = [
+        [dict(values) for _, values in sorted(one.external.items())] if isinstance(one, RobotProgram) else []
+        for one in (before, after)
+    ]
+    if moves[0] != moves[1]:
+        value, limit = (
+            ", ".join(f"E{n} {v:g}" for values in own for n, v in sorted(values.items())) or "they stand"
+            for own in reversed(moves)
+        )
+        raise InputError(
+            "the programs are no versions of one: external axes go elsewhere", where=Path(after.name).name,
+            value=value, limit=limit,
+        )  # fmt: skip
 
 
 def summary(before: Program, after: Program, changes: Sequence[Change]) -> dict[str, object]:

@@ -15,6 +15,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.robot import PlayTable, ServoTable
 from counterflex.geometry import pose
+from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED
 from counterflex.plan.plan import Plan
 from counterflex.report.data import CellDrawing, Fact
@@ -111,12 +112,13 @@ _SWEEP: Final = 61
 _POINTS: Final = 800
 
 
-def drawing(plan: Plan, cell: Cell) -> CellDrawing:
+def drawing(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> CellDrawing:
     """The cell in the posture of the largest predicted deflection.
 
     Args:
         plan: Of the program.
         cell: The cell.
+        places: Of external axes that move along it: blank and path are drawn where they are in that posture.
     """
     size = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     worst = int(np.argmax(size))
@@ -129,6 +131,8 @@ def drawing(plan: Plan, cell: Cell) -> CellDrawing:
     feed = plan.path.p_part_tcp[plan.path.kind == FEED]
     step = max(1, -(-len(feed) // _POINTS))
     T_base_part = forward(cell.controller_chain, plan.q[worst]) if cell.holds_part else cell.T_base_part
+    if places is not None:
+        T_base_part = places.Ts_base_part(plan.path.place[worst : worst + 1])[0]
     return CellDrawing(
         robot=robot_name(cell),
         caption=caption,

@@ -20,7 +20,7 @@ from counterflex.app.compensation.languages import own_language, require_toleran
 from counterflex.app.compensation.prediction import calm_feed, prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
-from counterflex.app.external_moves import require_clear
+from counterflex.app.external_moves import require_allowed, require_clear
 from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, in_plane_of, in_working_plane, read_job, setting_of
 from counterflex.app.named_lines import with_files
 from counterflex.core import atomic
@@ -28,8 +28,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, EXTERNAL_PLACES, TOOL_TURNS, WORKING_PLANE, write_plan
 from counterflex.files.summary_file import write_folder_summary
+from counterflex.path.external_axes import ExternalPlaces
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import FeedTolerance
 from counterflex.plan.feed_limits import LimitedFeed
@@ -53,6 +54,7 @@ class Compensated:
         summary: What ``summary.json`` holds.
         encoding: Of the program files, that of the source.
         limited: What ``[process_limits]`` made of the feed; None where they state none.
+        places: Of external axes that move along the program; None where they stand.
     """
 
     plan: Plan
@@ -61,6 +63,7 @@ class Compensated:
     summary: dict[str, Any]
     encoding: str
     limited: LimitedFeed | None = None
+    places: ExternalPlaces | None = None
 
 
 def compensate(
@@ -111,6 +114,7 @@ def compensate(
     setting = setting_of(
         cell, job, normal_only=normal_only, orientation=kind.orientation or job.words is not None, part_may_be_held=True
     )
+    require_allowed(job.path, setting, cell, job.program)
     with faults_in(job):
         limited = None if programmed_feed else limited_feed(job, cell, setting)
         slowed = job if limited is None else replace(job, path=limited.path)
@@ -138,7 +142,7 @@ def compensate(
     about |= in_plane_of(cell)
     about |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
     about = with_files(about, job.program)
-    return Compensated(plan, files, about["written"], about, job.program.encoding, limited)
+    return Compensated(plan, files, about["written"], about, job.program.encoding, limited, job.places)
 
 
 def run(
@@ -148,6 +152,7 @@ def run(
     *,
     assume_class: bool = False,
     report: bool = True,
+    shown: str | Path | None = None,
     progress: Progress = silent,
     **options: Any,
 ) -> dict[str, Any]:
@@ -159,6 +164,7 @@ def run(
         out: Folder; made when missing.
         assume_class: Give axes that no stiffness is known of the median of the robot's class, and say so.
         report: Write the HTML page.
+        shown: The program as commands on the page name it; None: as ``program``.
         progress: Progress callback, fraction 0 to 1.
         options: As for :func:`compensate`; returned is its summary.
     """
@@ -170,6 +176,7 @@ def run(
         about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}
         about |= {key: result.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in result.summary}
+        about |= {} if result.places is None else {EXTERNAL_PLACES: len(result.places.values)}
         lowered = result.summary["calm_feed"]
         for name, text in result.files.items():
             atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
@@ -180,7 +187,16 @@ def run(
         if report:
             from counterflex.report.page import prediction_page, write_page
 
-            page = prediction_page(prediction(result.plan, cell, result.summary, result.limited, program))
+            page = prediction_page(
+                prediction(
+                    result.plan,
+                    cell,
+                    result.summary,
+                    result.limited,
+                    program if shown is None else shown,
+                    result.places,
+                )
+            )
             write_page(page, staging / "report.html")
         parts[PAGE](1.0)
     return result.summary

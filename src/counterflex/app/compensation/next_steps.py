@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from counterflex.app.robot_axes import fanuc_configuration, part_in_world
 from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.files.cell.cell import Cell
 from counterflex.programs.fanuc.spelling import values_text
 from counterflex.programs.krl.writer import krl_pose
+from counterflex.programs.program import ROBOT_DIALECTS
 from counterflex.programs.robot_writer.statement_forms import Dialect
 from counterflex.report.data import Fact
 
@@ -41,7 +43,9 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
     if cell.T_base_tcp is not None:
         return _against_fixed_tool(files, language, cell, krl_pose(cell.T_base_tcp))
     T_flange_tcp = cell.controller_chain.T_flange_tcp
-    frame, tool = krl_pose(cell.T_base_part), krl_pose(T_flange_tcp)
+    tool = krl_pose(T_flange_tcp)
+    T_world_part = part_in_world(cell, language) if language in ROBOT_DIALECTS else cell.T_base_part
+    frame = krl_pose(T_world_part)
     if language == "krl":
         return (
             Fact("Copy", files, "", "to KRC:\\R1\\Program, all of them"),
@@ -49,12 +53,13 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
             *_tool_frames(cell, "krl", tools, tool, f"TOOL_DATA[{controller.tool_number}]"),
         )
     if language == "fanuc":
-        part, tip = (values_text(T).replace("\n\t", " ").strip() for T in (cell.T_base_part, T_flange_tcp))
+        part, tip = (values_text(T).replace("\n\t", " ").strip() for T in (T_world_part, T_flange_tcp))
+        letters = fanuc_configuration(cell.tables.posture.branch).partition(",")[0]
         return (
             Fact("Load", files, "", "as ASCII listings, all of them"),
             Fact(f"UFRAME[{controller.base_number}]", part, "mm, deg", "the part frame that was planned with"),
             *_tool_frames(cell, "fanuc", tools, tip, f"UTOOL[{controller.tool_number}]"),
-            Fact("CONFIG", "N U T, 0, 0, 0", "", "of every position: change it where the robot stands otherwise"),
+            Fact("CONFIG", letters, "", "of every position, by [posture]; the turns behind it are those of the start"),
         )
     if language == "val3":
         return (
@@ -66,7 +71,7 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
             Fact(
                 "Load", files, "", "as a program module; it brings its wobjdata, and tooldata unless the cell names one"
             ),
-            Fact("Part frame", frame, "mm, deg about z, y', x''", "in the robot's base, as planned"),
+            Fact("Part frame", frame, "mm, deg about z, y', x''", "in the world of the controller, as planned"),
             *_tool_frames(cell, "rapid", tools, tool, ""),
         )
     return (

@@ -23,6 +23,7 @@ from counterflex.app.compensation.headline import (
 )
 from counterflex.app.compensation.next_steps import after_compensation, to_load
 from counterflex.app.cost_of_unknown_stiffness import assumed
+from counterflex.app.external_moves import unsaid_moves
 from counterflex.app.inputs import Job, setting_of
 from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.unknown_stiffness import unknown_stiffness
@@ -30,6 +31,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.figures import weighted_figures
 from counterflex.files.cell.cell import Cell
+from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED, RAPID
 from counterflex.plan.feed_limits import LimitedFeed
 from counterflex.plan.feed_schedule import share_between
@@ -189,6 +191,7 @@ def prediction(
     summary: dict[str, Any],
     limited: LimitedFeed | None = None,
     program: str | Path | None = None,
+    places: ExternalPlaces | None = None,
 ) -> PredictionData:
     """The page of a plan.
 
@@ -198,6 +201,7 @@ def prediction(
         summary: Of the job.
         limited: What limits made of the feed.
         program: The program as it was given, for commands; None is its name alone.
+        places: Of external axes that move along it.
     """
     predicted = summary["prediction"]
     worst = predicted["peak_deflection_um"]
@@ -239,7 +243,7 @@ def prediction(
         cutting=plan.cutting,
         line=plan.line,
         **_errors(plan, predicted),
-        drawing=drawing(plan, cell),
+        drawing=drawing(plan, cell, places),
         feed=None if limited is None else _feed(limited),
         load=to_load(summary, cell, np.unique(plan.path.tool[plan.cutting]).tolist()),
         next_steps=after_compensation(summary, cell, summary["program"] if program is None else program),
@@ -295,12 +299,13 @@ def summary_of(
         written: What the writer says about them.
         tolerance_m: Largest distance between the written path and the planned one.
     """
-    predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell)
+    predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell, job.places)
     predicted["extrapolation"] = extrapolation(plan, cell.force_law)
     for peak in (value for key, value in predicted.items() if key.startswith("peak_")):
         peak["place"] = job.program.place(peak["line"])
     remarks = (
         *unknown_stiffness(cell),
+        *unsaid_moves(job.places, cell, language),
         *doubtful_readings(job.program),
         *other_postures(job.program, cell.tables.posture.branch),
         *beyond_measured(cell, plan),

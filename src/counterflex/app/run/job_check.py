@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from counterflex.app.external_moves import refuse_places
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.errors import FileFormatError, InputError
@@ -75,11 +76,13 @@ def cell_of_run(
 
     Raises:
         FileFormatError: The file cannot be used.
-        InputError: Axes have no stiffness and no plan assumes one, or the plan was made for another cell.
+        InputError: Axes have no stiffness and no plan assumes one, the plan was made for another cell, or external axes
+            move along the program.
     """
     read = read_cell(cell, assume_class=planned is not None and bool(planned[1].get(CLASS_ASSUMED, False)))
     if planned is not None:
         require_of_cell(*planned, read, plan_file or "the plan")
+    refuse_places(1 + max((len(axis.moves) for axis in read.tables.external_axes), default=0), cell)
     read.require_milling()
     require_stiffness(read)
     return read

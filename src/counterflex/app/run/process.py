@@ -18,6 +18,7 @@ from counterflex.core.errors import CounterflexError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.plausibility import unusual
 from counterflex.files.machine_file import machine_file
+from counterflex.files.summary_file import not_compared
 from counterflex.protocols.processes.control_array import CONTROL, Course, Life, Request
 from counterflex.protocols.processes.instance_lock import InstanceLock
 from counterflex.protocols.processes.living import Beat, Living
@@ -68,6 +69,8 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         session.loop.run()
         session.loop.reset()
         warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)]
+        alone = None if settings.plan is None else not_compared(Path(settings.plan).parent)
+        warnings += [] if alone is None else [alone]
         starts.close()
         shows = snapshot_path(words)
         publisher = session.publish(shows, about_run(settings, session, out)) if shows.exists() else None

@@ -98,7 +98,8 @@ class OperationSite:
 def operations_of(path: ToolPath, cut_m: Float, top_m: float, clearance_m: float) -> list[Operation]:
     """Divide a path where the tool is clear of the blank: between two cuts, at the end of a rapid, as high as it goes.
 
-    External axes move along the rapid that follows where its end is clear, too: tool and robot then go together.
+    External axes move along the motion that follows where it is a rapid whose end is clear, too: tool and robot then go
+    together.
 
     Args:
         path: n rows.
@@ -118,9 +119,8 @@ def operations_of(path: ToolPath, cut_m: Float, top_m: float, clearance_m: float
         between = np.flatnonzero(clear[before + 1 : after]) + before + 1
         if len(between):
             row = int(between[np.argmax(height[between])])
-            following = between[between > row]
-            behind = int(following[0]) if len(following) else row
-            divided.append((row, behind if np.all(path.kind[row + 1 : behind + 1] == RAPID) else row))
+            behind = row + 1 + int(np.argmax(ends[row + 1 :]))  # of one motion: between two the tool may dip
+            divided.append((row, behind if clear[behind] and np.all(path.kind[row + 1 : behind + 1] == RAPID) else row))
     ends_at = [*divided, (len(path) - 1, len(path) - 1)]
     firsts = [0, *(row + 1 for row, _ in divided)]
     out = [Operation(first, *at) for first, at in zip(firsts, ends_at, strict=True)]

@@ -24,6 +24,7 @@ from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import PathSolution
 from counterflex.robot.kinematics.inverse_seeds import branch_of
+from counterflex.robot.kinematics.joint_path import Turns
 from counterflex.robot.model.controller_axes import room
 
 CHECK: Final = "motions by axes"
@@ -167,8 +168,22 @@ def axes_row(whole: Swung, setting: Setting, left_out: tuple[str, ...]) -> Row:
                 )
                 advice = "Give [posture] the posture of the program"
                 return Row(CHECK, "warning", point=int(ends[-1]), what=what, advice=advice)
+        others = [motion for motion in by_axes.turns if not _as_stated(whole, by_axes.turns[motion], motion)]
+        if others:
+            words, first = by_axes.turns[min(others)].words, min(others)
+            what = f"{len(others)} targets ask for other turns of the axes ({words}) than are reached in [posture]"
+            return Row(CHECK, "warning", point=int(np.flatnonzero(path.motion == first)[-1]), what=what,
+                       advice="Give [posture] the posture of the program, or turn the axes back in it")  # fmt: skip
     if left_out:
         return Row(CHECK, NOT_LOOKED_AT,
                    what=f"{', '.join(left_out[:3])}{' ...' if len(left_out) > 3 else ''}: before the first target or "
                    "behind the last one, from or to a place that the program does not say")  # fmt: skip
     return Row(CHECK, "ok", what=text if by_axes.motions else "none between lines")
+
+
+def _as_stated(whole: Swung, turns: Turns, motion: int) -> bool:
+    """Return whether a motion ends in the turns that are stated, as far as it is reached."""
+    ends = np.flatnonzero((whole.path.motion == motion) & whole.made)
+    if whole.solution is None or len(ends) == 0 or ends[-1] >= len(whole.solution.q):
+        return True
+    return turns.agree(whole.solution.q[ends[-1]])

@@ -32,6 +32,7 @@ class RapidTarget:
         place: Data and element that it stands in; None of one that is written out or computed.
         rest: Configuration and external axes of a computed one as text; empty where the configuration is not known.
         cfx: Posture of the arm, 0 to 7; None where it is not known.
+        quarters: cf1, cf4 and cf6, quarters of a turn of axes 1, 4 and 6; None where they are not known.
     """
 
     start: int
@@ -48,6 +49,7 @@ class RapidTarget:
     place: tuple[int, tuple[int, ...]] | None = None
     rest: str = ""
     cfx: int | None = None
+    quarters: tuple[int, int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)

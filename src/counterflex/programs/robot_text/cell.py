@@ -176,7 +176,7 @@ class ExternalAxes:
     """Follows the external axes of a program: it begins where the cell says, and may go on between operations.
 
     Args:
-        cell: Where they stand by it; None takes the first place for all.
+        cell: Where they stand by it; None: a program is listed or compared, they begin where its first target says.
         made: Returns the number of motions made so far.
 
     Attributes:
@@ -185,7 +185,7 @@ class ExternalAxes:
 
     def __init__(self, cell: RobotTextCell | None, made: Callable[[], int]) -> None:
         self._expected = {} if cell is None else cell.external_axes
-        self._may_move = cell is not None
+        self._with_cell = cell is not None
         self._made = made
         self.now: dict[int, float] = {}
         self._changes: dict[int, dict[int, tuple[float, str, str]]] = {}
@@ -206,7 +206,7 @@ class ExternalAxes:
         now = self.now.setdefault(number, self._expected.get(number, value))
         if abs(value - now) <= _SAME_EXTERNAL:
             return
-        if motion == 0 or number not in self._expected or not self._may_move:
+        if motion == 0 or (self._with_cell and number not in self._expected):
             raise self._moves(value, now, name, where)
         self.now[number] = value
         self._changes.setdefault(motion, {})[number] = (value, name, where)

@@ -68,14 +68,20 @@ def stated_postures(program: Program) -> dict[int, Stated]:
     if isinstance(program, KrlProgram):
         given = {index: _krl(move) for index, move in enumerate(program.moves)}
     elif isinstance(program, RapidProgram):
-        off = {match[1].upper() for line in program.lines if (match := _OFF.match(line)) is not None}
+        on = supervised_words(program)
         given = {index: _rapid(move) for index, move in enumerate(program.moves)
-                 if ("J" if move.word.upper().startswith("MOVEJ") else "L") not in off}  # fmt: skip
+                 if ("J" if move.word.upper().startswith("MOVEJ") else "L") in on}  # fmt: skip
     elif isinstance(program, FanucProgram):
         given = {index: _fanuc(move.config) for index, move in enumerate(program.moves)}
     elif isinstance(program, Val3Program):
         given = {index: _val3(move.attributes) for index, move in enumerate(program.moves)}
     return {index: stated for index, stated in given.items() if stated is not None}
+
+
+def supervised_words(program: RapidProgram) -> set[str]:
+    """Return which of MoveJ (``J``) and MoveL (``L``) hold their configuration all along a RAPID program."""
+    off = {match[1].upper() for line in program.lines if (match := _OFF.match(line)) is not None}
+    return {"J", "L"} - off
 
 
 def other_postures(program: Program, branch: str) -> list[str]:

@@ -14,7 +14,7 @@ from typing import Final
 from counterflex.core.units import INCH, MINUTE
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.reader import FURTHER_OFFSET
-from counterflex.programs.program import KRL_DIALECT, ROBOT_DIALECTS, Block, Program, Word
+from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, ROBOT_DIALECTS, Block, Program, Word
 from counterflex.programs.stated.offsets import NONE, UNSAID, OffsetReader, codes_of
 
 
@@ -38,10 +38,12 @@ _UNITS: Final = {
 }  # fmt: skip
 """Of TwinCAT nothing is in doubt: G71 is active when a program begins."""
 _FANUC: Final = re.compile(
-    r"^\s*(?:N\d+\s*)?[O:]\d{1,8}\b(?!\s*(?:sub|call|if|while|do|repeat|end|else|break|continue|return)\b)"
+    r"^\s*(?:N\d+\s*)?[O:]\d{1,8}\b(?!\s*(?:sub|call|if|while|do|repeat|end\w*|else\w*|break|continue|return)\b)"
     r"|\bM9[789]\b|\bG(?:65|66|54\.1|154|0?5\.1|1[12]\d|187)\b|\b(?:IF|WHILE)\s*\[.*\]\s*(?:GOTO|THEN|DO)",
     re.IGNORECASE,
 )
+_COMMENT: Final = re.compile(r"\([^()]*\)|;.*")
+_GROUP: Final = re.compile(r"\s*GP([2-9])\s*:", re.IGNORECASE)
 _LENGTHS: Final = frozenset("XYZIJKR")
 _HALF_INCH: Final = 0.5 * INCH
 _OPTIONAL: Final = re.compile(r"\s*OPSKIP\s*/\s*ON\b", re.IGNORECASE)
@@ -55,7 +57,7 @@ _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
     if program.dialect in ROBOT_DIALECTS:
-        return _by_sensor(program)
+        return [*_by_sensor(program), *_further_groups(program)]
     checks = (
         _unit,
         _least_increments,
@@ -78,6 +80,20 @@ def _by_sensor(program: Program) -> list[str]:
         return []
     place = block.where(Path(program.name).name)
     return [f"{place}: RSI_ON lets a sensor correct the path; what it adds is not looked at"]
+
+
+def _further_groups(program: Program) -> list[str]:
+    """Motion groups of FANUC besides that of the arm: the cell file has no word for them."""
+    if program.dialect != FANUC_DIALECT:
+        return []
+    group = next(((k, m) for k, text in enumerate(program.lines, start=1) if (m := _GROUP.match(text))), None)
+    if group is None:
+        return []
+    line, match = group
+    return [
+        f"line {line}: positions state group {match[1]}, too, at one place; whether part or robot stand there was not "
+        "compared with the cell file"
+    ]
 
 
 def _part_zero(program: Program) -> list[str]:
@@ -163,7 +179,7 @@ def _unit(program: Program) -> list[str]:
 
 def _is_fanuc(program: Program) -> bool:
     """Return whether the program has a number, or codes that Fanuc and its relatives have alone."""
-    return program.dialect == _LINUXCNC and any(_FANUC.search(line) for line in program.lines)
+    return program.dialect == _LINUXCNC and any(_FANUC.search(_COMMENT.sub("", line)) for line in program.lines)
 
 
 def _is_whole(block: Block, word: Word) -> bool:

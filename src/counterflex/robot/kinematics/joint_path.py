@@ -9,14 +9,43 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ReachError
+from counterflex.core.units import DEG
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_all, inverse_path
-from counterflex.robot.model.controller_axes import room
+from counterflex.robot.model.controller_axes import ControllerAxes, room
+
+_SAME_RAD: Final = 1.0 * DEG
+"""A target at the end of a range of turns may be rounded to its other side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """Ranges in which a program asks for axes of the controller, so that full turns are told apart.
+
+    Attributes:
+        axes: As the controller of the program shows them.
+        numbers: Indices of the axes.
+        low_rad: Lower ends.
+        high_rad: Upper ends.
+        words: Of the program.
+    """
+
+    axes: ControllerAxes
+    numbers: tuple[int, ...]
+    low_rad: Float
+    high_rad: Float
+    words: str
+
+    def agree(self, q: Float) -> bool:
+        """Return whether angles (6,) of the model lie in the ranges."""
+        shown = self.axes.shown(q)[list(self.numbers)]
+        return bool(np.all((shown >= self.low_rad - _SAME_RAD) & (shown <= self.high_rad + _SAME_RAD)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +55,12 @@ class ByAxes:
     Attributes:
         motions: Their indices.
         stated_rad: By motion, (6,) angles of the model at its end, where the program states them.
+        turns: By motion, the turns of the axes at its end, where the program states them beside a pose.
     """
 
     motions: frozenset[int] = frozenset()
     stated_rad: Mapping[int, Float] = field(default_factory=dict)
+    turns: Mapping[int, Turns] = field(default_factory=dict)
 
     def rows(self, motion: Int) -> tuple[Bool, Bool]:
         """Rows at which a motion by axes ends, and rows between its ends.
@@ -50,10 +81,12 @@ class Pieces:
     Attributes:
         begins: (n,) rows at which a motion by axes ends and a piece begins; row 0 begins one in any case.
         stated_rad: By such a row, (6,) angles that the program states there.
+        turns: By such a row, the turns that it states there.
     """
 
     begins: Bool
     stated_rad: Mapping[int, Float]
+    turns: Mapping[int, Turns] = field(default_factory=dict)
 
 
 def solve_pieces(
@@ -68,8 +101,8 @@ def solve_pieces(
     """Solve a path piece by piece.
 
     Where the program states the axes at the begin of a piece, the piece starts from them. Elsewhere it starts in the
-    branch, with the turns that are nearest to the end of the piece before. A piece of one row is no linear motion: it
-    passes no singularity.
+    branch, with the turns that the program states, else with those that are nearest to the end of the piece before. A
+    piece of one row is no linear motion: it passes no singularity.
 
     Args:
         chain: The chain.
@@ -92,7 +125,11 @@ def solve_pieces(
             if stated is not None and end - first == 1:
                 solved.append(_stated(chain, stated, branch))
                 continue
-            start = stated if stated is not None else _start(chain, Ts[0], branch, before, enforce_limits)
+            start = (
+                stated
+                if stated is not None
+                else _start(chain, Ts[0], branch, before, enforce_limits, pieces.turns.get(first))
+            )
             alone = end - first == 1 and first > 0
             one = inverse_path(
                 chain, Ts, start, enforce_limits=enforce_limits, sigma_floor=0.0 if alone else sigma_floor
@@ -108,15 +145,22 @@ def solve_pieces(
 
 
 def _start(
-    chain: ElasticChain, T_base_tcp: Float, branch: str, before: Float | None, enforce_limits: bool
+    chain: ElasticChain,
+    T_base_tcp: Float,
+    branch: str,
+    before: Float | None,
+    enforce_limits: bool,
+    turns: Turns | None,
 ) -> Float | str:
-    """Angles in a branch that are nearest to those before; the branch itself where there are none."""
+    """Angles in a branch, with the turns that are stated, that are nearest to those before; else the branch itself."""
     if before is None:
         return branch
     try:
         near = [one.q for one in inverse_all(chain, T_base_tcp, within_limits=enforce_limits) if one.branch == branch]
     except ReachError:
         return branch
+    if turns is not None:
+        near = [q for q in near if turns.agree(q)] or near
     return min(near, key=lambda q: float(np.max(np.abs(q - before)))) if near else branch
 
 

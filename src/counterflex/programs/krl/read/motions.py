@@ -76,6 +76,7 @@ class Motions(Modes):
         self.memory.position = self._position
         self._away: Unknown | None = None
         self._by_axes: list[tuple[int, Mapping[str, float], KrlMotion]] = []
+        self._rode: dict[str, tuple[float, str]] = {}
         self._trigger: int | None = None
         self._spline: Value = None
         self._in_spline = False
@@ -149,6 +150,8 @@ class Motions(Modes):
         if self._by_axes or self._away is not None:
             self._arrive_by_axes(code)
         before = self.motions[-1] if self.motions else None
+        if before is None:
+            self._stand_where_sent(read)
         rapid = read.word.endswith("PTP") or before is None
         holds = not rapid and active.holds and self._holds_orientation(read, code)
         feed = 0.0 if rapid else self._feed(read, code, active)
@@ -238,6 +241,8 @@ class Motions(Modes):
         where = f"{self.module.file.name}:{self.line}"
         self.by_axes.append(len(self._blocks))
         axes = place.axes
+        if not self.motions and axes is not None:
+            self._rode |= {name: (value, where) for name, value in axes.items() if name[0] == "E"}
         if axes is not None and self._by_axes:
             axes = {**self._by_axes[-1][1], **axes}  # axes that are left out stay where they are
         if axes is not None and self.memory.doubt is None and all(name in axes for name in AXES):
@@ -248,6 +253,17 @@ class Motions(Modes):
         self._away = place.unknown or Unknown("it goes there by some of its axes", where)
         if self.memory.doubt is not None:
             self._away = self.memory.doubt
+
+    def _stand_where_sent(self, read: KrlMotion) -> None:
+        """External axes that the first target does not name stand where a motion by axes before it has sent them.
+
+        Raises:
+            ProgramError: It is another place than that of the cell file.
+        """
+        named = () if read.target is None else read.target.components
+        for name, (value, where) in self._rode.items():
+            if name not in named:
+                self.targets.check_external({name: value}, where)
 
     def _arrive_by_axes(self, code: str) -> None:
         """Before a Cartesian motion between others: where the axis angles lead that the robot was sent to.

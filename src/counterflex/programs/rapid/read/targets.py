@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, MM_PER_S
@@ -192,7 +192,7 @@ class Targets:
         self.check_external(literal.rest[1], literal.start)
         return RapidTarget(
             argument.start, argument.end, "", (literal.start, literal.end), literal.numbers, (x, y, z),
-            (q[0], q[1], q[2], q[3]), cfx=_cfx(numbers_of(literal.rest[0])),
+            (q[0], q[1], q[2], q[3]), **_configuration(numbers_of(literal.rest[0])),
         )  # fmt: skip
 
     def _computed(self, value: object, argument: Argument) -> RapidTarget:
@@ -215,7 +215,8 @@ class Targets:
         rest = "" if first_unknown(conf) else f"{_text(conf)},{_text(external)}"
         return RapidTarget(
             argument.start, argument.end, "", (0, 0), (), (float(p[0]), float(p[1]), float(p[2])),
-            (float(q[0]), float(q[1]), float(q[2]), float(q[3])), turned=True, rest=rest, cfx=_cfx(conf),
+            (float(q[0]), float(q[1]), float(q[2]), float(q[3])), turned=True, rest=rest,
+            **_configuration(conf),
         )  # fmt: skip
 
     def _refuse(self, p: list[float], q: list[float], argument: Argument) -> None:
@@ -346,10 +347,12 @@ class Targets:
         )
 
 
-def _cfx(configuration: list[object] | None) -> int | None:
-    """Posture of the arm of a robconf; None where it is not known."""
-    number = configuration[3] if configuration is not None and len(configuration) == 4 else None
-    return round(number) if isinstance(number, int | float) else None
+def _configuration(configuration: list[object] | None) -> dict[str, Any]:
+    """Posture and quarters of the axes of a confdata, as :class:`RapidTarget` has them; None where not known."""
+    numbers = configuration if configuration is not None and len(configuration) == 4 else [None] * 4
+    cf1, cf4, cf6, cfx = (round(one) if isinstance(one, int | float) else None for one in numbers)
+    known = None if cf1 is None or cf4 is None or cf6 is None else (cf1, cf4, cf6)
+    return {"cfx": cfx, "quarters": known}
 
 
 def _text(values: list[object]) -> str:
