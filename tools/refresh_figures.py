@@ -3,10 +3,10 @@
 counterflex campaign --family wide --seeds 1001-1005 --exact --out out/campaign
 python tools/refresh_figures.py out/campaign/summary.json
 
-The campaign identifies every cell, which takes half an hour. The summary of `counterflex prove part.ngc --cell cell.toml`
-with the same options renews the other levels: rows of identified cells stay then, and the block says so.
-`tests/app/proof/test_accuracy_goals.py` compares the rows of the other levels with a fresh run: figures that have become
-stale fail there.
+The campaign identifies every cell, which takes half an hour. The summary of `counterflex prove part.ngc` with the same
+options renews the other levels: rows of identified cells stay then, and the block says so.
+`tests/app/proof/test_accuracy_goals.py` compares the rows of the other levels with a fresh run: figures that have
+become stale fail there.
 """
 
 from __future__ import annotations
