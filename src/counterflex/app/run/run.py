@@ -192,6 +192,9 @@ class Supervised:
                 process.start()
         for theirs in self._pipes[1::2]:
             theirs.close()
+        # While the others get ready: once the robot sends, recorder and permission to arm must not wait for it.
+        from counterflex.protocols.system.system_calls import unlocked_beat
+
         where, loop_sha256, layout, unusual = first_word(
             self.loop,
             self._loop_pipe,
@@ -200,7 +203,6 @@ class Supervised:
             lambda waited_s: preparing(waited_s, int(self.control[Course.COMPILED])),
         )
         self._up.append(self.loop)
-        self._unlock_beat()
         self._about = {**_about(self._settings, loop_sha256), LAYOUT: layout}
         with contextlib.suppress(OSError):  # who has died is told below
             self._recorder_pipe.send(self._about)
@@ -211,15 +213,10 @@ class Supervised:
         self.control[Life.MAY_ARM] = self.control[Request.ARM] = int(self._settings.arm)
         self._operator = OperatorFile(self._out, self._words.path)
         self._status = StatusReader(self._ring.name, self.control)
-        return where, unusual
-
-    def _unlock_beat(self) -> None:
-        """The loop has compiled what it needs: this process reads it from the cache."""
-        from counterflex.protocols.system.system_calls import unlocked_beat
-
-        beat_on = unlocked_beat()
-        if self._beat is not None and beat_on is not None:
+        beat_on = unlocked_beat()  # the loop has compiled it: this process reads it from the cache
+        if beat_on is not None:
             self._beat.unlock(beat_on)
+        return where, unusual
 
     def watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
         """Watch until the loop has ended; the first interrupt asks it to end.
