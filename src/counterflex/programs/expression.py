@@ -138,6 +138,8 @@ class ScopeOfReferences(Scope, Protocol):
 
 
 _STRING: Final = r'"(?:[^"]|"")*"'
+_EXACT_DIGITS: Final = 15
+"""A whole number of more digits is read as a floating one: infinite where it is too large, and refused as that."""
 
 
 def parse(text: str, grammar: Grammar, start: int = 0) -> tuple[Node, int]:
@@ -360,7 +362,7 @@ class _Parser:
 
 
 def _decimal(text: str) -> int | float:
-    return int(text) if text.isdigit() else float(text)
+    return int(text) if text.isdigit() and len(text) <= _EXACT_DIGITS else float(text)
 
 
 def is_number(value: object) -> bool:
