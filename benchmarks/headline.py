@@ -132,7 +132,7 @@ def _machined(job: Job, cell: Cell, truth: Truth, source: Job | None = None) -> 
 
 
 def within(row: dict[str, Any], values: str) -> list[bool]:
-    """Whether the figures of a row, before and after, lie within the range of its headline."""
+    """Return whether the figures of a row, before and after, lie within the range of its headline."""
     ranges = (row["before_mm"], row["after_mm"])
     given = [row["before_mm"][0], row["after_mm"][0]] if values == "headline" else row[values]
     return [bool(low <= value <= high) for value, (_, low, high) in zip(given, ranges, strict=True)]

@@ -63,7 +63,7 @@ OTHERS: Final = {
 
 
 def incidents(cut: Cut) -> dict[str, Incident]:
-    """What happens in a cut of the grid; chatter with 0.3 of its mean force."""
+    """Return what happens in a cut of the grid; chatter with 0.3 of its mean force."""
     out = {
         "sound": Incident(),
         "20 % thinner": Incident(thinner_share=0.2),

@@ -31,7 +31,7 @@ def block() -> Any:
 
 
 def rounded(low: tuple[float, float], high: tuple[float, float], radius: float, z: float) -> Any:
-    """What a tool of a radius clears around and within a rectangle, from z upwards."""
+    """Return what a tool of a radius clears around and within a rectangle, from z upwards."""
     posts = []
     for x in (low[0], high[0]):
         for y in (low[1], high[1]):

@@ -35,7 +35,7 @@ class Groove:
         return abs(float(self.end[2] - self.start[2])) > _SAME_M
 
     def covers(self, points: Float, tolerance_m: float) -> Bool:
-        """Whether places (n, 3) of the machined surface are of the groove: swept by its tool, not below its tip."""
+        """Tell places (n, 3) of the machined surface that are of the groove: swept by its tool, not below its tip."""
         run = self.end - self.start
         share = np.clip((points - self.start)[:, :2] @ run[:2] / (run[:2] @ run[:2]), 0.0, 1.0)
         nearest = self.start + share[:, None] * run
@@ -63,7 +63,7 @@ class CircularPocket:
     radius_m: float
 
     def covers(self, points: Float, tolerance_m: float) -> Bool:
-        """Whether places (n, 3) of the machined surface are of the pocket: within its wall, not below its floor."""
+        """Tell places (n, 3) of the machined surface that are of the pocket: within its wall, not below its floor."""
         off: Float = np.linalg.norm(points[:, :2] - self.centre, axis=1)
         inside: Bool = off < self.path_radius_m + self.radius_m + tolerance_m
         return inside & (points[:, 2] > self.floor_m - tolerance_m)

@@ -302,7 +302,7 @@ def _wall_top(surface: NominalSurface, xy: Float, left: Float, radius: float, to
 def uncovered(
     surface: NominalSurface, features: Sequence[Feature], rows: Sequence[FeatureRow]
 ) -> tuple[tuple[Feature, ...], Bool, Bool]:
-    """Which features have rows, and which wall points (m,) and floor cells (ny, nx) of a surface are theirs.
+    """Return which features have rows, and which wall points (m,) and floor cells (ny, nx) of a surface are theirs.
 
     Args:
         surface: Of the undisturbed part.

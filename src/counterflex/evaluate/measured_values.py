@@ -20,7 +20,7 @@ class MeasurablePart(Protocol):
     """A part whose walls and floors can be found."""
 
     def exits(self, point: Float, direction: Float) -> Float:
-        """How far the cut reaches along rays.
+        """Return how far the cut reaches along rays.
 
         Args:
             point: (m, 3) m, in the cut, part frame.

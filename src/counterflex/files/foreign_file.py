@@ -1,4 +1,4 @@
-"""What to do about a file of counterflex that was given where another one is read."""
+"""Remedies for a file of counterflex that was given where another one is read."""
 
 from __future__ import annotations
 

@@ -188,7 +188,7 @@ def bend_through_mode(
 
 @kernel("float64(float64[:, :, ::1], int64, float64[::1])")
 def bend_at_rest(compliance: Float, i: int, force: Float) -> float:
-    """How far a force would bend the tool at rest: the largest component, m."""
+    """Return how far a force would bend the tool at rest: the largest component, m."""
     bend = 0.0
     for k in range(3):
         target = 0.0

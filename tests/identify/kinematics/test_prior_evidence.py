@@ -58,7 +58,7 @@ def poses(zeros_mrad: tuple[float, ...], count: int, seed: int) -> Dataset:
 
 
 def calibrated(zeros_mrad: tuple[float, ...], option: str = "evidence") -> tuple[Widened, float, float]:
-    """What evidence makes of the priors, and the mean position error of other poses: with it and as stated."""
+    """Return what evidence makes of the priors, and the mean position error of other poses: with it and as stated."""
     data, unseen = [poses(zeros_mrad, 45, 1)], [poses(zeros_mrad, 20, 2)]
 
     def made(priors: ArmPriors) -> Setup:

@@ -225,7 +225,7 @@ def turning_axes(cell: Cell) -> frozenset[int]:
 
 
 def external(order: WritingOrder, language: Dialect) -> dict[str, Any]:
-    """What a writer needs of the external axes: where they begin, and the places that they take."""
+    """Return what a writer needs of the external axes: where they begin, and the places that they take."""
     cell, places = order.cell, order.job.places
     taken = [] if language == "val3" else written_places(places, cell, language)
     return {"external_axes": held_axes(cell), "places": taken, "turning_axes": turning_axes(cell)}

@@ -48,7 +48,7 @@ _ROUNDS: Final = 20
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What is searched.
+    """Search for places: its inputs.
 
     Attributes:
         task: The program.

@@ -278,7 +278,7 @@ def _pictures(p: Produced) -> tuple[Picture, ...]:
 
 
 def new_edge_word(probability: float, stated: bool) -> str:
-    """How a run came to be the first of an edge: ``stated``, ``seen``, ``perhaps``; empty where it is not."""
+    """Return how a run came to be the first of an edge: ``stated``, ``seen``, ``perhaps``; empty where it is not."""
     if stated:
         return "stated"
     return "seen" if probability > SURE else "perhaps" if probability > 0.0 else ""

@@ -42,7 +42,7 @@ _CLEARER: Final = 1.1
 
 
 def off_part(points_part: Float, faces: DatumFaces, clearance_m: float) -> Bool:
-    """Which points are not of the part: further from the blank than a clearance, or of what it stands on.
+    """Return which points are not of the part: further from the blank than a clearance, or of what it stands on.
 
     Args:
         points_part: (n, 3) m, part frame.

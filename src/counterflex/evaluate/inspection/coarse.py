@@ -244,7 +244,7 @@ def refined(first: list[Hypothesis], points: Float, normals: Float, reference: R
 
 
 def same_pose(T_a: Float, T_b: Float) -> bool:
-    """Whether two poses are the same within the reach of the refinement."""
+    """Return whether two poses are the same within the reach of the refinement."""
     step = T_a @ np.linalg.inv(T_b)
     angle = np.arccos(np.clip(0.5 * (np.trace(step[:3, :3]) - 1.0), -1.0, 1.0))
     return bool(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]) <= _SAME[0] and angle <= _SAME[1])

@@ -171,7 +171,7 @@ def _sums(places: MachinedPlaces, judged: Bool, seen: Bool, some: Bool) -> Cover
 
 
 def _judged(places: MachinedPlaces, part: InspectedPart, reach: float) -> Bool:
-    """Which places have a deviation of a face that looks their way within reach."""
+    """Return which places have a deviation of a face that looks their way within reach."""
     rows = part.rows
     out = np.zeros(len(places.points), np.bool_)
     if len(rows) == 0 or len(out) == 0:
@@ -186,7 +186,7 @@ def _judged(places: MachinedPlaces, part: InspectedPart, reach: float) -> Bool:
 
 
 def _under_points(points: Float, normals: Float, measured: Float, reach: float) -> Bool:
-    """Which places have a measured point over or under them: within reach of their normal, 3 mm along it."""
+    """Return which places have a measured point over or under them: within reach of their normal, 3 mm along it."""
     out = np.zeros(len(points), np.bool_)
     if len(measured) == 0 or len(points) == 0:
         return out

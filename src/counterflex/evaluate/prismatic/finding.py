@@ -60,7 +60,7 @@ class WallPair:
 
     @property
     def common_m(self) -> tuple[float, float]:
-        """Where both stand, along the first one, m."""
+        """Return where both stand, along the first one, m."""
         first, second = self.walls
         other = second.points[:, :2] @ first.along
         return max(first.ends_m[0], float(other.min())), min(first.ends_m[1], float(other.max()))
@@ -99,7 +99,7 @@ class PrismaticFeature:
         return (*(wall for pair in self.pairs for wall in pair.walls), *self.walls, *self.contour)
 
     def covers(self, points: Float, tolerance_m: float) -> Bool:
-        """Whether places (n, 3) of the machined surface are of the feature."""
+        """Return whether places (n, 3) of the machined surface are of the feature."""
         out = np.zeros(len(points), np.bool_)
         for wall in self.every_wall:
             out |= wall.covers(points, tolerance_m)
@@ -110,7 +110,7 @@ class PrismaticFeature:
 
 
 def stands_out(feature: object) -> bool:
-    """Whether walls of a feature look outward: an island, a rib or a boss."""
+    """Return whether walls of a feature look outward: an island, a rib or a boss."""
     return isinstance(feature, PrismaticFeature) and feature.kind in ("island", "rib", "boss")
 
 
@@ -229,7 +229,7 @@ def _of_pairs(
 
 
 def _crosses(a: WallPair, b: WallPair) -> bool:
-    """Whether two pairs are the sides of one rectangle: square to each other, with the same middle."""
+    """Return whether two pairs are the sides of one rectangle: square to each other, with the same middle."""
     if abs(float(a.walls[0].normal @ b.walls[0].normal)) > _SQUARE:
         return False
     low, high = a.common_m

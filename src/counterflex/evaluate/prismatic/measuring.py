@@ -61,7 +61,7 @@ def _stations(wall: WallSegment, low: float, high: float) -> Float:
 
 
 def _exit_beyond(place: Float, normals: Float, part: MeasurablePart, inset: float) -> Float:
-    """How far the cut reaches beyond nominal wall places along their normals, (n,) m; nan where it is not known."""
+    """Reach of the cut beyond nominal wall places along their normals, (n,) m; nan where it is not known."""
     before = place.copy()
     before[:, :2] -= inset * normals
     out = part.exits(before, normals) - inset

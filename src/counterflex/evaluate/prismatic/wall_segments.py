@@ -62,7 +62,7 @@ class WallSegment:
 
     @property
     def ends_m(self) -> tuple[float, float]:
-        """Where it begins and ends along :attr:`along`, m."""
+        """Return where it begins and ends along :attr:`along`, m."""
         t = self.points[:, :2] @ self.along
         return float(t.min()), float(t.max())
 
@@ -72,7 +72,7 @@ class WallSegment:
         return self.ends_m[1] - self.ends_m[0]
 
     def covers(self, points: Float, tolerance_m: float) -> Bool:
-        """Whether places (n, 3) of the machined surface lie on it."""
+        """Return whether places (n, 3) of the machined surface lie on it."""
         level = (points[:, 2] > self.low_m - tolerance_m) & (points[:, 2] < self.high_m + tolerance_m)
         distance = cKDTree(self.points[:, :2]).query(points[:, :2], distance_upper_bound=1.0 * MM)[0]
         near: Bool = distance < max(0.5 * MM, tolerance_m)

@@ -102,7 +102,7 @@ def _header(lines: Sequence[str], start: int, separator: str, into: dict[str, li
 
 
 def _next_segment(lines: Sequence[str], place: int) -> int | None:
-    """Where the header of the next segment begins; blocks of other data before it are passed over."""
+    """Return where the header of the next segment begins; blocks of other data before it are passed over."""
     special = False
     for k in range(place, len(lines)):
         if lines[k].startswith(_SPECIAL):

@@ -21,7 +21,7 @@ _SHAPE: Final = re.compile(r"[+-]?[\d.,' \u00a0\u202f\u2019]*\d[\d.,' \u00a0\u20
 
 @dataclass(frozen=True)
 class Decimals:
-    """How numbers are written.
+    """Form in which numbers are written.
 
     Attributes:
         comma: The decimal mark is a comma.

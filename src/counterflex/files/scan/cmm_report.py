@@ -30,7 +30,7 @@ _SAMPLE: Final = 400
 
 @dataclass(frozen=True)
 class RowsOfAxes:
-    """Where a report with one row for each axis has its cells.
+    """Places of the cells of a report with one row for each axis.
 
     Attributes:
         separator: Between cells; None: any space.
@@ -138,7 +138,7 @@ def read_rows_of_axes(path: Path, lines: Iterable[str], layout: RowsOfAxes) -> S
 
 
 def gives_axes(lines: list[str]) -> bool:
-    """Whether a text gives its points as ``X=.. Y=.. Z=..``."""
+    """Return whether a text gives its points as ``X=.. Y=.. Z=..``."""
     text = "\n".join(line for line in lines[:_SAMPLE] if not line.lstrip().startswith("#"))
     letters = [match[1].lower() for match in _GIVEN.finditer(text)]
     return all(axis in letters for axis in _AXES)

@@ -20,7 +20,7 @@ _ROWS: Final = 200_000
 
 
 def is_ptx(head: bytes) -> bool:
-    """Whether a text begins with the header of a PTX file."""
+    """Return whether a text begins with the header of a PTX file."""
     lines = head.splitlines()[:_HEAD]
     return len(lines) == _HEAD and _header(lines) is not None
 

@@ -141,7 +141,7 @@ def _layout(lines: list[str], path: Path) -> _Layout:
 
 
 def _counts_up(lines: list[str], separator: str | None, numeric: list[int]) -> bool:
-    """Whether the first of four or more numbers is that of the line: whole, and one more from line to line."""
+    """Return whether the first of four or more numbers is that of the line: whole, and one more from line to line."""
     if len(numeric) < 4 or len(lines) < 3:
         return False
     cells = [row[numeric[0]] for row in (split(line, separator) for line in lines) if len(row) > numeric[0]]
@@ -151,7 +151,7 @@ def _counts_up(lines: list[str], separator: str | None, numeric: list[int]) -> b
 
 
 def _names_columns(header: list[str], columns: int, separator: str | None, decimals: Decimals) -> bool:
-    """Whether a line above the first row names its columns, and is no title."""
+    """Return whether a line above the first row names its columns, and is no title."""
     if len(header) != columns or any(decimals.number(cell) is not None for cell in header):
         return False
     return separator is not None or any(word.lower().startswith(_COLUMN_WORDS) for word in header)

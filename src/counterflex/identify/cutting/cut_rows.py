@@ -24,7 +24,7 @@ def force_of(dataset: Dataset) -> str:
 
 
 def has_air(dataset: Dataset) -> bool:
-    """Whether rows in air are to be looked for.
+    """Return whether rows in air are to be looked for.
 
     Raises:
         InputError: The setting ``air`` has another value than ``none``.
@@ -36,7 +36,7 @@ def has_air(dataset: Dataset) -> bool:
 
 
 def in_air(dataset: Dataset) -> bool:
-    """Whether a whole record was taken in air: it shows the zero of the force for the other files."""
+    """Return whether a whole record was taken in air: it shows the zero of the force for the other files."""
     return dataset.has("time_s") and len(dataset) > 0 and not np.any(dataset.values("depth") > 0.0)
 
 
@@ -61,7 +61,7 @@ def zero_in_air(data: Sequence[Dataset]) -> tuple[Float, Float] | None:
 
 
 def ungrouped(dataset: Dataset) -> bool:
-    """Whether every row is a group of its own: the manifest names no column that says which rows are one cut."""
+    """Return whether every row is a group of its own: the manifest names no column that says which rows are one cut."""
     return len(np.unique(dataset.group)) == len(dataset)
 
 

@@ -235,7 +235,7 @@ class _Problem:
         return candidates
 
     def _beyond(self, item: Form) -> bool:
-        """Whether a form has more constants than the pieces tell."""
+        """Return whether a form has more constants than the pieces tell."""
         few = self.train_count < _FULL_PIECES and item.count > _FEW_CONSTANTS
         return few or 3 * self.train_count <= item.count + 3
 

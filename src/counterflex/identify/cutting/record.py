@@ -85,7 +85,7 @@ def contact(force: Float, depth: Float, per_turn: int = 1, *, steady: bool = Tru
 
 
 def _two_levels(size: Float, upper: Bool) -> bool:
-    """Whether sizes fall into two levels, far apart in terms of the scatter about each."""
+    """Return whether sizes fall into two levels, far apart in terms of the scatter about each."""
     low, high = size[~upper], size[upper]
     if len(low) == 0 or len(high) == 0:
         return False

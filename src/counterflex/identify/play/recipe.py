@@ -99,7 +99,7 @@ def identify(inputs: Inputs) -> Identification:
 
 @dataclass(frozen=True, eq=False)
 class _Axis:
-    """What the motions of one axis give; ``withheld`` says why its values are not to be used."""
+    """Result of the motions of one axis; ``withheld`` says why its values are not to be used."""
 
     axis: int
     fit: Fit

@@ -58,7 +58,7 @@ def why_not(axis: int, mine: Sequence[Motion], friction_nm: float, sigma_nm: flo
 
 
 def least_seen(axis: int, mine: Sequence[Motion], friction_nm: float) -> str | None:
-    """What one of the two kinds of poses that is missing leaves open; None where both were measured.
+    """Return what one of the two kinds of poses that is missing leaves open; None where both were measured.
 
     Args:
         axis: 0..5.

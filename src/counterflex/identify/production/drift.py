@@ -115,7 +115,7 @@ class Drift:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the force changes from run to run by more than chance."""
+        """Return whether the force changes from run to run by more than chance."""
         return bool(self.events) or (self.is_known and (self.low > 0.0 or self.high < 0.0))
 
     def length_to(self, limit: float, confidence: str = "middle") -> float:

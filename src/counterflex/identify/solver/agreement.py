@@ -46,7 +46,7 @@ class Agreement:
 
     @property
     def agrees(self) -> bool:
-        """Whether the data agree with the former values within noise."""
+        """Return whether the data agree with the former values within noise."""
         return self.chance >= AGREES
 
 

@@ -1,4 +1,4 @@
-"""What a program may have meant otherwise: words that controllers read in two ways, and what it leaves unsaid.
+"""Second readings of a program: words that controllers read in two ways, and what it leaves unsaid.
 
 Sources: FANUC Series 30i, Operator's Manual, "Decimal point programming" (parameter DPI; least increments of IS-B:
 0.001 mm, 0.0001 inch) and G04 P; Haas, Mill Operator's Manual (numbers without a decimal point, G04 P).

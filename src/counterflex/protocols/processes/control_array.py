@@ -140,7 +140,7 @@ class Panel(IntEnum):
 
 
 class Course(IntEnum):
-    """How a run begins and why it ended early: places of the control array after those of :class:`Panel`."""
+    """Beginning of a run and cause of an early end: places of the control array after those of :class:`Panel`."""
 
     COMPILED = 55
     """Kernels that its processes have compiled."""

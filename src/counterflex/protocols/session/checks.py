@@ -1,4 +1,4 @@
-"""What must hold before the correction may be armed, and while it acts."""
+"""Conditions that must hold before the correction may be armed, and while it acts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SessionChecks:
-    """What must hold before the correction may be armed.
+    """Conditions that must hold before the correction may be armed.
 
     Attributes:
         settle_cycles: Good telegrams in a row.

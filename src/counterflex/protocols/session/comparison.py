@@ -1,4 +1,4 @@
-"""What a run has found about robot, frames and plan: numbers by name, and the lines that tell them.
+"""Findings of a run about robot, frames and plan: numbers by name, and the lines that tell them.
 
 The numbers are those of the words that the processes of a run share, so that every reader tells the same.
 """
@@ -82,7 +82,7 @@ def frame_line(numbers: Mapping[str, Any]) -> str:
 
 
 def answer_line(numbers: Mapping[str, Any]) -> str:
-    """What is known of the robot's answer to the correction."""
+    """Return what is known of the robot's answer to the correction."""
     missing = numbers["missing_most_mm"]
     if missing is None:
         return "answer of the robot: not looked at, the controller does not report its pose"
@@ -91,5 +91,5 @@ def answer_line(numbers: Mapping[str, Any]) -> str:
 
 
 def summary_lines(numbers: Mapping[str, Any]) -> tuple[str, str]:
-    """What a run has found of frames and robot."""
+    """Return what a run has found of frames and robot."""
     return frame_line(numbers), answer_line(numbers)

@@ -130,7 +130,7 @@ class Teller:
         control[_LOOP] = now_ns
 
     def _missing(self) -> tuple[int, int]:
-        """What is missing of the correction at the robot, and the largest so far."""
+        """Return what is missing of the correction at the robot, and the largest so far."""
         if self._given.is_reported == 1:
             self._missing_most_nm = max(0, self._missing_most_nm)
         if self._tests.short == 0:
@@ -140,7 +140,7 @@ class Teller:
         return missing, self._missing_most_nm
 
     def _slow(self, cycles: int) -> tuple[int, int, int, int, int]:
-        """What changes slowly, read now and then: reading it takes longer than the rest."""
+        """Return what changes slowly, read now and then: reading it takes longer than the rest."""
         if cycles % _NOW_AND_THEN == 0:
             self._slowly = *self._frame(), *self._plan()
         return self._slowly

@@ -213,7 +213,7 @@ def _beat_on(words: Int, place: int, every_ns: int, end: Int) -> None:
 
 
 def unlocked_beat() -> Callable[[Int, int, int, Int], None] | None:
-    """What beats without the interpreter lock, compiled; None on other systems."""
+    """Return what beats without the interpreter lock, compiled; None on other systems."""
     if not THERE:
         return None
     compile_stated(__name__)

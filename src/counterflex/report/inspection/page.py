@@ -116,7 +116,7 @@ def _verdict(data: InspectionData) -> str:
 
 
 def _badge(data: InspectionData) -> tuple[str, bool] | None:
-    """How many quantities of the last part are out of tolerance or not wholly measured; and whether it is good."""
+    """Number of quantities of the last part out of tolerance or not wholly measured; and whether it is good."""
     name = list(data.deviations)[-1]
     if not data.features:
         return None

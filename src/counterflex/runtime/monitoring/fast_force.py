@@ -133,7 +133,7 @@ def _high_pass_square(turns: float, share: float) -> float:
 
 @kernel("boolean(Samples, int64)", Samples=SAMPLES)
 def _is_clear(d: Record, line: int) -> bool:
-    """Whether a line of the spindle lies off the tooth passing and its harmonic at the commanded speed."""
+    """Return whether a line of the spindle lies off the tooth passing and its harmonic at the commanded speed."""
     z, f = max(1, d.teeth), folded(d.turn * d.order[line])
     if int(d.order[line]) % z == 0:
         return True

@@ -195,7 +195,7 @@ def _judge_missing(gap: Float, explained_m: float, limits: Record, memory: Recor
 def _says_nothing(
     difference: Float, moved: Float, state: Record, corrects: bool, limits: Record, memory: Record
 ) -> bool:
-    """Whether the reported pose says nothing of the correction now: too little is sent, or the arm settles.
+    """Return whether the reported pose says nothing of the correction now: too little is sent, or the arm settles.
 
     Args:
         difference: (3,) reported less commanded position, m.
@@ -237,7 +237,7 @@ def judge_answer(
     limits: Record,
     memory: Record,
 ) -> int:
-    """What the robot makes of the correction (R19).
+    """Return what the robot makes of the correction (R19).
 
     With r the reported less the commanded position, r0 the same at rest without a correction, P the projection across
     the motion, a the nearest answer and d the distance ``|P (r - r0 - a)|`` to it:

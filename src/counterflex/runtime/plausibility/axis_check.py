@@ -111,7 +111,7 @@ class AxisCheck:
 
     @property
     def learnt(self) -> bool:
-        """Whether there is an offset."""
+        """Return whether there is an offset."""
         return bool(self._check.learnt == 1)
 
     @property

@@ -118,7 +118,7 @@ def stamped_pose(
 
 @kernel("boolean(Given, float64[::1], Memory)", Memory=MEMORY, Given=GIVEN)
 def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
-    """Whether the samples stay within their noise although the program has moved the tool by many times as much.
+    """Return whether the samples stay within their noise although the program has moved the tool by many times as much.
 
     Against the first of them: one that leaves the noise, or that the program has not moved, is the next first one.
     """

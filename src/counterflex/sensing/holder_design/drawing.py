@@ -172,7 +172,7 @@ class Drawing:
 
     @property
     def mirrored(self) -> bool:
-        """Whether both cheeks have the same pockets, mirrored at the plane between them."""
+        """Return whether both cheeks have the same pockets, mirrored at the plane between them."""
         left, right = (
             sorted(
                 (p.outer, p.y_m, p.z_m, p.width_m, p.height_m, p.depth_m, p.rib_m)

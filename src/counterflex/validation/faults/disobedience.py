@@ -1,4 +1,4 @@
-"""What only a comparison shows: a robot that makes less of the correction, other frames, another plan, another session.
+"""Faults that only a comparison shows: a robot that corrects by less, other frames, another plan, another session.
 
 Nothing fails here and every telegram is whole: R19 (robot and frames), R32 (plan), R9 (session), R15 and R16 (force).
 """

@@ -222,6 +222,9 @@ def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
         run_: What the twin recorded.
         case: Which paths.
         shape: ``square`` or ``circle``.
+
+    Raises:
+        InputError: The run has no sample in a zone: it ended early.
     """
     contour = np.linalg.norm(run_.p_actual - nearest(run_, case, shape), axis=1)
     if shape == "square":
@@ -234,8 +237,14 @@ def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
         zones = {"turn": turn, "reversals": tracking.reversal_zone(run_, turn, AFTER_REVERSAL_S)}
     out = {}
     for name, where in zones.items():
-        if not where.any():
+        if name == "reversals" and not where.any():
             continue
+        if not where.any():
+            raise InputError(
+                f"the run over the {shape} has no sample on its {name}",
+                value=f"{len(contour)} samples",
+                hint="It ended early, as on a computer that is busy with other work: remove its folder and run again",
+            )
         out[name] = {
             "contour": tracking.spread(contour, where).as_um(),
             "total": tracking.spread(run_.total, where).as_um(),
