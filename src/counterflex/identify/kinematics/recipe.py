@@ -168,8 +168,8 @@ def _without_off_rows(
 
 def _again(inputs: Inputs, remarks: tuple[str, ...], progress: Progress) -> Identification:
     """The identification of fewer rows, with what was said about those that were left out."""
-    found = identify(inputs._replace(progress=progress))
-    return replace(found, remarks=(*remarks, *found.remarks))
+    fewer = identify(inputs._replace(progress=progress))
+    return replace(fewer, remarks=(*remarks, *fewer.remarks))
 
 
 def _option(options: Mapping[str, Any], key: str, allowed: Sequence[str]) -> str:

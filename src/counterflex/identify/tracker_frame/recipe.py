@@ -89,8 +89,8 @@ def identify(inputs: Inputs) -> Identification:
     kept, more = without(data, off, as_stated=bool(options["as_stated"]))
     notes = (*more, *notes)
     if off and not options["as_stated"]:
-        found = identify(inputs._replace(data=kept, progress=share_of(progress, _FITTED, 1.0)))
-        return replace(found, remarks=(*more, *found.remarks))
+        fewer = identify(inputs._replace(data=kept, progress=share_of(progress, _FITTED, 1.0)))
+        return replace(fewer, remarks=(*more, *fewer.remarks))
     fit = with_frame_sigma(
         fit,
         blocks,
