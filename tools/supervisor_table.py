@@ -160,9 +160,9 @@ def text(space: Space | None = None) -> str:
     space = explore() if space is None else space
     state, held, stop = (space.fields(name) for name in ("state", "feed_hold", "stop"))
     lines = [
-        f"Written by `python tools/supervisor_table.py`: {len(space.keys)} states of the supervisor, counters told apart,",
-        f"with {len(all_inputs())} inputs each. A cause of a fault goes before all else. Where nothing of it is the case,",
-        "the state stays.",
+        f"Written by `python tools/supervisor_table.py`: {len(space.keys)} states of the supervisor,",
+        f"counters told apart, with {len(all_inputs())} inputs each. A cause of a fault goes before all else.",
+        "Where nothing of it is the case, the state stays.",
         "",
         "| state | output | feed hold | next | when | cause |",
         "|---|---|---|---|---|---|",
