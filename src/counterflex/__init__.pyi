@@ -28,4 +28,5 @@ from counterflex.api.run_log import read_run as read_run
 from counterflex.api.simulated_cell import SimulatedCell as SimulatedCell
 from counterflex.api.simulated_cell import simulate as simulate
 
+__all__: tuple[str, ...]
 __version__: Final[str]

@@ -252,7 +252,7 @@ def test_compliance_is_the_slope_of_the_deflection(folder: Path) -> None:
 
 
 def test_the_mean_of_a_revolution_is_the_closed_form(folder: Path) -> None:
-    cut = {"depth_mm": 3.0, "feed_per_tooth_um": 40.0, "arc_deg": (60.0, 180.0)}
+    cut: dict[str, Any] = {"depth_mm": 3.0, "feed_per_tooth_um": 40.0, "arc_deg": (60.0, 180.0)}
     closed = cf.forces(folder / "cell.toml", **cut).row(0, named=True)
     teeth = cf.forces(folder / "cell.toml", **cut, revolution=True, runout_um=0.0, trochoid=False)
     for axis in ("along_n", "left_n", "up_n"):
@@ -266,7 +266,7 @@ def test_engagement_of_a_slot_is_its_depth_and_the_diameter(folder: Path) -> Non
     rows = cf.engagement(folder / "part.ngc", folder / "cell.toml", every_mm=1.0)
     cut = rows.filter(pl.col("volume_mm3") > 0.0).sort("area_mm2").tail(3)
     assert cut["area_mm2"].mean() == pytest.approx(2.0 * 16.0, rel=0.05)
-    assert cut["width_mm"].mean() == pytest.approx(16.0, rel=0.03)
+    assert cut["width_mm"].mean() == pytest.approx(16.0, abs=0.2)  # a cell of the blank: 0.1 mm at each side
 
 
 def test_arrays_are_identified_as_their_files(folder: Path, tmp_path: Path) -> None:
@@ -276,19 +276,21 @@ def test_arrays_are_identified_as_their_files(folder: Path, tmp_path: Path) -> N
     force_n = 300.0 * np.tile(np.eye(3), (6, 1))
     bent_um = 1.2 * np.stack([cf.compliance(cell, q)[:3, :3] @ f for q, f in zip(q_deg, force_n, strict=True)])
     bent_um += rng.normal(0.0, 3.0, bent_um.shape)
-    one = {
+    one: dict[str, Any] = {
         "kind": "pulls",
         "q_deg": q_deg,
         "f_tcp_base_n": force_n,
         "d_tcp_base_um": bent_um,
         "sigma_d_tcp_base_um": 3.0,
     }
-    two = {
+    two: dict[str, Any] = {
         "kind": "pulls", "q_rad": np.deg2rad(q_deg), "f_tcp_base_kn": force_n / 1e3, "d_tcp_base_mm": bent_um / 1e3,
         "sigma_d_tcp_base_mm": [3e-3] * 3,
     }  # fmt: skip
-    options = {"settings": {"regions": False}}
-    found = [cf.identify("stiffness", data, cell, tmp_path / str(k), **options) for k, data in enumerate((one, two))]
+    found = [
+        cf.identify("stiffness", data, cell, tmp_path / str(k), settings={"regions": False})
+        for k, data in enumerate((one, two))
+    ]
     head = found[0].summary["headline"][0]
     assert head["value"] < 0.2 * head["nominal"]
     assert np.allclose(found[0].table["value"], found[1].table["value"], rtol=1e-5)

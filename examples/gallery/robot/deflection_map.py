@@ -103,16 +103,16 @@ go.Figure(
 
 parts = cf.deflection(cell, at_mm=[100.0, 75.0, 40.0], force_n=[0.0, 300.0, 0.0], by_element=True)
 whole_um = parts.select("^deflection_._um$").sum().to_numpy()[0]
-size_um = float(np.linalg.norm(whole_um))
+length_um = float(np.linalg.norm(whole_um))
 share = parts.select(
-    "element", um=pl.col("share") * size_um, percent=100.0 * pl.col("share")
+    "element", um=pl.col("share") * length_um, percent=100.0 * pl.col("share")
 ).filter(pl.col("percent").abs() >= 1.0)  # fmt: skip
 print(share.sort("percent", descending=True))
 
 go.Figure(
     go.Bar(x=share["element"].to_list(), y=share["um"].to_list(), marker={"color": "#0369a1"}),
     layout={
-        "title": {"text": f"what makes the {size_um:.0f} um in the middle of the blank"},
+        "title": {"text": f"what makes the {length_um:.0f} um in the middle of the blank"},
         "yaxis": {"title": {"text": "um, along the deflection"}},
     },
 )

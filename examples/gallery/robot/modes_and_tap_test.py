@@ -45,7 +45,7 @@ found.table
 
 heavier = {"spindle": 1.2, "axis3": 1.15, "link_arm": 1.25}
 hz = np.arange(3.0, 40.5, 0.5)
-true = found.response(hz, mass_factors=heavier, compliance_factor=1.1, damping_s=2e-3)
+true = found.response(hz, mass_factors=heavier, factor=1.1, damping_s=2e-3)
 noise = np.random.default_rng(1)
 size = 0.03 * np.hypot(true["real_um_n"], true["imag_um_n"])
 tapped = true.with_columns(
@@ -65,7 +65,7 @@ print("\n".join(tap_file.read_text(encoding="utf-8").splitlines()[:4]))
 # The fit starts from the cell file with what is known of each value, and moves what the data see. A mass that the
 # test does not see keeps its value and says so.
 
-fit = found.beside(tap_file)
+fit = found.compare(tap_file)
 masses = pl.DataFrame(fit["masses"])
 truth = [row["stated_kg"] * heavier.get(row["body"], 1.0) for row in fit["masses"]]
 print(masses.with_columns(true_kg=pl.Series(truth)))
@@ -79,7 +79,7 @@ print(f"agreement (FRAC) {fit['frac_before']:.3f} before, {fit['frac_after']:.3f
 fitted = found.response(
     hz,
     mass_factors={row["body"]: row["fitted_kg"] / row["stated_kg"] for row in fit["masses"]},
-    compliance_factor=1.0 / fit["stiffness_factor"],
+    factor=1.0 / fit["stiffness_factor"],
     damping_s=fit["damping_s_after"],
 )
 curves = (

@@ -208,8 +208,8 @@ def compliance(cell: Cell | str | Path, joints_deg: Any) -> Float:
         InputError: Shapes that do not fit, or angles outside of the joint limits.
     """
     chain = model_of(cell).chain
-    found: Float = np.stack([cartesian.cartesian_compliance(chain, q) for q in _angles(chain, joints_deg)]) / UM
-    return found[0] if np.ndim(joints_deg) == 1 else found
+    matrices: Float = np.stack([cartesian.cartesian_compliance(chain, q) for q in _angles(chain, joints_deg)]) / UM
+    return matrices[0] if np.ndim(joints_deg) == 1 else matrices
 
 
 def deflection(cell: Cell | str | Path, at_mm: Any, force_n: Any, *, by_element: bool = False) -> pl.DataFrame:

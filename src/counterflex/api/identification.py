@@ -60,8 +60,8 @@ class Identification(Result):
         keys = ("name", "label", "unit", "nominal", "value", "sigma", "low", "high", "prior_sigma", "seen")
         rows = [
             {"fit": fit, **{key: row.get(key) for key in keys}}
-            for fit, said in self._result["fits"].items()
-            for row in said["parameters"]
+            for fit, values in self._result["fits"].items()
+            for row in values["parameters"]
             if row["free"]
         ]
         return pl.DataFrame(rows, infer_schema_length=None, strict=False)

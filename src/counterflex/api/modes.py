@@ -61,7 +61,7 @@ class Modes(Result):
         hz: Any,
         *,
         mass_factors: Mapping[str, float] | None = None,
-        compliance_factor: float = 1.0,
+        factor: float = 1.0,
         damping_s: float | None = None,
     ) -> pl.DataFrame:
         """Return the motion of the tool tip under a force there, drives held.
@@ -69,7 +69,7 @@ class Modes(Result):
         Args:
             hz: (n,) frequencies.
             mass_factors: Factors on the masses of bodies, by name.
-            compliance_factor: Factor on all compliances.
+            factor: On all compliances.
             damping_s: beta of the damping beta K; None is that of the cell.
 
         Returns:
@@ -80,15 +80,15 @@ class Modes(Result):
         """
         import polars as pl
 
-        found, given = self.result, dict(mass_factors or {})
-        chain = found.chain
+        modes_, given = self.result, dict(mass_factors or {})
+        chain = modes_.chain
         if unknown := set(given) - set(chain.names):
             raise InputError("there is no such body", value=min(unknown), limit=", ".join(chain.names))
         factors = np.array([given.get(name, 1.0) for name in chain.names])
-        chain = replace(chain, mass=chain.mass * factors, compliance=chain.compliance * compliance_factor)
+        chain = replace(chain, mass=chain.mass * factors, compliance=chain.compliance * factor)
         frequency = np.atleast_1d(np.asarray(hz, dtype=np.float64))
-        M, stiffness, J, _ = matrices(chain, found.q)
-        beta = found.damping_s if damping_s is None else damping_s
+        M, stiffness, J, _ = matrices(chain, modes_.q)
+        beta = modes_.damping_s if damping_s is None else damping_s
         response = frequency_response(M, stiffness, J, beta, (None,) * 6, 2.0 * math.pi * frequency) / UM
         return pl.concat(
             pl.DataFrame(
@@ -102,7 +102,7 @@ class Modes(Result):
             for k, axis in enumerate("xyz")
         )
 
-    def beside(self, tap_test_file: str | Path, *, up_to_hz: float = tap_test.UP_TO_HZ) -> dict[str, Any]:
+    def compare(self, tap_test_file: str | Path, *, up_to_hz: float = tap_test.UP_TO_HZ) -> dict[str, Any]:
         """Compare with a tap test in the same posture, and fit the masses.
 
         Args:

@@ -103,8 +103,8 @@ class Comparison(Result):
         judged: ``nominal`` and, where there is one, ``compensated``.
     """
 
-    def __init__(self, reference: Reference, judged: Mapping[str, Judged], said: dict[str, Any]) -> None:
-        self.reference, self.judged, self._summary = reference, judged, said
+    def __init__(self, reference: Reference, judged: Mapping[str, Judged], content: dict[str, Any]) -> None:
+        self.reference, self.judged, self._summary = reference, judged, content
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -212,11 +212,11 @@ class Proof(Comparison):
         self,
         reference: Reference,
         judged: Mapping[str, Judged],
-        said: dict[str, Any],
+        content: dict[str, Any],
         seeds: pl.DataFrame,
         files: dict[str, str],
     ) -> None:
-        super().__init__(reference, judged, said)
+        super().__init__(reference, judged, content)
         self.seeds, self.files = seeds, files
 
 
@@ -357,7 +357,7 @@ def inspect(
     from counterflex.app.inspection import judging
 
     file = program_file(program)
-    found = judging.inspect(
+    inspection = judging.inspect(
         file,
         file_of(cell),
         Path(scan),
@@ -365,4 +365,4 @@ def inspect(
         before=None if before is None else Path(before),
         progress=progress,
     )
-    return Inspected(file, found)
+    return Inspected(file, inspection)

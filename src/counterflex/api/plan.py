@@ -179,10 +179,10 @@ class Posture(Result):
     def _lines(self) -> list[str]:
         keys = (("present", self.summary["present"]), ("chosen", self.summary["chosen"]))
         return [
-            f"{name}: {said['branch']}, {said['rotation_about_tool_deg']:g} deg about the tool, "
-            f"{said['deflection_um']:g} um"
-            for name, said in keys
-            if said is not None
+            f"{name}: {figures['branch']}, {figures['rotation_about_tool_deg']:g} deg about the tool, "
+            f"{figures['deflection_um']:g} um"
+            for name, figures in keys
+            if figures is not None
         ]
 
     def _pictures(self) -> dict[str, Figure]:
@@ -256,5 +256,5 @@ def preflight(program: Program | str | Path, cell: Cell | str | Path, *, progres
     from counterflex.app import preflight as checks
 
     reading = reading_of(program)
-    found = checks.check(program_file(program), model_of(cell), reading=reading, progress=progress)
-    return pl.DataFrame(found.summary["checks"], infer_schema_length=None, strict=False)
+    checked = checks.check(program_file(program), model_of(cell), reading=reading, progress=progress)
+    return pl.DataFrame(checked.summary["checks"], infer_schema_length=None, strict=False)

@@ -46,10 +46,13 @@ def engagement(program: Program | str | Path, cell: Cell | str | Path, *, every_
     known = in_working_plane(program_file(program), model_of(cell), reading)
     job = read_job(program_file(program), known, reading=reading)
     cutter = known.cutter(tool_of(job.path))
-    removed = remove_tool_path(known.stock(), job.path, cutter)
+    stock = known.stock()
+    removed = remove_tool_path(stock, job.path, cutter)
     assert removed.engagement is not None  # it is booked unless it is refused
     step = np.linalg.norm(np.diff(job.path.p_part_tcp, axis=0), axis=1)
-    seen = figures(removed.engagement, step, cutter, least_m=as_positive("every_mm", every_mm) * MM)
+    seen = figures(
+        removed.engagement, step, cutter, least_m=as_positive("every_mm", every_mm) * MM, cell_m=stock.cell_m
+    )
     place = job.path.p_part_tcp[seen.last] / MM
     return pl.DataFrame(
         {

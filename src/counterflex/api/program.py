@@ -76,12 +76,12 @@ class Program(Result):
         return Path(file)
 
     def _lines(self) -> list[str]:
-        said = self.summary
-        motions = ", ".join(f"{count} {kind}" for kind, count in said["motions"].items())
+        about = self.summary
+        motions = ", ".join(f"{count} {kind}" for kind, count in about["motions"].items())
         return [
-            f"{said['program']}: {said['language']}, {said['lines']} lines",
+            f"{about['program']}: {about['language']}, {about['lines']} lines",
             f"motions: {motions or 'none'}",
-            f"tools: {', '.join(f'T{tool}' for tool in said['tools']) or 'none'}",
+            f"tools: {', '.join(f'T{tool}' for tool in about['tools']) or 'none'}",
         ]
 
     def _pictures(self) -> dict[str, Figure]:

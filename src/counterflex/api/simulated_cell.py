@@ -113,8 +113,8 @@ class SimulatedCell(Result):
         with tempfile.TemporaryDirectory(prefix="counterflex-") as scratch:
             truth = Path(scratch) / "truth.toml"
             write_truth(truth, self.truth)
-            asked = file / "proposal.toml" if file.is_dir() else file
-            return laboratory.measure(asked, self.cell.file, truth, out, seed=seed, progress=progress)
+            file_ = file / "proposal.toml" if file.is_dir() else file
+            return laboratory.measure(file_, self.cell.file, truth, out, seed=seed, progress=progress)
 
     def machine(
         self, program: Program | Plan | str | Path, original: str | Path | None = None, *, progress: Progress = silent
@@ -134,11 +134,11 @@ class SimulatedCell(Result):
         return Part(reference, there, reading, self.truth, record)
 
     def _lines(self) -> list[str]:
-        said = self.summary
+        about = self.summary
         which = (
-            "exactly as its file says" if said["seed"] is None else f"seed {said['seed']} of family {said['family']}"
+            "exactly as its file says" if about["seed"] is None else f"seed {about['seed']} of family {about['family']}"
         )
-        return [f"simulated cell: {said['cell']}, {which}"]
+        return [f"simulated cell: {about['cell']}, {which}"]
 
 
 def simulate(
