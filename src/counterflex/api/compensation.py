@@ -98,11 +98,10 @@ class Compensation:
         Returns:
             Their paths.
         """
-        place = Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        for name, text in self.files.items():
-            atomic.write_bytes(place / name, text.encode(self.result.encoding, errors="replace"))
-        return [place / name for name in self.files]
+        with atomic.atomic_folder(folder) as staging:
+            for name, text in self.files.items():
+                atomic.write_bytes(staging / name, text.encode(self.result.encoding, errors="replace"))
+        return [Path(folder) / name for name in self.files]
 
 
 def compensate(
