@@ -70,10 +70,9 @@ class Plan(Result):
 
     def save_program(self, folder: str | Path) -> list[Path]:
         """Write the program files alone; returns their paths."""
-        place = Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        job.write_programs(self.result, place)
-        return [place / name for name in self.files]
+        with atomic.atomic_folder(folder) as staging:
+            job.write_programs(self.result, staging)
+        return [Path(folder) / name for name in self.files]
 
     def _lines(self) -> list[str]:
         rows = error_rows(self.summary["prediction"])
