@@ -34,6 +34,8 @@ INPUT: Final = record(
     session=int, gone=int,
 )  # fmt: skip
 """Of a cycle; `gone`: telegrams are away for as long as a session may go on without them."""
+_MEMORY: Final = record(given=GIVEN, state=STATE, cycle=CYCLE, result=RESULT, before=STATE)
+"""Work space; owned by the caller, because a compiled function frees an array whose record it still uses."""
 RULES: Final = (
     "a flicker of Enable does not end the correction",
     "what is away in the cut is not armed, until a person resets",
@@ -160,13 +162,14 @@ def _broken(was: Any, given: Any, now: Any, result: Any, had: int, kept: int, aw
 @functools.cache
 def _walker(ask: Ask) -> Callable[..., Int]:
     @compiled
-    def walk(keys: Int, inputs: Any, settings: Any, bits: Int, causes: Int, broken: Int) -> Int:
-        givens, states, cycles, results = (
-            np.zeros(1, GIVEN), np.zeros(1, STATE), np.zeros(1, CYCLE), np.zeros(1, RESULT),
-        )  # fmt: skip
-        given, state, cycle, result = givens[0], states[0], cycles[0], results[0]
-        befores = np.zeros(1, STATE)  # lives as long as the record that is opened in it
-        before = befores[0]
+    def walk(memory: Any, keys: Int, inputs: Any, settings: Any, bits: Int, causes: Int, broken: Int) -> Int:
+        given, state, cycle, result, before = (
+            memory[0].given,
+            memory[0].state,
+            memory[0].cycle,
+            memory[0].result,
+            memory[0].before,
+        )
         found = set([np.int64(-2)])  # noqa: C405 (the compiler knows no literal of a set)
         for k in range(len(keys)):
             _load(keys[k], before, result, bits, causes)
@@ -207,7 +210,7 @@ def explore(ask: Ask = stage.ask_supervisor, *, first: bool = False) -> StepSpac
     keys = frontier = np.zeros(1, np.int64)
     while len(frontier) and not (first and np.any(broken >= 0)):
         parts = np.array_split(frontier, max(1, len(frontier) // 64))
-        found = [_walker(ask)(part, inputs, _settings(), _BITS, _CAUSES, broken) for part in parts]
+        found = [_walker(ask)(records(_MEMORY), part, inputs, _settings(), _BITS, _CAUSES, broken) for part in parts]
         frontier = np.setdiff1d(np.concatenate(found), np.concatenate([keys, [-1, -2]]))
         keys = np.concatenate([keys, frontier])
     names = [*RULES, *[""] * (15 - len(RULES)), "numbers stay within their range"]
@@ -226,13 +229,20 @@ def states_after(keys: Int, **values: int) -> Int:
     for name, value in values.items():
         one[name] = value
     return np.unique(
-        _walker(stage.ask_supervisor)(keys, one, _settings(), _BITS, _CAUSES, np.zeros((16, 3), np.int64))
+        _walker(stage.ask_supervisor)(
+            records(_MEMORY), keys, one, _settings(), _BITS, _CAUSES, np.zeros((16, 3), np.int64)
+        )
     )[1:]
 
 
 def named(keys: Int) -> set[State]:
     """Return the states of packed ones."""
     return {State(int(key)) for key in keys & 7}
+
+
+def is_moved(key: int) -> bool:
+    """Return whether a correction is in force in a packed state."""
+    return bool(key >> int(np.sum(_BITS[:-1])) & 1)
 
 
 def _settings() -> Records:

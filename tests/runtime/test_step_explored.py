@@ -9,11 +9,12 @@ from types import ModuleType
 from typing import Final, cast
 
 import numba
+import numpy as np
 import pytest
 
 from counterflex.runtime.state.states import State
 from counterflex.runtime.step import supervise as stage
-from step_space import LEAST, Ask, StepSpace, explore, named, states_after
+from step_space import LEAST, Ask, StepSpace, explore, is_moved, named, states_after
 
 DEFECTS: Final = {
     "what is away is armed by a person who has not seen it": (
@@ -24,7 +25,7 @@ DEFECTS: Final = {
         "(acts and state.disabled < DEBOUNCE)",
         "(acts and state.disabled < 2)",
     ),
-    "a jump of the counter takes the correction away": ("if session != LAST_CORRECTION:", "if given.hard != 0:"),
+    "a jump of the counter takes the correction away": ("if session != LAST_CORRECTION:", "if cycle.hard != 0:"),
     "silence is taken for the end of a session at once": (" and result.silent == 1:", ":"),
     "an uncorrected cut is not seen": (" or state.uncorrected >= DEBOUNCE:", ":"),
     "off the plan a ramp begins while it may cut": (
@@ -53,7 +54,9 @@ def test_every_state_comes_to_ready_when_the_session_ends_and_a_person_resets() 
         keys = states_after(keys, gone=1, healthy=1, standing=1)
     for _ in range(8):
         keys = states_after(keys, elapsed=1, reset=1, healthy=1, standing=1)
-    assert named(keys) == {State.READY, State.ARMED}  # who is armed stays so
+    assert named(keys) == {State.READY, State.ARMED, State.RAMP_OUT}  # who is armed stays so
+    # Only what waits for the limiter to bring a correction to zero is left there.
+    assert all(is_moved(int(key)) for key in keys if named(np.array([key])) == {State.RAMP_OUT})
 
 
 def planted(text: str, instead: str, monkeypatch: pytest.MonkeyPatch) -> Ask:
