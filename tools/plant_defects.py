@@ -173,7 +173,7 @@ def _run_tests(scratch: Path, batches: list[list[str]], interpreted: bool) -> st
     quiet = os.open(scratch / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(quiet, 1)
     os.dup2(quiet, 2)
-    sys.path[:0] = [str(scratch / "src")]
+    sys.path[:0] = [str(scratch / "src"), str(scratch)]
     sys.dont_write_bytecode = False  # what has not changed is compiled once per scratch copy
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     os.environ |= {"PYTHONPATH": str(scratch / "src"), "COUNTERFLEX_CACHE": str(scratch / "cache")}
