@@ -95,7 +95,7 @@ def test_a_row_that_one_model_alone_misses_is_judged(number: int, missed_by: str
     elif missed_by == "nominal":  # far along the line: the slope that was identified predicts it
         t[row], y[row] = 10.0, 2.0 + 3.0 * 10.0
     else:  # a level: the nominal slope of 0 predicts it as well as the others, the identified one does not
-        t[row], y[row] = 0.5, float(np.mean(np.delete(y, row)))
+        t[row], y[row] = 2.0, float(np.mean(np.delete(y, row)))
     data = replace(block, t=t, y=y)
     found = cross_validate(parameters(), [data], needed=("a",), folds=Folds(5, seed=1))
     missed = [values[row] > GROSS * np.median(values) for values in (found.identified, found.nominal)]
