@@ -173,7 +173,9 @@ def _run_tests(scratch: Path, batches: list[list[str]], interpreted: bool) -> st
     quiet = os.open(scratch / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(quiet, 1)
     os.dup2(quiet, 2)
-    sys.path[:0] = [str(scratch / "src")]
+    sys.path[:0] = [str(scratch / "src"), str(scratch)]
+    sys.dont_write_bytecode = False  # what has not changed is compiled once per scratch copy
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     os.environ |= {"PYTHONPATH": str(scratch / "src"), "COUNTERFLEX_CACHE": str(scratch / "cache")}
     if interpreted:
         import numba
@@ -271,6 +273,8 @@ def _is_done(defect: Defect, row: dict[str, Any] | None, own: int, above: int) -
 
 def run(defects: list[Defect], jobs: int, own: int, above: int, limit_s: float, kept: Path) -> None:
     """Run defects, ``jobs`` at a time, and append each result to a file of lines."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # a shell that starts it in the background ignores the first
+        signal.signal(number, signal.default_int_handler)
     for name in _LIBRARIES:
         importlib.import_module(name)
     folder = Path(tempfile.mkdtemp(prefix="planted-"))
