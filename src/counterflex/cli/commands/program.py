@@ -10,7 +10,7 @@ import typer
 
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.cli import arguments
-from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written, warn
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING, DIALECTS
@@ -103,11 +103,8 @@ def path(
     from counterflex.app.inputs import Reading
     from counterflex.app.motion_list import listed
     from counterflex.programs.listing import listing, write_listing
-    from counterflex.programs.stated.two_readings import doubtful_readings
 
     toolpath, held = listed(program, Reading(dialect, parameters, complete=not without_end), cell)
-    for warning in doubtful_readings(toolpath):
-        typer.echo(f"warning: {warning}", err=True)
     if as_json:
         rows = listing(toolpath, held).to_dicts()
         print_json(
@@ -290,5 +287,5 @@ def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
     for collision in prediction["collisions"]:
         typer.echo(f"warning: rapid in {line_of(collision)} cuts {collision['volume_mm3']:.1f} mm3 of material")
     for warning in summary["written"].get("warnings", []):
-        typer.echo(f"warning: {warning}")
+        warn(warning)
     typer.echo(f"wrote {out}: {', '.join(files)} ({summary['seconds']:.1f} s)")

@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import numbers
 from counterflex.cli.commands.cell_import import cell_import
-from counterflex.cli.output import print_json, print_table
+from counterflex.cli.output import print_json, print_table, warn
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 
@@ -258,7 +258,7 @@ def deflection(
         [_share(row) for row in answer["shares"]],
     )
     for warning in answer["warnings"]:
-        typer.echo(f"warning: {warning}")
+        warn(warning)
 
 
 def _share(row: dict[str, Any]) -> list[str]:
@@ -326,7 +326,7 @@ def cell_check(
     for assumption in answer["assumptions"]:
         typer.echo(f"note: {assumption}")
     for warning in answer["warnings"]:
-        typer.echo(f"warning: {warning}")
+        warn(warning)
     typer.echo("cell file ok" if not answer["warnings"] else f"cell file readable, {len(answer['warnings'])} warnings")
 
 
