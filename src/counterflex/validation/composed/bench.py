@@ -121,12 +121,13 @@ def plan(deeper_m: float = 0.0) -> LoopPlan:
     """
     own = program()
     rows = slice(0, own.end + 1, _PLAN_ROWS)
-    p, force = own.p[rows] - [0.0, 0.0, deeper_m], own.force[rows]
+    p: Float = own.p[rows] - np.array([0.0, 0.0, deeper_m])
+    force = own.force[rows]
     n = len(p)
     w = np.concatenate([force, np.zeros((n, 3))], axis=1)
     cuts = (np.abs(force[:, 1]) > 0.0).astype(np.float64)
     time = np.arange(n) * _PLAN_ROWS * SPACING_M / FEED_M_S
-    return LoopPlan(p, time, w, cuts, np.zeros((n, 6)))
+    return LoopPlan(p, np.asarray(time, dtype=np.float64), w, cuts, np.zeros((n, 6)))
 
 
 @functools.cache

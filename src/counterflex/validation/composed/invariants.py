@@ -40,8 +40,10 @@ _PANEL_SILENT_NS: Final = 1_000_000_000
 _UNCORRECTED: Final = 12
 _MISSING_M: Final = 0.7 * MM
 _MISSING: Final = 300
+_CLEAN: Final = 30
+"""Cycles from which a line is taken to be without faults again."""
 _MOVES_M_S: Final = 1e-3
-_AGAIN_S: Final = 14.0
+_AGAIN_S: Final = 12.0
 _ACTS: Final = (State.ACTIVE, State.HOLD, State.RAMP_OUT, State.FAULT)
 
 
@@ -81,7 +83,7 @@ class Invariants:
         self._runs = 0
         self._since: dict[str, int] = {}
         self._cycle = 0
-        self._uncorrected = self._missing = 0
+        self._uncorrected = self._missing = self._clean = self._silent = 0
         self._model: Float = np.zeros(3)
         self._rate: Float = np.zeros(3)
         self._last_active_s = 0.0
@@ -108,6 +110,7 @@ class Invariants:
         self._causes(world, state)
         self._visible(world, state)
         self._senders(world)
+        self._answers(world, session.loop.result.silent == 1)
         self._in_the_cut(world, state)
         self._obeyed(world, state)
         if session.trouble:
@@ -202,25 +205,26 @@ class Invariants:
         story, control, clock = world.story, world.control, world.clock_ns()
         given = session.loop.quick_given
         needs_force = story.mode.startswith(("measured", "pilot", "scale"))
-        panel_lost = clock - int(control[Panel.NS]) > _PANEL_SILENT_NS
+        panel_silent = clock - int(control[Panel.NS]) > _PANEL_SILENT_NS
         seen = {
             "a stop": (world.stop_asked and given.elapsed > 0, _VISIBLE),
             "a dead process": (bool(control[Life.GONE]), _VISIBLE),
             "a silent run": (clock - int(control[Life.RUN_NS]) > _RUN_SILENT_NS, _VISIBLE),
             "a lost log": (story.without_log == "hold" and bool(control[Kept.TROUBLE]), _VISIBLE),
-            "a lost panel": (
-                story.without_panel == "hold" and clock - int(control[Panel.NS]) > _PANEL_SILENT_NS,
-                _VISIBLE,
-            ),
+            "a lost panel": (story.without_panel == "hold" and panel_silent, _VISIBLE),
             "a cause": (given.hard != 0 or (given.soft != 0 and not story.mode.startswith("fused")), _VISIBLE),
             "no telegrams": (world.now_s - world.received_at > _LATE_CYCLES * PERIOD_S, _VISIBLE),
-            "no Enable": (given.enable == 0 and given.elapsed > 0, _DEBOUNCED),
-            "no force": (
-                story.mode.startswith(("measured", "pilot", "scale")) and "force-silent" in world.active.now,
-                _STALE,
-            ),
+            "no Enable": (world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
+            "no force": (needs_force and "force-silent" in world.active.now, _STALE),
         }
         cycle = session.loop.cycle
+        if world.frozen:
+            self._since.pop("no telegrams", None)
+        elif seen["no telegrams"][0]:
+            self._silent = world.cycles if "no telegrams" not in self._since else self._silent
+            silent = world.cycles - self._silent
+            if state == State.ACTIVE and silent > _VISIBLE:
+                self._break("reacts to no telegrams", world, f"ACTIVE {silent} cycles after it, {_VISIBLE} may be")
         for what, (there, within) in seen.items():
             if not there:
                 self._since.pop(what, None)
@@ -241,6 +245,16 @@ class Invariants:
             world.misdirected.clear()
         if session.loop.given.nominal[9] > STRANGE_M / 2.0:
             self._break("one sender", world, "a stranger's pose came into the loop")
+
+    def _answers(self, world: World, silent: bool) -> None:
+        """Over a line without faults every telegram is answered in its cycle, also where old ones come in between."""
+        disturbed = not _UNDISTURBED.issuperset(world.active.now) or world.people.off_s or silent
+        at_work = (
+            world.sends and not world.controller.stopped and world.session is not None and world.session.cycles > 9
+        )
+        self._clean = 0 if disturbed or not at_work else self._clean + 1
+        if self._clean > _CLEAN and world.age > 1:
+            self._break("every telegram is answered", world, f"{world.age} cycles without an answer in time")
 
     def _in_the_cut(self, world: World, state: State) -> None:
         """A program that goes on in the cut is corrected, or it is held or stopped."""
@@ -276,4 +290,9 @@ def _allowed(kinds: frozenset[str]) -> frozenset[Cause]:
     return _ALLOWED[kinds]
 
 
+_DISTURBING: Final = (
+    *("late", "lost", "answers-lost", "reordered", "damaged", "two-senders", "loop-stopped", "loop-starved"),
+    *("controller-pauses", "cycle-drift", "clock-drift"),
+)
+_UNDISTURBED: Final = frozenset(KINDS) - frozenset(_DISTURBING)
 _ALLOWED: dict[frozenset[str], frozenset[Cause]] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -113,7 +114,7 @@ class Robot:
             self._follow(now)
         self._cut(now)
 
-    def _follow(self, now: dict[str, object]) -> None:
+    def _follow(self, now: Mapping[str, object]) -> None:
         back = _DEAD_CYCLES
         size = self._active.size
         if "robot-delays" in now:
@@ -133,7 +134,7 @@ class Robot:
         self._rate += self._dt * (w * w * (u - self.made_m) - 2.0 * self._damping * w * self._rate)
         self.made_m += self._dt * self._rate
 
-    def _cut(self, now: dict[str, object]) -> None:
+    def _cut(self, now: Mapping[str, object]) -> None:
         planned = self._program.force[int(self.place)]
         if self.speed <= 1e-4 or not planned.any():
             self.force = 0.1 * planned
@@ -186,7 +187,7 @@ class Robot:
         self._shown = self._shown if "force-frozen" in now or "force-stuck" in now else w[-1]
         return [] if "force-silent" in now else out
 
-    def _falsified(self, w: Float, now: dict[str, object]) -> tuple[Float, int]:
+    def _falsified(self, w: Float, now: Mapping[str, object]) -> tuple[Float, int]:
         size = self._active.size
         if "force-unit" in now:
             w = w * size("force-unit")

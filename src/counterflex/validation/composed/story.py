@@ -26,9 +26,9 @@ MODES: Final = (
 )
 """Sources of the correction."""
 _FIRST_S: Final = 0.2
-_QUIET_S: Final = 14.0
+_QUIET_S: Final = 12.0
 """At the end of a story, without a fault: the cell must correct again."""
-LENGTH_S: Final = (25.0, 45.0)
+LENGTH_S: Final = (20.0, 36.0)
 _BRIEF_S: Final = 4e-3
 _LONG_S: Final = 6.0
 
@@ -107,7 +107,7 @@ class Story:
 
 
 def draw(seed: int) -> Story:
-    """Draw a story: one to six faults of any kinds at any moments, also at once."""
+    """Draw a story: one to seven faults of any kinds at any moments, also at once."""
     rng = np.random.default_rng([seed, 11])
     length = float(np.round(rng.uniform(*LENGTH_S), 1))
     story = Story(
@@ -122,7 +122,7 @@ def draw(seed: int) -> Story:
     )
     kinds = [kind for kind in KINDS if story.has(kind)]
     weights = np.array([KINDS[kind].weight for kind in kinds])
-    count = 1 + min(5, int(rng.geometric(0.45)) - 1)
+    count = 1 + min(6, int(rng.geometric(0.35)) - 1)
     faults: list[Fault] = []
     for kind in rng.choice(kinds, size=count, p=weights / weights.sum()):
         at = float(rng.uniform(_FIRST_S, length - _QUIET_S))

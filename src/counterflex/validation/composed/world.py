@@ -90,6 +90,7 @@ class World:
         age: Cycles since the controller accepted an answer.
         number: Of the controller's session.
         peer: Its address, ``host << 16 | port``.
+        disabled: Telegrams in a row without the program's Enable.
         obeyed_other: An answer of another program was accepted in this cycle.
         misdirected: Answers that went to anybody but the controller.
         compared: Records computed again, of the runs that have ended.
@@ -112,7 +113,7 @@ class World:
         self.number, self.peer = 0, _ROBOT_HOST << 16 | 30000
         self.sends = True
         self.now_s = self._clock_off = self._frozen_until = self.received_at = 0.0
-        self.cycles = self.age = self.runs = self.compared = 0
+        self.cycles = self.age = self.runs = self.compared = self.disabled = 0
         self.obeyed_other = self._kill = False
         self.misdirected: list[tuple[str, int]] = []
         self.failed: list[str] = []
@@ -286,7 +287,8 @@ class World:
             override=controller.override,
         )
         if self.sends and "controller-pauses" not in now and not controller.stopped:
-            controller.frees["Enable"] = self.people.enable(now, self._rng)
+            controller.frees["Enable"] = enable = self.people.enable(now, self._rng)
+            self.disabled = 0 if enable else self.disabled + 1
             self._telegram(controller.telegram(self.robot.report(self.now_s)))
         if self.session is not None:
             if self.story.forced:
@@ -364,6 +366,11 @@ class World:
     def state(self) -> State:
         """Of the loop; IDLE while none runs."""
         return State.IDLE if self.session is None else self.session.loop.state
+
+    @property
+    def frozen(self) -> bool:
+        """The loop's process stands still, or has just begun again."""
+        return self.now_s < self._frozen_until + 2.0 * PERIOD_S
 
     @property
     def log_trouble(self) -> bool:
