@@ -74,6 +74,61 @@ def test_gcode_feeds_in_the_unit_and_mode_they_were_given_in(ops: list[tuple[str
     assert speeds(read_gcode("\n".join([*lines, "M2"]))) == pytest.approx(expected, rel=1e-4)
 
 
+OFFSETS = st.lists(
+    st.tuples(
+        st.sampled_from(["G92", "G52", "G92.1", "G92.2", "G92.3", "move", "G20", "G21", "G43.1"]), st.integers(-40, 40)
+    ),
+    max_size=14,
+)
+
+
+@QUICK
+@given(OFFSETS)
+def test_gcode_offsets_count_from_where_the_tool_stands_or_from_zero(ops: list[tuple[str, int]]) -> None:
+    """G92 makes the place be called so, G52 shifts zero by so much; G92.2 forgets, and G92.3 brings back."""
+    lines, expected = ["G21 G90 G92 X0", "G0 X0 Y0 Z0"], []
+    unit, here, shift, saved, length = 1.0, 0.0, 0.0, 0.0, 0.0
+    for word, value in ops:
+        mm = value * unit
+        if word in ("G20", "G21"):
+            unit = 25.4 if word == "G20" else 1.0
+            lines.append(word)
+        elif word == "G92":
+            shift = saved = here - mm
+            lines.append(f"G92 X{value}")
+        elif word == "G52":
+            shift = saved = mm
+            lines.append(f"G52 X{value}")
+        elif word == "G92.1":
+            shift = saved = 0.0
+            lines.append(word)
+        elif word == "G92.2":
+            shift = 0.0
+            lines.append(word)
+        elif word == "G92.3":
+            shift = saved
+            lines.append(word)
+        elif word == "G43.1":  # the tip is where it was called to be, whatever the length
+            here, length = here + length - mm, mm
+            lines.append(f"G43.1 X{value}")
+        else:
+            here = mm + shift
+            lines.append(f"G0 X{value}")
+            expected.append(here)
+    found = [m.p_end[0] / MM for m in read_gcode("\n".join([*lines, "M2"])).motions[1:]]
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+@QUICK
+@given(st.floats(-20.0, 20.0), st.integers(1, 30), st.sampled_from(["G2", "G3"]), st.integers(1, 3))
+def test_a_helix_in_inverse_time_lasts_its_time(rise: float, per_minute: int, word: str, turns: int) -> None:
+    """The length is that of the helix: the speed of the tip is it by the time, however steep."""
+    text = f"G21 G90 M3 S100\nG0 X10 Y0 Z0\nG93 {word} X10 Y0 Z{rise:.6f} I-10 P{turns} F{per_minute}\nM2"
+    (_, helix) = read_gcode(text).motions
+    length = np.hypot(2 * np.pi * 10 * turns, round(rise, 6))
+    assert helix.feed_m_s / MM == pytest.approx(length * per_minute / 60, rel=1e-9)
+
+
 SPINDLE = st.lists(st.sampled_from(["M3 S500", "M4 S700", "M5", "S900", "T1 M6", "T2", "M6", "move"]), max_size=14)
 
 
