@@ -189,8 +189,8 @@ def _run_tests(scratch: Path, batches: list[list[str]], interpreted: bool) -> st
     for files in batches:
         watch = _Watch(files)
         code = pytest.main([*options, *files], plugins=[watch.hook()])
-        if watch.failed or code not in (0, 5):
-            return watch.failed or f"{files[0]} (exit status {int(code)})"
+        if watch.failed or code not in (0, 5):  # 4 and more: the tests themselves cannot be run
+            return watch.failed or f"exit status {int(code)} of {' '.join(files)}"
     return ""
 
 
@@ -248,7 +248,8 @@ class Bench:
         failed = result.read_text() if result.exists() else ""
         result.unlink(missing_ok=True)
         own = failed.startswith(f"tests/{defect.room}/")
-        outcome = "late" if late else "own" if own else "above" if failed else "survived"
+        outcome = "late" if late else "own" if own else "above" if failed.startswith("tests/") else "survived"
+        outcome = "broken" if failed and not failed.startswith("tests/") else outcome
         row = {"name": defect.name, "room": defect.room, "kind": defect.kind, "file": defect.file}
         row |= {"digest": defect.digest, "outcome": outcome, "by": failed, "tests": _digest_tests(self.files)}
         return row | {"seconds": round(time.monotonic() - self.started, 1)}

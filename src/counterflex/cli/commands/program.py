@@ -11,6 +11,7 @@ import typer
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.cli import arguments
 from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written, warn
+from counterflex.cli.predicted import MODEL
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING, DIALECTS
@@ -208,7 +209,7 @@ def _show_feed(lowered: dict[str, Any]) -> None:
     """What a lower feed brought, what it cost, and where it was not enough."""
     if lowered["lines"]:
         print_table(
-            "Feed for tolerance",
+            f"Feed for tolerance, error by the {MODEL}",
             ["line", "feed", "before um", "after um", ""],
             [
                 [
@@ -222,7 +223,7 @@ def _show_feed(lowered: dict[str, Any]) -> None:
             ],
         )
     typer.echo(
-        f"predicted error {lowered['worst_before_um']:g} um at the programmed feed, {lowered['worst_after_um']:g} um "
+        f"{MODEL}: error {lowered['worst_before_um']:g} um at the programmed feed, {lowered['worst_after_um']:g} um "
         f"now (asked for {lowered['tolerance_um']:g}); additional time {lowered['extra_s']:.1f} s of "
         f"{lowered['time_s']:.1f} s, accelerations left out"
     )

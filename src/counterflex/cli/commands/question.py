@@ -11,6 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import numbers
 from counterflex.cli.commands.cell_import import cell_import
 from counterflex.cli.output import print_json, print_table, warn
+from counterflex.cli.predicted import MODEL_NOTE
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 
@@ -244,7 +245,7 @@ def deflection(
         f"Deflection of the TCP of {chain.name}, base axes",
         columns,
         rows,
-        note=f"Linear and nonlinear differ by {answer['gap_um']:.3f} um.",
+        note=f"Linear and nonlinear differ by {answer['gap_um']:.3f} um. {MODEL_NOTE}",
     )
     matrix = answer["compliance"]["translation_um_per_kn"]
     print_table(

@@ -5,6 +5,7 @@ A rule is broken once per story and named with the cycle in which it was.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -42,9 +43,12 @@ _MISSING_M: Final = 0.7 * MM
 _MISSING: Final = 300
 _CLEAN: Final = 30
 """Cycles from which a line is taken to be without faults again."""
+_BELIEVED_S: Final = 0.1
+"""Until a counter that jumped is believed: 8 telegrams."""
 _MOVES_M_S: Final = 1e-3
 _AGAIN_S: Final = 12.0
-_ACTS: Final = (State.ACTIVE, State.HOLD, State.RAMP_OUT, State.FAULT)
+_STATES: Final = tuple(State)
+_CAUSES: Final = {int(cause): cause for cause in Cause}
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ class Invariants:
         if world.runs != self._runs:
             self._runs, self._since, self._state, self._in_state = world.runs, {}, State.IDLE, 0
             self._acted = False
-        state = session.loop.state
+        state = _STATES[session.loop.quick_result.state]
         name = state.name
         self.states[name] = self.states.get(name, 0) + 1
         self._in_state = self._in_state + 1 if state == self._state else 0
@@ -110,7 +114,7 @@ class Invariants:
         self._causes(world, state)
         self._visible(world, state)
         self._senders(world)
-        self._answers(world, session.loop.result.silent == 1)
+        self._answers(world, session.loop.quick_result.silent == 1)
         self._in_the_cut(world, state)
         self._obeyed(world, state)
         if session.trouble:
@@ -120,7 +124,7 @@ class Invariants:
             self._break("replays bit for bit", world, f"{difference}")
         if state == State.ACTIVE:
             self._last_active_s, self._acted = world.now_s, True
-        self._state, self._cause = state, int(session.loop.cause)
+        self._state, self._cause = state, int(session.loop.quick_result.cause)
         self._before = correction.copy()
         self._age, self._number = world.age, world.number
 
@@ -144,13 +148,13 @@ class Invariants:
     def _step(self, world: World, correction: Float) -> None:
         """At the controller: no step beyond the limiter's, for the cycles since an answer was accepted; no size."""
         rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
-        size = float(np.linalg.norm(correction))
+        size = _size(correction)
         if size > LARGEST_M * 1.002 + rounded:
             self._break("within its limit", world, f"{size / MM:.4f} mm > {LARGEST_M / MM:g} mm")
         if world.number != self._number:
             self._before = np.zeros(3)
             return
-        step = float(np.linalg.norm(correction - self._before))
+        step = _size(correction - self._before)
         most = min(LARGEST_STEP_M, STEP_M * (self._age + 1)) * (1.02 if rounded > 1e-6 else 1.0) + rounded
         if step > most and not world.obeyed_other:
             self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
@@ -164,12 +168,12 @@ class Invariants:
         if said != int(state):
             return
         rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
-        size, before = float(np.linalg.norm(correction)), float(np.linalg.norm(self._before))
+        size, before = _size(correction), _size(self._before)
         if state <= State.ARMED and size > rounded:
             self._break("zero unless it acts", world, f"{size / MM:.4f} mm in {state.name}")
         if self._in_state < _BRAKED or world.number != self._number:
             return
-        moved = float(np.linalg.norm(correction - self._before))
+        moved = _size(correction - self._before)
         if state in (State.HOLD, State.FAULT) and moved > rounded:
             self._break("at rest in hold", world, f"moved by {moved / MM:.4f} mm in {state.name}")
         if state == State.RAMP_OUT and size > before + rounded:
@@ -180,7 +184,7 @@ class Invariants:
         session = world.session
         if session is None:
             return
-        cause = Cause(int(session.loop.cause))
+        cause = _CAUSES[session.loop.quick_result.cause]
         if state in (State.HOLD, State.RAMP_OUT, State.FAULT):
             if cause == Cause.NONE:
                 self._break("a cause is told", world, f"{state.name} without a cause")
@@ -217,7 +221,7 @@ class Invariants:
             "no Enable": (world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
             "no force": (needs_force and "force-silent" in world.active.now, _STALE),
         }
-        cycle = session.loop.cycle
+        cycle = session.cycles
         if world.frozen:
             self._since.pop("no telegrams", None)
         elif seen["no telegrams"][0]:
@@ -249,6 +253,7 @@ class Invariants:
     def _answers(self, world: World, silent: bool) -> None:
         """Over a line without faults every telegram is answered in its cycle, also where old ones come in between."""
         disturbed = not _UNDISTURBED.issuperset(world.active.now) or world.people.off_s or silent
+        disturbed |= world.now_s - world.active.begun.get("counter-jump", -1.0) < _BELIEVED_S
         at_work = (
             world.sends and not world.controller.stopped and world.session is not None and world.session.cycles > 9
         )
@@ -274,13 +279,17 @@ class Invariants:
         w = 2.0 * np.pi * 4.0
         self._rate = self._rate + PERIOD_S * (w * w * (sent - self._model) - 1.6 * w * self._rate)
         self._model = self._model + PERIOD_S * self._rate
-        missing = float(np.linalg.norm(self._model - robot.made_m))
+        missing = _size(self._model - robot.made_m)
         if state == State.ACTIVE and missing > _MISSING_M and robot.speed > _MOVES_M_S:
             self._missing += 1
             if self._missing > _MISSING:
                 self._break("obedience is checked", world, f"{missing / MM:.2f} mm missing for {self._missing} cycles")
         else:
             self._missing = 0
+
+
+def _size(v: Float) -> float:
+    return math.hypot(*v.tolist())
 
 
 def _allowed(kinds: frozenset[str]) -> frozenset[Cause]:

@@ -9,8 +9,10 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.geometry import rotation
 from counterflex.protocols.netft import telegram as netft
-from counterflex.protocols.tracker.telegram import BEAM_BROKEN, TrackerPose, write_pose
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, DATAGRAM, MAGIC
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.devices.netft import COUNTS, SATURATED
 from counterflex.validation.composed import bench
@@ -20,6 +22,7 @@ _BRAKES_M_S2: Final = 0.5
 _RIPPLE_N: Final = 4.0
 _NOISE_N: Final = 0.3
 _SAMPLES: Final = 4
+_BLOCK: Final = 256
 _RAIL: Final = 2**31 - 1
 _CUTS_N: Final = 50.0
 _BAD_STATUS: Final = 0x80020000
@@ -64,6 +67,8 @@ class Robot:
         self._seen: Float | None = None
         self._measured: tuple[Float, float] | None = None
         self._drift = 0.0
+        self._noises: Float = np.zeros((0, _SAMPLES, 6))
+        self._noise_at = 0
         self._T: Float = np.eye(4)
         self._T[:3, :3] = self._program.R
 
@@ -170,22 +175,32 @@ class Robot:
         """Records of the force sensor in this cycle."""
         active = self._active
         now = active.now
-        w = self._reading[:, :3] @ self.force + _NOISE_N * self._rng.standard_normal((_SAMPLES, 6)) * _MOMENTS
+        w = self._reading[:, :3] @ self.force + self._noise()
         status = 0
         if now:
             w, status = self._falsified(w, now)
-        counts = np.rint(np.clip(w * COUNTS, -_RAIL, _RAIL)).astype(np.int64)
-        if np.abs(counts).max() >= _RAIL and "force-rail" not in now:
-            status |= SATURATED
+        counts = np.rint(w * COUNTS)
+        if now:
+            counts = np.clip(counts, -_RAIL, _RAIL)
+            if np.abs(counts).max() >= _RAIL and "force-rail" not in now:
+                status |= SATURATED
         if "force-nan" in now:
             status |= _BAD_STATUS
         out = []
-        for row in counts.tolist():
+        for row in counts.astype(np.int64).tolist():
             self._sample = (self._sample + 1) & 0xFFFFFFFF
             self._sequence = (self._sequence + 1) & 0xFFFFFFFF
             out.append(netft.RECORD.pack(self._sequence, self._sample, status, *row))
         self._shown = self._shown if "force-frozen" in now or "force-stuck" in now else w[-1]
         return [] if "force-silent" in now else out
+
+    def _noise(self) -> Float:
+        if self._noise_at == len(self._noises):
+            self._noises = _NOISE_N * _MOMENTS * self._rng.standard_normal((_BLOCK, _SAMPLES, 6))
+            self._noise_at = 0
+        self._noise_at += 1
+        out: Float = self._noises[self._noise_at - 1]
+        return out
 
     def _falsified(self, w: Float, now: Mapping[str, object]) -> tuple[Float, int]:
         size = self._active.size
@@ -208,7 +223,7 @@ class Robot:
         if "force-frozen" in now and self._shown is not None:
             w = np.tile(self._shown, (_SAMPLES, 1))
         if "force-stuck" in now and self._shown is not None:
-            w = self._shown + _NOISE_N * self._rng.standard_normal((_SAMPLES, 6)) * _MOMENTS
+            w = self._shown + self._noise()
         return w, 0
 
     def pose(self, time_s: float) -> bytes | None:
@@ -231,8 +246,6 @@ class Robot:
             self._seen = point
         self._drift = self._drift + size("tracker-drift") * self._dt if "tracker-drift" in now else 0.0
         off = self._drift + size("tracker-jump") + size("tracker-reflector")
-        T = self._T.copy()
-        T[:3, 3] = point + off * self._direction
         self._tracked = (self._tracked + 1) & 0xFFFFFFFF
         stamp = round(time_s * 1e9) + _TRACKER_EPOCH_NS
         if "tracker-stamp" in now:
@@ -240,9 +253,12 @@ class Robot:
         status = BEAM_BROKEN if "tracker-beam" in now else 0
         if "tracker-silent" in now:
             return None
-        return write_pose(TrackerPose(self._tracked, stamp, status, 0, T, bench.TRACKER_NOISE_M))
+        mm = ((point + off * self._direction) / MM).tolist()
+        return DATAGRAM.pack(MAGIC, self._tracked, stamp, status, 0, *mm, *_TURNED, bench.TRACKER_NOISE_M / MM)
 
 
+_TURNED: Final = tuple(rotation.quat_wxyz(rotation.about_x(np.pi)).tolist())
+"""Orientation of the tool, which never turns, as the tracker's datagram has it."""
 _MOMENTS: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
 
 

@@ -118,7 +118,7 @@ def draw(seed: int) -> Story:
         without_panel=str(rng.choice(["warn", "warn", "hold"])),
         tracker_lost=str(rng.choice(["fallback", "hold"])),
         force_offset=str(rng.choice(["tell", "plan", "hold"])),
-        poll_cycles=int(rng.choice([5, 25, 60])),
+        poll_cycles=int(rng.choice([25, 60, 100])),
     )
     kinds = [kind for kind in KINDS if story.has(kind)]
     weights = np.array([KINDS[kind].weight for kind in kinds])

@@ -43,6 +43,7 @@ _ROBOT_HOST: Final = (192 << 24) | (168 << 16) | 10
 _STRANGER: Final = ((192 << 24) | (168 << 16) | 99) << 16 | 40000
 _START_NS: Final = 1_000_000_000_000
 _REPLY_S: Final = 0.2e-3
+_STATES: Final = tuple(State)
 _CYCLE, _TELEGRAM, _ANSWER = 0, 1, 2
 _OLDEST: Final = 6000
 """Telegrams that are kept to be sent again."""
@@ -365,7 +366,7 @@ class World:
     @property
     def state(self) -> State:
         """Of the loop; IDLE while none runs."""
-        return State.IDLE if self.session is None else self.session.loop.state
+        return State.IDLE if self.session is None else _STATES[self.session.loop.quick_result.state]
 
     @property
     def frozen(self) -> bool:
