@@ -91,6 +91,9 @@ def test_blocks_of_one_thread_lie_in_each_other_and_links_lead_to_the_file(tmp_p
     os.close(handle)
 
 
-def test_a_folder_that_is_not_there_has_nothing_to_edit(tmp_path: Path) -> None:
-    with alone(tmp_path / "none" / "users.toml"):
+def test_a_folder_that_is_not_there_yet_is_held_by_the_one_above(tmp_path: Path) -> None:
+    with alone(tmp_path / "none" / "deep" / "users.toml"):
         assert not (tmp_path / "none").exists()
+        handle = os.open(tmp_path, os.O_RDONLY)
+        assert held.own(handle) is False
+        os.close(handle)

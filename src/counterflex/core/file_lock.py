@@ -36,7 +36,7 @@ def alone(
     Blocks of one thread may lie in each other. Where the file system has no locks the block runs without one.
 
     Args:
-        target: File that is edited; it need not be there. Without its folder there is nothing to edit, and no lock.
+        target: File that is edited; it need not be there, nor the folder that it lies in.
         clock_s: Monotonic.
         wait: Waits for so many s.
 
@@ -44,26 +44,27 @@ def alone(
         OutputError: Another process holds it for longer than :data:`PATIENCE_S`.
     """
     path = Path(os.path.realpath(target))
+    folder = next(one for one in path.parents if one.is_dir())
     held_by_me: set[Path] = _mine.__dict__.setdefault("folders", set())
-    if path.parent in held_by_me:
+    if folder in held_by_me:
         yield
         return
-    with _opened(path) as handle:
+    with _opened(folder / path.name) as handle:
         end = clock_s() + PATIENCE_S
         while handle is not None and held.own(handle) is False:
             if clock_s() > end:
                 raise OutputError(
                     "another process edits a file in this folder",
-                    where=str(path.parent),
+                    where=str(folder),
                     value=f"waited {PATIENCE_S:.0f} s",
                     hint="End the other counterflex, and try again",
                 )
             wait(_POLL_S)
-        held_by_me.add(path.parent)
+        held_by_me.add(folder)
         try:
             yield
         finally:
-            held_by_me.discard(path.parent)
+            held_by_me.discard(folder)
 
 
 @contextlib.contextmanager
