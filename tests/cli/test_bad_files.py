@@ -19,8 +19,10 @@ import pytest
 
 from command_parser import command_of
 from counterflex.app import examples
+from counterflex.app.run.session import RunSettings, open_session
 from counterflex.cli import arguments
 from counterflex.cli.main import app
+from counterflex.core.errors import CounterflexError
 
 EXAMPLES: Final = Path(__file__).parents[2] / "examples"
 FILE_CHECKS: Final = (arguments.file, arguments.file_or_folder, arguments.robot_or_cell)
@@ -59,7 +61,7 @@ BESIDE: Final[dict[tuple[str, str], dict[str, str]]] = {
     ("iso230 circularity", ""): {"files": "log.csv", "path": "circle.ngc"},
     ("iso230 straightness", ""): {"files": "log.csv", "path": "square.ngc"},
     ("plan strategy", ""): {"program": "part.ngc", "cell": "cell.toml"},
-    ("run", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "plan": "plan.parquet"},
+    ("run", ""): {"rsi": "rsi.xml", "cell": "cell.toml"},
     ("twin cell", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "truth": "truth.toml", "out": "new/out"},
     ("twin egm", "cell"): {"peer": "127.0.0.1:9"},
     ("cell import", ""): {"out": "new/cell.toml"},
@@ -208,8 +210,8 @@ def _value(name: str, info: Any) -> str:
 
 
 OPTIONS: Final = _options()
-LIGHT: Final = [option for option in OPTIONS if option.command != ("run",)]
-"""All but ``run``, which reads in processes of its own; it ends in one line too (``test_run_command.py``)."""
+RUN: Final = {option.name: option for option in OPTIONS if option.command == ("run",)}
+"""``run`` reads in processes of its own: what these do first is tried with every fault, the command once."""
 NOT_FIRST: Final = {
     ("correct", "scan"), ("benchmark-part judge", "scan"), ("production", "plan"), ("identify", "holdout"),
     ("twin measure", "cell"), ("twin measure", "truth"), ("twin tracker", "cell"), ("dcc write", "schema"),
@@ -246,9 +248,10 @@ def _ends_well(given: Path, counterflex: Any, option: Option, kind: str, ending:
     (given / name).write_bytes(BROKEN[kind])
     ended = counterflex(*option.line(name))
     (given / name).unlink()
+    said = ended.err if option.command != ("run",) else ended.err.splitlines(keepends=True)[-1]  # before: "preparing"
     assert ended.status == 2, (option, kind, ended)
-    assert ended.err.startswith("error: "), (option, kind, ended)
-    assert ended.err.count("\n") == 1, (option, kind, ended)
+    assert said.startswith("error: "), (option, kind, ended)
+    assert said.count("\n") == 1, (option, kind, ended)
     assert "Traceback" not in ended.err
     assert name in ended.err or (" ".join(option.command), option.name) in NOT_FIRST, (option, kind, ended.err)
     assert not (given / "new").exists()
@@ -258,12 +261,27 @@ def _kinds(option: Option) -> list[str]:
     return [kind for kind in BROKEN if option.name not in EMPTY_IS_RIGHT or kind not in ("empty", "blank")]
 
 
-@pytest.mark.parametrize("place", range(len(LIGHT)), ids=lambda place: str(LIGHT[place]))
+@pytest.mark.parametrize("place", range(len(OPTIONS)), ids=lambda place: str(OPTIONS[place]))
 def test_every_option_of_the_parser(given: Path, counterflex: Any, monkeypatch: Any, place: int) -> None:
     monkeypatch.chdir(given)
-    option = LIGHT[place]
+    option = OPTIONS[place]
     kinds, endings = _kinds(option), ENDINGS.get(option.name, (".toml",))
     _ends_well(given, counterflex, option, kinds[7 * place % len(kinds)], endings[place % len(endings)])
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_run_with_every_fault(given: Path, monkeypatch: Any, name: str) -> None:
+    """By what the loop's process does before anything else."""
+    monkeypatch.chdir(given)
+    sound: dict[str, Any] = {"cell": Path("cell.toml"), "rsi": Path("rsi.xml"), "plan": None}
+    for kind, content in BROKEN.items():
+        file = given / f"broken{ENDINGS.get(name, ('.toml',))[0]}"
+        file.write_bytes(content)
+        with pytest.raises(CounterflexError) as told:
+            open_session(RunSettings(**{**sound, name: Path(file.name)}))
+        file.unlink()
+        assert "\n" not in str(told.value), kind
+        assert file.name in str(told.value), kind
 
 
 READERS: Final = {
