@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import polars as pl
 import pytest
 
 from command_parser import command_of
@@ -115,6 +117,18 @@ def _zip(content: bytes) -> bytes:
     return stream.getvalue()
 
 
+def _parquet() -> bytes:
+    stream = io.BytesIO()
+    pl.DataFrame({"a": [[1.0, 2.0]] * 3}).write_parquet(stream)
+    return stream.getvalue()
+
+
+def _npz() -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, a=np.zeros(3))
+    return stream.getvalue()
+
+
 BROKEN: Final[dict[str, bytes]] = {
     "empty": b"",
     "blank": b"\n  \n\n",
@@ -126,9 +140,13 @@ BROKEN: Final[dict[str, bytes]] = {
     "huge line of words": b"a = 1 " * 200_000,
     "huge number": b"a = " + b"1" * 6000 + b"\n",
     "huge number, JSON": b'{"format": ' + b"1" * 6000 + b"}",
-    "deep, JSON": b'{"a":' * 30_000,
-    "deep, TOML": b"a = " + b"[" * 30_000,
-    "deep, XML": b"<a>" * 30_000,
+    "deep, JSON": b'{"a":' * 100_000,
+    "deep and closed, JSON": b'{"a":' * 100_000 + b"1" + b"}" * 100_000,
+    "deep, TOML": b"a = " + b"[" * 100_000,
+    "deep and closed, TOML": b"a = " + b"[" * 100_000 + b"]" * 100_000,
+    "deep tables, TOML": b"[" + b"a." * 100_000 + b"a]",
+    "deep, XML": b"<a>" * 100_000,
+    "deep and closed, XML": b"<a>" * 100_000 + b"</a>" * 100_000,
     "XML with entities": b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c"><!ENTITY d "&b;&b;">]><a>&d;</a>',
     "XML of another kind": b"<html><body>404</body></html>",
     "zip": _zip(b"<a/>"),
@@ -140,6 +158,8 @@ BROKEN: Final[dict[str, bytes]] = {
     "STL of more than it holds": b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 20,
     "STL without a facet": b"solid a\nendsolid a\n",
     "PLY without points": b"ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nend_header\n1\n",
+    "Parquet of lists": _parquet(),
+    "npz of another program": _npz(),
     "null": b"null",
     "list": b"[]",
     "number": b"1",

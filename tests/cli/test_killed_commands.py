@@ -51,7 +51,7 @@ def _files_in_place(folder: Path) -> dict[str, bytes]:
 
 def _run_of(job: str, turn: int) -> Callable[[], None]:
     """Return a run of a command; of every turn the program has another feed, and the computer another address."""
-    steps = "\n".join(f"G1 X{x} F15{turn:02d}" for x in range(16, 74, 2))
+    steps = "\n".join(f"G1 X{x}.{turn} F15{turn:02d}" for x in range(16, 74, 2))
     program = examples.text("groove.ngc").replace("G1 X72 F1500", steps)
     Path("part.ngc").write_text(program, encoding="utf-8")
     return lambda: _run(JOBS[job].format(host=f"10.0.0.{turn}"))
