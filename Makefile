@@ -13,13 +13,14 @@ demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, pri
 test: $(VENV)/.installed-dev  ## Install, run the tests.
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
-check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names.
+check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names, licences.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_frames.py src tests examples benchmarks
 	$(BIN)/python tools/check_nomenclature.py
+	$(BIN)/python tools/supply_chain.py --check
 
 docs: $(VENV)/.installed-dev  ## Run every example and every command printed in the docs.
 	$(BIN)/python tools/run_docs.py

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.protocols.processes.control_array import Life, Request, Shown
 from counterflex.runtime.state.states import State
 from counterflex.validation.composed.cell import JOB
-
-if TYPE_CHECKING:
-    from counterflex.validation.composed.world import World
 
 _LOOKS: Final = 25
 """Cycles from one look of the operator to the next."""
@@ -25,7 +22,7 @@ class People:
     """Program and operator.
 
     Args:
-        world: What they act on.
+        world: The :class:`counterflex.validation.composed.world.World` that they act on; it holds them.
         rng: Their chance.
 
     Attributes:
@@ -35,7 +32,7 @@ class People:
         wanted_at: Cycle in which the program began to want the correction.
     """
 
-    def __init__(self, world: World, rng: np.random.Generator) -> None:
+    def __init__(self, world: Any, rng: np.random.Generator) -> None:
         self._world, self._rng = world, rng
         self.running = False
         self.waits = self._armed = self.wanted_at = 0
