@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test check docs docs-html notebooks pages bench-smoke clean
+.PHONY: demo test check docs docs-html notebooks pages faults-random bench-smoke clean
 
 demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, print a table, write an HTML report.
 	$(BIN)/counterflex demo --out out/demo
@@ -36,6 +36,10 @@ pages: $(VENV)/.installed-dev  ## Open both report pages in Chromium at three wi
 	$(BIN)/counterflex compensate examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/plan
 	$(BIN)/counterflex prove examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/proof
 	$(BIN)/python tools/check_pages.py out/pages/plan/report.html out/pages/proof/report.html
+
+faults-random: $(VENV)/.installed-dev  ## Compose faults at random, from the number of the commit.
+	seed=$$(printf '%d' 0x$$(git rev-parse --short=7 HEAD)) && echo "seed $$seed" && \
+	$(BIN)/counterflex faults --random --minutes 5 --seed $$seed --out out/faults-random
 
 bench-smoke: $(VENV)/.installed-dev  ## Run every benchmark briefly, two at a time: whether they work, not how fast.
 	$(BIN)/python tools/run_benchmarks.py
