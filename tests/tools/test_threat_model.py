@@ -16,7 +16,7 @@ FILES = ("Files that are written",)
 _SOCKETS = {
     "socket.socket", "socket.create_connection", "socket.create_server", "uvicorn.Config", "uvicorn.run",
     "http.server.HTTPServer", "http.server.ThreadingHTTPServer", "asyncio.start_server", "asyncio.open_connection",
-    "Server", "asyncua.Server", "LocalCluster",
+    "Server", "BoundedServer", "LocalCluster",
 }  # fmt: skip
 _TEMPORARY = {"mkstemp", "mkdtemp", "TemporaryDirectory", "TemporaryFile", "NamedTemporaryFile", "SharedMemory"}
 _WRITES = {"write_text", "write_bytes", "write_parquet", "write_csv", "savez", "savez_compressed", "touch", "copyfile"}
