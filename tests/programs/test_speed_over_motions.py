@@ -173,7 +173,8 @@ def test_gcode_spindle_turns_as_it_was_told_and_stands_after_a_change(words: lis
 
 APT = st.lists(
     st.one_of(
-        st.tuples(st.sampled_from(["FEDRAT", "SPINDL"]), speed), st.tuples(st.sampled_from(["RAPID", "GOTO"]), st.just(0))
+        st.tuples(st.sampled_from(["FEDRAT", "SPINDL"]), speed),
+        st.tuples(st.sampled_from(["RAPID", "GOTO"]), st.just(0)),
     ),
     min_size=8, max_size=24,
 )  # fmt: skip
