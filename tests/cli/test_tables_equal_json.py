@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from counterflex.cli.commands.log import show_process
@@ -26,12 +27,13 @@ def answers(counterflex: Any, *words: Any) -> tuple[dict[str, Any], list[str]]:
 
 
 def row_of(lines: list[str], first: str) -> list[str]:
-    """Words behind the first word of a row."""
-    (line,) = [line for line in lines if line.strip().startswith(first + " ")]
-    return line.strip()[len(first) :].split()
+    """Cells behind the first one of a row of a table."""
+    rows = [[cell.strip() for cell in line.split("│")] for line in lines]
+    (found,) = [row for row in rows if len(row) > 1 and row[0] == first]
+    return found[1:]
 
 
-@pytest.mark.parametrize("force", ["300,-200,100", "-300,200,-100"])
+@pytest.mark.parametrize("force", ["9000,-6000,3000", "-9000,6000,-3000"])
 def test_the_table_of_a_deflection(counterflex: Any, force: str) -> None:
     """Each row is its own: linear, nonlinear and sag; shares in per cent; signs as in the JSON."""
     answer, lines = answers(counterflex, "deflection", ROBOT, "--joints-deg", JOINTS, "--force-n", force)
@@ -53,8 +55,9 @@ def test_the_table_of_postures_names_the_smallest_margin(counterflex: Any) -> No
     xyz, abc = (",".join(str(v) for v in list(tcp.values())[k : k + 3]) for k in (0, 3))
     answer, lines = answers(counterflex, "pose", ROBOT, f"--xyz-mm={xyz}", f"--abc-deg={abc}")
     assert len(answer["solutions"]) > 1
-    for one in answer["solutions"]:
-        words = row_of(lines, one["branch"])
+    rows = [[cell.strip() for cell in line.split("│")] for line in lines if line.count("│") == 8]
+    for one, (branch, *words) in zip(answer["solutions"], rows, strict=True):
+        assert branch == one["branch"]
         assert [float(word) for word in words[:6]] == pytest.approx(one["joints_deg"], abs=1e-4)
         assert float(words[6]) == pytest.approx(min(one["margins"].values()), abs=0.006)
         assert float(words[7]) == pytest.approx(one["wrist_deg"], abs=0.006)
@@ -72,7 +75,7 @@ def test_the_table_of_changes(counterflex: Any, tmp_path: Path, by: str) -> None
     old.write_text(BEFORE)
     new.write_text(AFTER)
     made = json.loads(counterflex("diff", str(old), str(new), "--by", by, "--json").out)
-    off = [row["off_path_um"] for row in made["changes"]]
+    off = [np.linalg.norm([row[f"{axis}_um"] for axis in "xyz"]) for row in made["changes"]]
     lines = [row["line_before"] for row in made["changes"]]
     if by == "change":
         assert off == sorted(off, reverse=True)
