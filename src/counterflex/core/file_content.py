@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.file_kind import of_bytes
+from counterflex.core.moving import settle
 from counterflex.core.similar import missing_file
 from counterflex.core.system_fault import system_fault
 
@@ -40,8 +41,10 @@ def readable(
         family: Class of the error.
 
     Raises:
-        FileFormatError: Missing, a folder, not permitted, damaged, or of another kind.
+        FileFormatError: Missing, a folder, not permitted, damaged, of another kind, or in a folder whose writing was
+            broken off and cannot be completed.
     """
+    settle(path)
     try:
         yield
     except (CounterflexError, KeyboardInterrupt, SystemExit, GeneratorExit):

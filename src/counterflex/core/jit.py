@@ -1,8 +1,9 @@
 """Compiled kernels: one decorator that keeps types for the checker and a cache that cannot go stale.
 
 Numba's on-disk cache does not see changes in other source files, and it needs a writable place. Each kernel is
-therefore cached in a folder named after a hash of its module and of every kernel module that this one imports, under a
-per-user cache folder or, where that is not writable, a temporary one. Processes that need the same kernel at the same
+therefore cached in a folder named after a hash of its module and of every kernel module that this one imports, in the
+user's own folder (:mod:`counterflex.core.user_folder`): compiled code is executed when it is read. Where that folder
+cannot be written, code is kept as long as the process. Processes that need the same kernel at the same
 time compile it once: one compiles, the others wait and read it.
 
 Nothing is compiled or read when a module is imported. A kernel that states its signatures is compiled for them, and
@@ -14,11 +15,12 @@ Set ``NUMBA_DISABLE_JIT=1`` to step through kernels in plain Python.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
 import hashlib
-import os
 import re
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -27,7 +29,7 @@ from typing import Any, Final, TypeVar, cast
 
 import numba
 import numpy as np
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
@@ -78,23 +80,19 @@ def _closure(module: str) -> frozenset[str]:
 
 @functools.cache
 def _cache_root() -> Path:
-    """Where compiled kernels are kept: a per-user folder, or a temporary one where that is not writable."""
-    if "COUNTERFLEX_CACHE" in os.environ:
-        return Path(os.environ["COUNTERFLEX_CACHE"])
-    base = os.environ.get("XDG_CACHE_HOME") or (
-        os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else str(Path.home() / ".cache")
-    )
-    for parent in (Path(base or tempfile.gettempdir()), Path(tempfile.gettempdir())):
-        root = parent / "counterflex"
-        try:
-            root.mkdir(parents=True, exist_ok=True)
-            probe = root / f".probe-{os.getpid()}"
-            probe.touch()
-            probe.unlink()
-        except OSError:
-            continue
-        return root
-    return Path(tempfile.mkdtemp(prefix="counterflex-"))
+    """Folder of compiled kernels: this user's, or one of this process alone where that cannot be written."""
+    from counterflex.core.user_folder import SharedFolderError, made_own, user_folder  # no kernel depends on it
+
+    try:
+        root = made_own(user_folder())
+        with tempfile.TemporaryFile(dir=root):
+            return root
+    except SharedFolderError:
+        raise
+    except OSError:
+        private = tempfile.mkdtemp(prefix="counterflex-kernels-")  # mode 0700, a name that nobody can foresee
+        atexit.register(shutil.rmtree, private, ignore_errors=True)
+        return Path(private)
 
 
 @functools.cache
@@ -166,7 +164,7 @@ class _BySources(UserProvidedCacheLocator):  # type: ignore[misc]
 class _Code(CompileResultCacheImpl):  # type: ignore[misc]
     """How compiled code is written and read: Numba's way, in that place."""
 
-    _locator_classes: Final = (_BySources, *CompileResultCacheImpl._locator_classes)
+    _locator_classes: Final = (_BySources,)  # Numba's other places are not proven to be this user's alone
 
 
 class _SharedCache(FunctionCache):  # type: ignore[misc]
@@ -180,15 +178,30 @@ class _SharedCache(FunctionCache):  # type: ignore[misc]
         self.locks: contextlib.ExitStack | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        result = super().load_overload(sig, target_context)
+        result = self._loaded(sig, target_context)
         if result is None and self.locks is not None:
             self.locks.enter_context(_alone(Path(self.cache_path) / self._name_of_lock))
-            result = super().load_overload(sig, target_context)
+            result = self._loaded(sig, target_context)
         return result
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
+        """Read compiled code; a file that a power failure cut off is as good as none, and is written anew."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # unpickling raises anything
+            with contextlib.suppress(OSError):
+                self.flush()
+            return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with contextlib.suppress(OSError):  # a full disk: what cannot be kept is compiled again next time
             super().save_overload(sig, data)
+
+
+class _NoCache(NullCache):  # type: ignore[misc]
+    """Used where compiled code cannot be kept: the disk is full."""
+
+    locks: contextlib.ExitStack | None = None
 
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]
@@ -203,7 +216,10 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
         self._only_stated, self._stated, self._records = True, signatures, records
 
     def enable_caching(self) -> None:
-        self._cache = _SharedCache(self.py_func)
+        try:
+            self._cache = _SharedCache(self.py_func)
+        except RuntimeError:  # Numba found no place
+            self._cache = _NoCache()
 
     def compile(self, sig: Any) -> Any:
         with global_compiler_lock, contextlib.ExitStack() as locks:

@@ -14,6 +14,7 @@ import re
 import shutil
 import stat
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TextIO
@@ -163,6 +164,20 @@ def place_of(target: str | os.PathLike[str]) -> Place:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     regular = stat.S_ISREG(status.st_mode) and not path.parent.as_posix().startswith("/proc/")
     return Place(path, through=not regular, before=status if regular else None)
+
+
+def part_file(place: Place) -> Path:
+    """Make an empty temporary file beside the place that it is made for."""
+    clear_leftovers(place.path.parent, place.path.name)
+    handle, name = tempfile.mkstemp(prefix=part_prefix(place.path.name), suffix=SUFFIX, dir=place.path.parent)
+    os.close(handle)
+    return Path(name)
+
+
+def is_staged(path: Path) -> bool:
+    """Return whether a path is in a temporary folder of this process, which is moved to its place as a whole."""
+    mine = f".{_HOST}-{os.getpid()}-"
+    return any(mine in part and part.endswith(SUFFIX) for part in path.parts)
 
 
 def is_printed(target: str | os.PathLike[str]) -> bool:

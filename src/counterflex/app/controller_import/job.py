@@ -20,11 +20,11 @@ from counterflex.app.controller_import.kuka_machine import (
 )
 from counterflex.app.controller_import.poses import Residual, read_poses, residuals
 from counterflex.app.controller_import.robodk import read_robodk
-from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.update import new_cell
 from counterflex.geometry import rotation
 from counterflex.programs.source_text import read_text
 from counterflex.robot.elasticity.chain import ElasticChain, flange
@@ -80,7 +80,7 @@ def run(
         _refuse_misfit(fits, tolerance_m, tolerance_rad, poses.name)
     data.notes += [*_root_note(data), *machine_notes(data, model)]
     text = cell_text(data, robot, tool, base, [file.name for file in files], fits)
-    with atomic.atomic_path(out) as place:
+    with new_cell(out) as place:
         place.write_text(text, encoding="utf-8", newline="\n")
         read_cell(place)
     return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 from nicegui import Client, background_tasks, ui
@@ -26,6 +27,8 @@ _QUESTIONS: Final = {
     " correction.",
     "arm": "Arm the correction? The robot program may then switch it on.",
 }
+ASKERS: Final = ThreadPoolExecutor(4, "asks")
+"""Threads that wait for answers of the loop, 0.3 s at most each. Nothing else runs in them."""
 _TITLES: Final = {"stop": "RAMP OUT", "reset": "ACKNOWLEDGE", "arm": "ARM"}
 
 
@@ -117,8 +120,11 @@ class PanelPage:
         if not (self.session.operates and self._valid()):
             self._tell("Log in again as an operator.", "negative")
             return
+        if action == "stop":
+            self._run.stop_now()  # here, and not in a thread: it waits for nothing
+        who, source = self.session.name, self.session.source
         try:
-            answer = await asyncio.to_thread(self._run.request, action, self.session.name, self.session.source)
+            answer = await asyncio.get_running_loop().run_in_executor(ASKERS, self._run.request, action, who, source)
         except CounterflexError as fault:
             self._tell(f"{_TITLES[action]}: {fault}", "negative")
             self._report_action(f"{self.session.name} {_TITLES[action]}: FAILED")

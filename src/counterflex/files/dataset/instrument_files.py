@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy
 
 from counterflex.core import file_content
 from counterflex.core.arrays import Float, Int
@@ -199,14 +200,13 @@ def _channels(group: Any) -> dict[str, Float]:
 
 
 def _matlab(path: Path, data: bytes, part: str | int | None) -> Columns:
-    from scipy.io import loadmat  # heavy
 
     if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
         raise FileFormatError(
             "a MATLAB file of version 7.3 is not read", where=str(path), hint="Save it with save(..., '-v7')"
         )
     with file_content.readable(path, "a MATLAB file"):
-        content = loadmat(io.BytesIO(data), simplify_cells=True)
+        content = scipy.io.loadmat(io.BytesIO(data), simplify_cells=True)
     columns = _flat({name: value for name, value in content.items() if not name.startswith("__")}, "")
     if part is not None:
         chosen = {name: v for name, v in columns.items() if name == part or name.startswith((f"{part}.", f"{part} "))}

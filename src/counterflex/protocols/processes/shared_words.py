@@ -129,14 +129,14 @@ def _new(folder: Path | None) -> tuple[int, str]:
 
 def _opened(path: Path, size: int) -> int:
     try:
-        handle = os.open(path, os.O_RDWR)
+        handle = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
     except OSError as fault:
         raise InputError(f"no shared memory there: {fault.strerror or fault}", where=str(path)) from fault
-    if not share(handle):
-        os.close(handle)
-        raise InputError("no shared memory there: it has just been cleared", where=str(path))
     status = os.fstat(handle)
     if status.st_size != size or (hasattr(os, "getuid") and status.st_uid != os.getuid()):
         os.close(handle)
         raise InputError("not the shared memory of a run of yours", where=str(path), value=status.st_size, limit=size)
+    if not share(handle):  # after the owner is known: another user's lock would be waited for
+        os.close(handle)
+        raise InputError("no shared memory there: it has just been cleared", where=str(path))
     return handle
