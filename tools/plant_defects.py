@@ -46,8 +46,16 @@ _LIBRARIES: Final = (
     "pydantic",
     "pytest",
 )
+_AROUND: Final = 80
+"""Characters to both sides of a defect that are part of it."""
 _FIRST: Final = 2
 """Test files of the first batch: most defects are caught there, and the others are then never collected."""
+
+
+def _alike(one: str, other: str) -> int:
+    """Number of characters at the beginning that two texts share."""
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((place for place, (a, b) in pairs if a != b), min(len(one), len(other)))
 
 
 @dataclass(frozen=True)
@@ -87,8 +95,12 @@ class Defect:
 
     @property
     def digest(self) -> str:
-        """Short hash of file and defect."""
-        return hashlib.sha256(f"{self.file}\0{self.before}\0{self.after}".encode()).hexdigest()[:16]
+        """Short hash of file and exchange with the text around it; changes elsewhere in the file leave it."""
+        begin = _alike(self.before, self.after)
+        end = _alike(self.before[begin:][::-1], self.after[begin:][::-1])
+        around = self.before[max(0, begin - _AROUND) : begin], self.before[len(self.before) - end :][:_AROUND]
+        text = "\0".join([self.file, *around, self.after[begin : len(self.after) - end]])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def read_set(root: Path = ROOT, folder: Path = SET) -> tuple[list[Defect], list[str]]:
