@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.errors import OutputError
-from counterflex.validation.reproduce import mandiola, mandiola_case
+from counterflex.validation.reproduce import closed_loop, mandiola, mandiola_case
 
 
 @pytest.mark.parametrize("share", [0.3, 0.89])
@@ -27,7 +27,7 @@ def test_a_run_that_ended_early_is_an_error_and_leaves_its_log(
 
     monkeypatch.setattr(mandiola, "prepare", lambda *_: None)
     monkeypatch.setattr(mandiola, "read_plan", lambda _: (path, {}))
-    monkeypatch.setattr(mandiola.closed_loop, "run", run)
+    monkeypatch.setattr(closed_loop, "run", run)
     with pytest.raises(OutputError, match=r"square ended early.*off_path"):
         mandiola.one(case, "square", "published")
     part = case.folder / "square-published"

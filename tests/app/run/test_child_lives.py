@@ -50,6 +50,9 @@ def test_a_process_lives_while_it_imports(lives: Life, monkeypatch: pytest.Monke
     try:
         room.child(pickle.dumps((target, (Import(shared.path, int(lives)),))), shared.path, int(lives), None)
         assert _SAID == [2]
-        assert not [thread for thread in threading.enumerate() if thread.name == "imports" and thread.join(5.0)]
+        for thread in threading.enumerate():
+            if thread.name == "imports":
+                thread.join(5.0)
+                assert not thread.is_alive()
     finally:
         shared.remove()
