@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import ast
 import functools
+import importlib.util
 import re
+import sys
 from collections import deque
 from pathlib import Path
 
+_FOLDERS = ("benchmarks", "tests/references", "tools")
+"""Folders whose modules tests import besides the package."""
 SLOW = 5
 """Steps of import that long files (listed in tests/conftest.py) and rooms that start processes are put further away."""
 
@@ -71,8 +75,23 @@ def enclosing_name(text: str, offset: int) -> str:
 
 
 @functools.cache
+def _is_installed(module: str) -> bool:
+    return module in sys.modules or importlib.util.find_spec(module) is not None
+
+
+def _can_run(root: Path, file: Path) -> bool:
+    """False where a library that a test file imports is not installed: it would fail without any defect."""
+    own = {path.stem for folder in (*_FOLDERS, file.parent) for path in (root / folder).iterdir()}
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    names = {one.name for node in tree.body if isinstance(node, ast.Import) for one in node.names}
+    names |= {node.module for node in tree.body if isinstance(node, ast.ImportFrom) and node.module and not node.level}
+    return all(top in own or top == "tests" or _is_installed(top) for top in {name.partition(".")[0] for name in names})
+
+
+@functools.cache
 def _texts(root: Path) -> dict[Path, str]:
-    return {file: file.read_text(encoding="utf-8") for file in sorted((root / "tests").rglob("test_*.py"))}
+    files = sorted((root / "tests").rglob("test_*.py"))
+    return {file: file.read_text(encoding="utf-8") for file in files if _can_run(root, file)}
 
 
 @functools.cache

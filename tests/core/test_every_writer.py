@@ -29,6 +29,7 @@ BY_LIBRARY = {"write_csv", "write_parquet", "write_ipc", "write_json", "write_ht
 """Writers of libraries that do not raise OSError where the disk is full: they write into memory (atomic.write_made)."""
 FILES = {
     "core/atomic.py": "the mechanism",
+    "core/moving.py": "the mechanism",
     "core/output_place.py": "the mechanism",
     "core/jit.py": "a lock beside compiled kernels, in the user's cache",
     "files/logs/run_log.py": "new names in a folder, segment by segment",

@@ -181,10 +181,9 @@ def _follower(supervise: Supervise) -> Callable[[Int, Records, Records, Int], In
 
 @compiled
 def _judge(
-    keys: Int, tos: Int, given: Any, limits: Any, bits: Int, outcome: Int, causes: Int, broken: Int
+    ats: Any, keys: Int, tos: Int, given: Any, limits: Any, bits: Int, outcome: Int, causes: Int, broken: Int
 ) -> tuple[Int, Int, Int]:
-    """Hold every step against the rules, and gather distinct edges with their labels."""
-    ats = np.zeros(2, SUPERVISOR)
+    """Hold every step against the rules, and gather distinct edges with their labels; `ats` is work space."""
     before, after = ats[0], ats[1]
     froms, ends, labels = [np.int64(0)], [np.int64(0)], [np.int64(0)]
     for k in range(len(keys)):
@@ -236,7 +235,9 @@ def explore(
     pieces = []
     while len(frontier) and not (first and np.any(broken >= 0)):
         nexts = follow(frontier, given, limits, _BITS)
-        froms, tos, labels = _judge(frontier, nexts, given, limits, _BITS, outcome, causes, broken)
+        froms, tos, labels = _judge(
+            records(SUPERVISOR, 2), frontier, nexts, given, limits, _BITS, outcome, causes, broken
+        )
         pieces.append(np.stack([frontier[froms], tos, labels], axis=1))
         frontier = np.setdiff1d(tos, keys)
         keys = np.concatenate([keys, frontier])
