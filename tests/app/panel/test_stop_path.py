@@ -58,8 +58,9 @@ def test_the_stop_is_written_at_once_while_no_thread_is_free(monkeypatch: pytest
         page = Bare(run, "operator")
         pressed = asyncio.create_task(page._press("stop"))
         await asyncio.sleep(0)  # one pass of the event loop
-        assert run.asked == [("stop now", threading.get_ident())]
+        asked = list(run.asked)
         go.set()
+        assert asked == [("stop now", threading.get_ident())]
         await asyncio.gather(pressed, *blocked)
         assert [action for action, _ in run.asked] == ["stop now", "stop"]
         assert page.told == ["RAMP OUT: done (ramp out)", "anna RAMP OUT: done (ramp out)"]
