@@ -40,6 +40,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     "monitoring": (("--quick", "--grid", "--others"), ("--seeds", "1", "--first", "0")),
     "online_reply": (("--quick", "--seconds", "2", "--json", f"{FOLDER}/figures.json"), ("--quick", "--stages")),
     "panel": (("--quick", "--minutes", "1", "--block", "1", "--json", f"{FOLDER}/figures.json"),),
+    "panel_stop": (("--quick", "--logins", "100", "--stops", "2", "--json", f"{FOLDER}/figures.json"),),
     "placement": (
         ("--quick", "--candidates", "64"),
         ("--gain", "groove", "--candidates", "64", "--seeds", "1-1"),

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import os
-import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from html import escape
@@ -47,7 +44,7 @@ def login_routes(
 ) -> list[Route]:
     """Routes to log in and out.
 
-    Passwords are hashed in one thread of their own, of the lowest priority: what an operator asks never waits for it.
+    Passwords are hashed in one thread of their own: what an operator asks never waits for it.
 
     Args:
         users: Who may; None: nobody, a link opens the panel.
@@ -58,7 +55,7 @@ def login_routes(
         tries: Which passwords are looked at; None: by the clock of the computer.
     """
     tries = tries if tries is not None else Tries()
-    hashing = ThreadPoolExecutor(1, "hashing", _yield_to_others)
+    hashing = ThreadPoolExecutor(1, "hashing")
 
     async def ask(_: Request) -> Response:
         return _page("")
@@ -84,6 +81,8 @@ def login_routes(
         role = None
         try:
             role = await asyncio.get_running_loop().run_in_executor(hashing, users.role, name, password)
+        except asyncio.CancelledError:  # the panel is closed meanwhile
+            return _page("The panel is being closed.", 503)
         finally:
             tries.end(source, name, right=role is not None)
         if role is None:
@@ -107,9 +106,3 @@ def login_routes(
         Route("/login", enter, methods=["POST"]),
         Route("/logout", leave, methods=["GET"]),
     ]
-
-
-def _yield_to_others() -> None:
-    """Give this thread the lowest priority, where threads have priorities of their own."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)

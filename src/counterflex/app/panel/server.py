@@ -121,6 +121,7 @@ class PanelServer:
             backlog=AT_A_TIME,
             log_level="error",
             access_log=False,
+            proxy_headers=False,  # a stranger could say that he comes from another address
             server_header=False,
             timeout_graceful_shutdown=2,
             ssl_certfile=settings.certificate,

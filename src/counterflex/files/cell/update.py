@@ -120,7 +120,7 @@ def new_cell(target: Path) -> Iterator[Path]:
         lock.enter_context(file_lock.alone(target))  # until the file has its name
         if target.exists():
             raise InputError(
-                "another process has written this file meanwhile", where=target, hint="Name another new cell file"
+                "another process has written this file meanwhile", where=str(target), hint="Name another new cell file"
             )
 
 
