@@ -148,3 +148,15 @@ def test_an_acknowledgment_on_the_way_to_the_cut_is_none_of_the_cut(planned: boo
     program.cycle(reset=True)
     program.go(CUT[0] + 0.005)
     assert not program.held  # seen: a person lets it go on
+
+
+def test_a_hold_that_the_program_has_left_in_air_does_not_let_the_next_cut_be_uncorrected() -> None:
+    """Held in air for a reason, Enable off there and on again: the next cut ran without its correction, and no hold."""
+    program = Program().begin()
+    assert program.cycle(soft=int(Cause.RUN_LOST)) == State.HOLD
+    for _ in range(2 * DEBOUNCE):
+        program.cycle(enable=False, soft=int(Cause.RUN_LOST), moves=False)
+    assert program.loop.state < State.ARMED
+    assert not program.held
+    program.go(CUT[0] + 0.002)
+    assert program.held

@@ -39,7 +39,7 @@ def test_a_story_that_once_broke_a_rule_holds(why: str, kept: Story) -> None:
 def test_a_story_of_a_seed_holds(seed: int) -> None:
     told = tell(draw(seed))
     assert not told.broken
-    assert told.compared > 1000
+    assert told.compared > 500
 
 
 def test_a_story_depends_on_its_seed_alone() -> None:
@@ -283,7 +283,7 @@ def test_the_campaign_writes_what_broke_and_can_be_interrupted(tmp_path: Path, m
     monkeypatch.setattr(campaign, "shrunk", lambda one, _rule: one)
     _never_stops(monkeypatch)
     out = campaign.run(tmp_path / "out", minutes=0.05, seed=9)
-    assert out.told == 2
+    assert out.stories == 2
     assert {rule for _, rule, _ in out.broken} >= {"reacts to a stop"}
     kept = read_stories(tmp_path / "out" / campaign.STORIES)
     assert {one.seed for _, one in kept} == {9, 10}

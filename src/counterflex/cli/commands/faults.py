@@ -112,7 +112,7 @@ def _composed(out: Path, minutes: float, seed: int, *, as_json: bool, others: bo
         for story_seed, rule, words in campaign.broken:
             typer.echo(f"seed {story_seed} breaks: {rule}, {words}")
         typer.echo(
-            f"{campaign.told} stories from seed {seed}, {campaign.minutes:.1f} cell-minutes, "
+            f"{campaign.stories} stories from seed {seed}, {campaign.minutes:.1f} cell-minutes, "
             f"{sum(campaign.kinds.values())} faults of {len(campaign.kinds)} kinds, {campaign.compared} records "
             f"replayed, {campaign.per_real:.1f} times real time; {len(campaign.broken)} rules broken"
             f"{', interrupted' if campaign.interrupted else ''}; wrote {out}"

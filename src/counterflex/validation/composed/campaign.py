@@ -12,7 +12,7 @@ from counterflex.core import atomic
 from counterflex.core.errors import Interrupted
 from counterflex.core.progress import Progress, silent
 from counterflex.files.summary_file import write_summary
-from counterflex.validation.composed.play import Told, shrunk, tell
+from counterflex.validation.composed.play import Outcome, shrunk, tell
 from counterflex.validation.composed.story import Story, as_text, draw
 from counterflex.validation.composed.world import PERIOD_S
 
@@ -26,7 +26,7 @@ class Campaign:
 
     Attributes:
         seed: Of the first; each has the next.
-        told: Stories.
+        stories: Told so far.
         cycles: Of the controllers.
         compared: Records that were computed again.
         computing_s: Time of the processor.
@@ -39,7 +39,7 @@ class Campaign:
     """
 
     seed: int
-    told: int = 0
+    stories: int = 0
     cycles: int = 0
     compared: int = 0
     computing_s: float = 0.0
@@ -60,15 +60,15 @@ class Campaign:
         """Simulated time by the processor's."""
         return self.cycles * PERIOD_S / self.computing_s if self.computing_s else 0.0
 
-    def add(self, told: Told) -> None:
+    def add(self, outcome: Outcome) -> None:
         """Count a story."""
-        self.told += 1
-        self.cycles += told.cycles
-        self.compared += told.compared
-        self.kinds.update(fault.kind for fault in told.story.faults)
-        self.incidents.update(told.incidents)
-        self.states.update(told.states)
-        self.broken += [(told.story.seed, one.rule, f"at {one.at_s:g} s: {one.words}") for one in told.broken]
+        self.stories += 1
+        self.cycles += outcome.cycles
+        self.compared += outcome.compared
+        self.kinds.update(fault.kind for fault in outcome.story.faults)
+        self.incidents.update(outcome.incidents)
+        self.states.update(outcome.states)
+        self.broken += [(outcome.story.seed, one.rule, f"at {one.at_s:g} s: {one.words}") for one in outcome.broken]
 
     def summary(self) -> dict[str, Any]:
         """Plain values."""
@@ -77,7 +77,7 @@ class Campaign:
             "seed": self.seed,
             "passed": not self.broken,
             "interrupted": self.interrupted,
-            "stories": self.told,
+            "stories": self.stories,
             "cell_minutes": round(self.minutes, 2),
             "cycles": self.cycles,
             "records_replayed": self.compared,
@@ -106,14 +106,14 @@ def run(
     """
     campaign = Campaign(seed)
     try:
-        while campaign.minutes < minutes or not campaign.told:
-            story = draw(seed + campaign.told)
+        while campaign.minutes < minutes or not campaign.stories:
+            story = draw(seed + campaign.stories)
             progress(min(1.0, campaign.minutes / minutes), f"seed {story.seed}, {len(campaign.broken)} broken")
             begin = time.process_time()
-            told = tell(story)
+            outcome = tell(story)
             campaign.computing_s += time.process_time() - begin
-            campaign.add(told)
-            for one in told.broken:
+            campaign.add(outcome)
+            for one in outcome.broken:
                 shortest = shrunk(story, one.rule) if shrink else story
                 campaign.kept.append((f"{one.rule}: {one.words}", shortest))
     except (KeyboardInterrupt, Interrupted):

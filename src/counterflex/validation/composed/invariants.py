@@ -113,7 +113,7 @@ class Invariants:
         name = state.name
         self.states[name] = self.states.get(name, 0) + 1
         self._in_state = self._in_state + 1 if state == self._state else 0
-        self._said(world, state, correction)
+        self._by_state(world, state, correction)
         self._causes(world, state)
         self._visible(world, state)
         self._senders(world)
@@ -163,13 +163,13 @@ class Invariants:
         if step > most and not world.obeyed_other:
             self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
 
-    def _said(self, world: World, state: State, correction: Float) -> None:
+    def _by_state(self, world: World, state: State, correction: Float) -> None:
         """What is sent in each state: zero, at rest, or towards zero."""
         if world.age > 0 or world.controller.stopped or not world.sends or world.obeyed_other:
             self._in_state = 0
             return
-        said = world.controller.reported_state
-        if said != int(state):
+        reported = world.controller.reported_state
+        if reported != int(state):
             return
         rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
         size, before = _size(correction), _size(self._before)
@@ -269,8 +269,10 @@ class Invariants:
         """A program that goes on in the cut is corrected, or it is held or stopped."""
         controller, robot = world.controller, world.robot
         goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0 and world.sends
-        told = controller.feed_hold or bool(controller.stopped)
-        if goes_on and not told and state not in (State.ACTIVE, State.HOLD, State.FAULT):
+        held = controller.feed_hold or bool(controller.stopped)
+        measured = world.story.forced and not any(kind.startswith("force-") for kind in world.active.now)
+        tells = world.story.planned or measured  # else nothing says that material is cut
+        if goes_on and tells and not held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
             self._uncorrected += 1
             if self._uncorrected > (_UNCORRECTED if world.story.planned else _UNCORRECTED_UNPLANNED):
                 self._break("no cut without its correction", world, f"{state.name} for {self._uncorrected} cycles")

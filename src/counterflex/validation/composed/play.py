@@ -11,7 +11,7 @@ from counterflex.validation.composed.world import World
 
 
 @dataclass(frozen=True)
-class Told:
+class Outcome:
     """What came of a story.
 
     Attributes:
@@ -31,13 +31,13 @@ class Told:
     incidents: dict[str, int]
 
 
-def tell(story: Story) -> Told:
+def tell(story: Story) -> Outcome:
     """Tell a story from its beginning to its end."""
     looks = Invariants()
     world = World(story, looks)
     world.run()
     looks.end(world)
-    return Told(
+    return Outcome(
         story,
         tuple(looks.broken.values()),
         world.cycles,

@@ -105,13 +105,13 @@ class Robot:
         """
         active, dt = self._active, self._dt
         now = active.now
-        wanted = bench.FEED_M_S * override if self.runs else 0.0
+        requested = bench.FEED_M_S * override if self.runs else 0.0
         if "feed-differs" in now:
-            wanted *= active.size("feed-differs")
+            requested *= active.size("feed-differs")
         if (holds and "ignores-hold" not in now) or stopped:
-            wanted = 0.0
+            requested = 0.0
         most = _BRAKES_M_S2 * dt
-        self.speed += min(most, max(-most, wanted - self.speed))
+        self.speed += min(most, max(-most, requested - self.speed))
         last = len(self._program.p) - 1
         self.place = min(self.place + self.speed * dt / bench.SPACING_M, float(last))
         self._sent.append(correction_m)
