@@ -354,10 +354,8 @@ def report(defects: list[Defect], results: dict[str, dict[str, Any]]) -> str:
     every = max(total.total() - total["not run"], 1)
     caught = total["own"] + total["above"]
     share, inside = f"{100 * caught / every:.1f} %", f"{100 * total['own'] / every:.1f} %"
-    missed = total.total() - caught - total["not run"]
-    lines.append(
-        f"| all | {total.total()} | {total['own']} ({inside}) | {total['above']} | {missed} | {total['not run']} |"
-    )
+    row = (total.total(), f"{total['own']} ({inside})", total["above"], total.total() - caught - total["not run"])
+    lines.append(f"| all | {' | '.join(map(str, row))} | {total['not run']} |")
     return "\n".join([*lines, "", f"Caught, of those that were run: {share}.", *survivors])
 
 
