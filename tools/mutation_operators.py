@@ -82,7 +82,7 @@ class _Source:
         end_line, end = node.end_lineno or node.lineno, node.end_col_offset or 0
         return self.starts[node.lineno - 1] + node.col_offset, self.starts[end_line - 1] + end
 
-    def between(self, left: ast.expr, right: ast.expr, kind: type) -> list[Change]:
+    def between(self, left: ast.expr, right: ast.expr, kind: type[ast.AST]) -> list[Change]:
         """Exchange of the operator between two operands."""
         first, last = self.span(left)[1], self.span(right)[0]
         gap = self.data[first:last].decode()

@@ -344,17 +344,19 @@ def report(defects: list[Defect], results: dict[str, dict[str, Any]]) -> str:
         rooms.setdefault(defect.room, Counter())[outcome] += 1
         if outcome not in ("own", "above"):
             survivors.append(f"- {outcome}: {defect.room}: {defect.name}")
-    lines = ["| room | defects | caught in own room | caught above | survived |", "|---|---|---|---|---|"]
+    lines = ["| room | defects | caught in own room | caught above | survived | not run |", "|---|---|---|---|---|---|"]
     total: Counter[str] = Counter()
     for room, counts in sorted(rooms.items()):
         total += counts
-        missed = counts.total() - counts["own"] - counts["above"]
-        lines.append(f"| {room} | {counts.total()} | {counts['own']} | {counts['above']} | {missed} |")
-    every = max(total.total(), 1)
+        missed = counts.total() - counts["own"] - counts["above"] - counts["not run"]
+        row = (counts.total(), counts["own"], counts["above"], missed, counts["not run"])
+        lines.append(f"| {room} | {' | '.join(map(str, row))} |")
+    every = max(total.total() - total["not run"], 1)
     caught = total["own"] + total["above"]
     share, inside = f"{100 * caught / every:.1f} %", f"{100 * total['own'] / every:.1f} %"
-    lines.append(f"| all | {total.total()} | {total['own']} ({inside}) | {total['above']} | {total.total() - caught} |")
-    return "\n".join([*lines, "", f"Caught: {share}.", *survivors])
+    row = (total.total(), f"{total['own']} ({inside})", total["above"], total.total() - caught - total["not run"])
+    lines.append(f"| all | {' | '.join(map(str, row))} | {total['not run']} |")
+    return "\n".join([*lines, "", f"Caught, of those that were run: {share}.", *survivors])
 
 
 def main() -> int:

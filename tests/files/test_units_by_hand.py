@@ -105,7 +105,8 @@ def test_a_setting_in_si_is_written_in_shop_units(key: str) -> None:
 @pytest.mark.parametrize("unit", SHOWN)
 def test_a_unit_of_reports(unit: str) -> None:
     name, scale = shop(unit)
-    assert (name, scale) == (SHOWN[unit][0], pytest.approx(SHOWN[unit][1], rel=1e-12))
+    assert name == SHOWN[unit][0]
+    assert scale == pytest.approx(SHOWN[unit][1], rel=1e-12)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -35,7 +35,7 @@ def table(rows: list[dict[str, Any]]) -> MotionTable:
     columns = {name: np.array([{**base, **row}[name] for row in rows], dtype=np.float64) for name in base}
     whole = {name: columns[name].astype(np.int64) for name in ("kind", "tool")}
     assert n == len(columns["kind"])
-    return MotionTable(**{**columns, **whole})
+    return MotionTable(**{**columns, **whole})  # type: ignore[arg-type]
 
 
 def spiral(first: float, last: float, turn: float, rise: float) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def test_a_spiral_is_as_long_as_its_chords(first: float, ratio: float, turn: flo
     assert float(motion_length(motions)[0]) == pytest.approx(chords, rel=0.01)  # its growth is no length
     mean_radius = 0.5 * first * (1.0 + ratio)
     assert float(motion_length(motions)[0]) == pytest.approx(math.hypot(mean_radius * turn, rise), rel=1e-9)
-    assert turn / (len(path) - 1) <= float(chord_angle(max(first, ratio * first), chord)) * (1.0 + 1e-9)
+    assert turn / (len(path) - 1) <= float(chord_angle(np.array(max(first, ratio * first)), chord)) * (1.0 + 1e-9)
     duration = float(path.time_s[-1])
     assert duration == pytest.approx(float(motion_length(motions)[0]) / 0.02)
     back = sample(table([spiral(first, ratio * first, turn if left else -turn, rise)]), step_m=1.0, chord_m=chord)

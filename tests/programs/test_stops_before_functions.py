@@ -65,7 +65,8 @@ def test_the_robot_stands_before_every_function_dwell_and_stop(language: str, op
         way += op.startswith("move")
         text.append(f"G1 X{way} Y{way % 3}{op[4:]}" if op.startswith("move") else op)
     lines = written(language, "\n".join([*text, "M2", ""]))
-    motion, behind, functions, moves = "", [], 0, 0
+    motion, functions, moves = "", 0, 0
+    behind: list[str] = []
     for line in lines:
         if re.match(MOTION[language], line):
             motion, behind, moves = line, [], moves + 1

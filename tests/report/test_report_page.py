@@ -315,7 +315,7 @@ def test_a_feature_that_was_not_found_is_out_of_tolerance(job: tuple[ReportData,
 
 def test_a_prediction_names_its_largest_values_and_their_places() -> None:
     n = 300
-    force = 100.0 + np.arange(n) % 97
+    force: Float = 100.0 + np.arange(n, dtype=np.float64) % 97
     deflection = np.zeros((n, 3))
     deflection[:, 1] = -1e-6 * np.abs(np.arange(n) - 250.0)
     deflection[41, 0] = -7e-4  # the largest, and negative

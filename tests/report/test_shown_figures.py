@@ -93,7 +93,7 @@ def test_a_wall_is_shown_by_its_farthest_neighbour(sign: float) -> None:
 
 
 def picture(value_mm: Float) -> MapPicture:
-    return MapPicture(np.arange(NX) * 1.0, np.arange(NY) * 1.0, value_mm)
+    return MapPicture(np.arange(float(NX)), np.arange(float(NY)), value_mm)
 
 
 @QUICK

@@ -92,8 +92,8 @@ def test_what_stands_still_has_no_delay() -> None:
 def test_a_short_record_is_found_in_a_long_one_of_either_sign(place: float, first: bool, mirrored: bool) -> None:
     """Windows of different length, the short one within the long one or at its end; whichever is given first."""
     rng = np.random.default_rng(int(1000 * place))
-    t = 0.01 * np.arange(4000)
-    y = np.cumsum(rng.normal(size=4000))
+    t: Float = 0.01 * np.arange(4000, dtype=np.float64)
+    y: Float = np.cumsum(rng.normal(size=4000))
     begin = int(place * 3999)
     late = 0.35
     short_t, short = t[begin : begin + 600] + late, (-1.0 if mirrored else 1.0) * y[begin : begin + 600]
