@@ -58,6 +58,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
             *("--write", f"{FOLDER}/rows.json"),
         ),
     ),
+    "play_quick_form": (("--quick", "--seeds", "1", "--first", "0", "--json"),),
     "posture": (("--quick", "--gain", "--seeds", "1-1"),),
     "production": (
         ("--quick", "--drawn", "--series", "--family", "mild", "--seeds", "1", "1"),

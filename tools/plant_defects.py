@@ -46,8 +46,16 @@ _LIBRARIES: Final = (
     "pydantic",
     "pytest",
 )
+_AROUND: Final = 80
+"""Characters to both sides of a defect that are part of it."""
 _FIRST: Final = 2
 """Test files of the first batch: most defects are caught there, and the others are then never collected."""
+
+
+def _alike(one: str, other: str) -> int:
+    """Number of characters at the beginning that two texts share."""
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((place for place, (a, b) in pairs if a != b), min(len(one), len(other)))
 
 
 @dataclass(frozen=True)
@@ -62,6 +70,7 @@ class Defect:
         after: The same with the defect.
         function: Function or class that holds it.
         interpreted: Run the kernels as plain Python, where that is quicker than to compile them.
+        tests: Test files to run first, where imports do not tell which are nearest.
     """
 
     name: str
@@ -71,6 +80,13 @@ class Defect:
     after: str
     function: str
     interpreted: bool = False
+    tests: tuple[str, ...] = ()
+
+    def nearest(self, own: int, above: int) -> tuple[list[str], list[str]]:
+        """Return the test files of its own room and of those above that are run for it, in their order."""
+        mine, others = nearest_tests(ROOT, self.file, self.function)
+        first = [name for name in self.tests if name in mine]
+        return [*first, *(name for name in mine if name not in first)][:own], others[:above]
 
     @property
     def room(self) -> str:
@@ -79,8 +95,12 @@ class Defect:
 
     @property
     def digest(self) -> str:
-        """Short hash of file and defect."""
-        return hashlib.sha256(f"{self.file}\0{self.before}\0{self.after}".encode()).hexdigest()[:16]
+        """Short hash of file and exchange with the text around it; changes elsewhere in the file leave it."""
+        begin = _alike(self.before, self.after)
+        end = _alike(self.before[begin:][::-1], self.after[begin:][::-1])
+        around = self.before[max(0, begin - _AROUND) : begin], self.before[len(self.before) - end :][:_AROUND]
+        text = "\0".join([self.file, *around, self.after[begin : len(self.after) - end]])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def read_set(root: Path = ROOT, folder: Path = SET) -> tuple[list[Defect], list[str]]:
@@ -106,8 +126,9 @@ def read_set(root: Path = ROOT, folder: Path = SET) -> tuple[list[Defect], list[
             compile(after, row["file"], "exec")
             function = enclosing_name(before, before.index(row["old"]))
             defect = Defect(
-                row["name"], row["file"], row["kind"], before, after, function, row.get("interpreted", False)
-            )
+                row["name"], row["file"], row["kind"], before, after, function, row.get("interpreted", False),
+                tuple(row.get("tests", ())),
+            )  # fmt: skip
             if path.stem != defect.room or after == before:
                 raise ValueError(f"{where}: not of this room, or no change")
             defects.append(defect)
@@ -222,8 +243,7 @@ class Bench:
     def start(self, defect: Defect, own: int, above: int) -> int:
         """Plant a defect and fork a process that runs its tests; the process' number."""
         self.defect, self.started = defect, time.monotonic()
-        mine, others = nearest_tests(ROOT, defect.file, defect.function)
-        self.files = mine[:own], others[:above]
+        self.files = defect.nearest(own, above)
         self._write(defect.file, defect.after)
         child = os.fork()
         if child:
@@ -268,8 +288,7 @@ def _is_done(defect: Defect, row: dict[str, Any] | None, own: int, above: int) -
         return False
     if row["outcome"] == "own":
         return True
-    mine, others = nearest_tests(ROOT, defect.file, defect.function)
-    return bool(row["tests"] == _digest_tests((mine[:own], others[:above])))
+    return bool(row["tests"] == _digest_tests(defect.nearest(own, above)))
 
 
 def run(defects: list[Defect], jobs: int, own: int, above: int, limit_s: float, kept: Path) -> None:

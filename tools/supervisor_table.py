@@ -1,4 +1,7 @@
-"""Write the table of states into docs/online.md, from every state of the compiled supervisor with every input.
+"""Write the tables of states, requests and counters into docs/online.md, from what the loop's own code does.
+
+States: every state of the compiled supervisor with every input. Requests of an operator: asked of a loop in each state.
+Counters of a session: judged in every state of the counter.
 
 Usage: python tools/supervisor_table.py [--check]. With --check nothing is written; exit 1 if the page is out of date.
 """
@@ -17,12 +20,13 @@ from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.states import Cause, State
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "references"))
+sys.path[:0] = [str(ROOT / "tests" / "references"), str(ROOT / "tools")]
+import request_table  # noqa: E402
 from supervisor_space import FEATURES, STAYS, Space, all_inputs, explore  # noqa: E402
 
 PAGE: Final = ROOT / "docs" / "online.md"
-BEGIN: Final = "<!-- states: written by tools/supervisor_table.py -->\n"
-END: Final = "<!-- end of states -->\n"
+PARTS: Final = ("states", "requests", "counters")
+"""Of the page; each stands between two comments."""
 _SECONDS = OnlineSettings().supervisor, OnlineSettings().period_s
 OUTPUT: Final = {
     State.IDLE: "zero",
@@ -183,10 +187,16 @@ def _name(state: State) -> str:
 
 
 def page(space: Space | None = None) -> str:
-    """Return the page with the part written anew."""
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n{text(space)}\n{END}{after}"
+    """Return the page with its parts written anew."""
+    out = PAGE.read_text(encoding="utf-8")
+    for name, new in zip(PARTS, (text(space), request_table.requests(), request_table.counters()), strict=True):
+        begin, end = f"<!-- {name}: written by tools/supervisor_table.py -->\n", f"<!-- end of {name} -->\n"
+        before, there, rest = out.partition(begin)
+        _, ended, after = rest.partition(end)
+        assert there, f"no place for the {name} in {PAGE.name}"
+        assert ended, f"the {name} in {PAGE.name} have no end"
+        out = f"{before}{begin}\n{new}\n{end}{after}"
+    return out
 
 
 def main() -> int:

@@ -22,10 +22,9 @@ from counterflex.core import atomic, file_content, moving
 from counterflex.core.errors import CounterflexError, FileFormatError, OutputError
 from counterflex.core.moving import JOURNAL, settle
 from counterflex.core.output_place import SUFFIX
+from killed_process import CHANGES, counted, each_kill, killed
 
 NAMES: Final = ("a.ngc", "plan.parquet", "parts/b.json", "summary.json")
-KILLED: Final = 9
-CHANGES: Final = ("replace", "mkdir", "unlink", "rmdir", "write_text", "chmod")
 
 
 def write(folder: Path, word: str, *more: str) -> None:
@@ -39,54 +38,6 @@ def write(folder: Path, word: str, *more: str) -> None:
 def words(folder: Path) -> list[str]:
     """Who wrote each file that is there: first words, without looking by way of the program."""
     return [(folder / name).read_text(encoding="utf-8").split(" ")[0] for name in NAMES if (folder / name).is_file()]
-
-
-@contextmanager
-def counted(number: int, act: Callable[[], None]) -> Iterator[None]:
-    """Call something before the change of that number that the process makes in the file system."""
-    count, before = [0], {name: getattr(Path, name) for name in CHANGES}
-
-    def counting(name: str) -> Callable[..., Any]:
-        def change(self: Path, *args: Any, **options: Any) -> Any:
-            count[0] += 1
-            if count[0] == number:
-                act()
-            return before[name](self, *args, **options)
-
-        return change
-
-    for name in CHANGES:
-        setattr(Path, name, counting(name))
-    try:
-        yield
-    finally:
-        for name in CHANGES:
-            setattr(Path, name, before[name])
-
-
-def killed(number: int, job: Callable[[], object]) -> bool:
-    """Do a job in a process that is killed before its change of that number; False: it ended before."""
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            with counted(number, lambda: os._exit(KILLED)):
-                job()
-            status = 0
-        finally:
-            os._exit(status)
-    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    assert status in (0, KILLED)
-    return status == KILLED
-
-
-def each_kill(job: Callable[[], object]) -> Iterator[int]:
-    """Numbers of the changes that a job makes, each after a process was killed before it."""
-    number = 1
-    while killed(number, job):
-        yield number
-        number += 1
-    assert number > 5
 
 
 @pytest.mark.parametrize("there", [True, False], ids=["replaced", "new"])
@@ -122,20 +73,12 @@ def test_who_completes_may_be_killed_as_well(tmp_path: Path) -> None:
     write(out, "old")
     for first in each_kill(lambda: write(out, "new")):
         if (out / JOURNAL).exists():
-            for _ in each_kill_of_settling(out):
+            for _ in each_kill(lambda: settle(out)):
                 assert len(set(words(out))) <= 1
             settle(out)
             assert words(out) == ["new"] * 4, first
         shutil.rmtree(out)
         write(out, "old")
-
-
-def each_kill_of_settling(out: Path) -> Iterator[int]:
-    """Numbers of the changes that completing makes; each is tried on what the kill before left."""
-    number = 1
-    while killed(number, lambda: settle(out)):
-        yield number
-        number += 1
 
 
 @pytest.mark.parametrize("number", range(1, 40))

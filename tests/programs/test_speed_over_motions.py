@@ -5,11 +5,15 @@ The references know the rule of one word each and share no code with the readers
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TypeVar
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.programs.apt.reader import read_apt
 from counterflex.programs.fanuc.read.reader import read_fanuc
@@ -19,9 +23,15 @@ from counterflex.programs.program import Program
 from counterflex.programs.rapid.read.reader import read_rapid
 from fanuc_listings import entry, listing
 
-QUICK = settings(max_examples=60)
+QUICK = settings(max_examples=100)
+Op = TypeVar("Op")
 speed = st.integers(1, 900)
 percent = st.integers(1, 100)
+
+
+def each_moved(ops: Sequence[Op], move: Op) -> list[Op]:
+    """A motion behind every operation, so that each of them shows."""
+    return [one for op in ops for one in (op, move)]
 
 
 def speeds(program: Program, skipped: int = 1) -> list[float]:
@@ -46,7 +56,7 @@ def test_gcode_feeds_in_the_unit_and_mode_they_were_given_in(ops: list[tuple[str
     """F keeps the unit in which it was read; another mode needs an F of its own; G93 counts for its block alone."""
     lines, expected = ["G21 G90 G94 M3 S600", "G0 X0 Y0 Z0", "F60"], []
     unit, of_feed, feed, mode, rpm, way = 1.0, 1.0, 60, 94, 600, 0.0
-    for word, value in ops:
+    for word, value in each_moved(ops, ("G1", 0)):
         if word == "F":
             feed, of_feed = value, unit
             lines.append(f"F{value}")
@@ -88,7 +98,7 @@ def test_gcode_offsets_count_from_where_the_tool_stands_or_from_zero(ops: list[t
     """G92 makes the place be called so, G52 shifts zero by so much; G92.2 forgets, and G92.3 brings back."""
     lines, expected = ["G21 G90 G92 X0", "G0 X0 Y0 Z0"], []
     unit, here, shift, saved, length = 1.0, 0.0, 0.0, 0.0, 0.0
-    for word, value in ops:
+    for word, value in each_moved(ops, ("move", 7)):
         mm = value * unit
         if word in ("G20", "G21"):
             unit = 25.4 if word == "G20" else 1.0
@@ -129,6 +139,12 @@ def test_a_helix_in_inverse_time_lasts_its_time(rise: float, per_minute: int, wo
     assert helix.feed_m_s / MM == pytest.approx(length * per_minute / 60, rel=1e-9)
 
 
+@pytest.mark.parametrize("change", ["G95", "G93"])
+def test_a_feed_of_another_mode_is_no_feed(change: str) -> None:
+    with pytest.raises(ProgramError, match="feed"):
+        read_gcode(f"G21 G90 G94 F100 M3 S100\nG1 X1\n{change}\nG1 X2\nM2")
+
+
 SPINDLE = st.lists(st.sampled_from(["M3 S500", "M4 S700", "M5", "S900", "T1 M6", "T2", "M6", "move"]), max_size=14)
 
 
@@ -136,7 +152,7 @@ SPINDLE = st.lists(st.sampled_from(["M3 S500", "M4 S700", "M5", "S900", "T1 M6",
 @given(SPINDLE)
 def test_gcode_spindle_turns_as_it_was_told_and_stands_after_a_change(words: list[str]) -> None:
     lines, expected, rpm, turns, tool, prepared = ["G21 G90 F600", "G0 X0 Y0 Z0"], [], 0, 0, 0, 0
-    for k, word in enumerate(words):
+    for k, word in enumerate(each_moved(words, "move")):
         if word == "M6" and not prepared:
             continue
         lines.append(f"G1 X{k + 1}" if word == "move" else word)
@@ -155,8 +171,13 @@ def test_gcode_spindle_turns_as_it_was_told_and_stands_after_a_change(words: lis
     assert [m.spindle_rad_s for m in found] == pytest.approx([v for v, _ in expected])
 
 
-APT = st.lists(st.one_of(st.tuples(st.sampled_from(["FEDRAT", "SPINDL"]), speed),
-                         st.tuples(st.sampled_from(["RAPID", "GOTO"]), st.just(0))), max_size=14)  # fmt: skip
+APT = st.lists(
+    st.one_of(
+        st.tuples(st.sampled_from(["FEDRAT", "SPINDL"]), speed),
+        st.tuples(st.sampled_from(["RAPID", "GOTO"]), st.just(0)),
+    ),
+    min_size=8, max_size=24,
+)  # fmt: skip
 
 
 @QUICK
@@ -164,7 +185,7 @@ APT = st.lists(st.one_of(st.tuples(st.sampled_from(["FEDRAT", "SPINDL"]), speed)
 def test_an_apt_rapid_lasts_one_motion_and_a_feed_cancels_it(ops: list[tuple[str, int]]) -> None:
     lines, expected = ["UNITS/MM", "SPINDL/RPM,100,CLW", "FEDRAT/60,MMPM", "GOTO/0,0,0"], []
     feed, rapid, rpm = 60, False, 100
-    for k, (word, value) in enumerate(ops):
+    for k, (word, value) in enumerate(ops):  # a rapid is one-shot: what stands between it and the motion is drawn
         if word == "FEDRAT":
             feed, rapid = value, False
             lines.append(f"FEDRAT/{value},MMPM")
@@ -201,7 +222,7 @@ def test_rapid_override_and_largest_speed_hold_until_they_are_set_again(ops: lis
     """A speed is limited behind its override, a time stretched by it; a displacement ends where it is switched off."""
     lines, expected, ends = [], [], []
     override, largest, way, off, before = 1.0, float("inf"), 0, 0, 0
-    for word, one, two in ops:
+    for word, one, two in each_moved(ops, ("MoveL", 40, 0)):
         if word == "VelSet":
             override, largest = one / 100, float(two)
             lines.append(f"VelSet {one},{two};")
@@ -248,7 +269,7 @@ KRL = st.lists(
 @given(KRL)
 def test_krl_speeds_hold_and_those_of_one_motion_do_not(ops: list[tuple[str, int]]) -> None:
     lines, expected, told, now, override, fresh = [], [], [], 20, 1.0, False
-    for k, (word, value) in enumerate(ops):
+    for k, (word, value) in enumerate(each_moved(ops, ("LIN", 0))):
         target = f"{{X {k + 1},Y 0,Z 10,A 0,B 0,C 180}}"
         if word == "$VEL.CP":
             now, fresh = value, True
@@ -284,7 +305,7 @@ FANUC = st.lists(
 @given(FANUC)
 def test_fanuc_override_and_largest_speed_hold_until_they_are_set_again(ops: list[tuple[str, int]]) -> None:
     lines, expected, override, largest, here = ["UFRAME_NUM=1", "UTOOL_NUM=1", "J P[1] 20% FINE"], [], 1.0, 2000, 0
-    for word, value in ops:
+    for word, value in each_moved(ops, ("L", 500)):
         if word == "OVERRIDE":
             override = value / 100
             lines.append(f"OVERRIDE={value}%")

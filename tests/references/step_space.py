@@ -45,7 +45,7 @@ RULES: Final = (
     "an armed program that cuts uncorrected is held within the debounce",
     "the ramp moves only where the robot stands, nothing is cut, or the program says so off the plan",
     "the feed is held in the step as in the supervisor, and stop only with it",
-    "another session is not answered, and is a fault",
+    "a session that may be another one is not answered in a fault",
     "a program that is out of the cut and off is not held once it was acknowledged",
 )
 _DEBOUNCE: Final = stage.DEBOUNCE
@@ -150,7 +150,10 @@ def _broken(was: Any, given: Any, now: Any, result: Any, had: int, kept: int, aw
         now.uncorrected < _DEBOUNCE or b > _ARMED or result.feed_hold == 1 or given.reset == 1,
         b != _RAMP or may_ramp,
         result.feed_hold == at.feed_hold and (result.stop == 0 or result.feed_hold == 1),
-        now.another_session == 0 or (b == _FAULT and result.silent == 1),
+        (now.another_session == 0 or (b == _FAULT and result.silent == 1))
+        and (
+            b != _FAULT or result.silent == 1 or not (given.session == _UNKNOWN or (given.session == _NONE and a == b))
+        ),
         not (b <= _ARMED and given.enable == 0 and given.cuts == _NO_CUT and now.away == 0) or result.feed_hold == 0,
     )
     out = 0

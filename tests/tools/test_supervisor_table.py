@@ -50,3 +50,23 @@ def test_words_that_do_not_decide_alone_are_found_out(space: Space, monkeypatch:
     monkeypatch.setitem(TABLE.ASKED, State.HOLD, ("hard", "soft", "ends", "may_ramp", "lasts", "stands"))
     with pytest.raises(AssertionError, match="HOLD is not decided"):
         TABLE.truth(space, State.HOLD)
+
+
+def test_requests_are_tried_in_every_state() -> None:
+    rows = [line.strip("| ").split(" | ") for line in TABLE.request_table.requests().splitlines()[2:]]
+    assert [row[0] for row in rows] == [state.name.lower().replace("_", " ") for state in State]
+    by_state = {row[0]: dict(zip(("stop", "reset", "arm"), row[1:], strict=True)) for row in rows}
+    assert by_state["ready"]["arm"] == "armed"
+    assert sum("refused" not in row["arm"] for row in by_state.values()) == 3
+    assert all("active" not in row["stop"] and "refused" not in row["stop"] for row in by_state.values())
+    assert "refused" in by_state["fault"]["reset"]
+
+
+def test_a_part_without_a_place_on_the_page_is_named(
+    space: Space, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "online.md"
+    page.write_text(TABLE.PAGE.read_text(encoding="utf-8").replace("<!-- end of requests -->", ""), encoding="utf-8")
+    monkeypatch.setattr(TABLE, "PAGE", page)
+    with pytest.raises(AssertionError, match="requests"):
+        TABLE.page(space)

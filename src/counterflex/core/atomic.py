@@ -29,6 +29,13 @@ def _refused_in_one_line(path: Path) -> Iterator[None]:
         yield
     except (CounterflexError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
+    except UnicodeEncodeError as fault:
+        raise OutputError(
+            "cannot write: a name in the text is not UTF-8",
+            where=str(path),
+            value=ascii(fault.object[max(fault.start - 20, 0) : fault.end + 20]),
+            hint="Rename the file or folder that the name comes from",
+        ) from fault
     except BaseException as fault:  # a panic in Rust is no Exception
         known = system_fault(fault)
         if known is None and not isinstance(fault, OSError):

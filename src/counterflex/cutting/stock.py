@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Float32
 from counterflex.core.atomic import atomic_path
 from counterflex.core.errors import FileFormatError, InputError, ModelError
-from counterflex.core.file_content import readable
+from counterflex.core.file_content import arrays
 from counterflex.cutting.stock_mesh import STL_UNIT_M, heights_from_stl
 
 BLOCK_ROWS: Final = 8
@@ -217,11 +216,7 @@ class HeightMap:
             FileFormatError: The file is missing, is no stock file, or was written by a newer version.
         """
         where = str(path)
-        with (
-            readable(path, "a stock file", f"A file of {STOCK_FORMAT} is needed: simulate writes one"),
-            Path(path).open("rb") as stream,
-            np.load(stream, allow_pickle=False) as data,
-        ):
+        with arrays(path, "a stock file", f"A file of {STOCK_FORMAT} is needed: simulate writes one") as data:
             if "format" not in data or str(data["format"]) != STOCK_FORMAT:
                 raise FileFormatError("not a counterflex stock file", where=where)
             if int(data["version"]) > STOCK_VERSION:

@@ -79,6 +79,7 @@ def test_a_request_does_what_it_says_or_says_why_not_whatever_the_loop_does(acti
             assert action == "arm"
             assert may_arm
             assert before == State.READY
+        assert "_" not in answer["refused"]
         if answer["refused"]:
             assert action != "arm" or not alive or answer["state"] not in ("armed", "active") or before != State.READY
             assert words[Request.ARM] == 0

@@ -24,7 +24,7 @@ from counterflex.app.inputs import in_working_plane, read_job
 from counterflex.app.long_jobs.cluster import cluster
 from counterflex.app.long_jobs.executors import Start, here
 from counterflex.app.long_jobs.scheduler import require_scheduler
-from counterflex.app.long_jobs.step_cache import made_again
+from counterflex.app.long_jobs.step_cache import made_again, marks_below
 from counterflex.app.long_jobs.task import Failed
 from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.app.long_jobs.workers import count_of
@@ -94,8 +94,9 @@ def run(
         raise InputError("without a program and without a recipe there is nothing to do")
     if isinstance(workers, str):
         require_scheduler(workers)
-    begin, begun = time.perf_counter(), time.time()
+    begin = time.perf_counter()
     folder, cell = Path(out), read_cell(cell_file)
+    before = marks_below(folder)
     cell.require_milling()
     require_stiffness(cell)
     steps = campaign_of(cell, recipes)
@@ -117,7 +118,7 @@ def run(
             atomic.write_text(place.folder / CELL, copied_text(end, place.folder))
     summary = _summary(places, setups, results, layout, time.perf_counter() - begin)
     summary["family"] = family.name if truth is None else truth.family
-    summary["made_again"] = made_again(folder, begun)
+    summary["made_again"] = made_again(folder, before)
     if len(setups) > 1:
         summary["setups"] = over_seeds(rows)
     from counterflex.app.campaign.report import campaign_page_of

@@ -23,6 +23,7 @@ from counterflex.app.panel.door import Door
 from counterflex.app.panel.tries import Tries
 from counterflex.app.panel.watched_run import Seen
 from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.core.printable import all_printable, printable
 from counterflex.files.panel_users import PanelUsers
 
 NAMESPACE: Final = "urn:counterflex:opcua"
@@ -162,7 +163,7 @@ class OpcuaServer:
             done, text = False, str(fault)
         else:
             done, text = bool(answer["done"]), answer["refused"] or f"done ({answer['state']})"
-        return [ua.Variant(done, ua.VariantType.Boolean), ua.Variant(text, ua.VariantType.String)]
+        return [ua.Variant(done, ua.VariantType.Boolean), ua.Variant(printable(text), ua.VariantType.String)]
 
     async def _follow(self) -> None:
         """One look at the run after another; what goes wrong in one is said, and the next one comes all the same."""
@@ -195,7 +196,7 @@ class OpcuaServer:
                 await variable.write_value(data)
         for message, severity in occurred(self._before, run.figures):
             self._events.event.Severity = severity
-            await self._events.trigger(message=message)
+            await self._events.trigger(message=printable(message))
         self._before = run.figures
 
 
@@ -211,7 +212,9 @@ def value_of(node: Node, view: View) -> tuple[Any, int]:
     if value is None:
         return node.default, ua.StatusCodes.BadNotConnected
     stale = node.live and view.seen != Seen.RUNNING
-    return type(node.default)(value), ua.StatusCodes.UncertainLastUsableValue if stale else ua.StatusCodes.Good
+    return type(node.default)(
+        all_printable(value)
+    ), ua.StatusCodes.UncertainLastUsableValue if stale else ua.StatusCodes.Good
 
 
 def _unit(name: str) -> Any:

@@ -17,6 +17,7 @@ from counterflex.app.panel.keys import IGNORED_IN, action_of
 from counterflex.app.panel.report import report_html
 from counterflex.app.panel.watched_run import WatchedRun
 from counterflex.core.errors import CounterflexError
+from counterflex.core.printable import printable
 
 BEHIND: Final = 20
 """Messages that a page may be behind, a second; then it gets none until it has caught up."""
@@ -137,7 +138,7 @@ class PanelPage:
     def _tell(self, text: str, kind: Any) -> None:
         if self.client.has_socket_connection:
             with self.client:
-                ui.notify(text, type=kind, position="top", timeout=6000, classes="text-h5")
+                ui.notify(printable(text), type=kind, position="top", timeout=6000, classes="text-h5")
 
     def _begin(self) -> None:
         self._ready = True

@@ -28,6 +28,7 @@ from counterflex.app.panel.settings import PanelSettings, require_safe
 from counterflex.app.panel.tries import RefusedLogins
 from counterflex.app.panel.watched_run import WatchedRun
 from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.core.printable import all_printable
 from counterflex.files.panel_users import PanelUsers, Role
 
 ACTIONS: Final = 6
@@ -212,15 +213,17 @@ class PanelServer:
         if self._scene_of != run.runs and run.about:
             self._scene_of = run.runs
             self._scene = await asyncio.to_thread(self._read_scene, Path(run.about["files"]["cell"]))
-        message: dict[str, Any] = {
-            "seen": run.seen.value,
-            "why": run.why,
-            "age_s": run.age_s(),
-            "trouble": self._trouble,
-            "actions": [*self._actions, *self._refused_words()],
-        }
+        message: dict[str, Any] = all_printable(
+            {
+                "seen": run.seen.value,
+                "why": run.why,
+                "age_s": run.age_s(),
+                "trouble": self._trouble,
+                "actions": [*self._actions, *self._refused_words()],
+            }
+        )
         if new:
-            self._last = {"figures": run.figures}
+            self._last = {"figures": all_printable(run.figures)}
             if self._scene is not None and run.last is not None:
                 self._last["frames"] = self._scene.frames(run.last.q)
             message |= self._last

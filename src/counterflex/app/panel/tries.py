@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from counterflex.app.panel.door import network_of
+from counterflex.core.printable import printable
 
 TRIES: Final = 5
 BLOCK_S: Final = 30.0
@@ -108,7 +109,7 @@ class RefusedLogins:
         """Count one."""
         self._count += 1
         self.total += 1
-        self._last = name[:_NAME], source
+        self._last = printable(name[:_NAME]), source
         self.flush()
 
     def flush(self) -> None:

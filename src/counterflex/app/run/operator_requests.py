@@ -108,7 +108,11 @@ def _require_living(words: Any, now_ns: int, where: str) -> None:
 def _may_not_arm(words: Any, state: State) -> str:
     if not words[Life.MAY_ARM]:
         return "the run only watches: start it with --arm"
-    return "" if state in (State.READY, State.ARMED, State.ACTIVE) else f"not ready, but {state.name.lower()}"
+    return (
+        ""
+        if state in (State.READY, State.ARMED, State.ACTIVE)
+        else f"not ready, but {state.name.lower().replace('_', ' ')}"
+    )
 
 
 def _done(words: Any, action: str, begin_ns: int) -> bool:

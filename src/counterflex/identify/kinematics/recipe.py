@@ -27,7 +27,8 @@ from counterflex.identify.geometry.off_rows import off_rows, off_rows_of_unseen,
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
 from counterflex.identify.kinematics import TITLE
-from counterflex.identify.kinematics.approach_sense import as_play, play_remarks, with_approach
+from counterflex.identify.kinematics.approach_check import approach_remarks
+from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, play_remarks, with_approach
 from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
 from counterflex.identify.kinematics.held_out import held_out, region_errors
 from counterflex.identify.kinematics.periodic_errors import GAIN, Harmonics, choose_harmonics
@@ -118,7 +119,8 @@ def identify(inputs: Inputs) -> Identification:
     if _tries_axes(cell, options):
         setup, fit, more_notes = with_turns(cell, setup, fit, data, holdout, priors, folds, known)
         model, notes = setup.model, notes + more_notes
-    if options["play"] != "off":
+    fits_play = options["play"] != "off" and any(d.has(CHANNEL) for d in data)
+    if fits_play:
         setup, fit, more_notes = with_lost(cell, setup, fit, data, holdout, folds, known)
         model, notes = setup.model, notes + more_notes
     parts[SAG](1.0)
@@ -133,6 +135,8 @@ def identify(inputs: Inputs) -> Identification:
                 kept, notes, share_of(progress, 1.0 - (WORK[HELD_OUT] + WORK[BY_REGION]) / sum(WORK.values()), 1.0)
             )
     notes += _check_offsets(setup, everything, fit.values, options)
+    if not fits_play:
+        notes += approach_remarks(setup, fit, data)
     fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))
     parts[PERIODIC](1.0)
     errors = held_out(setup, holdout, folds, fit, parts[HELD_OUT]) if errors is None else errors
@@ -348,7 +352,7 @@ RECIPE: Final = Recipe(
     settings={
         "sag": "auto",
         "periodic": "auto",
-        "play": "off",
+        "play": "auto",
         "frames": "free",
         "priors": "evidence",
         "length_sigma_mm": 0.5,

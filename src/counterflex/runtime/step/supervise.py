@@ -132,7 +132,10 @@ def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int
     """
     now, enable = state.supervisor.state, given.enable
     if given.reset == 1 and now != _HOLD:
-        state.acted = state.away = state.armed = 0
+        # A person who acknowledges while the program is on its way to the cut has seen no hold of it yet.
+        if enable == 0 or state.away == 1 or state.supervisor.feed_hold == 1:
+            state.acted = state.armed = 0
+        state.away = 0
     acts = now in (_ACTIVE, _HOLD)
     if now == _ARMED:
         state.armed = 1

@@ -29,6 +29,11 @@ _FIRST_S: Final = 0.2
 _QUIET_S: Final = 12.0
 """At the end of a story, without a fault: the cell must correct again."""
 LENGTH_S: Final = (20.0, 36.0)
+_DENSE: Final = 0.65
+"""Share of stories that are short and whose faults begin in the first cuts; whether it corrects again is not asked."""
+DENSE_S: Final = (5.0, 9.0)
+_CUT_S: Final = 0.9
+_AFTER_S: Final = 1.5
 _BRIEF_S: Final = 4e-3
 _LONG_S: Final = 6.0
 
@@ -109,7 +114,9 @@ class Story:
 def draw(seed: int) -> Story:
     """Draw a story: one to seven faults of any kinds at any moments, also at once."""
     rng = np.random.default_rng([seed, 11])
-    length = float(np.round(rng.uniform(*LENGTH_S), 1))
+    dense = bool(rng.random() < _DENSE)
+    length = float(np.round(rng.uniform(*(DENSE_S if dense else LENGTH_S)), 1))
+    first, latest = (_CUT_S, length - _AFTER_S) if dense else (_FIRST_S, length - _QUIET_S)
     story = Story(
         seed,
         str(rng.choice(MODES)),
@@ -125,10 +132,10 @@ def draw(seed: int) -> Story:
     count = 1 + min(6, int(rng.geometric(0.35)) - 1)
     faults: list[Fault] = []
     for kind in rng.choice(kinds, size=count, p=weights / weights.sum()):
-        at = float(rng.uniform(_FIRST_S, length - _QUIET_S))
+        at = float(rng.uniform(first, latest))
         if faults and rng.random() < 0.4:  # close to another one: what composes matters most
-            at = max(_FIRST_S, faults[-1].at_s + float(rng.uniform(-0.3, 0.6)))
-        faults.append(_drawn(str(kind), min(at, length - _QUIET_S), length - _QUIET_S, rng))
+            at = max(first, faults[-1].at_s + float(rng.uniform(-0.3, 0.6)))
+        faults.append(_drawn(str(kind), min(at, latest), latest, rng))
     return Story(**{**asdict(story), "faults": tuple(sorted(faults, key=lambda fault: fault.at_s))})
 
 
