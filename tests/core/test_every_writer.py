@@ -31,7 +31,7 @@ FILES = {
     "core/atomic.py": "the mechanism",
     "core/moving.py": "the mechanism",
     "core/output_place.py": "the mechanism",
-    "core/jit.py": "a lock beside compiled kernels, in the user's cache",
+    "core/compiled.py": "a lock beside compiled kernels, in the user's cache",
     "files/logs/run_log.py": "new names in a folder, segment by segment",
     "files/logs/repair.py": "keeps the original under a new name",
     "protocols/processes/instance_lock.py": "a lock, in the user's cache",

@@ -13,7 +13,7 @@ from counterflex.api.cell import Cell, file_of, read_cell
 from counterflex.api.result import Result
 from counterflex.app.identification import identify as job
 from counterflex.app.identification import propose as proposing
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.dataset.units import factor
@@ -80,7 +80,7 @@ class Identification(Result):
         """Copy ``cell.toml``, ``result.json`` and ``report.html`` into a folder."""
         with atomic.atomic_folder(folder) as staging:
             for name in (job.CELL, job.RESULT, job.REPORT):
-                atomic.write_bytes(staging / name, (self.folder / name).read_bytes())
+                atomic.write_bytes(staging / name, file_content.content(self.folder / name))
         return Path(folder)
 
     def _lines(self) -> list[str]:

@@ -76,7 +76,7 @@ class Part(Result):
     def save(self, folder: str | Path) -> Path:
         """Write samples (``samples.parquet``), part (height map or columns) and ``summary.json`` into a folder."""
         with atomic.atomic_folder(folder) as staging:
-            self.samples.write_parquet(staging / "samples.parquet")
+            atomic.write_made(staging / "samples.parquet", self.samples.write_parquet)
             cell_twin.save_part(self.record.stock, cell_twin.columns_of(self.record), staging)
             write_folder_summary(staging, self.summary)
         return Path(folder)

@@ -26,6 +26,21 @@ STOCK_FORMAT: Final = "counterflex-stock"
 STOCK_VERSION: Final = 1
 
 
+@dataclass(frozen=True, eq=False)
+class BlankBox:
+    """A blank that is a box.
+
+    Attributes:
+        low_m: (3,) lowest corner in its own axes, m.
+        high_m: (3,) highest corner.
+        turn: (3, 3) rows are the axes of the box in the frame of the path.
+    """
+
+    low_m: Float
+    high_m: Float
+    turn: Float
+
+
 @dataclass
 class HeightMap:
     """Height of the material over a regular grid in the part frame; columns stand along part z.

@@ -20,6 +20,7 @@ from counterflex.app.controller_import.kuka_machine import (
 )
 from counterflex.app.controller_import.poses import Residual, read_poses, residuals
 from counterflex.app.controller_import.robodk import read_robodk
+from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.units import DEG, MM
@@ -81,7 +82,7 @@ def run(
     data.notes += [*_root_note(data), *machine_notes(data, model)]
     text = cell_text(data, robot, tool, base, [file.name for file in files], fits)
     with new_cell(out) as place:
-        place.write_text(text, encoding="utf-8", newline="\n")
+        atomic.write_text(place, text)
         read_cell(place)
     return {
         "cell": str(out), "controller": data.kind, "robot": robot, "tool": tool, "base": base,
