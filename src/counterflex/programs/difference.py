@@ -22,6 +22,9 @@ _LEAST_M: Final = 1e-9
 _LEAST_RAD: Final = 1e-9
 
 
+_SIDES: Final = ("before", "after")
+
+
 @dataclass(frozen=True)
 class Change:
     """A motion of the first program and what became of it.
@@ -29,6 +32,7 @@ class Change:
     Attributes:
         line_before: Its line in the first program.
         line_after: The line in the second one that leads to its end.
+        files: Files of both lines; empty for the program's own file.
         kind: ``rapid``, ``feed``, ``arc`` or ``dwell``, in the first program.
         shift_m: (3,) m, end after minus end before.
         turn_rad: (3,) rad, of robot programs the rotation vector in part axes, else the difference of A B C.
@@ -47,6 +51,7 @@ class Change:
     feed_after_m_s: float
     off_path_m: float
     added: int
+    files: tuple[str, str] = ("", "")
 
     @property
     def distance_m(self) -> float:
@@ -69,7 +74,13 @@ class Change:
         x, y, z = (round(float(value) / UM, 2) + 0.0 for value in self.shift_m)
         a, b, c = (round(float(value) / DEG, 5) + 0.0 for value in self.turn_rad)
         return {
-            "line_before": self.line_before, "line_after": self.line_after, "motion": self.kind,
+            "line_before": self.line_before, "line_after": self.line_after,
+            **{
+                f"place_{name}": f"{file}:{line}"
+                for name, file, line in zip(_SIDES, self.files, (self.line_before, self.line_after), strict=True)
+                if file
+            },
+            "motion": self.kind,
             "off_path_um": round(self.off_path_m / UM, 2), "x_um": x, "y_um": y, "z_um": z,
             "a_deg": a, "b_deg": b, "c_deg": c,
             "feed_before_mm_min": round(self.feed_before_m_s / MM_PER_MIN, 3),
@@ -173,6 +184,7 @@ def _change(before: Program, after: Program, i: int, pieces: range) -> Change:
     return Change(
         line_before=before.blocks[one.block].line,
         line_after=after.blocks[other.block].line,
+        files=(before.blocks[one.block].file, after.blocks[other.block].file),
         kind=one.kind,
         shift_m=np.asarray(other.p_end) - np.asarray(one.p_end),
         turn_rad=_turn(before, after, i, j),
@@ -238,6 +250,7 @@ def summary(before: Program, after: Program, changes: Sequence[Change]) -> dict[
         "points_added": sum(change.added for change in changes),
         "largest_um": 0.0 if worst is None else round(worst.largest_m / UM, 2),
         "largest_line": 0 if worst is None else worst.line_before,
+        **({} if worst is None or not worst.files[0] else {"largest_place": f"{worst.files[0]}:{worst.line_before}"}),
         "length_before_mm": round(_length_m(before) / MM, 3),
         "length_after_mm": round(_length_m(after) / MM, 3),
     }  # fmt: skip

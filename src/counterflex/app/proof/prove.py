@@ -30,6 +30,7 @@ from counterflex.app.inputs import (
     setting_of,
 )
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
+from counterflex.app.named_lines import with_files
 from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
@@ -170,7 +171,7 @@ def prove(
         "counterflex": __version__,
     }
     progress(1.0)
-    return Proof(reference, plan, truths, judged, files, summary(results, about), timing)
+    return Proof(reference, plan, truths, judged, files, with_files(summary(results, about), job.program), timing)
 
 
 def run(

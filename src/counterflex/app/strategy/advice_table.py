@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading
+from counterflex.app.named_lines import with_files
 from counterflex.app.strategy.advice import Advice, Operation, advise
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM, UM_PER_KN
@@ -28,13 +29,13 @@ def run(
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Do the job on files; returned is what is printed, in shop units."""
+    """Do the job on files; returned is what is printed, in shop units, with the files of its lines."""
     cell = read_cell(cell_file, assume_class=assume_class)
     advice = advise(cell, operation, program, reading=reading, progress=progress)
     choices, own = advice.choices, advice.own
     violated = {name: int(np.count_nonzero(used > 1.0 + 1e-9)) for name, used in choices.use.items()}
     place = advice.place
-    return {
+    answer = {
         "cell": cell.label,
         "robot": cell.robot.name,
         "program": None if program is None else Path(program).name,
@@ -58,6 +59,7 @@ def run(
         "modes": _modes(advice),
         "counterflex": __version__,
     }
+    return answer if program is None else with_files(answer, reading.program(program, cell))
 
 
 def shown(choices: Choices, row: int, law: ForceLaw) -> dict[str, Any]:

@@ -60,12 +60,14 @@ def difference(
         columns = ("line_before", "line_after", "motion", "off_path_um", "x_um", "y_um", "z_um")
         more = ("a_deg", "b_deg", "c_deg", "feed_before_mm_min", "feed_after_mm_min", "points_added")
         names = [name.replace("_mm_min", "_mm/min").replace("_", " ") for name in columns + more]
-        shown = [[_text(row[name]) for name in columns + more] for row in rows[:most]]
+        keys = [(name, name.replace("line_", "place_")) for name in columns + more]
+        shown = [[_text(row.get(place, row[name])) for name, place in keys] for row in rows[:most]]
         print_table(f"{before.name} and {after.name}", names, shown)
     left = f", {len(rows) - most} not shown (--most)" if len(rows) > most else ""
+    largest = about.get("largest_place") or f"line {about['largest_line']}"
     typer.echo(
         f"{about['changed']} of {about['motions_before']} motions changed{left}; {about['points_added']} points added; "
-        f"largest {about['largest_um']} um in line {about['largest_line']}"
+        f"largest {about['largest_um']} um in {largest}"
     )
 
 
