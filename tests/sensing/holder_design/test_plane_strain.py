@@ -70,7 +70,7 @@ def _strain(height: float, depth: float, finest: float, *, cut: bool) -> float:
 
 
 def plane_gain(height: float, depth: float, finest: float) -> float:
-    """Reading of the bridge, ``eps_z / (1 + nu)``, by the strain of a beam, ``eps_z / (1 - nu^2)`` of the plain cheek."""
+    """Bridge reading, ``eps_z / (1 + nu)``, by the strain of a beam, ``eps_z / (1 - nu^2)`` of the plain cheek."""
     plain = _strain(height, depth, finest, cut=False) / (1.0 - NU**2)
     return _strain(height, depth, finest, cut=True) / (1.0 + NU) / plain
 
