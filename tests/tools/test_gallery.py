@@ -92,6 +92,7 @@ def test_the_cells_of_a_notebook_run_in_order(tools: list[ModuleType]) -> None:
             shown.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
     assert sum(isinstance(item, go.Figure) for item in shown) == 2
     assert names["rows"][0]["teeth"] == "straight teeth, circular path"
+    names["scratch"].cleanup()  # a notebook keeps its folder until its kernel ends
 
 
 def test_notebooks_are_written_by_their_command(
