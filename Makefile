@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test check docs docs-html notebooks pages bench-smoke clean
+.PHONY: demo test check docs docs-html notebooks pages faults-random bench-smoke clean
 
 demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, print a table, write an HTML report.
 	$(BIN)/counterflex demo --out out/demo
@@ -13,13 +13,14 @@ demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, pri
 test: $(VENV)/.installed-dev  ## Install, run the tests.
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
-check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names.
+check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names, licences.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_frames.py src tests examples benchmarks
 	$(BIN)/python tools/check_nomenclature.py
+	$(BIN)/python tools/supply_chain.py --check
 
 docs: $(VENV)/.installed-dev  ## Run every example and every command printed in the docs.
 	$(BIN)/python tools/run_docs.py
@@ -35,6 +36,10 @@ pages: $(VENV)/.installed-dev  ## Open both report pages in Chromium at three wi
 	$(BIN)/counterflex compensate examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/plan
 	$(BIN)/counterflex prove examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/proof
 	$(BIN)/python tools/check_pages.py out/pages/plan/report.html out/pages/proof/report.html
+
+faults-random: $(VENV)/.installed-dev  ## Compose faults at random, from the number of the commit.
+	seed=$$(printf '%d' 0x$$(git rev-parse --short=7 HEAD)) && echo "seed $$seed" && \
+	$(BIN)/counterflex faults --random --minutes 5 --seed $$seed --out out/faults-random
 
 bench-smoke: $(VENV)/.installed-dev  ## Run every benchmark briefly, two at a time: whether they work, not how fast.
 	$(BIN)/python tools/run_benchmarks.py

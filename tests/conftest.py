@@ -21,6 +21,8 @@ LONGEST = (
     "identify/payload/test_payload.py",
     "app/proof/test_turning_tool.py",
     "robot/test_compliance.py",
+    "runtime/test_supervisor_explored.py",
+    "runtime/test_step_explored.py",
     "runtime/test_force_step.py",
     "app/run/test_pair_run.py",
     "app/production/test_production_job.py",

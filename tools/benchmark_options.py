@@ -40,6 +40,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     "monitoring": (("--quick", "--grid", "--others"), ("--seeds", "1", "--first", "0")),
     "online_reply": (("--quick", "--seconds", "2", "--json", f"{FOLDER}/figures.json"), ("--quick", "--stages")),
     "panel": (("--quick", "--minutes", "1", "--block", "1", "--json", f"{FOLDER}/figures.json"),),
+    "panel_stop": (("--quick", "--logins", "100", "--stops", "2", "--json", f"{FOLDER}/figures.json"),),
     "placement": (
         ("--quick", "--candidates", "64"),
         ("--gain", "groove", "--candidates", "64", "--seeds", "1-1"),
@@ -58,6 +59,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
             *("--write", f"{FOLDER}/rows.json"),
         ),
     ),
+    "play_quick_form": (("--quick", "--seeds", "1", "--first", "0", "--json"),),
     "posture": (("--quick", "--gain", "--seeds", "1-1"),),
     "production": (
         ("--quick", "--drawn", "--series", "--family", "mild", "--seeds", "1", "1"),

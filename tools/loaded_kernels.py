@@ -9,7 +9,8 @@ import os
 import sys
 from typing import Any
 
-from counterflex.core.jit import _Kernel, _with_records
+from counterflex.core.compiled import with_records
+from counterflex.core.jit import Kernel
 
 
 def read_compiled(kernels: list[Any] | None = None) -> None:
@@ -40,7 +41,7 @@ def all_kernels() -> list[Any]:
     Left out are those that start threads when they are read: threads do not survive a fork.
     """
     modules = [module for name, module in list(sys.modules.items()) if name.startswith("counterflex.")]
-    found = {id(item): item for module in modules for item in vars(module).values() if isinstance(item, _Kernel)}
+    found = {id(item): item for module in modules for item in vars(module).values() if isinstance(item, Kernel)}
     return [kernel for kernel in found.values() if kernel._stated and not kernel.targetoptions.get("parallel")]
 
 
@@ -49,5 +50,5 @@ def _is_cached(kernel: Any) -> bool:
     if not stored:
         return False
     codegen, records = kernel.targetctx.codegen(), kernel._records
-    signatures = [_with_records(one, records) if records else one for one in kernel._stated]
+    signatures = [with_records(one, records) if records else one for one in kernel._stated]
     return all(kernel._cache._index_key(one, codegen) in stored for one in signatures)

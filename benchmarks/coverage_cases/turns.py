@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,8 @@ from counterflex.core.units import UM, URAD
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.play import proposal as reversals_proposal
 from counterflex.identify.play import recipe as reversals
+from counterflex.identify.recipe import Identification
+from counterflex.identify.solver.intervals import intervals
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.laboratory.reversals import measure
 from counterflex.twin.truth.truth import Truth
@@ -19,6 +22,7 @@ from coverage_cases.counted import Counted, counted
 from coverage_cases.poses import cell, cell_file
 
 MOTIONS = 24
+QUICK_MOTIONS = 12
 AXES = (1, 4)
 CREEP, CREEP_S = 0.10, 0.7
 """Wind-up that comes late: share of what the link lags behind, and its time constant."""
@@ -32,17 +36,37 @@ WALK_M = 0.05 * UM
 """Drift of the tracker from reading to reading."""
 
 
-@cache
-def proposal() -> dict[str, Float]:
-    columns = reversals_proposal.propose(cell(), MOTIONS, {"seed": 0}).columns
-    rows = np.isin(columns["axis"], np.array(AXES) + 1)
-    return {name: np.asarray(values)[rows] for name, values in columns.items()}
+@dataclass(frozen=True)
+class QuickAxis:
+    """What the short form of the recipe says of an axis.
+
+    Attributes:
+        axis: 1..6.
+        seen: How its half dead band is seen.
+        inside: The 95 % interval of the half dead band holds the truth.
+        written: Its values go into the cell file.
+        link_nm: Dry friction on the side of the link as identified.
+        true_all_nm: True dry friction of link and motor.
+    """
+
+    axis: int
+    seen: str
+    inside: bool
+    written: bool
+    link_nm: float
+    true_all_nm: float
 
 
 @cache
-def measured(seed: int, axes: tuple[int, ...] = AXES) -> dict[str, Float]:
+def proposal(count: int = MOTIONS) -> dict[str, Float]:
+    columns = reversals_proposal.propose(cell(), count, {"seed": 0}).columns
+    return {name: np.asarray(values) for name, values in columns.items()}
+
+
+@cache
+def measured(seed: int, axes: tuple[int, ...] = AXES, count: int = MOTIONS) -> dict[str, Float]:
     """Channels of the simulated laboratory, and their groups."""
-    request = proposal()
+    request = proposal(count)
     rows = np.isin(request["axis"], np.array(axes) + 1)
     m = measure(truth_of(cell_file(), seed), laboratory(seed), {k: v[rows] for k, v in request.items()}, {})
     group = np.asarray(m.group, dtype=np.float64)
@@ -101,13 +125,35 @@ def plays_of(truth: Truth, axes: tuple[int, ...]) -> dict[str, float]:
     return out
 
 
-def play_of_reversals(seed: int, *, errors: bool, axes: tuple[int, ...] = AXES) -> list[Counted]:
-    """One campaign of reversals, identified."""
-    channels = dict(measured(seed, axes))
+def identified(seed: int, axes: tuple[int, ...], count: int, *, errors: bool) -> Identification:
+    """One campaign of reversals, identified; axes that the recipe would not write are used all the same."""
+    channels = dict(measured(seed, axes, count))
     numbers, sigma = channels.pop("group"), float(channels.pop("sigma"))
     if errors:
         channels["p_tracker_target"] = disturbed(seed, {**channels, "group": numbers})
     data = of_arrays("reversals", "reversals", channels, {"p_tracker_target": sigma}, group=numbers.astype(np.int64))
-    found = reversals.RECIPE.identify(cell(), [data], [], {"as_stated": True})
+    return reversals.RECIPE.identify(cell(), [data], [], {"as_stated": True})
+
+
+def play_of_reversals(seed: int, *, errors: bool, axes: tuple[int, ...] = AXES) -> list[Counted]:
+    """One campaign of reversals, identified."""
+    result = identified(seed, axes, MOTIONS, errors=errors)
     known = plays_of(truth_of(cell_file(), seed), axes)
-    return [c for fit in found.fits.values() for c in counted(fit, known)]
+    return [c for fit in result.fits.values() for c in counted(fit, known)]
+
+
+def quick_form(seed: int, *, errors: bool, axes: tuple[int, ...]) -> list[QuickAxis]:
+    """The short form of 12 motions, axes 1..6."""
+    truth = truth_of(cell_file(), seed)
+    result = identified(seed, tuple(axis - 1 for axis in axes), QUICK_MOTIONS, errors=errors)
+    out = []
+    for axis in axes:
+        fit, name = result.fits[f"axis {axis}"], f"axis{axis}"
+        place, drive = fit.parameters.index(f"{name}.half_band"), truth.drives[axis - 1]
+        low, high = intervals(fit)[place]
+        friction = sum(fit.value(n) for n in fit.parameters.names if n.startswith(f"{name}.friction"))
+        withheld = any(r.startswith(f"axis {axis}") and "used as stated" in r for r in result.remarks)
+        true_all = drive.motor_friction_nm + sum(drive.link_friction_nm)
+        inside = bool(low <= drive.dead_band_rad <= high)
+        out.append(QuickAxis(axis, fit.seen[place], inside, not withheld, friction, true_all))
+    return out

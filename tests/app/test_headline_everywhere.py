@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from counterflex.api.compensation import Compensation
+
 from counterflex.app.campaign.report import _cards
 from counterflex.app.compensation.compensate import compensate, run
 from counterflex.app.compensation.headline import error_rows

@@ -11,7 +11,9 @@ import pytest
 from counterflex.app import prediction_interval, unknowns
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.headline import worse_lines, worse_warnings
+from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import read_job, setting_of
+from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.prediction_interval import Foreseen, foreseen, worse_text
 from counterflex.app.unknown_stiffness import Expected
 from counterflex.core.units import MM
@@ -83,7 +85,7 @@ def test_the_uncompensated_error_lies_in_its_interval_and_doubled_force_beyond_a
 
 
 def test_nothing_unknown_leaves_the_prediction_itself(cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("STRUCTURE", "DRIVES"):
+    for name in ("STRUCTURE", "DRIVES", "SWING"):
         monkeypatch.setattr(prediction_interval, name, 0.0)
     monkeypatch.setattr(prediction_interval, "sources", lambda *_: [])
     for name, deviation in (
@@ -92,8 +94,8 @@ def test_nothing_unknown_leaves_the_prediction_itself(cell: Cell, plan: Plan, mo
     ):
         one = intervals(plan, cell)[name]
         p = plan.path.p_part_tcp
-        size = np.linalg.norm(across(deviation, p), axis=1)[plan.cutting]
-        length = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)[plan.cutting]
+        size = np.linalg.norm(across(deviation, p), axis=1)[plan.judged]
+        length = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)[plan.judged]
         of_length = np.quantile(size, 0.997, weights=length, method="inverted_cdf")
         assert width(one) < 1e-12
         assert one.median_m == pytest.approx(of_length, rel=0.05)
@@ -151,3 +153,42 @@ def test_lines_that_get_worse_are_named_with_both_errors(plan: Plan) -> None:
     assert named[0]["after_mm"] == pytest.approx(2.0 * size[row] / MM, abs=1e-4)
     assert f"line {line}" in worse_warnings(named)[0]
     assert worse_lines(replace(plan, deviation_compensated_part=0.5 * plan.deviation_nominal_part)) == []
+
+
+def test_a_swing_is_drawn_larger_and_smaller_and_what_stays_is_not(
+    cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sine at the lowest mode scales by the lognormal factor, ``exp(+-1.645 SWING)``; a constant does not move."""
+    for name in ("STRUCTURE", "DRIVES"):
+        monkeypatch.setattr(prediction_interval, name, 0.0)
+    monkeypatch.setattr(prediction_interval, "sources", lambda *_: [])
+    hz, up = at_largest_force(cell, plan).mode.hz, np.array([0.0, 0.0, 1.0])
+    swing = 0.2 * MM * np.sin(2.0 * np.pi * hz * plan.path.time_s)[:, None] * up
+    one = intervals(replace(plan, deviation_compensated_part=swing), cell)["compensated"]
+    wide = np.exp(1.645 * prediction_interval.SWING)
+    assert one.median_m == pytest.approx(0.2 * MM, rel=0.05)
+    assert one.high_m / one.median_m == pytest.approx(wide, rel=0.1)
+    assert one.median_m / one.low_m == pytest.approx(wide, rel=0.1)
+    still = np.full_like(swing, 0.2 * MM) * up
+    one = intervals(replace(plan, deviation_compensated_part=still), cell)["compensated"]
+    assert width(one) < 1e-6 * MM
+
+
+def test_a_pass_that_cuts_what_the_bent_tool_left_counts(cell: Cell, tmp_path: Path) -> None:
+    """Back through the groove at high feed: nothing is left to cut as programmed, but the bent tool left some."""
+    program = tmp_path / "there_and_back.ngc"
+    text = PROGRAM.read_text(encoding="utf-8")
+    program.write_text(text.replace("G1 X72 F1500", "G1 X72 F1500\nG1 X-12 F6000"), encoding="utf-8")
+    job = read_job(program, cell)
+    made = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), feeds=job.feeds)
+    assert made.recut is not None
+    again = made.recut & (made.path.feed_m_s > 0.09)
+    assert np.count_nonzero(again) > 50
+    assert not np.any(made.cutting & again)
+    moves = np.linalg.norm(np.diff(made.path.p_part_tcp, axis=0, prepend=made.path.p_part_tcp[:1]), axis=1) > 0.0
+    assert np.all(moves[made.recut])
+    size = np.linalg.norm(across(made.deviation_compensated_part, made.path.p_part_tcp), axis=1)
+    told = figures(made)["predicted_compensated"]
+    assert told["max_mm"] == pytest.approx(size[made.cutting | made.recut].max() / MM, abs=1e-4)
+    assert size[again].max() > size[made.cutting].max()
+    assert intervals(made, cell)["compensated"].median_m > 0.9 * np.quantile(size[again], 0.95)

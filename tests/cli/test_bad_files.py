@@ -15,12 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import polars as pl
 import pytest
 
 from command_parser import command_of
 from counterflex.app import examples
+from counterflex.app.run.session import RunSettings, open_session
 from counterflex.cli import arguments
 from counterflex.cli.main import app
+from counterflex.core.errors import CounterflexError
 
 EXAMPLES: Final = Path(__file__).parents[2] / "examples"
 FILE_CHECKS: Final = (arguments.file, arguments.file_or_folder, arguments.robot_or_cell)
@@ -59,7 +63,7 @@ BESIDE: Final[dict[tuple[str, str], dict[str, str]]] = {
     ("iso230 circularity", ""): {"files": "log.csv", "path": "circle.ngc"},
     ("iso230 straightness", ""): {"files": "log.csv", "path": "square.ngc"},
     ("plan strategy", ""): {"program": "part.ngc", "cell": "cell.toml"},
-    ("run", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "plan": "plan.parquet"},
+    ("run", ""): {"rsi": "rsi.xml", "cell": "cell.toml"},
     ("twin cell", ""): {"rsi": "rsi.xml", "cell": "cell.toml", "truth": "truth.toml", "out": "new/out"},
     ("twin egm", "cell"): {"peer": "127.0.0.1:9"},
     ("cell import", ""): {"out": "new/cell.toml"},
@@ -113,6 +117,18 @@ def _zip(content: bytes) -> bytes:
     return stream.getvalue()
 
 
+def _parquet() -> bytes:
+    stream = io.BytesIO()
+    pl.DataFrame({"a": [[1.0, 2.0]] * 3}).write_parquet(stream)
+    return stream.getvalue()
+
+
+def _npz() -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, a=np.zeros(3))
+    return stream.getvalue()
+
+
 BROKEN: Final[dict[str, bytes]] = {
     "empty": b"",
     "blank": b"\n  \n\n",
@@ -124,9 +140,13 @@ BROKEN: Final[dict[str, bytes]] = {
     "huge line of words": b"a = 1 " * 200_000,
     "huge number": b"a = " + b"1" * 6000 + b"\n",
     "huge number, JSON": b'{"format": ' + b"1" * 6000 + b"}",
-    "deep, JSON": b'{"a":' * 30_000,
-    "deep, TOML": b"a = " + b"[" * 30_000,
-    "deep, XML": b"<a>" * 30_000,
+    "deep, JSON": b'{"a":' * 100_000,
+    "deep and closed, JSON": b'{"a":' * 100_000 + b"1" + b"}" * 100_000,
+    "deep, TOML": b"a = " + b"[" * 100_000,
+    "deep and closed, TOML": b"a = " + b"[" * 100_000 + b"]" * 100_000,
+    "deep tables, TOML": b"[" + b"a." * 100_000 + b"a]",
+    "deep, XML": b"<a>" * 100_000,
+    "deep and closed, XML": b"<a>" * 100_000 + b"</a>" * 100_000,
     "XML with entities": b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c"><!ENTITY d "&b;&b;">]><a>&d;</a>',
     "XML of another kind": b"<html><body>404</body></html>",
     "zip": _zip(b"<a/>"),
@@ -138,6 +158,8 @@ BROKEN: Final[dict[str, bytes]] = {
     "STL of more than it holds": b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 20,
     "STL without a facet": b"solid a\nendsolid a\n",
     "PLY without points": b"ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nend_header\n1\n",
+    "Parquet of lists": _parquet(),
+    "npz of another program": _npz(),
     "null": b"null",
     "list": b"[]",
     "number": b"1",
@@ -208,8 +230,8 @@ def _value(name: str, info: Any) -> str:
 
 
 OPTIONS: Final = _options()
-LIGHT: Final = [option for option in OPTIONS if option.command != ("run",)]
-"""All but ``run``, which reads in processes of its own; it ends in one line too (``test_run_command.py``)."""
+RUN: Final = {option.name: option for option in OPTIONS if option.command == ("run",)}
+"""``run`` reads in processes of its own: what these do first is tried with every fault, the command once."""
 NOT_FIRST: Final = {
     ("correct", "scan"), ("benchmark-part judge", "scan"), ("production", "plan"), ("identify", "holdout"),
     ("twin measure", "cell"), ("twin measure", "truth"), ("twin tracker", "cell"), ("dcc write", "schema"),
@@ -246,9 +268,10 @@ def _ends_well(given: Path, counterflex: Any, option: Option, kind: str, ending:
     (given / name).write_bytes(BROKEN[kind])
     ended = counterflex(*option.line(name))
     (given / name).unlink()
+    said = ended.err if option.command != ("run",) else ended.err.splitlines(keepends=True)[-1]  # before: "preparing"
     assert ended.status == 2, (option, kind, ended)
-    assert ended.err.startswith("error: "), (option, kind, ended)
-    assert ended.err.count("\n") == 1, (option, kind, ended)
+    assert said.startswith("error: "), (option, kind, ended)
+    assert said.count("\n") == 1, (option, kind, ended)
     assert "Traceback" not in ended.err
     assert name in ended.err or (" ".join(option.command), option.name) in NOT_FIRST, (option, kind, ended.err)
     assert not (given / "new").exists()
@@ -258,12 +281,27 @@ def _kinds(option: Option) -> list[str]:
     return [kind for kind in BROKEN if option.name not in EMPTY_IS_RIGHT or kind not in ("empty", "blank")]
 
 
-@pytest.mark.parametrize("place", range(len(LIGHT)), ids=lambda place: str(LIGHT[place]))
+@pytest.mark.parametrize("place", range(len(OPTIONS)), ids=lambda place: str(OPTIONS[place]))
 def test_every_option_of_the_parser(given: Path, counterflex: Any, monkeypatch: Any, place: int) -> None:
     monkeypatch.chdir(given)
-    option = LIGHT[place]
+    option = OPTIONS[place]
     kinds, endings = _kinds(option), ENDINGS.get(option.name, (".toml",))
     _ends_well(given, counterflex, option, kinds[7 * place % len(kinds)], endings[place % len(endings)])
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_run_with_every_fault(given: Path, monkeypatch: Any, name: str) -> None:
+    """By what the loop's process does before anything else."""
+    monkeypatch.chdir(given)
+    sound: dict[str, Any] = {"cell": Path("cell.toml"), "rsi": Path("rsi.xml"), "plan": None}
+    for kind, content in BROKEN.items():
+        file = given / f"broken{ENDINGS.get(name, ('.toml',))[0]}"
+        file.write_bytes(content)
+        with pytest.raises(CounterflexError) as told:
+            open_session(RunSettings(**{**sound, name: Path(file.name)}))
+        file.unlink()
+        assert "\n" not in str(told.value), kind
+        assert file.name in str(told.value), kind
 
 
 READERS: Final = {

@@ -29,8 +29,9 @@ BY_LIBRARY = {"write_csv", "write_parquet", "write_ipc", "write_json", "write_ht
 """Writers of libraries that do not raise OSError where the disk is full: they write into memory (atomic.write_made)."""
 FILES = {
     "core/atomic.py": "the mechanism",
+    "core/moving.py": "the mechanism",
     "core/output_place.py": "the mechanism",
-    "core/jit.py": "a lock beside compiled kernels, in the user's cache",
+    "core/compiled.py": "a lock beside compiled kernels, in the user's cache",
     "files/logs/run_log.py": "new names in a folder, segment by segment",
     "files/logs/repair.py": "keeps the original under a new name",
     "protocols/processes/instance_lock.py": "a lock, in the user's cache",

@@ -11,12 +11,14 @@ from pathlib import Path
 import pytest
 
 from counterflex.core import atomic
+from counterflex.core.errors import OutputError
 from counterflex.core.output_place import SUFFIX, part_prefix
 
 HOLD = """
 import sys, time
 from pathlib import Path
 from counterflex.core import atomic
+from counterflex.core.errors import OutputError
 with getattr(atomic, sys.argv[1])(sys.argv[2]) as part:
     if part.is_dir():
         (part / "half.txt").write_text("half")
@@ -117,3 +119,26 @@ def test_a_name_is_no_pattern(tmp_path: Path) -> None:
     (tmp_path / f".aXb.{gone}abc{SUFFIX}").write_text("mine", encoding="utf-8")
     atomic.write_text(tmp_path / "a.b", "whole")
     assert len(parts(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("name", ["a" * 255, "\u00e4" * 127, os.fsdecode(b"caf\xe9" * 60), os.fsdecode(b"caf\xe9.ngc")])
+@pytest.mark.parametrize("kind", ["atomic_path", "atomic_folder"])
+def test_names_as_long_as_the_file_system_takes_and_names_that_are_not_utf_8(
+    tmp_path: Path, name: str, kind: str
+) -> None:
+    target = tmp_path / name
+    for _ in range(2):  # made, and replaced
+        write(kind, target)
+        assert [item.name for item in tmp_path.iterdir()] == [name]
+    with holding(kind, target) as child:
+        child.send_signal(signal.SIGKILL)
+    assert parts(target if target.is_dir() else tmp_path) != []
+    write(kind, target)
+    assert parts(tmp_path) == parts(target if target.is_dir() else tmp_path) == []
+
+
+def test_a_name_that_is_not_utf_8_within_a_text_is_one_error(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="a name in the text is not UTF-8") as told:
+        atomic.write_text(tmp_path / "cell.toml", 'stl = "' + os.fsdecode(b"caf\xe9.stl") + '"')
+    assert "caf" in str(told.value)
+    assert list(tmp_path.iterdir()) == []

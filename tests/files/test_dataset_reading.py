@@ -10,6 +10,8 @@ import pytest
 
 from counterflex.core.errors import FileFormatError
 from counterflex.files.dataset.reader import read_dataset
+from counterflex.files.dataset.units import UNITS, factor, plain
+from counterflex.identify.data.channels import CHANNELS
 from counterflex.identify.data.dataset import Dataset
 
 HEAD = 'format = "counterflex-dataset"\nversion = 1\nname = "lab"\nkind = "pulls"\n'
@@ -154,6 +156,63 @@ def test_units_in_headers_are_checked_taken_or_ignored(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ignored.values("f_tcp_base"), [[1, 2, 3]])
     assert 'Say unit = "N"' in fault(tmp_path, FILE + PULL.replace('unit = "N"\n', ""), a_csv="Fx,Fy,Fz\n1,2,3\n")
     assert "not one of this quantity" in fault(tmp_path, FILE + PULL.replace('"N"', '"mm"'), a_csv="Fx,Fy,Fz\n1,2,3\n")
+
+
+QUANTITIES = {
+    kind.si_units(kind.allowed[0])[0]: (name, kind.allowed[0])
+    for name, kind in CHANNELS.items()
+    if kind.nature != "rotation" and len(set(kind.si_units(kind.allowed[0]))) == 1
+}
+"""A channel of each quantity, with its number of columns."""
+
+
+@pytest.mark.parametrize("raw", ["[counts]", "(Counts)", "[cnt]", "[digits]", "[LSB]", "[V]", "[mV/V]", "[mA]"])
+@pytest.mark.parametrize("si", sorted(QUANTITIES))
+def test_numbers_of_a_converter_need_a_factor_in_every_quantity(si: str, raw: str, tmp_path: Path) -> None:
+    name, count = QUANTITIES[si]
+    shop = CHANNELS[name].file_units(count)[0]
+    heads = [f"c{k} {raw}" for k in range(count)]
+    text = ",".join(heads) + "\n" + ",".join("3" * count) + "\n"
+    manifest = f"{FILE}[channels.{name}]\ncolumns = {heads}\n".replace("'", '"')
+    own = plain(raw[1:-1])
+    if own in UNITS.get(si, {}):  # a bridge of strain gauges is in V/V
+        data = read_dataset(lab(tmp_path, f'{manifest}unit = "{own}"\n', a_csv=text))
+        np.testing.assert_allclose(data.values(name), 3.0 * factor(own, si, "") * np.ones((1, count)), rtol=1e-15)
+        return
+    line = fault(tmp_path, f'{manifest}unit = "{shop}"\n', a_csv=text)
+    assert f"'c0 {raw}'" in line
+    assert "factor = ..." in line
+    if not CHANNELS[name].whole:
+        assert "factor = ..." in fault(tmp_path, manifest, a_csv=text)
+    data = read_dataset(lab(tmp_path, f'{manifest}unit = "{shop}"\nfactor = 2.0\n', a_csv=text))
+    np.testing.assert_allclose(data.values(name), 6.0 * factor(shop, si, "") * np.ones((1, count)), rtol=1e-15)
+
+
+def test_a_header_in_the_unit_of_another_quantity_is_refused(tmp_path: Path) -> None:
+    heads = [f"{c} [mm]" for c in "abc"]
+    named = PULL.replace('["Fx", "Fy", "Fz"]', str(heads).replace("'", '"'))
+    line = fault(tmp_path, FILE + named, a_csv="a [mm],b [mm],c [mm]\n1,2,3\n")
+    assert "'mm' as in 'a [mm]'" in line
+    ignored = f'{FILE}header_units = "ignore"\n{named}'
+    assert read_dataset(lab(tmp_path, ignored, a_csv="a [mm],b [mm],c [mm]\n1,2,3\n")).values("f_tcp_base")[0, 0] == 1.0
+    numbered = PULL.replace('["Fx", "Fy", "Fz"]', '["F (1)", "F (2)", "F_rad"]')
+    data = read_dataset(lab(tmp_path, FILE + numbered, a_csv="F (1),F (2),F_rad\n1,2,3\n"))
+    assert data.values("f_tcp_base").tolist() == [[1.0, 2.0, 3.0]]
+
+
+def test_strains_are_in_the_unit_of_their_header(tmp_path: Path) -> None:
+    heads = [f"s{k} [um/m]" for k in range(3)]
+    manifest = f"{FILE}[channels.strain]\ncolumns = {heads}\n".replace("'", '"')
+    data = read_dataset(lab(tmp_path, manifest, a_csv=",".join(heads) + "\n1,2,3\n"))
+    np.testing.assert_allclose(data.values("strain"), [[1e-6, 2e-6, 3e-6]], rtol=1e-12)
+
+
+def test_the_header_of_a_column_of_standard_deviations_is_held_against_its_unit(tmp_path: Path) -> None:
+    wide = PULL.replace("sigma = 2.0", 'sigma_columns = ["u [kN]", "v [kN]", "w [kN]"]')
+    text = "Fx,Fy,Fz,u [kN],v [kN],w [kN]\n1,2,3,4,1,8\n"
+    assert "'kN' as in 'u [kN]'" in fault(tmp_path, FILE + wide, a_csv=text)
+    data = read_dataset(lab(tmp_path, f'{FILE}{wide}sigma_unit = "kN"\n', a_csv=text))
+    np.testing.assert_allclose(data.channel("f_tcp_base").need_sigma(), [[4e3, 1e3, 8e3]])
 
 
 def test_a_channel_without_standard_deviation_says_which_line_is_missing(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_units_are_those_of_the_column_names(tmp_path: Path) -> None:
 
 
 def test_every_number_of_a_plan_has_a_column() -> None:
-    names = {field.name for field in dataclasses.fields(Plan)} - {"path", "chip_m"}
+    names = {field.name for field in dataclasses.fields(Plan)} - {"path", "chip_m", "recut"}
     names |= {f"path.{field.name}" for field in dataclasses.fields(ToolPath)}
     names -= {"path.place"}  # commands that read plans take external axes that stand
     assert {column.field for column in LAYOUT + MEASURED} == names

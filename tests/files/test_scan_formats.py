@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -122,6 +123,18 @@ def test_a_damaged_file_is_named(tmp_path: Path, name: str) -> None:
     with pytest.raises(FileFormatError) as error:
         read_scan(tmp_path / file)
     assert file in str(error.value)
+
+
+@pytest.mark.parametrize("line", [b"POINTS", b"WIDTH", b"HEIGHT"])
+def test_a_cloud_that_says_to_have_too_many_points_is_refused_before(tmp_path: Path, line: bytes) -> None:
+    file, write, _, _ = FORMATS["PCD compressed"]
+    write(tmp_path / file)
+    head = re.sub(
+        rb"^(" + line + rb") \d+$", rb"\1 999999999999", (tmp_path / file).read_bytes(), count=1, flags=re.MULTILINE
+    )
+    (tmp_path / file).write_bytes(head)
+    with pytest.raises(FileFormatError, match="too many points"):
+        read_scan(tmp_path / file)
 
 
 @pytest.mark.parametrize("name", ["E57", "LAS", "PCD binary"])

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry.circle import angle_to, circle, turned
+from counterflex.geometry.rotation_derivative import inverse_left_jacobian, left_jacobian
 from twists import adjoint
 
 seeds = st.integers(0, 2**32 - 1)
@@ -87,7 +89,7 @@ def test_difference_and_displaced_are_inverse(seed: int, scale: float) -> None:
 
 @given(seeds)
 def test_wrench_carries_with_unchanged_power_and_against_the_adjoint(seed: int) -> None:
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed + 2)  # another seed than the pose's: a force along its axis would not be turned
     T_a_b = _pose(seed)
     w_b, twist_b = rng.normal(size=6), rng.normal(size=6)
     w_a, twist_a = wrench.carry(T_a_b, w_b), adjoint(T_a_b) @ twist_b
@@ -107,6 +109,58 @@ def test_registration_recovers_a_known_pose(seed: int) -> None:
     found, residuals = pose.register(pose.transform(T_a_b, points_b), points_b)
     np.testing.assert_allclose(found, T_a_b, atol=1e-10)
     assert np.max(np.abs(residuals)) < 1e-10
+
+
+@given(seeds)
+def test_points_that_mirror_each_other_are_laid_on_by_a_rotation(seed: int) -> None:
+    """No reflection is returned, and no rotation among 200 lies nearer."""
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(8, 3))
+    found, residuals = pose.register(points * [1.0, 1.0, -1.0], points)
+    assert np.linalg.det(found[:3, :3]) == pytest.approx(1.0)
+    centred = points - points.mean(axis=0)
+    goal = centred * [1.0, 1.0, -1.0]
+    others = Rotation.random(200, rng=rng).as_matrix()
+    nearest = min(float(np.sum((goal - centred @ R.T) ** 2)) for R in others)
+    assert float(np.sum(residuals**2)) <= nearest + 1e-12
+
+
+@given(seeds, regimes)
+def test_left_jacobian_is_what_a_change_of_the_vector_turns(seed: int, scale: float) -> None:
+    """Exp(r + dr) = Exp(J dr) Exp(r) to first order, by a central difference; its inverse undoes it."""
+    r = _rotvec(seed, scale)
+    J, step = left_jacobian(r), 1e-5
+    for k in range(3):
+        dr = step * np.eye(3)[k]
+        change = rotation.log(rotation.exp(r + dr) @ rotation.exp(r - dr).T) / (2.0 * step)
+        np.testing.assert_allclose(J[:, k], change, atol=1e-8)
+    np.testing.assert_allclose(inverse_left_jacobian(r) @ J, np.eye(3), atol=1e-10)
+    size = float(np.linalg.norm(r))  # at a small angle the skew part alone tells it from the right Jacobian
+    skew_part = rotation.skew(r) * (2.0 * np.sin(0.5 * size) / size) ** 2
+    np.testing.assert_allclose(J - J.T, skew_part, rtol=1e-6, atol=1e-15)
+
+
+@given(seeds, st.floats(0.05, 6.2), st.floats(0.05, 0.95), st.floats(1e-3, 2.0))
+def test_a_circle_is_found_by_any_three_of_its_points(seed: int, turn: float, share: float, radius: float) -> None:
+    """The auxiliary point stands anywhere between, and the arc may be longer than half of the circle."""
+    R, centre = rotation.exp(_rotvec(seed, 3.0)), np.random.default_rng(seed + 4).normal(size=3)
+    start, auxiliary, end = (
+        centre + radius * (R @ np.array([np.cos(a), np.sin(a), 0.0])) for a in (0.0, share * turn, turn)
+    )
+    assume(min(share * turn, (1.0 - share) * turn, 2.0 * np.pi - turn) > 0.02)
+    found = circle(start, auxiliary, end)
+    assert found is not None
+    np.testing.assert_allclose(found[0], centre, atol=1e-9 + 1e-7 * radius)
+    np.testing.assert_allclose(found[1], R[:, 2], atol=1e-6)
+    assert angle_to(start, end, centre, R[:, 2]) == pytest.approx(turn, abs=1e-9)
+    assert angle_to(start, auxiliary, centre, R[:, 2]) == pytest.approx(share * turn, abs=1e-9)
+    assert angle_to(start, end, centre, -R[:, 2]) == pytest.approx(2.0 * np.pi - turn, abs=1e-9)
+    np.testing.assert_allclose(turned(start, centre, R[:, 2], turn), end, atol=1e-12 + 1e-9 * radius)
+
+
+def test_points_on_a_line_make_no_circle() -> None:
+    line = np.outer([0.0, 1.0, 3.0], [1.0, 2.0, 3.0])
+    assert circle(*line) is None
 
 
 def test_registration_refuses_points_on_a_line() -> None:

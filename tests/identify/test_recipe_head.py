@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-import counterflex.identify
+import counterflex
 from counterflex.core.errors import InputError
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
@@ -18,7 +18,7 @@ from counterflex.identify.recipe import Inputs, Recipe
 from counterflex.identify.recipes import RECIPES
 
 CELL = cast(CellModel, None)
-FOLDER = Path(next(iter(counterflex.identify.__path__)))
+FOLDER = Path(counterflex.__file__).parent / "identify"
 
 
 def _dataset(kind: str) -> Any:

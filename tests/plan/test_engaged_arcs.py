@@ -14,8 +14,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stability import lobes
 from counterflex.cutting.stability.modes import Modes
 from counterflex.cutting.stability.process import process_of_side_cut
-from counterflex.cutting.stock import HeightMap
-from counterflex.cutting.tridexel.engaged_arcs import BlankBox
+from counterflex.cutting.stock import BlankBox, HeightMap
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.stability.criterion import robot_limit
 from counterflex.plan.stability.stretches import Stretch, stretches_of

@@ -45,14 +45,13 @@ def test_only_the_cut_that_leaves_much_is_mended_again(
     share = np.where(first, left_of_first, 0.05)[:, None]
     mended: list[Float] = []
 
-    def tried(*_: object) -> Float:
+    def tried(*_: object) -> room.Trial:
         mended.append(share * loaded.deflection_part * left_by_each ** len(mended))
-        return mended[-1]
+        return room.Trial(mended[-1], loaded.cut.contact)
 
     monkeypatch.setattr(room, "chattering", lambda loaded, *_: np.zeros(len(loaded.inputs.path), dtype=np.bool_))
     monkeypatch.setattr(room, "_tried", tried)
-    _, remaining = room.dynamic_trial(
-        loaded, displacement, static, dict.fromkeys((TRIAL, MENDED, UNCOMPENSATED), silent)
-    )
+    _, trial = room.dynamic_trial(loaded, displacement, static, dict.fromkeys((TRIAL, MENDED, UNCOMPENSATED), silent))
+    remaining = trial.deviation_part
     assert len(mended) == trials
     np.testing.assert_allclose(remaining[first], (left * mended[0])[first], atol=1e-15)

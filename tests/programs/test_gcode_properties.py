@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
@@ -52,6 +52,8 @@ MACHINE = MillingMachine({5161: 0.0, 5162: 0.0, 5163: 9.0}, tool_lengths={1: 0.0
 
 
 @settings(max_examples=600, deadline=None)
+@example(["&REL"])  # another language: refused at its line, which has no column
+@example(["&REL", "&ACCESS RVP", "DEF p( )"])
 @given(st.lists(line, max_size=14))
 def test_any_text_is_read_or_refused_in_one_line(lines: list[str]) -> None:
     text = "\n".join(["F100 S100 M3", *lines])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 import stat
 from pathlib import Path
 
 import pytest
 
-from counterflex.core.errors import FileFormatError
+from counterflex.core.errors import FileFormatError, InputError
 from counterflex.protocols.processes.control_array import CONTROL
 from counterflex.protocols.processes.instance_lock import InstanceLock
 from counterflex.protocols.processes.operator_words import FILE, OperatorFile, find
@@ -54,6 +56,43 @@ def test_without_a_run_there_is_one_clear_line(tmp_path: Path) -> None:
         (tmp_path / FILE).write_text(rubbish, encoding="utf-8")
         with pytest.raises(FileFormatError, match="is not the file of a run"):
             find(tmp_path, tmp_path)
-    (tmp_path / FILE).write_text('{"words": "/nowhere/at/all"}', encoding="utf-8")
+    (tmp_path / FILE).write_text('{"words": "/nowhere/counterflex-words-x", "pid": 1}', encoding="utf-8")
     with pytest.raises(FileFormatError, match="has ended without removing it"):
         find(tmp_path, tmp_path)
+
+
+def test_a_file_that_points_elsewhere_is_refused_and_nothing_is_written_there(tmp_path: Path) -> None:
+    """The folder of a run may be another user's, or come out of an archive."""
+    run, target = tmp_path / "run", tmp_path / "target"
+    run.mkdir()
+    target.write_bytes(bytes(8 * CONTROL))  # as large as the shared numbers
+    target.chmod(0o600)
+    said = json.dumps({"words": str(target), "pid": 1})
+    linked = tmp_path / "counterflex-words-linked"
+    linked.symlink_to(target)
+    second = tmp_path / "counterflex-words-second"
+    second.hardlink_to(target)
+    for content in (said, *(json.dumps({"words": str(one), "pid": 1}) for one in (linked, second)), "[" * 100_000):
+        (run / FILE).write_text(content, encoding="utf-8")
+        with pytest.raises(FileFormatError, match="no run goes on there|is not the file of a run") as told:
+            find(run, tmp_path)
+        assert "\n" not in str(told.value)
+    (run / FILE).unlink()
+    (tmp_path / "file").write_text(said, encoding="utf-8")
+    for other in (tmp_path / "file", Path("/dev/zero")):
+        (run / FILE).symlink_to(other)
+        with pytest.raises(FileFormatError, match="cannot be read"):
+            find(run, tmp_path)
+        (run / FILE).unlink()
+    os.mkfifo(run / FILE)  # nobody writes into it: it is not waited for
+    with pytest.raises(FileFormatError, match="is not the file of a run"):
+        find(run, tmp_path)
+    assert target.read_bytes() == bytes(8 * CONTROL)
+
+
+def test_shared_numbers_that_others_can_read_are_none(tmp_path: Path) -> None:
+    with SharedWords(CONTROL) as words:
+        words.path.chmod(0o644)
+        with pytest.raises(InputError, match="not the shared memory of a run of yours"):
+            SharedWords(CONTROL, words.path)
+        words.remove()

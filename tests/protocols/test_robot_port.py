@@ -91,7 +91,7 @@ def test_a_line_that_is_gone_does_not_end_the_loop(sender: socket.socket, monkey
         assert take(port)[0]
         assert port.send(b"answer")
         port.close()
-        monkeypatch.setattr(port, "_socket", Unplugged())
+        monkeypatch.setattr(port._wire, "_socket", Unplugged())
         assert not port.send(b"answer")
 
 

@@ -258,6 +258,82 @@ def test_numbers_are_those_of_the_summary(page: str, job: tuple[ReportData, dict
             assert cell in text
 
 
+CARD = re.compile(
+    r'<div class="name">([^<]*)</div>\s*<div class="big"><span class="from">([^<]*)</span><span class="arrow">→</span>'
+    r'<span class="to">([^<]*)</span>.*?<span class="change ([^"]*)">([^<]*)</span>',
+    re.DOTALL,
+)
+CARDS = {
+    "Path error, 99.7 %": ("path", "p997_mm"),
+    "Path error, largest": ("path", "max_mm"),
+    "At cutter exit, largest": ("exit", "max_mm"),
+    "Machined surface, 99.7 %": ("surface", "p997_mm"),
+}
+
+
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_before_and_after_stand_in_their_places(job: tuple[ReportData, dict[str, Any]], *, exchanged: bool) -> None:
+    """Cards, verdict and counts are those of the summary, and change places when the programs do."""
+    data, figures = job
+    variants = figures["variants"]
+    if exchanged:
+        variants = {"nominal": variants["compensated"], "compensated": variants["nominal"]}
+        rows = tuple(
+            replace(row, worst_m={"nominal": row.worst_m["compensated"], "compensated": row.worst_m["nominal"]})
+            for row in data.features
+        )
+        data = replace(
+            data, summary={**figures, "variants": variants}, nominal=data.compensated, compensated=data.nominal,
+            features=rows,
+        )  # fmt: skip
+    page = report_page(data)
+    cards = {card[0]: card[1:] for card in CARD.findall(page)}
+    assert set(CARDS) <= set(cards)
+    for name, (part, figure) in CARDS.items():
+        before, after = (variants[v][part][figure] for v in ("nominal", "compensated"))
+        change = f"{100.0 * (after / before - 1.0):+.0f} %".replace("-", "−")
+        assert cards[name] == (f"{before:.3f}", f"{after:.3f}", "worse" if after > before else "", change)
+    text = " ".join(" ".join(outline(page).text).split())
+    p997 = [variants[v]["path"]["p997_mm"] for v in ("nominal", "compensated")]
+    assert f"stays within {p997[1]:.3f} mm of the programmed path; before, within {p997[0]:.3f} mm." in text
+    bad = [
+        sum(abs(row.worst_m[v] - row.nominal_m) > row.tolerance_m for row in data.features)
+        for v in ("nominal", "compensated")
+    ]
+    assert f"before compensation: {bad[0]} of {len(data.features)} out of tolerance" in text
+    assert (f"{bad[1]} of {len(data.features)} features out of tolerance" in text) == (bad[1] > 0)
+
+
+def test_a_feature_that_was_not_found_is_out_of_tolerance(job: tuple[ReportData, dict[str, Any]]) -> None:
+    data, _ = job
+    wide = tuple(replace(row, tolerance_m=1.0) for row in data.features)
+    lost = replace(wide[0], worst_m={"nominal": wide[0].worst_m["nominal"]})
+    text = " ".join(outline(report_page(replace(data, features=(lost, *wide[1:])))).text)
+    assert f"1 of {len(wide)} features out of tolerance" in text
+    assert "not found" in text
+
+
+def test_a_prediction_names_its_largest_values_and_their_places() -> None:
+    n = 300
+    force: Float = 100.0 + np.arange(n, dtype=np.float64) % 97
+    deflection = np.zeros((n, 3))
+    deflection[:, 1] = -1e-6 * np.abs(np.arange(n) - 250.0)
+    deflection[41, 0] = -7e-4  # the largest, and negative
+    correction = np.full((n, 3), 1e-5)
+    correction[77, 2] = -9e-4
+    data = replace(prediction(n), force_n=force, deflection_m=deflection, correction_m=correction, cutting=force > 0.0)
+    text = " ".join(" ".join(outline(prediction_page(data)).text).split())
+    size, sent = (np.linalg.norm(v, axis=1) * 1e3 for v in (deflection, correction))
+    place = ", ".join(f"{v * 1e3:.1f}" for v in data.p_part_tcp[41])
+    assert f"Largest predicted deflection {size[41]:.3f} mm at x y z {place} mm" in text
+    assert f"Largest correction {sent[77]:.3f} mm mean {sent.mean():.3f} mm" in text
+    assert f"Largest mean force {force.max():.0f} N" in text
+    assert f"Program time {data.time_s[-1]:.1f} s {n} points" in text
+    expected = Headline((0.8, 0.08), (0.9, 0.51, 1.42), (0.225, 0.11, 0.63), "4 %")
+    text = " ".join(" ".join(outline(prediction_page(replace(data, headline=expected))).text).split())
+    assert "before 0.51 to 1.42 mm, after 0.11 to 0.63 mm" in text
+
+
 def test_example_is_plausible(job: tuple[ReportData, dict[str, Any]]) -> None:
     variants = job[1]["variants"]
     assert 0.5 < variants["nominal"]["path"]["max_mm"] < 2.0

@@ -38,12 +38,14 @@ class Program:
         self.loop = Loop(CELL.chain, settings, CELL.T_base_part, plan if planned else None)
         self.x = 0.0
 
-    def cycle(self, *, enable: bool = True, arm: bool = False, reset: bool = False, moves: bool = True) -> State:
+    def cycle(
+        self, *, enable: bool = True, arm: bool = False, reset: bool = False, moves: bool = True, soft: int = 0
+    ) -> State:
         self.x += 1e-4 * moves
         w = np.zeros(6)
         w[:3] = FORCE if CUT[0] < self.x < CUT[1] and moves else 0.0
         T = pose.make(R, np.array([self.x, 0.0, 0.0]))
-        self.loop.feed(CycleInputs(T_part_tcp=T, q=Q, w_tcp_part=w, enable=enable, arm=arm, reset=reset))
+        self.loop.feed(CycleInputs(T_part_tcp=T, q=Q, w_tcp_part=w, enable=enable, arm=arm, reset=reset, soft=soft))
         self.loop.run()
         return self.loop.state
 
@@ -130,3 +132,31 @@ def test_a_loop_that_only_watches_holds_nobody() -> None:
         program.cycle(enable=k % 50 > 10)
         assert not program.held
     assert program.loop.state == State.READY
+
+
+@pytest.mark.parametrize("planned", [True, False])
+def test_an_acknowledgment_on_the_way_to_the_cut_is_none_of_the_cut(planned: bool) -> None:
+    """Disarmed in air, acknowledged there; the program went through the cut uncorrected, and nothing held it."""
+    program = Program(planned=planned)
+    for arm in (False, False, True):
+        program.cycle(enable=False, arm=arm)
+    assert program.cycle(soft=int(Cause.WRONG_JOB)) == State.READY
+    program.cycle(reset=True)
+    assert not program.held
+    program.go(CUT[0] + 0.004)
+    assert program.held
+    program.cycle(reset=True)
+    program.go(CUT[0] + 0.005)
+    assert not program.held  # seen: a person lets it go on
+
+
+def test_a_hold_that_the_program_has_left_in_air_does_not_let_the_next_cut_be_uncorrected() -> None:
+    """Held in air for a reason, Enable off there and on again: the next cut ran without its correction, and no hold."""
+    program = Program().begin()
+    assert program.cycle(soft=int(Cause.RUN_LOST)) == State.HOLD
+    for _ in range(2 * DEBOUNCE):
+        program.cycle(enable=False, soft=int(Cause.RUN_LOST), moves=False)
+    assert program.loop.state < State.ARMED
+    assert not program.held
+    program.go(CUT[0] + 0.002)
+    assert program.held

@@ -143,3 +143,23 @@ def test_a_robot_whose_feed_is_held_keeps_its_place_where_the_path_passes_often_
     for _ in range(40):
         seek(plan, place, sweep, 0.0, 0.0, 0.0)  # started anew: the robot stands at the beginning
     assert place[0] == 0.0
+
+
+@pytest.mark.parametrize("scatter_um", [0.0, 5.0, 15.0, 30.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_robot_that_stands_at_the_corner_of_a_closed_path_is_at_its_beginning(scatter_um: float, seed: int) -> None:
+    """A square that runs on over its first side: the last rows are as near as the first, whatever the pose scatters."""
+    side = 0.25e-3 * np.arange(240)
+    zero, end = 0.0 * side, 0.06 + 0.0 * side
+    x = np.concatenate([side, end, 0.06 - side, zero, side[:31]])
+    y = np.concatenate([zero, side, end, 0.06 - side, zero[:31]])
+    plan = plan_of(np.stack([x, y, 0.0 * x], axis=1))
+    place, sweep, rng = np.array([-1.0, 0.0]), np.zeros(4), np.random.default_rng(seed)
+    for _ in range(70):
+        p = 1e-6 * scatter_um * rng.standard_normal(3)
+        if place[0] >= 0.0:
+            seek(plan, place, sweep, p[0], p[1], p[2])
+        follow(plan, place, p[0], p[1], p[2], 200)
+    assert place[0] < 2.0
+    worst = max(follow(plan, place, value, 0.0, 0.0, 200) for value in np.arange(0.0, 0.05, 2e-4))
+    assert worst < 1e-6

@@ -179,6 +179,33 @@ def test_a_pose_that_repeats_itself_at_rest_is_no_frozen_tracker() -> None:
 
 
 @pytest.mark.parametrize("tracker", MODES)
+def test_a_robot_that_was_moved_between_two_sessions_is_no_frozen_tracker(tracker: str) -> None:
+    """It stood where it had been moved to, and its tracker was called frozen for as long as it stood: never armed."""
+    rng, loop = np.random.default_rng(4), Tracked(tracker).loop
+
+    def cycle(seen_m: float, commanded_m: float, **given: Any) -> None:
+        nominal = pose.make(R, np.array([commanded_m, 0.0, 0.0]))
+        seen = pose.make(R, np.array([seen_m, 0.0, 0.0]) + 10.0 * UM * rng.standard_normal(3))
+        loop.feed(
+            CycleInputs(
+                T_part_tcp=nominal, q=Q, w_tcp_part=np.zeros(6), T_part_actual=seen, tracker_late_s=0.0, **given
+            )
+        )
+        loop.run()
+
+    for _ in range(200):
+        cycle(0.0, 0.0)
+    assert loop.state == State.READY
+    for _ in range(50):
+        cycle(0.1, 0.0, elapsed=0)
+    cycle(0.1, 0.1, hard=int(Cause.SESSION_RESTARTED))
+    for k in range(400):
+        cycle(0.1, 0.1, reset=k == 0)
+    assert Cause(int(loop.result.cause)) == Cause.NONE
+    assert loop.state == State.READY
+
+
+@pytest.mark.parametrize("tracker", MODES)
 def test_a_nan_is_not_used(tracker: str) -> None:
     robot = Tracked(tracker).settled()
     before = robot.learnt()

@@ -85,3 +85,21 @@ def test_what_stands_still_has_no_delay() -> None:
     t = times(200)
     with pytest.raises(InputError, match="does not move"):
         coarse_shift(t, np.zeros(200), t, np.sin(t), step_s=STEP)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.3, 0.9), st.booleans(), st.booleans())
+def test_a_short_record_is_found_in_a_long_one_of_either_sign(place: float, first: bool, mirrored: bool) -> None:
+    """Windows of different length, the short one within the long one or at its end; whichever is given first."""
+    rng = np.random.default_rng(int(1000 * place))
+    t: Float = 0.01 * np.arange(4000, dtype=np.float64)
+    y: Float = np.cumsum(rng.normal(size=4000))
+    begin = int(place * 3999)
+    late = 0.35
+    short_t, short = t[begin : begin + 600] + late, (-1.0 if mirrored else 1.0) * y[begin : begin + 600]
+    if first:
+        shift, together = coarse_shift(t, y, short_t, short, step_s=0.01)
+    else:
+        shift, together = coarse_shift(short_t, short, t, y, step_s=0.01)
+    assert shift == pytest.approx(late if first else -late, abs=0.011)
+    assert together * (-1.0 if mirrored else 1.0) > 0.1

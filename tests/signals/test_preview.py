@@ -11,6 +11,7 @@ from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.signals.ahead import Ahead
 from counterflex.signals.preview import Mode, Shaping, _passed, by_group, command_for
 
 STEP = 0.002
@@ -126,3 +127,21 @@ def test_refusals() -> None:
         command_for(RISE, TIME, (), Shaping(0.01, 0.0), RISE)
     with pytest.raises(InputError, match="too long"):
         command_for(RISE, TIME * 1e5, (MODE,), Shaping(0.01, 0.0))
+
+
+@given(st.floats(0.0, 1.0), st.integers(0, 100))
+def test_only_the_share_of_the_arm_swings_and_what_has_come_in_time_does_not(share: float, number: int) -> None:
+    """The command is linear in both; a share of 0 asks for all at once, and the parts add up to the whole."""
+    rng = np.random.default_rng(number)
+    requested, moved = RISE * rng.uniform(0.5, 2.0), RISE * rng.uniform(-1.0, 1.0)
+    shaping = Shaping(0.004, 0.0)
+
+    def command(part: float, wanted: Float, there: Float) -> Float:
+        return Ahead(part, (MODE,), shaping).command(wanted, TIME, there)
+
+    none = np.zeros_like(requested)
+    both = command(share, requested, moved)
+    np.testing.assert_allclose(both, command(share, requested, none) + command(share, none, moved), atol=1e-9)
+    np.testing.assert_allclose(command(share, none, moved), command(0.0, moved, none), atol=1e-9)
+    mixed = share * command(1.0, requested, none) + (1.0 - share) * command(0.0, requested, none)
+    np.testing.assert_allclose(command(share, requested, none), mixed, atol=1e-9)

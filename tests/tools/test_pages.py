@@ -11,7 +11,13 @@ import typer
 from counterflex.cli.main import app
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
+    ROOT / "SECURITY.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 _LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 _SOURCE = re.compile(r"`((?:[a-z_]+/)+[a-z_0-9]+\.(?:py|toml|ngc|csv|sh|txt))`")
 _WRITTEN = re.compile(r"--out ([a-z_0-9-]+)")

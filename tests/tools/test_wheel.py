@@ -34,12 +34,14 @@ def test_the_wheel_is_pure_and_holds_all_that_the_package_has(built: Path) -> No
         names = set(archive.namelist())
         metadata = archive.read(f"counterflex-{__version__}.dist-info/METADATA").decode()
         entries = archive.read(f"counterflex-{__version__}.dist-info/entry_points.txt").decode()
+        bill = archive.read(f"counterflex-{__version__}.dist-info/sboms/counterflex.cdx.json")
     source = ROOT / "src"
     wanted = {str(path.relative_to(source)) for path in source.rglob("*") if path.is_file()}
     wanted = {name for name in wanted if "__pycache__" not in name}
     assert wanted <= names
     assert not [name for name in names if name.endswith((".so", ".pyd", ".dll")) or name.startswith("tests/")]
     assert "counterflex = counterflex.cli.start:run" in entries
+    assert bill == (ROOT / "requirements" / "counterflex.cdx.json").read_bytes()
     assert "License-Expression: Apache-2.0" in metadata
     assert re.search(r"^Requires-Python: .*>=3\.11", metadata, re.MULTILINE)
 

@@ -16,8 +16,9 @@ from typing import Any, Final
 
 from docutils import nodes
 from docutils.parsers.rst import directives
-from numba.core.registry import CPUDispatcher
 from sphinx.util.docutils import SphinxDirective
+
+from counterflex.core.jit import Kernel
 
 SOURCES: Final = Path(__file__).resolve().parents[2] / "src"
 
@@ -124,7 +125,7 @@ def _signature(
 
 
 def _skip(_app: Any, _what: str, _name: str, item: Any, skip: bool, _options: Any) -> bool | None:
-    return True if isinstance(item, CPUDispatcher) else None if not skip else True
+    return True if isinstance(item, Kernel) else None if not skip else True
 
 
 def setup(sphinx: Any) -> dict[str, bool]:

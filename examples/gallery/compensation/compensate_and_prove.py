@@ -16,11 +16,9 @@ from pathlib import Path
 import polars as pl
 
 import counterflex as cf
-from counterflex.app import examples
 
 scratch = tempfile.TemporaryDirectory()
-folder = Path(scratch.name)
-examples.write_all(folder / "cell.toml")
+folder = cf.examples(Path(scratch.name))
 cell = cf.read_cell(folder / "cell-small.toml")
 program = folder / "groove.ngc"
 print(program.read_text(encoding="utf-8"))

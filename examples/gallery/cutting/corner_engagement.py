@@ -18,16 +18,9 @@ import plotly.graph_objects as go
 import polars as pl
 
 import counterflex as cf
-from counterflex.app import examples
-from counterflex.app.inputs import read_job
-from counterflex.core.errors import ModelError
-from counterflex.core.units import DEG, MM
-from counterflex.cutting.engagement import figures
-from counterflex.cutting.removal import remove_tool_path
 
 scratch = tempfile.TemporaryDirectory()
-folder = Path(scratch.name)
-examples.write_all(folder / "cell.toml")
+folder = cf.examples(Path(scratch.name))
 cell = cf.read_cell(folder / "cell-small.toml")
 
 # %%
@@ -58,7 +51,6 @@ M30
 """.lstrip()
 file = folder / "corner.ngc"
 file.write_text(PROGRAM, encoding="utf-8")
-job = read_job(file, cell)
 towards = next(n for n, text in enumerate(PROGRAM.splitlines(), start=1) if "towards" in text)
 
 # %%
@@ -69,23 +61,9 @@ towards = next(n for n, text in enumerate(PROGRAM.splitlines(), start=1) if "tow
 # angle of the cutter it was removed. Averaged over a millimetre of path that gives entry and exit angle, width and
 # area of the cut.
 
-result = remove_tool_path(cell.stock(), job.path, cell.cutter(1))
-if result.engagement is None:
-    raise ModelError("the removal simulation booked no engagement")
-step = np.linalg.norm(np.diff(job.path.p_part_tcp[:, :2], axis=0), axis=1)
-seen = figures(result.engagement, step, cell.cutter(1), least_m=1.0 * MM)
-place_mm = job.path.p_part_tcp[seen.last] / MM
-line = job.line_of_motion[job.path.motion[seen.last]]
-near = (line >= towards) & (seen.volume_m3 > 0.0) & (place_mm[:, 0] > 20.0) & (place_mm[:, 1] < 40.0)
-corner = pl.DataFrame(
-    {
-        "x_mm": place_mm[near, 0],
-        "y_mm": place_mm[near, 1],
-        "entry_deg": seen.entry_rad[near] / DEG,
-        "exit_deg": seen.exit_rad[near] / DEG,
-        "width_mm": seen.radial_width_m[near] / MM,
-        "area_mm2": seen.chip_area_m2[near] / MM**2,
-    }
+seen = cf.engagement(file, cell, every_mm=1.0)
+corner = seen.filter(
+    pl.col("line") >= towards, pl.col("volume_mm3") > 0.0, pl.col("x_mm") > 20.0, pl.col("y_mm") < 40.0
 ).with_columns(from_corner_mm=(pl.col("x_mm") - 38.0) + (pl.col("y_mm") - 22.0))
 area_mm2 = corner["area_mm2"].to_numpy()
 before_mm2 = float(np.median(area_mm2[corner["from_corner_mm"].to_numpy() < -12.0]))

@@ -10,34 +10,30 @@ true path of an edge, runout, and the mean that a compensation uses.
 # sphinx_gallery_thumbnail_path = "_static/gallery/slot_force.png"
 from __future__ import annotations
 
-import math
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 
-from counterflex.core.units import DEG, MM, N_PER_MM2, UM
-from counterflex.cutting.coefficients import KienzleLaw
-from counterflex.cutting.cutter import Cutter
-from counterflex.cutting.force import engagement_of_arc, mean_force
-from counterflex.cutting.tooth_force import tooth_forces
+import counterflex as cf
+
+scratch = tempfile.TemporaryDirectory()
+cell = cf.read_cell(cf.examples(Path(scratch.name)) / "cell-small.toml")
 
 # %%
 # The cut
 # -------
 #
-# A slot of 6 mm depth in aluminium by an end mill of 16 mm with three teeth, 13000 rpm, 25 mm/s. The force law is
-# Kienzle's: the specific force grows where the chip is thin. Its constants are those of EN AW-7075 by Berger (2013)
-# with assumed ratios.
+# A slot of 6 mm depth in aluminium by T1 of the demonstration cell, an end mill of 16 mm with three teeth, 13000 rpm,
+# 25 mm/s. The force law is Kienzle's: the specific force grows where the chip is thin. Its constants are those of
+# EN AW-7075 by Berger (2013) with assumed ratios.
 
-DEPTH_M = 6.0 * MM
-FEED_TOOTH_M = 25.0 * MM / (13000.0 / 60.0 * 3)
-kc = 780.0 * N_PER_MM2
-law = KienzleLaw.from_k11(
-    kc, 0.25, kr11_pa=0.35 * kc, mr=0.25, ka11_pa=0.15 * kc, ma=0.25,
-    h_min_m=1.0 * UM, h_max_m=1.0 * MM, source="Berger2013, ratios assumed", status="assumed",
-)  # fmt: skip
-print(f"slot, D16, 3 teeth, {DEPTH_M / MM:g} mm deep, {FEED_TOOTH_M / UM:.1f} um per tooth")
+DEPTH_MM = 6.0
+FEED_TOOTH_UM = 25.0 / (13000.0 / 60.0 * 3) * 1000.0
+print(cell)
+print(f"slot {DEPTH_MM:g} mm deep, {FEED_TOOTH_UM:.1f} um per tooth")
 
 # %%
 # One revolution
@@ -55,15 +51,13 @@ CASES = (
 )
 rows, curves = [], []
 for name, helix_deg, runout_um, trochoid in CASES:
-    cutter = Cutter(16.0 * MM, flutes=3, helix_rad=helix_deg * DEG, flute_length_m=35.0 * MM, runout_m=runout_um * UM)
-    teeth = tooth_forces(cutter, law, engagement_of_arc(cutter, DEPTH_M, 0.0, math.pi), FEED_TOOTH_M, trochoid=trochoid)
-    x_n, y_n, z_n = (float(value) for value in teeth.mean[:3])
-    rows.append(
-        {
-            "teeth": name, "along_n": x_n, "left_n": y_n, "up_n": z_n, "mean_n": math.hypot(x_n, y_n, z_n),
-            "peak_n": teeth.peak_n, "chip_um": teeth.chip_max_m / UM,
-        }
+    teeth = cf.forces(
+        cell, depth_mm=DEPTH_MM, feed_per_tooth_um=FEED_TOOTH_UM, revolution=True,
+        helix_deg=helix_deg, runout_um=runout_um, trochoid=trochoid,
     )  # fmt: skip
+    mean = teeth.select("along_n", "left_n", "up_n").mean().row(0, named=True)
+    rows.append({"teeth": name, **mean, "mean_n": float(np.linalg.norm(list(mean.values()))),
+                 "peak_n": teeth["force_n"].max()})  # fmt: skip
     curves.append((name, teeth))
 with pl.Config(tbl_cols=-1):
     print(pl.DataFrame(rows))
@@ -72,7 +66,7 @@ with pl.Config(tbl_cols=-1):
 colours = ("#9aa3ad", "#0369a1", "#15803d", "#c2410c")
 go.Figure(
     [
-        go.Scatter(x=teeth.angle_rad / DEG, y=teeth.wrench_tcp[:, 1], name=name, line={"color": colour, "width": width})
+        go.Scatter(x=teeth["angle_deg"], y=teeth["left_n"], name=name, line={"color": colour, "width": width})
         for (name, teeth), colour, width in zip(curves, colours, (1.5, 1.5, 2, 3), strict=True)
         if "true" not in name
     ],
@@ -92,12 +86,9 @@ go.Figure(
 # which there is a closed form; helix and runout hardly change it. That is why a plan needs no simulation of single
 # teeth.
 
-cutter = Cutter(16.0 * MM, flutes=3, flute_length_m=35.0 * MM)
-closed = mean_force(cutter, law, engagement_of_arc(cutter, DEPTH_M, 0.0, math.pi)[None], FEED_TOOTH_M)
-force_n = closed.wrench_tcp[0, :3]
-print(f"closed form: along {force_n[0]:.1f}, left {force_n[1]:.1f}, up {force_n[2]:.1f} N")
-with_runout_n = float(np.linalg.norm(curves[-1][1].mean[:3]))
-print(f"mean of the teeth with runout differs by {abs(with_runout_n / np.linalg.norm(force_n) - 1.0):.1%}")
+closed = cf.forces(cell, depth_mm=DEPTH_MM, feed_per_tooth_um=FEED_TOOTH_UM, helix_deg=0.0).row(0, named=True)
+print(f"closed form: along {closed['along_n']:.1f}, left {closed['left_n']:.1f}, up {closed['up_n']:.1f} N")
+print(f"mean of the teeth with runout differs by {abs(rows[-1]['mean_n'] / closed['force_n'] - 1.0):.1%}")
 
 # %%
 # The mean over the depth
@@ -107,12 +98,11 @@ print(f"mean of the teeth with runout differs by {abs(with_runout_n / np.linalg.
 # area, so half of the feed takes more than half of the force.
 
 feed_um = np.linspace(5.0, 100.0, 39)
-depth = np.tile(engagement_of_arc(cutter, DEPTH_M, 0.0, math.pi), (len(feed_um), 1, 1))
-by_feed = mean_force(cutter, law, depth, feed_um * UM).wrench_tcp[:, :3]
+by_feed = cf.forces(cell, depth_mm=DEPTH_MM, feed_per_tooth_um=feed_um)
 go.Figure(
     [
-        go.Scatter(x=feed_um, y=by_feed[:, axis], name=name, line={"width": 2.5})
-        for axis, name in enumerate(("along the feed", "to its left", "out of the part"))
+        go.Scatter(x=feed_um, y=by_feed[f"{axis}_n"], name=name, line={"width": 2.5})
+        for axis, name in (("along", "along the feed"), ("left", "to its left"), ("up", "out of the part"))
     ],
     layout={
         "title": {"text": "mean force of the slot over the feed"},

@@ -20,16 +20,9 @@ import plotly.graph_objects as go
 import polars as pl
 
 import counterflex as cf
-from counterflex.app import examples
-from counterflex.app.campaign.laboratory import measure
-from counterflex.app.identification.propose import run as propose
-from counterflex.app.proof.truth import make_truth
-from counterflex.core.units import UM_PER_KN, URAD_PER_KNM
-from counterflex.twin.truth.family import family_of
 
 scratch = tempfile.TemporaryDirectory()
-folder = Path(scratch.name)
-examples.write_all(folder / "cell.toml")
+folder = cf.examples(Path(scratch.name))
 cell_file = folder / "cell-small.toml"
 cell = cf.read_cell(cell_file)
 
@@ -39,7 +32,7 @@ cell = cf.read_cell(cell_file)
 #
 # A simulated cell of seed 7. From here on the identification sees nothing of it but the readings.
 
-truth = make_truth(cell, 7, folder / "truth.toml", family_of("wide"))
+robot = cf.SimulatedCell(cell, seed=7, family="wide")
 
 # %%
 # Where the tracker stands
@@ -48,11 +41,11 @@ truth = make_truth(cell, 7, folder / "truth.toml", family_of("wide"))
 # The tracker reads displacements in its own axes. Eight poses of the robot, seen by the tracker, tell how these lie to
 # the base; the recipe ``tracker-frame`` writes that into a new cell file, which the pulls then begin with.
 
-propose("tracker-frame", 8, cell_file, folder / "poses", settings={}, seed=1)
-measure(folder / "poses" / "proposal.toml", cell_file, folder / "truth.toml", folder / "seen", seed=1)
-frame = cf.identify_cell("tracker-frame", [folder / "seen" / "tracker-frame.toml"], cell_file, folder / "tracked")
+cf.propose("tracker-frame", 8, cell_file, folder / "poses", seed=1)
+robot.measure(folder / "poses", folder / "seen")
+frame = cf.identify("tracker-frame", [folder / "seen" / "tracker-frame.toml"], cell_file, folder / "tracked")
 cell_file = folder / "tracked" / "cell.toml"
-print("; ".join(f"{figure['text']}: {figure['value']:.3g}" for figure in frame["headline"]))
+print("; ".join(f"{figure['text']}: {figure['value']:.3g}" for figure in frame.summary["headline"]))
 
 # %%
 # Propose
@@ -62,8 +55,8 @@ print("; ".join(f"{figure['text']}: {figure['value']:.3g}" for figure in frame["
 # beforehand which standard deviation to expect of every compliance: here of the eight that will be known best and of
 # the three that will not.
 
-proposed = propose("stiffness", 20, cell_file, folder / "fit", settings={}, seed=1)
-propose("stiffness", 8, cell_file, folder / "unseen", settings={}, seed=101)
+proposed = cf.propose("stiffness", 20, cell_file, folder / "fit", seed=1)
+cf.propose("stiffness", 8, cell_file, folder / "unseen", seed=101)
 expected = pl.DataFrame(proposed["expected"]).filter(pl.col("unit") == "urad/kNm").sort("sigma")
 print(pl.concat([expected.head(8), expected.tail(3)]))
 
@@ -74,8 +67,8 @@ print(pl.concat([expected.head(8), expected.tail(3)]))
 # Each pull: read, load, move every axis back by 0.04 deg and return slowly so that friction cancels, read again. 8
 # further pulls, in other poses, are never fitted: they judge the result.
 
-measured = measure(folder / "fit" / "proposal.toml", cell_file, folder / "truth.toml", folder / "data", seed=1)
-measure(folder / "unseen" / "proposal.toml", cell_file, folder / "truth.toml", folder / "holdout", seed=1)
+measured = robot.measure(folder / "fit", folder / "data")
+robot.measure(folder / "unseen", folder / "holdout")
 print(f"{measured['rows']} pulls, channels {', '.join(measured['channels'])}")
 
 # %%
@@ -85,7 +78,7 @@ print(f"{measured['rows']} pulls, channels {', '.join(measured['channels'])}")
 # The standard deviation of the values in the cell file is stated as 50 %: they come from a catalogue. The first
 # number that counts is the deflection of held-out pulls that is *not* explained, before and after.
 
-result = cf.identify_cell(
+result = cf.identify(
     "stiffness",
     [folder / "data" / "stiffness.toml"],
     cell_file,
@@ -93,7 +86,7 @@ result = cf.identify_cell(
     holdout=[folder / "holdout" / "stiffness.toml"],
     settings={"prior": 0.5, "regions": False},
 )
-for figure in result["headline"]:
+for figure in result.summary["headline"]:
     print(f"{figure['text']}: {figure['value']:.3g}, with the cell file {figure['nominal']:.3g}")
 
 # %%
@@ -103,23 +96,9 @@ for figure in result["headline"]:
 # Only a simulation can answer that: the dark crosses are the true values. A bar that the data have not made shorter
 # than the grey one is a compliance that these pulls do not see. It says so, and keeps the value of the catalogue.
 
-true_value = {
-    f"{body.name}.{direction}": body.compliance[k] / (UM_PER_KN if k < 3 else URAD_PER_KNM)
-    for body in truth.bodies
-    for k, direction in enumerate(("tx", "ty", "tz", "rx", "ry", "rz"))
-}
-rows = [
-    row
-    for row in result["fits"]["stiffness"]["parameters"]
-    if row["name"] in true_value and row["prior_sigma"] is not None and row["low"] is not None
-]
-table = pl.DataFrame(
-    [
-        {key: row[key] for key in ("label", "unit", "nominal", "value", "low", "high", "seen")}
-        | {"true": true_value[row["name"]]}
-        for row in rows
-    ]
-)
+true = robot.table.rename({"value": "true"}).drop("unit")
+table = result.table.filter(pl.col("prior_sigma").is_not_null(), pl.col("low").is_not_null()).join(true, on="name")
+table = table.select("label", "unit", "nominal", "value", "low", "high", "seen", "true")
 inside = table.select(pl.col("true").is_between(pl.col("low"), pl.col("high"))).to_series()
 print(f"{inside.sum()} of {len(inside)} true values lie in their 95 % interval")
 table.filter(pl.col("seen") == "determined").drop("unit", "seen")

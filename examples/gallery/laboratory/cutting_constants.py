@@ -19,21 +19,12 @@ import plotly.graph_objects as go
 import polars as pl
 
 import counterflex as cf
-from counterflex.app import examples
-from counterflex.app.campaign.laboratory import measure
-from counterflex.app.campaign.parameter_errors import true_edge_force
-from counterflex.app.identification.propose import run as propose
-from counterflex.app.proof.truth import make_truth
-from counterflex.core.units import N_PER_MM, UM
-from counterflex.cutting.coefficients import edge_force
-from counterflex.twin.truth.family import family_of
 
 scratch = tempfile.TemporaryDirectory()
-folder = Path(scratch.name)
-examples.write_all(folder / "cell.toml")
+folder = cf.examples(Path(scratch.name))
 cell_file = folder / "cell-small.toml"
 cell = cf.read_cell(cell_file)
-truth = make_truth(cell, 7, folder / "truth.toml", family_of("wide"))
+robot = cf.SimulatedCell(cell, seed=7, family="wide")
 
 # %%
 # Propose the cuts
@@ -43,7 +34,7 @@ truth = make_truth(cell, 7, folder / "truth.toml", family_of("wide"))
 # allows, and writes the program that makes them. Feeds that differ by a factor of four or more tell exponent and edge
 # force apart.
 
-proposed = propose("cutting", 8, cell_file, folder / "fit", settings={}, seed=1)
+proposed = cf.propose("cutting", 8, cell_file, folder / "fit", seed=1)
 print(pl.DataFrame(proposed["expected"]))
 program = (folder / "fit" / "test_cuts.ngc").read_text(encoding="utf-8")
 print("\n".join(program.splitlines()[:14]))
@@ -54,7 +45,7 @@ print("\n".join(program.splitlines()[:14]))
 #
 # Force over time, with air before and behind every cut: the zero of the sensor is taken from there.
 
-measured = measure(folder / "fit" / "proposal.toml", cell_file, folder / "truth.toml", folder / "data", seed=1)
+measured = robot.measure(folder / "fit", folder / "data")
 record = pl.read_csv(folder / "data" / "cutting.csv", infer_schema_length=None)
 print(f"{measured['rows']} samples: {', '.join(record.columns)}")
 
@@ -64,10 +55,10 @@ print(f"{measured['rows']} samples: {', '.join(record.columns)}")
 #
 # Each cut is predicted by the constants of the others: an error on data that were not used, before and after.
 
-result = cf.identify_cell("cutting", [folder / "data" / "cutting.toml"], cell_file, folder / "found")
-for figure in result["headline"]:
+result = cf.identify("cutting", [folder / "data" / "cutting.toml"], cell_file, folder / "found")
+for figure in result.summary["headline"]:
     print(f"{figure['text']}: {figure['value']:.3g} %, with the constants of the cell file {figure['nominal']:.3g} %")
-figures = {figure["name"]: figure["value"] for figure in result["figures"]}
+figures = result.figures
 forms = {name[8:-8]: value for name, value in figures.items() if name.startswith("holdout_")}
 for name, value in forms.items():
     print(f"error of the form on cuts not used: {value:5.2f} %  {name}")
@@ -99,17 +90,16 @@ print(f"standard deviation of kc: {at_h_ref:.1%} there, {at_1_mm:.1%} at 1 mm")
 # true one of the simulated cell, which has a ploughing force that no form of the law has. The grey band is the range
 # of the cuts.
 
-found = cf.read_cell(folder / "found" / "cell.toml")
 chip_um = np.linspace(2.0, 80.0, 79)
 curves = {
-    "cell file": (edge_force(cell.force_law, chip_um * UM), "#c2410c", "dash"),
-    "identified": (edge_force(found.force_law, chip_um * UM), "#0369a1", "solid"),
-    "true": (true_edge_force(truth.cutting, chip_um * UM), "#111827", "dot"),
+    "cell file": (cell.edge_force(chip_um), "#c2410c", "dash"),
+    "identified": (result.cell.edge_force(chip_um), "#0369a1", "solid"),
+    "true": (robot.edge_force(chip_um), "#111827", "dot"),
 }
 picture = go.Figure(
     [
         go.Scatter(
-            x=chip_um, y=force[:, k] / N_PER_MM, name=f"{name}, {direction}", legendgroup=name,
+            x=chip_um, y=force[:, k], name=f"{name}, {direction}", legendgroup=name,
             line={"color": colour, "dash": dash, "width": 3 - k},
         )
         for name, (force, colour, dash) in curves.items()

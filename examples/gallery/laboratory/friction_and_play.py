@@ -18,20 +18,12 @@ import plotly.graph_objects as go
 import polars as pl
 
 import counterflex as cf
-from counterflex.app import examples
-from counterflex.app.campaign.laboratory import measure
-from counterflex.app.identification.propose import run as propose
-from counterflex.app.proof.truth import make_truth
-from counterflex.core.units import MM, URAD
-from counterflex.files.dataset.reader import read_dataset
-from counterflex.twin.truth.family import family_of
 
 scratch = tempfile.TemporaryDirectory()
-folder = Path(scratch.name)
-examples.write_all(folder / "cell.toml")
+folder = cf.examples(Path(scratch.name))
 cell_file = folder / "cell-small.toml"
 cell = cf.read_cell(cell_file)
-truth = make_truth(cell, 7, folder / "truth.toml", family_of("mild"))
+robot = cf.SimulatedCell(cell, seed=7, family="mild")
 
 # %%
 # Propose and measure
@@ -40,8 +32,8 @@ truth = make_truth(cell, 7, folder / "truth.toml", family_of("mild"))
 # Each axis moves back and forth by less and less, slower than it would swing: once where its weight is balanced, so
 # that it crosses its play, once under load.
 
-propose("play", 12, cell_file, folder / "fit", settings={}, seed=1)
-measured = measure(folder / "fit" / "proposal.toml", cell_file, folder / "truth.toml", folder / "data", seed=1)
+cf.propose("play", 12, cell_file, folder / "fit", seed=1)
+measured = robot.measure(folder / "fit", folder / "data")
 print(f"{measured['rows']} readings, channels {', '.join(measured['channels'])}")
 
 # %%
@@ -52,15 +44,15 @@ print(f"{measured['rows']} readings, channels {', '.join(measured['channels'])}"
 # and back do not lie on one line: the width of the loop is what the link stays behind by, times the lever of the
 # tool.
 
-data = read_dataset(folder / "data" / "play.toml")
-q = data.channels["q_motor"].values
-target = data.channels["p_tracker_target"].values
-first = np.flatnonzero(data.group == data.group[0])
-axis = int(np.argmax(np.ptp(q[first], axis=0)))
-angle = q[first, axis] - q[first, axis].mean()
-along = target[first] - target[first].mean(axis=0)
-moved = along @ np.linalg.svd(along, full_matrices=False)[2][0]
-loop_um = (moved - np.polyval(np.polyfit(angle, moved, 2), angle)) / MM * 1000.0
+data = pl.read_csv(folder / "data" / "play.csv", infer_schema_length=None)
+data = data.filter(pl.col("group") == data["group"][0])
+q_deg = data.select("^q_motor.*$").to_numpy()
+along_mm = data.select("^p_tracker_target.*$").to_numpy()
+along_mm = along_mm - along_mm.mean(axis=0)
+axis = int(np.argmax(np.ptp(q_deg, axis=0)))
+angle = np.deg2rad(q_deg[:, axis] - q_deg[:, axis].mean())
+moved_mm = along_mm @ np.linalg.svd(along_mm, full_matrices=False)[2][0]
+loop_um = (moved_mm - np.polyval(np.polyfit(angle, moved_mm, 2), angle)) * 1000.0
 go.Figure(
     go.Scatter(
         x=angle * 1000.0, y=loop_um, mode="markers+lines", marker={"size": 3}, line={"width": 1, "color": "#0369a1"}
@@ -82,21 +74,22 @@ go.Figure(
 # says; where it is not, friction of the link exceeds that of link and motor together, and no value is written:
 # identify the stiffness first.
 
-result = cf.identify_cell("play", [folder / "data" / "play.toml"], cell_file, folder / "found")
-for figure in result["headline"]:
+result = cf.identify("play", [folder / "data" / "play.toml"], cell_file, folder / "found")
+for figure in result.summary["headline"]:
     print(f"{figure['text']}: {figure['value']:.3g}, before {figure['nominal']:.3g}")
-figures = {figure["name"]: figure["value"] for figure in result["figures"]}
+figures = result.figures
+true = dict(robot.table.select("name", "value").iter_rows())
 table = pl.DataFrame(
     [
         {
             "axis": k + 1,
             "half_band_urad": figures[f"axis{k + 1}_half_band_urad"],
             "half_band_sigma_urad": figures[f"axis{k + 1}_half_band_sigma_urad"],
-            "true_half_band_urad": drive.dead_band_rad / URAD,
+            "true_half_band_urad": true[f"axis{k + 1}_half_band"],
             "friction_turn_urad": figures[f"axis{k + 1}_friction_turn_urad"],
             "friction_turn_sigma_urad": figures[f"axis{k + 1}_friction_turn_sigma_urad"],
         }
-        for k, drive in enumerate(truth.drives)
+        for k in range(6)
     ]
 )
 table

@@ -22,17 +22,11 @@ import plotly.graph_objects as go
 import polars as pl
 
 import counterflex as cf
-from counterflex.app import examples
-from counterflex.core.units import DEG, MM, UM
-from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.robot.elasticity import compliance
-from counterflex.robot.kinematics.inverse import inverse_path
 
 scratch = tempfile.TemporaryDirectory()
-folder = Path(scratch.name)
-examples.write_all(folder / "cell.toml")
+folder = cf.examples(Path(scratch.name))
 cell = cf.read_cell(folder / "cell.toml")
-print(cell.label)
+print(cell)
 
 # %%
 # The same force everywhere
@@ -85,7 +79,7 @@ print(f"sag {np.linalg.norm(sag_um, axis=1).mean():.0f} um; over the part it var
 # sideways too, so that a force along the feed makes a slot run off its line.
 
 angle_deg = np.arange(0.0, 360.0, 5.0)
-direction = np.stack([np.cos(angle_deg * DEG), np.sin(angle_deg * DEG), np.zeros(len(angle_deg))], axis=1)
+direction = np.stack([np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg)), np.zeros(len(angle_deg))], axis=1)
 around = cf.deflection(cell, at_mm=np.tile([100.0, 75.0, 40.0], (len(direction), 1)), force_n=300.0 * direction)
 moved_um = around.select("^deflection_._um$").to_numpy()
 along_um = np.sum(moved_um * direction, axis=1)
@@ -105,29 +99,20 @@ go.Figure(
 # -------------------
 #
 # The model is a chain of elastic elements: the torsion of each gear, the tilting of each bearing, links, force
-# sensor, spindle holder. ``compliance.shares`` says what each contributes. Inside counterflex all quantities are in
-# SI, so that forces are given in N and the result comes in m.
+# sensor, spindle holder. ``by_element`` returns what each contributes.
 
-upright = tool_orientation(np.array([[0.0, 0.0, 1.0]]), cell.tables.posture.rotation_about_tool_deg * DEG)
-tool = tool_poses(cell.T_base_part, np.array([[100.0, 75.0, 40.0]]) * MM, upright)
-q = inverse_path(cell.chain, tool, cell.tables.posture.branch).q[0]
-w_tcp_base = np.zeros(6)
-w_tcp_base[:3] = cell.T_base_part[:3, :3] @ np.array([0.0, 300.0, 0.0])
-parts_m = compliance.shares(cell.chain, q, w_tcp_base)[:, :3]
-whole_m = parts_m.sum(axis=0)
-share = pl.DataFrame(
-    {
-        "element": cell.chain.names,
-        "um": parts_m @ whole_m / np.linalg.norm(whole_m) / UM,
-        "percent": 100.0 * (parts_m @ whole_m) / (whole_m @ whole_m),
-    }
-).filter(pl.col("percent").abs() >= 1.0)
+parts = cf.deflection(cell, at_mm=[100.0, 75.0, 40.0], force_n=[0.0, 300.0, 0.0], by_element=True)
+whole_um = parts.select("^deflection_._um$").sum().to_numpy()[0]
+length_um = float(np.linalg.norm(whole_um))
+share = parts.select(
+    "element", um=pl.col("share") * length_um, percent=100.0 * pl.col("share")
+).filter(pl.col("percent").abs() >= 1.0)  # fmt: skip
 print(share.sort("percent", descending=True))
 
 go.Figure(
     go.Bar(x=share["element"].to_list(), y=share["um"].to_list(), marker={"color": "#0369a1"}),
     layout={
-        "title": {"text": f"what makes the {np.linalg.norm(whole_m) / UM:.0f} um in the middle of the blank"},
+        "title": {"text": f"what makes the {length_um:.0f} um in the middle of the blank"},
         "yaxis": {"title": {"text": "um, along the deflection"}},
     },
 )

@@ -13,18 +13,12 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-import numpy as np
-import plotly.graph_objects as go
 import polars as pl
 
 import counterflex as cf
-from counterflex.app import examples
-from counterflex.core.units import UM
-from counterflex.robot.model.opw import BRANCHES
 
 scratch = tempfile.TemporaryDirectory()
-folder = Path(scratch.name)
-examples.write_all(folder / "cell.toml")
+folder = cf.examples(Path(scratch.name))
 chosen = cf.choose_posture(folder / "groove.ngc", folder / "cell-small.toml", rotations=36)
 
 # %%
@@ -48,31 +42,7 @@ table
 # A curve for each configuration of the arm. Gaps are rotations in which a joint, a cable or the wrist singularity
 # forbids the program, or the spindle would touch something.
 
-rotation_deg = np.arange(len(chosen.chosen.costs_m)) * 360.0 / len(chosen.chosen.costs_m)
-cost_um = np.where(np.isfinite(chosen.chosen.costs_m), chosen.chosen.costs_m, np.nan) / UM
-shown = [k for k in range(len(BRANCHES)) if np.isfinite(cost_um[:, k]).any()]
-go.Figure(
-    [
-        go.Scatter(
-            x=rotation_deg,
-            y=cost_um[:, k],
-            name=BRANCHES[k],
-            mode="lines",
-            line={
-                "color": "#0369a1" if "front" in BRANCHES[k] else "#c2410c",
-                "width": 5 if "noflip" in BRANCHES[k] else 2,
-                "dash": "solid" if "noflip" in BRANCHES[k] else "dot",
-            },
-            opacity=0.5 if "noflip" in BRANCHES[k] else 1.0,
-        )
-        for k in shown
-    ],
-    layout={
-        "title": {"text": "deflection of every posture that can run the program"},
-        "xaxis": {"title": {"text": "rotation about the tool axis, deg"}, "dtick": 45},
-        "yaxis": {"title": {"text": "deflection across the path, um"}, "rangemode": "tozero"},
-    },
-)
+chosen.plot("rotations")
 
 # %%
 # Flipping the wrist leaves the arm where it is, so that the two curves of a shoulder lie on one another; what tells

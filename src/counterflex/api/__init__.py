@@ -1,24 +1,8 @@
-"""Ten functions for scripts and notebooks; each does what a command does, and returns what it found.
+"""Classes and functions for scripts and notebooks; each does what a command does, with the same figures.
 
-Programs and cells are given as files or as what :func:`read_cell` and :func:`compensate` return. Arguments and columns
-are in shop units and named with them (``force_n``, ``deflection_x_um``). Tables are polars data frames, pictures plotly
-figures. Bad input raises :class:`counterflex.core.errors.CounterflexError`: its text is one line that says what, where,
-and what to do.
+Arguments and columns are in shop units and named with them (``force_n``, ``deflection_x_um``). Cells and programs are
+given as files or as what :func:`~counterflex.api.cell.read_cell` and :func:`~counterflex.api.program.read_program`
+return. Results are classes with ``table`` (polars), ``summary`` (plain values), ``plot`` (plotly) and ``save``. Bad
+input raises :class:`counterflex.core.errors.CounterflexError`: its text is one line that says what, where, and what to
+do.
 """
-
-from counterflex.api.cell import choose_posture, deflection, identify_cell, inspect_part, preflight, read_cell
-from counterflex.api.compensation import compensate
-from counterflex.api.machining import compare, prove, simulate
-
-__all__ = (
-    "choose_posture",
-    "compare",
-    "compensate",
-    "deflection",
-    "identify_cell",
-    "inspect_part",
-    "preflight",
-    "prove",
-    "read_cell",
-    "simulate",
-)

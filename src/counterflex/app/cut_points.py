@@ -70,7 +70,7 @@ def points_of_plan(plan: Plan, cell: Cell, name: str, places: ExternalPlaces | N
         places: Of external axes that move along it.
     """
     Ts_base_part = None if places is None else places.Ts_base_part(plan.path.place)
-    return _points(cell, plan.path.p_part_tcp, plan.q, plan.w_tcp_part, plan.cutting, name, Ts_base_part)
+    return _points(cell, plan.path.p_part_tcp, plan.q, plan.w_tcp_part, plan.judged, name, Ts_base_part)
 
 
 def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutPoints | None:

@@ -98,6 +98,8 @@ def _write(targets: Mapping[Path, str]) -> list[Path]:
     for path in targets:
         if path.exists():
             raise OutputError("the file exists and is kept", where=str(path), hint="Choose another --out")
-    for path, content in targets.items():
-        atomic.write_text(path, content)
+    folder = next(iter(targets)).parent
+    with atomic.atomic_folder(folder) as staging:
+        for path, content in targets.items():
+            atomic.write_text(staging / path.relative_to(folder), content)
     return list(targets)

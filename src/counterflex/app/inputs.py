@@ -17,6 +17,7 @@ from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, ProgramError
 from counterflex.core.next_command import next_command
+from counterflex.core.remarks import remark
 from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.tilted_stock import may_touch, working_plane
@@ -39,6 +40,7 @@ from counterflex.programs.robot_writer.statement_forms import FORMS
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
 from counterflex.programs.rotary.poses import Words, turned_path
+from counterflex.programs.stated.two_readings import doubtful_readings
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics.joint_path import ByAxes
 
@@ -96,7 +98,7 @@ class Reading:
     listed: bool = False
 
     def program(self, file: str | Path, cell: Cell | None = None) -> Program:
-        """Read a program.
+        """Read a program, and remark every word of it that has a second reading.
 
         Args:
             file: The program.
@@ -106,6 +108,12 @@ class Reading:
             ProgramError: It cannot be read exactly.
             FileFormatError: The parameter file cannot be used.
         """
+        program = self._read(file, cell)
+        for sentence in doubtful_readings(program):
+            remark(sentence)
+        return program
+
+    def _read(self, file: str | Path, cell: Cell | None) -> Program:
         language = dialect_of(file, self.dialect)
         if cell is not None and language in ROBOT_DIALECTS:
             program = read_program_file(file, dialect=language, complete=self.complete, cell=robot_cell(cell, language))

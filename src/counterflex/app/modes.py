@@ -15,6 +15,7 @@ from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.mode_shape import point_motion
+from counterflex.report.modes_page import ModesData
 
 
 def run(
@@ -54,20 +55,18 @@ def run(
         done.summary["tap_test"] = beside_tap_test(done, tap_test, UP_TO_HZ if up_to_hz is None else up_to_hz)
     progress(1.0)
     if out is not None:
+        from counterflex.report.modes_page import modes_page
+        from counterflex.report.page import write_page
+
         with atomic.atomic_folder(out) as staging:
             write_summary(staging / "summary.json", done.summary)
-            _write_page(done, staging / "report.html")
+            write_page(modes_page(page_data(done)), staging / "report.html")
     return done.summary
 
 
-def _write_page(done: PostureModes, target: Path) -> None:
-    """Each mode moving, and the table."""
-    from counterflex.report.modes_page import ModesData, modes_page
-    from counterflex.report.page import write_page
-
+def page_data(done: PostureModes) -> ModesData:
+    """Return what the page of the modes shows."""
     shapes = done.free.shapes[:, : len(done.summary["modes"])]
     points, moved = point_motion(done.chain, done.q, shapes)
-    page = ModesData(
-        done.summary, points, moved, done.chain.flange_segment + 2, f"Modes of {done.cell.label}", done.cell.robot.name
-    )
-    write_page(modes_page(page), target)
+    title, flange = f"Modes of {done.cell.label}", done.chain.flange_segment + 2
+    return ModesData(done.summary, points, moved, flange, title, done.cell.robot.name)

@@ -59,6 +59,7 @@ def beside_tap_test(done: PostureModes, file: str | Path, up_to_hz: float = UP_T
         "frac_after": round(frac(tap.receptance, fit.after), 4),
         "modes_before": _modes(done.chain, done, done.damping_s),
         "modes_after": _modes(after, done, fit.damping_s),
+        "damping_s_after": float(f"{fit.damping_s:.4g}"),
         "stiffness_factor": round(fit.stiffness_factor, 4),
         "masses": _masses(done.chain, fit),
     }

@@ -16,6 +16,7 @@ from typing import Any, Final
 import typer
 
 from counterflex.core.errors import InputError, OutputError
+from counterflex.core.moving import settle
 from counterflex.core.output_place import place_of
 from counterflex.core.similar import close_to, missing_file
 
@@ -38,6 +39,14 @@ def _paths(value: Any) -> list[Path]:
     return [Path(item) for item in value] if isinstance(value, (list, tuple)) else [Path(value)]
 
 
+def _read(value: Any) -> list[Path]:
+    """Return paths that are read; what a killed command had begun to write there is completed first."""
+    paths = _paths(value)
+    for path in paths:
+        settle(path)
+    return paths
+
+
 def _named(param: Param, path: Path) -> str:
     """Place of a fault: by which option the file was given, and the file."""
     options = [name for name in param.opts if name.startswith("--")]
@@ -55,7 +64,7 @@ def file(param: Param, value: Any) -> Any:
     Raises:
         InputError: There is none, or it is a folder, or may not be read.
     """
-    for path in _paths(value):
+    for path in _read(value):
         if path.is_dir():
             raise InputError("it is a folder", where=_named(param, path), limit="a file")
         if not path.exists():
@@ -70,7 +79,7 @@ def folder(param: Param, value: Any) -> Any:
     Raises:
         InputError: There is none, or it is a file.
     """
-    for path in _paths(value):
+    for path in _read(value):
         if not path.exists():
             raise InputError("no such folder", where=_named(param, path), hint=missing_file(path))
         if not path.is_dir():
@@ -85,7 +94,7 @@ def file_or_folder(param: Param, value: Any) -> Any:
     Raises:
         InputError: There is none.
     """
-    for path in _paths(value):
+    for path in _read(value):
         if not path.exists():
             raise InputError("no such file or folder", where=_named(param, path), hint=missing_file(path))
         _readable(param, path)
@@ -348,7 +357,10 @@ def robot_or_cell(param: Param, value: Any) -> Any:
     Raises:
         InputError: Neither.
     """
-    if value is None or Path(value).is_file():
+    if value is None:
+        return value
+    settle(value)
+    if Path(value).is_file():
         return value
     if value.endswith(".toml") or os.sep in value:
         return file(param, value)

@@ -51,8 +51,8 @@ from counterflex.cli.commands.plan import group as plan
 from counterflex.cli.commands.reproduce import group as reproduce
 from counterflex.cli.commands.standards import dcc, iso230, iso9283
 from counterflex.cli.interrupt import end
-from counterflex.cli.output import line_period_s
-from counterflex.core import compiling
+from counterflex.cli.output import line_period_s, warn
+from counterflex.core import compiling, remarks
 from counterflex.core.errors import InputError
 
 __all__ = ["app", "parsed"]
@@ -85,7 +85,21 @@ class _Command(TyperCommand):
             if isinstance(value, float) and not math.isfinite(value):
                 option = "--" + name.replace("_", "-")
                 raise InputError(f"{option} is not a number that can be used", value=value, limit="a finite number")
-        return super().invoke(ctx)
+        with remarks.collected() as made:
+            try:
+                result = super().invoke(ctx)
+            except typer.Exit:
+                _say_remarks(made)
+                raise
+        _say_remarks(made)
+        return result
+
+
+def _say_remarks(made: Mapping[str, bool]) -> None:
+    """Print on standard error what the command has not shown of the remarks on its inputs."""
+    for sentence, was_shown in made.items():
+        if not was_shown:
+            warn(sentence, err=True)
 
 
 def _with_own_classes(app: typer.Typer) -> None:

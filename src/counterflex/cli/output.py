@@ -17,6 +17,7 @@ from counterflex.core.meter import Meter, duration
 from counterflex.core.output_place import is_printed
 from counterflex.core.printable import printable
 from counterflex.core.progress import Progress
+from counterflex.core.remarks import shown
 
 
 def print_json(data: Any) -> None:
@@ -34,6 +35,14 @@ def say_written(out: Path, line: str) -> None:
     import typer
 
     typer.echo(line, err=is_printed(out))
+
+
+def warn(sentence: str, *, err: bool = False) -> None:
+    """Print a warning; a remark that says the same is not printed again."""
+    import typer
+
+    typer.echo(f"warning: {sentence}", err=err)
+    shown(sentence)
 
 
 def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:

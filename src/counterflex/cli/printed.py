@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Iterator
+from types import TracebackType
 from typing import Any, TextIO
 
 from counterflex.core.printable import printable
@@ -43,6 +44,12 @@ def everything_is_text() -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = before
+
+
+def print_fault(kind: type[BaseException], fault: BaseException, trace: TracebackType | None) -> None:
+    """Print the traceback of a fault of the program as text, as the hook of the interpreter."""
+    with everything_is_text():
+        sys.__excepthook__(kind, fault, trace)
 
 
 def below(stream: TextIO) -> TextIO:

@@ -10,7 +10,7 @@ from typing import Final
 from counterflex.cli import interrupt
 from counterflex.cli.commands.operate import requests
 from counterflex.cli.interrupt import end, interruptible
-from counterflex.cli.printed import everything_is_text
+from counterflex.cli.printed import everything_is_text, print_fault
 from counterflex.core.errors import CounterflexError, Interrupted
 from counterflex.core.system_fault import system_fault
 
@@ -28,6 +28,7 @@ def run() -> None:
     # Matrices are small here: on a busy machine the threads of BLAS wait for one another, fifty times longer than they
     # compute. Must be said before NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    sys.excepthook = print_fault
     with interruptible(), everything_is_text():
         try:
             status: object = _version(sys.argv[1:])

@@ -1,9 +1,11 @@
-"""Write results whole or not at all: to a temporary file beside the target, then rename; devices are written into."""
+"""Write results whole or not at all: to a temporary file beside the target, then rename; devices are written into.
+
+File and folder are put on the disk before and after the rename: a power failure leaves the former or the new content.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import os
 import shutil
@@ -13,7 +15,8 @@ from pathlib import Path
 from typing import BinaryIO, TextIO
 
 from counterflex.core.errors import CounterflexError, OutputError
-from counterflex.core.output_place import SUFFIX, Place, clear_leftovers, part_prefix, place_of
+from counterflex.core.moving import NEW, move_into, parents_of, settle, sync_file, sync_folder, sync_tree
+from counterflex.core.output_place import SUFFIX, Place, clear_leftovers, is_staged, part_file, part_prefix, place_of
 from counterflex.core.system_fault import FULL, system_fault
 
 _OTHER = "Choose another place"
@@ -26,6 +29,13 @@ def _refused_in_one_line(path: Path) -> Iterator[None]:
         yield
     except (CounterflexError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
+    except UnicodeEncodeError as fault:
+        raise OutputError(
+            "cannot write: a name in the text is not UTF-8",
+            where=str(path),
+            value=ascii(fault.object[max(fault.start - 20, 0) : fault.end + 20]),
+            hint="Rename the file or folder that the name comes from",
+        ) from fault
     except BaseException as fault:  # a panic in Rust is no Exception
         known = system_fault(fault)
         if known is None and not isinstance(fault, OSError):
@@ -39,23 +49,6 @@ def _refusal(path: Path, fault: OSError) -> OutputError:
         where=str(path),
         hint=f"Make room there, or {_OTHER[0].lower()}{_OTHER[1:]}" if fault.errno in FULL else _OTHER,
     )
-
-
-@contextlib.contextmanager
-def _parents_of(path: Path) -> Iterator[None]:
-    """Make the folders above a path; on any exception those that were not there before are removed again."""
-    made: list[Path] = []
-    try:
-        for folder in reversed(path.parents):
-            if not folder.exists():
-                folder.mkdir(exist_ok=True)
-                made.append(folder)
-        yield
-    except BaseException:
-        for folder in reversed(made):
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise
 
 
 @contextlib.contextmanager
@@ -82,22 +75,21 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
                 yield part
                 place.pour(part)
             return
-        with _parents_of(place.path):
-            part = _part_of(place)
+        settle(place.path)
+        with parents_of(place.path):
+            part = part_file(place)
             try:
                 yield part
                 place.keep_rights(part, 0o666)
+                staged = is_staged(place.path)  # then it is put on the disk with the folder
+                if not staged:
+                    sync_file(part)
+                    settle(place.path)
                 part.replace(place.path)
+                if not staged:
+                    sync_folder(place.path.parent)
             finally:
                 part.unlink(missing_ok=True)
-
-
-def _part_of(place: Place) -> Path:
-    """An empty temporary file beside the place that it is made for."""
-    clear_leftovers(place.path.parent, place.path.name)
-    handle, name = tempfile.mkstemp(prefix=part_prefix(place.path.name), suffix=SUFFIX, dir=place.path.parent)
-    os.close(handle)
-    return Path(name)
 
 
 def write_text(target: str | os.PathLike[str], text: str, *, newline: str = "\n") -> None:
@@ -152,12 +144,13 @@ def open_record(target: str | os.PathLike[str], *, encoding: str = "utf-8") -> I
 
 @contextlib.contextmanager
 def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a staging folder; when the block ends well, move each of its files into ``target``.
+    """Yield a staging folder; when the block ends well, move all of its files into ``target`` together.
 
-    Files already in ``target`` under the same names are replaced, others are left alone. On any exception nothing
-    in ``target`` changes, and a folder that was not there is not made. That ``target`` can be written is found out
-    before the block begins, so that no long job is done in vain. Links and devices in ``target`` are treated as
-    :func:`atomic_path` treats them.
+    Files already in ``target`` under the same names are replaced, others are left alone. A command that is killed
+    while they are moved leaves no former file beside a new one; the next that reads or writes the folder completes it
+    (:mod:`counterflex.core.moving`). On any exception nothing in ``target`` changes, and a folder that was not there is
+    not made. That ``target`` can be written is found out before the block begins, so that no long job is done in vain.
+    Links and devices in ``target`` are treated as :func:`atomic_path` treats them.
 
     Raises:
         OutputError: The folder cannot be made or written.
@@ -167,19 +160,24 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
         raise OutputError("cannot write: a file has the name of the folder", where=str(path), hint=_OTHER)
     if path.is_symlink():
         path = Path(os.path.realpath(path))
-    with _refused_in_one_line(path), _parents_of(path):
+    settle(path)
+    with _refused_in_one_line(path), parents_of(path):
         inside = path if path.exists() else path.parent
         for folder in {inside, path.parent}:
             clear_leftovers(folder, path.name)
         staging = Path(tempfile.mkdtemp(prefix=part_prefix(path.name), suffix=SUFFIX, dir=inside))
         try:
-            with _named_as_asked(staging, path):
-                yield staging
+            (staging / NEW).mkdir()
+            with _named_as_asked(staging / NEW, path):
+                yield staging / NEW
             if path.exists():
-                _move_into(path, staging)
+                move_into(path, staging)
             else:
-                Place(path).keep_rights(staging, 0o777)
-                staging.replace(path)
+                Place(path).keep_rights(staging / NEW, 0o777)
+                if not is_staged(path):
+                    sync_tree(staging / NEW)
+                (staging / NEW).replace(path)
+                sync_folder(path.parent)
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
@@ -194,57 +192,3 @@ def _named_as_asked(staging: Path, path: Path) -> Iterator[None]:
             raise
         place = f"{path}{fault.where[len(str(staging)) :]}"
         raise OutputError(fault.what, where=place, value=fault.value, limit=fault.limit, hint=fault.hint) from fault
-
-
-def _second_name(file: Path, link: Path) -> None:
-    """Keep a file under a second name; a copy where the file system has no links."""
-    link.unlink()
-    try:
-        link.hardlink_to(file)
-    except OSError:
-        shutil.copy2(file, link)
-
-
-def _move_into(path: Path, staging: Path) -> None:
-    """Move every file of a staging folder to its place; on any exception everything is put back as it was.
-
-    What is written into a device or a pipe cannot be taken back: it comes last.
-    """
-    files = [item.relative_to(staging) for item in sorted(staging.rglob("*")) if item.is_file()]
-    done: list[tuple[Path, Path | None]] = []
-    poured: list[tuple[Place, Path]] = []
-    with contextlib.ExitStack() as parents:
-        try:
-            for name in files:
-                destination = path / name
-                parents.enter_context(_parents_of(destination))
-                if destination.is_dir():
-                    raise IsADirectoryError(errno.EISDIR, f"{name} is a folder there")
-                place = place_of(destination)
-                if place.through:
-                    poured.append((place, staging / name))
-                    continue
-                made, elsewhere = staging / name, destination.is_symlink()
-                if elsewhere:  # perhaps in another file system
-                    parents.enter_context(_parents_of(place.path))
-                    made = _part_of(place)
-                    parents.callback(made.unlink, missing_ok=True)
-                    shutil.copyfile(staging / name, made)
-                before = None
-                if place.before is not None:
-                    before = _part_of(place)
-                    parents.callback(before.unlink, missing_ok=True)
-                    _second_name(place.path, before)
-                if elsewhere or before is not None:
-                    place.keep_rights(made, 0o666)
-                done.append((place.path, before))
-                made.replace(place.path)
-            for place, made in poured:
-                place.pour(made)
-        except BaseException:
-            for destination, before in reversed(done):
-                if before is None:
-                    destination.unlink(missing_ok=True)
-                else:
-                    before.replace(destination)
-            raise

@@ -8,12 +8,12 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Final
 
-_KERNELS: Final = "counterflex.core.jit"
-"""What every module with kernels imports, and nothing else does."""
+_KERNELS: Final = "counterflex.core.compiled"
+"""What the first call of a kernel imports, and nothing else does."""
 
 
 class _BeforeKernels:
-    """Sees the import of the first module with kernels, and has Numba tell about compilations from then on."""
+    """Finder that has Numba report compilations from the first call of a kernel on."""
 
     def __init__(self, notify: Callable[[], None]) -> None:
         self._notify = notify

@@ -8,17 +8,29 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import json
 import os
+import stat
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.file_kind import of_bytes
+from counterflex.core.moving import settle
 from counterflex.core.similar import missing_file
 from counterflex.core.system_fault import system_fault
 
+if TYPE_CHECKING:
+    import polars
+
+LARGEST_BYTES: Final = 2**30
+"""Largest file that is read whole: ten times what a program of a million lines has."""
+LARGEST_TABLE_BYTES: Final = 2**31
+"""Most bytes that a table or an archive may unpack to: a plan of five million points has as many."""
+_PIECE: Final = 2**20
 _LONGEST: Final = 80
 """Characters of a library's message that are printed."""
 _AGAIN: Final = "Write or copy it again"
@@ -40,8 +52,10 @@ def readable(
         family: Class of the error.
 
     Raises:
-        FileFormatError: Missing, a folder, not permitted, damaged, or of another kind.
+        FileFormatError: Missing, a folder, not permitted, damaged, of another kind, or in a folder whose writing was
+            broken off and cannot be completed.
     """
+    settle(path)
     try:
         yield
     except (CounterflexError, KeyboardInterrupt, SystemExit, GeneratorExit):
@@ -54,10 +68,25 @@ def content(path: str | os.PathLike[str], family: type[FileFormatError] = FileFo
     """Return the bytes of a file.
 
     Raises:
-        FileFormatError: Missing, a folder, or not permitted.
+        FileFormatError: Missing, a folder, not permitted, or larger than :data:`LARGEST_BYTES`.
     """
-    with readable(path, "a file", family=family):
-        return Path(path).read_bytes()
+    with readable(path, "a file", family=family), Path(path).open("rb") as stream:
+        status = os.fstat(stream.fileno())
+        if status.st_size > LARGEST_BYTES:
+            raise _too_large(path, f"{status.st_size} bytes", family)
+        if stat.S_ISREG(status.st_mode):
+            return stream.read()
+        pieces, size = [], 0
+        while piece := stream.read(_PIECE):  # a device or a pipe may never end
+            pieces.append(piece)
+            size += len(piece)
+            if size > LARGEST_BYTES:
+                raise _too_large(path, "more", family)
+    return b"".join(pieces)
+
+
+def _too_large(path: str | os.PathLike[str], value: str, family: type[FileFormatError]) -> FileFormatError:
+    return family("the file is too large", where=str(path), value=value, limit=f"at most {LARGEST_BYTES} bytes")
 
 
 def text(path: str | os.PathLike[str], hint: str = "Save it as UTF-8 text") -> str:
@@ -96,6 +125,75 @@ def json_value(path: str | os.PathLike[str], kind: str = "JSON", hint: str = _AG
     content_text = text(path, hint)
     with readable(path, kind, hint):
         return json.loads(content_text)
+
+
+def require_small(path: str | os.PathLike[str], unpacked_bytes: int) -> None:
+    """Refuse a packed file by the size that it states before it is unpacked.
+
+    Args:
+        path: The file.
+        unpacked_bytes: As its own tables say.
+
+    Raises:
+        FileFormatError: It would take more than :data:`LARGEST_TABLE_BYTES` of memory.
+    """
+    if unpacked_bytes > LARGEST_TABLE_BYTES:
+        raise FileFormatError(
+            "the file unpacks to more than it may",
+            where=str(path),
+            value=f"{unpacked_bytes} bytes",
+            limit=f"at most {LARGEST_TABLE_BYTES} bytes",
+            hint="Export less: fewer rows, a shorter stretch of time",
+        )
+
+
+def parquet(path: str | os.PathLike[str], data: bytes) -> polars.DataFrame:
+    """Return the table of a Parquet file whose columns are numbers, times or texts.
+
+    Args:
+        path: The file, for messages.
+        data: Its content.
+
+    Raises:
+        FileFormatError: Damaged, too large when unpacked, or with columns of lists or other nested values.
+    """
+    import polars as pl  # heavy
+
+    with readable(path, "a Parquet file"):
+        lazy = pl.scan_parquet(io.BytesIO(data))
+        schema, rows = lazy.collect_schema(), int(lazy.select(pl.len()).collect().item())
+        nested = next((name for name, kind in schema.items() if kind.is_nested() or kind == pl.Binary), None)
+        if nested is not None:
+            raise FileFormatError(
+                "a column holds no plain values", where=str(path), value=f"{nested}: {schema[nested]}"
+            )
+        require_small(path, 8 * rows * len(schema))
+        frame = pl.read_parquet(io.BytesIO(data))
+        for name in (name for name, kind in schema.items() if kind == pl.String):  # rows may share one long text
+            require_small(path, int(frame[name].str.len_bytes().cast(pl.Int64).sum()))
+    return frame
+
+
+@contextlib.contextmanager
+def arrays(path: str | os.PathLike[str], kind: str, hint: str) -> Iterator[Any]:
+    """Open a file of NumPy arrays (``.npz``), which are unpacked one by one; no objects.
+
+    Args:
+        path: The file.
+        kind: What it should be, with its article.
+        hint: What to do where it is none.
+
+    Raises:
+        FileFormatError: As :func:`readable`, or too large when unpacked.
+    """
+    import numpy as np
+
+    with readable(path, kind, hint), Path(path).open("rb") as stream:
+        with zipfile.ZipFile(stream) as archive:
+            require_small(path, sum(item.file_size for item in archive.infolist()))
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as data:
+            yield data
 
 
 def _refusal(path: Path, kind: str, hint: str, fault: BaseException, family: type[FileFormatError]) -> FileFormatError:

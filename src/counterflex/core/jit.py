@@ -1,42 +1,38 @@
 """Compiled kernels: one decorator that keeps types for the checker and a cache that cannot go stale.
 
 Numba's on-disk cache does not see changes in other source files, and it needs a writable place. Each kernel is
-therefore cached in a folder named after a hash of its module and of every kernel module that this one imports, under a
-per-user cache folder or, where that is not writable, a temporary one. Processes that need the same kernel at the same
+therefore cached in a folder named after a hash of its module and of every kernel module that this one imports, in the
+user's own folder (:mod:`counterflex.core.user_folder`): compiled code is executed when it is read. Where that folder
+cannot be written, code is kept as long as the process. Processes that need the same kernel at the same
 time compile it once: one compiles, the others wait and read it.
 
-Nothing is compiled or read when a module is imported. A kernel that states its signatures is compiled for them, and
-for nothing else, when it is first called or called by a kernel that is being compiled; :func:`compile_stated` does it
-before, where a first call must not wait: the online loop. It does so for entry points only, the kernels that Python
-calls: the code of what these call is part of theirs.
+Nothing is compiled or read when a module is imported, and Numba itself is loaded with the first call of a kernel. A
+kernel that states its signatures is compiled for them, and for nothing else, when it is first called or called by a
+kernel that is being compiled; :func:`compile_stated` does it before, where a first call must not wait: the online loop.
+It does so for entry points only, the kernels that Python calls: the code of what these call is part of theirs.
 Set ``NUMBA_DISABLE_JIT=1`` to step through kernels in plain Python.
 """
 
 from __future__ import annotations
 
-import contextlib
+import atexit
 import functools
 import hashlib
+import importlib.metadata
 import os
 import re
+import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
-import numba
-import numpy as np
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.registry import CPUDispatcher
-
-if sys.platform != "win32":
-    import fcntl
-
 F = TypeVar("F", bound=Callable[..., Any])
 
-prange = numba.prange
+COMPILES: Final = os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+"""Kernels are compiled; otherwise they are plain functions, to step through."""
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _IMPORT = re.compile(rb"^from counterflex((?:\.\w+)*) import (?:\(([^)]*)\)|([^\n(]+))", re.MULTILINE)
@@ -78,23 +74,19 @@ def _closure(module: str) -> frozenset[str]:
 
 @functools.cache
 def _cache_root() -> Path:
-    """Where compiled kernels are kept: a per-user folder, or a temporary one where that is not writable."""
-    if "COUNTERFLEX_CACHE" in os.environ:
-        return Path(os.environ["COUNTERFLEX_CACHE"])
-    base = os.environ.get("XDG_CACHE_HOME") or (
-        os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else str(Path.home() / ".cache")
-    )
-    for parent in (Path(base or tempfile.gettempdir()), Path(tempfile.gettempdir())):
-        root = parent / "counterflex"
-        try:
-            root.mkdir(parents=True, exist_ok=True)
-            probe = root / f".probe-{os.getpid()}"
-            probe.touch()
-            probe.unlink()
-        except OSError:
-            continue
-        return root
-    return Path(tempfile.mkdtemp(prefix="counterflex-"))
+    """Folder of compiled kernels: this user's, or one of this process alone where that cannot be written."""
+    from counterflex.core.user_folder import SharedFolderError, made_own, user_folder  # no kernel depends on it
+
+    try:
+        root = made_own(user_folder())
+        with tempfile.TemporaryFile(dir=root):
+            return root
+    except SharedFolderError:
+        raise
+    except OSError:
+        private = tempfile.mkdtemp(prefix="counterflex-kernels-")  # mode 0700, a name that nobody can foresee
+        atexit.register(shutil.rmtree, private, ignore_errors=True)
+        return Path(private)
 
 
 @functools.cache
@@ -105,144 +97,109 @@ def cache_folder(module: str) -> Path:
         module: Full dotted name, for example ``counterflex.plan.cut_kernel``.
     """
     name = module.removeprefix("counterflex.")
-    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
+    digest = hashlib.sha256(f"{importlib.metadata.version('numba')} {sys.version_info[:2]}".encode())
     for dependency in sorted(_closure(name)):
         digest.update(dependency.encode())
         digest.update(_source(dependency) or b"")
     return _cache_root() / f"{name}-{digest.hexdigest()[:16]}"
 
 
-def bundle(kind: type, /, **fields: Any) -> Any:
-    """Type of a NamedTuple of arrays and numbers, for a kernel that takes one.
+@dataclass(frozen=True)
+class Bundle:
+    """A NamedTuple of arrays and numbers that a kernel takes.
+
+    Attributes:
+        kind: The NamedTuple.
+        fields: Kinds of its fields, in order.
+    """
+
+    kind: type
+    fields: tuple[Any, ...]
+
+    def numba_type(self, of: Callable[[Any], Any], tuple_of: Callable[[list[Any], type], Any]) -> Any:
+        """Return its type.
+
+        Args:
+            of: Returns the type of a field.
+            tuple_of: Returns the type of a NamedTuple with fields of some types.
+        """
+        return tuple_of([of(field) for field in self.fields], self.kind)
+
+
+def bundle(kind: type, /, **fields: Any) -> Bundle:
+    """Return the type of a NamedTuple of arrays and numbers, for a kernel that takes one.
 
     Args:
         kind: The NamedTuple.
-        fields: Type of each of its fields as a signature writes it (``"float64[:, ::1]"``), or another bundle.
+        fields: Type of each of its fields: as a signature writes it (``"float64[:, ::1]"``), ``(DTYPE,)`` for an array
+            of records of one dimension, or another bundle.
 
     Raises:
         KeyError: A field without a type.
     """
-    known = vars(numba.types)
-    types = (fields[name] for name in kind._fields)  # type: ignore[attr-defined]
-    return numba.types.NamedTuple([eval(one, known) if isinstance(one, str) else one for one in types], kind)
+    return Bundle(kind, tuple(fields[name] for name in kind._fields))  # type: ignore[attr-defined]
 
 
-_record_type = functools.cache(numba.from_dtype)
+class Kernel:
+    """A pure function that is compiled when it is first needed; the compiler is loaded then.
 
+    Everything else that it is asked for is asked of Numba's dispatcher: signatures, options, type.
 
-def _with_records(signature: str, records: dict[str, Any]) -> Any:
-    """A signature in which the names of records and bundles stand for their types."""
-    named = {name: _record_type(kind) if isinstance(kind, np.dtype) else kind for name, kind in records.items()}
-    return eval(signature, vars(numba.types) | named)
-
-
-@contextlib.contextmanager
-def _alone(file: Path) -> Iterator[None]:
-    """Wait until no other process holds a lock file, then hold it; a place without locks is no obstacle."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        lock = file.open("w")
-    except OSError:
-        yield
-        return
-    with lock:
-        if sys.platform != "win32":
-            with contextlib.suppress(OSError):
-                fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
-
-class _BySources(UserProvidedCacheLocator):  # type: ignore[misc]
-    """Place of a function's compiled code: the folder named after its sources, wherever these are installed.
-
-    Numba adds a folder named after the path of the source file: a second installation would compile everything again.
+    Attributes:
+        py_func: The function in Python.
+        states: It has stated signatures and no others.
     """
 
-    @classmethod
-    def get_suitable_cache_subpath(cls, py_file: str) -> str:  # noqa: ARG003
-        return ""
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        options: dict[str, Any],
+        signatures: tuple[Any, ...] | None,
+        records: dict[str, Any],
+    ) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func, self.states = function, signatures is not None
+        self._made: Any = None
+        self._making = (function, options, signatures, records)
+
+    def _dispatcher(self) -> Any:
+        """Numba's dispatcher, made by the first thread that needs it."""
+        from counterflex.core.compiled import dispatcher, global_compiler_lock
+
+        with global_compiler_lock:  # a second lock could be taken in the other order by a thread that compiles
+            if self._made is None:
+                self._made = dispatcher(*self._making, cache_folder(self.py_func.__module__))
+        return self._made
+
+    def __call__(self, *args: Any, **kws: Any) -> Any:
+        """Run it, compiled."""
+        made = self._made
+        return (self._dispatcher() if made is None else made)(*args, **kws)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """Type of this kernel in another one that calls it."""
+        return self._dispatcher()._numba_type_
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # what a library looks for in any object is no question to the compiler
+            raise AttributeError(name)
+        return getattr(self._dispatcher(), name)
+
+    def __reduce__(self) -> str:
+        """Pickle by name: the other process has the module."""
+        return self.py_func.__qualname__
 
 
-class _Code(CompileResultCacheImpl):  # type: ignore[misc]
-    """How compiled code is written and read: Numba's way, in that place."""
-
-    _locator_classes: Final = (_BySources, *CompileResultCacheImpl._locator_classes)
-
-
-class _SharedCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of one function, asked again when no other process is compiling that function any more."""
-
-    _impl_class = _Code
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        self._name_of_lock = f"{function.__qualname__}-{function.__code__.co_firstlineno}.lock"
-        self.locks: contextlib.ExitStack | None = None
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        result = super().load_overload(sig, target_context)
-        if result is None and self.locks is not None:
-            self.locks.enter_context(_alone(Path(self.cache_path) / self._name_of_lock))
-            result = super().load_overload(sig, target_context)
-        return result
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        with contextlib.suppress(OSError):  # a full disk: what cannot be kept is compiled again next time
-            super().save_overload(sig, data)
-
-
-class _Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A compiled function that is compiled for the stated signatures when it is first needed, and for no other type."""
-
-    _only_stated = False
-    _stated: tuple[Any, ...] = ()
-    _records: dict[str, Any]
-
-    def state(self, signatures: tuple[Any, ...], records: dict[str, Any]) -> None:
-        """State the only signatures that it will ever have; their names are looked up when they are needed."""
-        self._only_stated, self._stated, self._records = True, signatures, records
-
-    def enable_caching(self) -> None:
-        self._cache = _SharedCache(self.py_func)
-
-    def compile(self, sig: Any) -> Any:
-        with global_compiler_lock, contextlib.ExitStack() as locks:
-            before, self._cache.locks = self._cache.locks, locks
-            try:
-                return super().compile(sig)
-            finally:
-                self._cache.locks = before
-
-    def compile_stated(self) -> None:
-        """Compile it for its stated signatures or read it from the cache, unless that is done."""
-        with global_compiler_lock:
-            stated, self._stated = self._stated, ()
-            try:
-                for signature in stated:
-                    self.compile(_with_records(signature, self._records) if self._records else signature)
-            except BaseException:
-                self._stated = stated
-                raise
-            if stated:
-                self.disable_compile()
-
-    def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
-        if self._only_stated:
-            self.compile_stated()  # by one thread: others that call it meanwhile wait here
-            return self  # is called again, and now finds its signature or raises TypeError
-        return super()._compile_for_args(*args, **kws)
-
-    def get_call_template(self, args: Any, kws: Any) -> Any:
-        self.compile_stated()
-        return super().get_call_template(args, kws)
-
-    def _reduce_states(self) -> Any:
-        self.compile_stated()
-        return super()._reduce_states()
-
-
-_ENTRIES: Final[list[_Kernel]] = []
+_ENTRIES: Final[list[Kernel]] = []
 """Entry points of the modules imported so far."""
+
+
+def thread_count() -> int:
+    """Return the number of threads that kernels may use."""
+    import numba
+
+    return int(numba.get_num_threads())
 
 
 def compile_stated(*rooms: str) -> None:
@@ -298,16 +255,12 @@ def kernel(
         options["inline"] = "always"
 
     def decorate(function: F) -> F:
-        if numba.config.DISABLE_JIT:
+        if not COMPILES:
             return function
-        numba.config.CACHE_DIR = str(cache_folder(function.__module__))
-        compiled = _Kernel(function, targetoptions=options)
-        compiled.enable_caching()
-        if signature is not None:
-            stated = signature if isinstance(signature, list) else [signature]
-            compiled.state(tuple(stated), records)
-            if entry:
-                _ENTRIES.append(compiled)
-        return cast(F, compiled)
+        stated = None if signature is None else tuple(signature if isinstance(signature, list) else [signature])
+        made = Kernel(function, options, stated, records)
+        if entry and stated is not None:
+            _ENTRIES.append(made)
+        return cast(F, made)
 
     return decorate

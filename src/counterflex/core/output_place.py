@@ -8,23 +8,33 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import platform
 import re
 import shutil
 import stat
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TextIO
 
 SUFFIX: Final = ".part"
+_LONGEST_NAME: Final = 160
+"""Bytes of a name; file systems take 255, and a temporary file has up to 52 more than its output."""
 _HOST: Final = re.sub(r"[^A-Za-z0-9]", "", platform.node())[:24] or "here"
 
 
 def part_prefix(name: str) -> str:
     """Beginning of the name of a temporary file or folder for an output: ``.NAME.HOST-PID-``."""
-    return f".{name}.{_HOST}-{os.getpid()}-"
+    return f".{_short(name)}.{_HOST}-{os.getpid()}-"
+
+
+def _short(name: str) -> str:
+    """Return a name, or its hash where it leaves no room for what a temporary file has in addition."""
+    data = os.fsencode(name)
+    return name if len(data) <= _LONGEST_NAME else hashlib.sha256(data).hexdigest()[:32]
 
 
 def clear_leftovers(folder: Path, name: str) -> None:
@@ -39,7 +49,7 @@ def clear_leftovers(folder: Path, name: str) -> None:
     """
     if os.name != "posix":  # elsewhere there is no harmless way to ask for a process
         return
-    mine = re.compile(rf"\.{re.escape(name)}\.{re.escape(_HOST)}-(\d+)-\w+{re.escape(SUFFIX)}")
+    mine = re.compile(rf"\.{re.escape(_short(name))}\.{re.escape(_HOST)}-(\d+)-\w+{re.escape(SUFFIX)}")
     with contextlib.suppress(OSError):
         for entry in list(os.scandir(folder)):
             match = mine.fullmatch(entry.name)
@@ -163,6 +173,20 @@ def place_of(target: str | os.PathLike[str]) -> Place:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     regular = stat.S_ISREG(status.st_mode) and not path.parent.as_posix().startswith("/proc/")
     return Place(path, through=not regular, before=status if regular else None)
+
+
+def part_file(place: Place) -> Path:
+    """Make an empty temporary file beside the place that it is made for."""
+    clear_leftovers(place.path.parent, place.path.name)
+    handle, name = tempfile.mkstemp(prefix=part_prefix(place.path.name), suffix=SUFFIX, dir=place.path.parent)
+    os.close(handle)
+    return Path(name)
+
+
+def is_staged(path: Path) -> bool:
+    """Return whether a path is in a temporary folder of this process, which is moved to its place as a whole."""
+    mine = f".{_HOST}-{os.getpid()}-"
+    return any(mine in part and part.endswith(SUFFIX) for part in path.parts)
 
 
 def is_printed(target: str | os.PathLike[str]) -> bool:

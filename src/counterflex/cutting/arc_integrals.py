@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import betainc, gammaln
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -34,10 +34,12 @@ def sine_power_integral(p: float, phi: Float) -> Float:
         raise InputError("exponent of the sine integral is out of range", value=p, limit=">= 0")
     angle = np.asarray(phi, dtype=np.float64)
     a = (p + 1.0) / 2.0
-    half = 0.5 * math.exp(float(gammaln(a) + gammaln(0.5) - gammaln(a + 0.5)))
+    half = 0.5 * math.exp(float(scipy.special.gammaln(a) + scipy.special.gammaln(0.5) - scipy.special.gammaln(a + 0.5)))
     sin2, cos2 = np.sin(angle) ** 2, np.cos(angle) ** 2
     # near 90 deg the complement keeps the digits
-    part = half * np.where(sin2 < 0.5, betainc(a, 0.5, np.minimum(sin2, 1.0)), 1.0 - betainc(0.5, a, cos2))
+    part = half * np.where(
+        sin2 < 0.5, scipy.special.betainc(a, 0.5, np.minimum(sin2, 1.0)), 1.0 - scipy.special.betainc(0.5, a, cos2)
+    )
     result: Float = np.where(angle <= math.pi / 2.0, part, 2.0 * half - part)
     return result
 

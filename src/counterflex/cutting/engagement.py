@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +88,13 @@ def accumulate(engagement: Engagement, length_m: Float, first: int, last: int) -
 
 
 def figures(
-    engagement: Engagement, length_m: Float, cutter: Cutter, *, least_m: float = 1e-3, smallest_m: float = 1e-6
+    engagement: Engagement,
+    length_m: Float,
+    cutter: Cutter,
+    *,
+    least_m: float = 1e-3,
+    smallest_m: float = 1e-6,
+    cell_m: float = 0.0,
 ) -> EngagementFigures:
     """Entry and exit angle, arc, depth, width and chip area over stretches of the path.
 
@@ -100,6 +107,8 @@ def figures(
         cutter: The cutter it was booked for.
         least_m: Least length of a stretch, m; see :func:`stretches`.
         smallest_m: Bins with less engaged length are taken as empty, m.
+        cell_m: Cell of the stock, m: volume is booked cell by cell, so that a gap in the arc that is narrower than one
+            cell across the feed is no gap.
 
     Returns:
         The figures.
@@ -126,16 +135,26 @@ def figures(
         rows[7, i] = area
         if not np.any(engaged):
             continue
-        rows[2, i], rows[3, i], rows[4, i] = _arc(column, engaged)
+        rows[2, i], rows[3, i] = _arc(column, engaged)
+        gaps = _gaps(engaged, width * radii.max(), cell_m)
+        rows[4, i] = rows[3, i] - rows[2, i] - gaps.sum() * float(bin_edges_rad()[1])
         mean_radius = area / max(float(column @ width), 1e-30)
-        span = _span(rows[2, i], rows[3, i], engaged) * mean_radius
+        span = float(np.cos(rows[2, i]) - np.cos(rows[3, i]) - width[gaps].sum()) * mean_radius
         rows[5, i] = area / span
         rows[6, i] = span
     return EngagementFigures(first, last, *rows)
 
 
-def _arc(column: Float, engaged: Bool) -> tuple[float, float, float]:
-    """Entry, exit and engaged angle of one stretch, with partial first and last bins."""
+def _gaps(engaged: Bool, width_m: Float, cell_m: float) -> Bool:
+    """Bins that are not engaged between others that are, where they are a cell wide or more."""
+    out = np.zeros_like(engaged)
+    for before, behind in itertools.pairwise(np.flatnonzero(engaged)):
+        out[before + 1 : behind] = width_m[before + 1 : behind].sum() >= cell_m
+    return out
+
+
+def _arc(column: Float, engaged: Bool) -> tuple[float, float]:
+    """Entry and exit angle of one stretch, with partial first and last bins."""
     edges = bin_edges_rad()
     cosine = np.cos(edges)
     used = np.flatnonzero(engaged)
@@ -149,12 +168,4 @@ def _arc(column: Float, engaged: Bool) -> tuple[float, float, float]:
 
     begin = float(np.arccos(cosine[low + 1] + filled(low, 1) * (cosine[low] - cosine[low + 1])))
     end = float(np.arccos(cosine[high] - filled(high, -1) * (cosine[high] - cosine[high + 1])))
-    gaps = (high - low + 1 - len(used)) * float(edges[1])
-    return begin, end, end - begin - gaps
-
-
-def _span(entry: float, leave: float, engaged: Bool) -> float:
-    """Engaged width across the feed per unit radius, gaps left out."""
-    used = np.flatnonzero(engaged)
-    holes = np.setdiff1d(np.arange(used[0], used[-1] + 1), used)
-    return float(np.cos(entry) - np.cos(leave) - unit_widths()[holes].sum())
+    return begin, end

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from counterflex.core.arrays import Bool, Float, as_float, as_positive
 from counterflex.core.errors import InputError, ModelError
@@ -196,4 +196,4 @@ def zero_normal_force_immersion(law: ForceLaw, feed_m: float) -> float:
             value=f"{normal(low):.3g} N/m at the start, {normal(high):.3g} N/m in the slot",
             limit="negative, then positive",
         )
-    return float(brentq(normal, low, high, xtol=1e-12))
+    return float(scipy.optimize.brentq(normal, low, high, xtol=1e-12))

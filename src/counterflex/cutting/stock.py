@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Float32
 from counterflex.core.atomic import atomic_path
 from counterflex.core.errors import FileFormatError, InputError, ModelError
-from counterflex.core.file_content import readable
+from counterflex.core.file_content import arrays
 from counterflex.cutting.stock_mesh import STL_UNIT_M, heights_from_stl
 
 BLOCK_ROWS: Final = 8
@@ -25,6 +24,21 @@ LIMIT_SIDE_M: Final = 20.0
 LIMIT_HEIGHT_M: Final = 1.0
 STOCK_FORMAT: Final = "counterflex-stock"
 STOCK_VERSION: Final = 1
+
+
+@dataclass(frozen=True, eq=False)
+class BlankBox:
+    """A blank that is a box.
+
+    Attributes:
+        low_m: (3,) lowest corner in its own axes, m.
+        high_m: (3,) highest corner.
+        turn: (3, 3) rows are the axes of the box in the frame of the path.
+    """
+
+    low_m: Float
+    high_m: Float
+    turn: Float
 
 
 @dataclass
@@ -202,11 +216,7 @@ class HeightMap:
             FileFormatError: The file is missing, is no stock file, or was written by a newer version.
         """
         where = str(path)
-        with (
-            readable(path, "a stock file", f"A file of {STOCK_FORMAT} is needed: simulate writes one"),
-            Path(path).open("rb") as stream,
-            np.load(stream, allow_pickle=False) as data,
-        ):
+        with arrays(path, "a stock file", f"A file of {STOCK_FORMAT} is needed: simulate writes one") as data:
             if "format" not in data or str(data["format"]) != STOCK_FORMAT:
                 raise FileFormatError("not a counterflex stock file", where=where)
             if int(data["version"]) > STOCK_VERSION:

@@ -12,9 +12,10 @@ import math
 from typing import Final
 
 import numpy as np
+from numba import prange
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.core.jit import kernel, prange
+from counterflex.core.jit import kernel
 from counterflex.cutting.booking_kernels import (
     AREA,
     BINS,

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import sparse
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Float32, Int, batches
 from counterflex.core.units import MM
@@ -44,7 +43,7 @@ def floor_fit(points: Float, places: Float, pitch_m: float) -> LocalFit:
     cutoff = max(CUTOFF_M, 3.0 * pitch_m / _REACH)
     if len(points) == 0 or len(places) == 0:
         return _fit([], [], [], len(places), len(points), np.zeros(len(places), np.bool_))
-    tree = cKDTree(points)
+    tree = scipy.spatial.cKDTree(points)
     rows, columns, weights = [], [], []
     known = np.zeros(len(places), np.bool_)
     for some in batches(len(places), 1024):
@@ -117,6 +116,6 @@ def _weights(place: Int, step: Float, count: Int, cutoff: float) -> tuple[Float,
 def _fit(rows: list[Int], columns: list[Int], weights: list[Float], places: int, points: int, known: Bool) -> LocalFit:
     """The weights as one sparse matrix."""
     if not rows:
-        return LocalFit(sparse.csr_matrix((places, points)), known)
+        return LocalFit(scipy.sparse.csr_matrix((places, points)), known)
     place = (np.concatenate(rows), np.concatenate(columns))
-    return LocalFit(sparse.csr_matrix((np.concatenate(weights), place), shape=(places, points)), known)
+    return LocalFit(scipy.sparse.csr_matrix((np.concatenate(weights), place), shape=(places, points)), known)

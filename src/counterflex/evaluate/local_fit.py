@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import sparse
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int, batches
 
@@ -33,7 +32,7 @@ class LocalFit:
         known: (m,) whether a place has neighbours, and in its middle.
     """
 
-    smoother: sparse.csr_matrix
+    smoother: scipy.sparse.csr_matrix
     known: Bool
 
     def values(self, measured: Float) -> Float:
@@ -66,8 +65,8 @@ def local_fit(
     """
     n, m = len(points), len(places)
     if n == 0 or m == 0:
-        return LocalFit(sparse.csr_matrix((m, n)), np.zeros(m, np.bool_))
-    tree = cKDTree(points)
+        return LocalFit(scipy.sparse.csr_matrix((m, n)), np.zeros(m, np.bool_))
+    tree = scipy.spatial.cKDTree(points)
     rows, columns, weights = [], [], []
     known = np.zeros(m, np.bool_)
     for some in batches(m, 4096):
@@ -88,7 +87,7 @@ def local_fit(
         weights.append(regression(place, slope, count, bent))
         known[some] = (count >= LEAST) & (aside < CENTRED)
     row, column, weight = np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
-    smoother = sparse.csr_matrix((weight, (row, column)), shape=(m, n))
+    smoother = scipy.sparse.csr_matrix((weight, (row, column)), shape=(m, n))
     return LocalFit(smoother, known)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -151,11 +152,9 @@ class ProcessRecord:
         """Figures of what was taken so far."""
         wear = None
         if self._last is not None and self._last[column("cut_m")] > 0.0:
-            from scipy.special import stdtrit  # heavy, and needed at the end of a run only
-
             names = ("cut_m", "wear_trend", "wear_trend_sigma", "wear_degrees")
             cut, slope, sigma, degrees = (float(self._last[column(name)]) for name in names)
-            wide = sigma * float(stdtrit(degrees, 0.975)) if degrees >= 1.0 else 0.0
+            wide = sigma * float(scipy.special.stdtrit(degrees, 0.975)) if degrees >= 1.0 else 0.0
             wear = Wear(cut, slope, sigma, degrees, wide)
         return ProcessFigures(
             (*self._first, *self._latest),

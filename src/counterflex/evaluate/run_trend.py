@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 LEAST_RUNS: Final = 4
 """Runs that a trend is told from: three would leave one degree of freedom."""
@@ -52,4 +52,4 @@ def trend(values: Sequence[float | None]) -> Trend | None:
     slope = float(dx @ y) / square
     rest = y - mean - slope * dx
     sigma = math.sqrt(float(rest @ rest) / (n - 2) / square)
-    return Trend(n, mean, slope, sigma * float(stdtrit(n - 2, 0.975)))
+    return Trend(n, mean, slope, sigma * float(scipy.special.stdtrit(n - 2, 0.975)))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Float32, as_positive
 from counterflex.core.errors import InputError
@@ -116,8 +117,6 @@ def nominal_surface(
     Raises:
         InputError: Grids differ, or a length is out of range.
     """
-    from scipy import ndimage  # heavy, and what only reads figures needs none of it
-
     _same_grid(stock, nominal)
     reach, pitch = as_positive("reach_m", reach_m), as_positive("pitch_m", pitch_m)
     z = nominal.z
@@ -128,8 +127,8 @@ def nominal_surface(
     normal_z: Float32 = (1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)).astype(np.float32)
     window = 2 * round(reach / cell) + 1
     foot, edge = _steps(z, step)
-    rise: Float32 = ndimage.maximum_filter(foot, window)
-    fall: Float32 = ndimage.maximum_filter(edge, window)
+    rise: Float32 = scipy.ndimage.maximum_filter(foot, window)
+    fall: Float32 = scipy.ndimage.maximum_filter(edge, window)
     rise[rise == 0.0] = np.inf
     fall[fall == 0.0] = np.inf
     point, normal, area = _walls(nominal, machined, p_part_tcp, cutter if outline is None else outline, step, pitch)

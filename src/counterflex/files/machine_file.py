@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
-import tempfile
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
 from counterflex.core import atomic, file_content
-from counterflex.core.errors import FileFormatError
+from counterflex.core.errors import FileFormatError, OutputError
+from counterflex.core.user_folder import made_own, require_own, user_folder
 
 KIND: Final = "counterflex-machine"
 VERSION: Final = 1
@@ -46,21 +44,22 @@ class StoredVerdict:
 
 
 def machine_file() -> Path:
-    """Where the verdict on this machine is kept: ``machine.json`` in the user's cache folder, beside the kernels."""
-    if "COUNTERFLEX_CACHE" in os.environ:
-        return Path(os.environ["COUNTERFLEX_CACHE"]) / "machine.json"
-    base = os.environ.get("XDG_CACHE_HOME") or (
-        os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else str(Path.home() / ".cache")
-    )
-    return Path(base or tempfile.gettempdir()) / "counterflex" / "machine.json"
+    """Where the verdict on this machine is kept: ``machine.json`` in the user's folder, beside the kernels."""
+    return user_folder() / "machine.json"
 
 
 def write_verdict(path: Path, stored: StoredVerdict) -> None:
     """Keep a verdict.
 
     Raises:
-        OutputError: The file cannot be written.
+        OutputError: The file cannot be written, or others can write into its folder.
     """
+    try:
+        made_own(path.parent)
+    except OutputError:
+        raise
+    except OSError as fault:
+        raise OutputError(f"cannot write: {fault.strerror or fault}", where=str(path)) from fault
     data = {
         "format": KIND,
         "version": VERSION,
@@ -81,9 +80,11 @@ def read_verdict(path: Path) -> StoredVerdict | None:
 
     Raises:
         FileFormatError: The file is not what it should be.
+        OutputError: Others can write into its folder.
     """
     if not path.exists():
         return None
+    require_own(path.parent)
     try:
         data = file_content.json_value(path)
     except FileFormatError as fault:

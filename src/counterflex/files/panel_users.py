@@ -1,4 +1,4 @@
-"""Who may use an operator panel (``counterflex-panel-users``, version 1): names, roles, and hashes of passwords."""
+"""Users of an operator panel (``counterflex-panel-users``, version 1): names, roles, and hashes of passwords."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import hashlib
 import hmac
 import os
 import secrets
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import tomli_w
 from pydantic import Field
 
-from counterflex.core import atomic
-from counterflex.core.errors import InputError
+from counterflex.core import atomic, file_lock
+from counterflex.core.errors import CounterflexError, FileFormatError, InputError
 from counterflex.files.schema import Table, Versioned, check_header, parse, read_toml
 
 KIND: Final = "counterflex-panel-users"
@@ -43,7 +44,7 @@ class UserTables(Versioned):
 
 
 class PanelUsers:
-    """The users of a file.
+    """The users of a file; who is added to it or removed from it later counts at once.
 
     Args:
         path: Of the file.
@@ -54,12 +55,23 @@ class PanelUsers:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        content = read_toml(path, KIND)
-        check_header(content, kind=KIND, version=VERSION, where=str(path))
-        self.users = {user.name: user for user in parse(UserTables, content, where=str(path)).users}
+        self._stamp = _stamp(path)
+        self.users = _read(path)
+
+    def roles(self) -> dict[str, Role]:
+        """Roles by name, of the file as it is now; empty where it is gone or cannot be read."""
+        stamp = _stamp(self.path)
+        if stamp != self._stamp:
+            try:
+                self.users = _read(self.path)
+            except CounterflexError:
+                self.users = {}
+            self._stamp = stamp
+        return {user.name: user.role for user in self.users.values()}
 
     def role(self, name: str, password: str) -> Role | None:
         """The role of a user whose password is right, else None; as long for a name that there is not."""
+        self.roles()
         user = self.users.get(name)
         salt = _NOBODY if user is None else bytes.fromhex(user.salt)
         right = hmac.compare_digest(_hash(password, salt), "" if user is None else user.scrypt)
@@ -78,14 +90,51 @@ def set_user(path: Path, name: str, role: Role, password: str) -> None:
     Raises:
         InputError: The name or the password cannot be used.
         FileFormatError: The file is none.
-        OutputError: It cannot be written.
+        OutputError: It cannot be written, or another process edits it.
     """
     if not LEAST <= len(password) <= _MOST:
         raise InputError("the password has a wrong length", value=len(password), limit=f"{LEAST} to {_MOST} characters")
-    users = dict(PanelUsers(path).users) if path.exists() else {}
     salt = secrets.token_bytes(16)
     one = {"name": name, "role": role, "salt": salt.hex(), "scrypt": _hash(password, salt)}
-    users[name] = parse(UserTable, one, where="user")
+    user = parse(UserTable, one, where="user")
+    with file_lock.alone(path):
+        _write(path, {**(_read(path) if path.exists() else {}), name: user})
+
+
+def remove_user(path: Path, name: str) -> None:
+    """Remove a user from a file.
+
+    Args:
+        path: Of the file.
+        name: Of the user.
+
+    Raises:
+        InputError: There is no such user.
+        FileFormatError: The file is none.
+        OutputError: It cannot be written, or another process edits it.
+    """
+    with file_lock.alone(path):
+        users = _read(path)
+        if name not in users:
+            raise InputError(
+                "there is no such user", where=str(path), value=name, limit=", ".join(users) or "no user at all"
+            )
+        del users[name]
+        _write(path, users)
+
+
+def _read(path: Path) -> dict[str, UserTable]:
+    content = read_toml(path, KIND)
+    check_header(content, kind=KIND, version=VERSION, where=str(path))
+    users = parse(UserTables, content, where=str(path)).users
+    named = {user.name: user for user in users}
+    if len(named) < len(users):
+        twice = next(user.name for k, user in enumerate(users) if user.name in [other.name for other in users[:k]])
+        raise FileFormatError("a name stands there twice", where=str(path), value=twice, hint="Remove one of them")
+    return named
+
+
+def _write(path: Path, users: Mapping[str, UserTable]) -> None:
     content = {"format": KIND, "version": VERSION, "users": [user.model_dump() for user in users.values()]}
     with atomic.atomic_path(path) as part:
         part.write_text(tomli_w.dumps(content), encoding="utf-8")
@@ -93,6 +142,15 @@ def set_user(path: Path, name: str, role: Role, password: str) -> None:
             part.chmod(0o600)
     if os.name == "posix":
         path.chmod(0o600)
+
+
+def _stamp(path: Path) -> tuple[int, ...]:
+    """Return what changes when a file is written or replaced; empty where there is none."""
+    try:
+        about = path.stat()
+    except OSError:
+        return ()
+    return about.st_ino, about.st_mtime_ns, about.st_ctime_ns, about.st_size
 
 
 def _hash(password: str, salt: bytes) -> str:

@@ -94,7 +94,7 @@ def read(
     data = file_content.content(path)
     with file_content.readable(path, "a Parquet file"):
         meta = json.loads(pl.read_parquet_metadata(io.BytesIO(data)).get(_KEY, "{}"))
-        frame = pl.read_parquet(io.BytesIO(data))
+    frame = file_content.parquet(path, data)
     if not isinstance(meta, dict) or "format" not in meta:
         raise FileFormatError(f"not a {kind} file", where=str(path), hint="It was not written by counterflex")
     check_header(meta, kind=kind, version=version, where=str(path))

@@ -13,6 +13,7 @@ import numpy as np
 
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError
+from counterflex.core.moving import settle
 from counterflex.evaluate.summary import FORMAT, VERSION
 from counterflex.files.schema import check_header
 
@@ -55,6 +56,7 @@ def require_whole(folder: Path) -> bool:
     Raises:
         FileFormatError: A file is another one; names it.
     """
+    settle(folder)
     path = folder / SUMMARY
     listed = read_summary(path).get(FILES) if path.is_file() else None
     if not isinstance(listed, dict):

@@ -16,7 +16,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.cutting.stock import HeightMap
-from counterflex.path.toolpath import ToolPath
+from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.feed_schedule import FeedGroups, at_feed, feed_share
 from counterflex.plan.inputs import (
     CORRECTION,
@@ -99,9 +99,9 @@ def plan(
     loaded = programmed if feeds is None else at_calm_feed(programmed, feeds)
     undisturbed = loaded.cut
     displacement, static = static_correction(loaded, parts[CORRECTION])
-    command, remaining = dynamic_trial(loaded, displacement, static, parts)
+    command, trial = dynamic_trial(loaded, displacement, static, parts)
     check_corrections(command, line, setting.limits)
-    prediction = predict_deviations(programmed, remaining, parts)
+    prediction = predict_deviations(programmed, trial, parts)
     progress(1.0)
     cut = undisturbed.cut
     return Plan(
@@ -124,7 +124,15 @@ def plan(
         w_nominal_part=prediction.w_nominal_part,
         extrapolated=undisturbed.extrapolated.astype(np.int64),
         chip_m=cut.chip_m,
+        recut=prediction.cutting & _fed(path) & ~undisturbed.contact,
     )
+
+
+def _fed(path: ToolPath) -> Bool:
+    """(n,) True in rows that are fed somewhere: a row without length has no direction to be off across."""
+    moves = np.any(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]) != 0.0, axis=1)
+    out: Bool = (path.kind == FEED) & moves
+    return out
 
 
 def at_calm_feed(loaded: LoadedRobot, feeds: FeedGroups) -> LoadedRobot:
@@ -159,9 +167,22 @@ def in_fine_stock(loaded: LoadedRobot) -> LoadedRobot:
     return loaded_robot(finer, undisturbed_cut(finer, silent))
 
 
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A command run on the robot in motion.
+
+    Attributes:
+        deviation_part: (n, 6) m, rad, of the tool from the programmed path, part axes.
+        cutting: (n,) True where teeth meet material.
+    """
+
+    deviation_part: Float
+    cutting: Bool
+
+
 def dynamic_trial(
     loaded: LoadedRobot, displacement: Float, command: Command, parts: Mapping[str, Progress]
-) -> tuple[Command, Float]:
+) -> tuple[Command, Trial]:
     """Try a command, take back a share of what lasts of its deviation, and keep the better of the two commands.
 
     Repeat for each cut whose deviation is still large, at most :data:`_MENDS` times. Cuts that chatter are left as they
@@ -176,29 +197,31 @@ def dynamic_trial(
             own sake.
 
     Returns:
-        The command, and the deviation (n, 6) m, rad of the tool that it leaves in motion; zero if nothing was tried.
+        The command, and what it leaves in motion; a deviation of zero if nothing was tried.
     """
     mends = MENDED in parts and bool(np.any(loaded.cut.contact))
     if not mends and UNCOMPENSATED not in parts:
-        return command, np.zeros_like(displacement)
-    remaining = _tried(loaded, command, parts[TRIAL])
+        return command, Trial(np.zeros_like(displacement), loaded.cut.contact)
+    trial = _tried(loaded, command, parts[TRIAL])
     if not mends:
-        return command, remaining
+        return command, trial
+    remaining = trial.deviation_part
     steady = ~chattering(loaded, remaining, _cuts(loaded))
     if not np.any(steady):
-        return command, remaining
+        return command, trial
     unfinished = steady
     for done in range(_MENDS):
         change = _SHARE * _correctable(loaded, np.where(unfinished[:, None], remaining, 0.0))
         reported = share_of(parts[MENDED], 0.0 if done == 0 else 1.0, 1.0)  # the further ones are seldom
-        remaining_of_next = _tried(loaded, command_against(loaded, displacement + change), reported)
-        better = _less_left(loaded, remaining_of_next, remaining)[:, None]
+        next_trial = _tried(loaded, command_against(loaded, displacement + change), reported)
+        better = _less_left(loaded, next_trial.deviation_part, remaining)[:, None]
         displacement = displacement + np.where(better, change, 0.0)
-        remaining = np.where(better, remaining_of_next, remaining)
+        remaining = np.where(better, next_trial.deviation_part, remaining)
+        trial = Trial(remaining, np.where(better[:, 0], next_trial.cutting, trial.cutting))
         unfinished = _leaves_much(loaded, remaining) & better[:, 0] & steady
         if not np.any(unfinished):
             break
-    return command_against(loaded, displacement), remaining
+    return command_against(loaded, displacement), trial
 
 
 def _cuts(loaded: LoadedRobot) -> Int:
@@ -228,8 +251,9 @@ def _less_left(loaded: LoadedRobot, one: Float, other: Float) -> Bool:
     return out
 
 
-def _tried(loaded: LoadedRobot, command: Command, progress: Progress) -> Float:
-    return run(loaded.robot, loaded.inputs.stock, command.q, command.correction_part, progress)[1]
+def _tried(loaded: LoadedRobot, command: Command, progress: Progress) -> Trial:
+    cut, deviation = run(loaded.robot, loaded.inputs.stock, command.q, command.correction_part, progress)
+    return Trial(deviation, cut.axial_depth_m > 0.0)
 
 
 def _correctable(loaded: LoadedRobot, deviation: Float) -> Float:
@@ -242,12 +266,13 @@ def _correctable(loaded: LoadedRobot, deviation: Float) -> Float:
     return shaped(loaded, left, np.zeros_like(left))
 
 
-def lasting(values: Float, time_s: Float) -> Float:
-    """What of a signal lasts: its mean over :data:`_LASTING_S` about each row, less at the ends.
+def lasting(values: Float, time_s: Float, window_s: float = _LASTING_S) -> Float:
+    """Mean of a signal over a window about each row, less at the ends.
 
     Args:
         values: (n, k).
         time_s: (n,) s, not decreasing, longer than nothing.
+        window_s: Length of the window, s.
 
     Returns:
         (n, k).
@@ -257,7 +282,7 @@ def lasting(values: Float, time_s: Float) -> Float:
     step = np.diff(time_s, prepend=time_s[0])[:, None]
     middle = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
     total = np.cumsum(middle * step, axis=0)
-    late, early = time_s + 0.5 * _LASTING_S, time_s - 0.5 * _LASTING_S
+    late, early = time_s + 0.5 * window_s, time_s - 0.5 * window_s
     width = np.minimum(late, time_s[-1]) - np.maximum(early, time_s[0])
     out = [(np.interp(late, time_s, c) - np.interp(early, time_s, c)) / width for c in total.T]
     return np.stack(out, axis=1)
@@ -271,25 +296,29 @@ class Prediction:
         deviation_nominal_part: (n, 3) m, the program as it is.
         deviation_compensated_part: (n, 3) m, the compensated program.
         w_nominal_part: (n, 6) N, N m, force on the tool that the program as it is makes.
+        cutting: (n,) True where teeth meet material in one of the two.
     """
 
     deviation_nominal_part: Float
     deviation_compensated_part: Float
     w_nominal_part: Float
+    cutting: Bool
 
 
-def predict_deviations(loaded: LoadedRobot, deviation_part: Float, parts: Mapping[str, Progress]) -> Prediction:
+def predict_deviations(loaded: LoadedRobot, trial: Trial, parts: Mapping[str, Progress]) -> Prediction:
     """Run the program as it is on the moving robot; what the compensated one leaves is known from its trial.
 
     Args:
         loaded: The robot under load at the programmed feed.
-        deviation_part: (n, 6) m, rad, deviation of the compensated program.
+        trial: Of the compensated program.
         parts: Progress of the parts of the work; without :data:`~counterflex.plan.inputs.UNCOMPENSATED` nothing is
             predicted.
     """
     n = len(loaded.inputs.path)
     if UNCOMPENSATED not in parts:
-        return Prediction(np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.full((n, 6), np.nan))
+        nothing, none = np.full((n, 3), np.nan), np.zeros(n, dtype=np.bool_)
+        return Prediction(nothing, nothing, np.full((n, 6), np.nan), none)
     as_it_is = np.zeros((n, 3))
     bent, deviation = run(loaded.robot, loaded.inputs.stock, loaded.inputs.q, as_it_is, parts[UNCOMPENSATED])
-    return Prediction(deviation[:, :3], deviation_part[:, :3], bent.w_tcp_part)
+    cutting = trial.cutting | (bent.axial_depth_m > 0.0)
+    return Prediction(deviation[:, :3], trial.deviation_part[:, :3], bent.w_tcp_part, cutting)

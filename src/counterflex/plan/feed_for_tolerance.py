@@ -149,7 +149,7 @@ def lower_feed(path: ToolPath, feeds: FeedGroups, wish: FeedTolerance, make: Cal
 def _error(plan: Plan) -> Float:
     """(n,) m, predicted error across the feed in the cut, else 0."""
     size = np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
-    out: Float = np.where(plan.cutting, size, 0.0)
+    out: Float = np.where(plan.judged, size, 0.0)
     return out
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.units import MS, UM
@@ -67,7 +67,7 @@ def _amplitudes(t: Float, x: Float) -> Float:
     if whole < LASTING + 2:
         return np.empty(0)
     values = np.column_stack([np.interp(even, t, column) for column in x.T])
-    swing = values - uniform_filter1d(values, per_window, axis=0, mode="nearest")
+    swing = values - scipy.ndimage.uniform_filter1d(values, per_window, axis=0, mode="nearest")
     squares = np.sum(swing[: whole * per_window] ** 2, axis=1).reshape(whole, per_window)
     amplitude: Float = np.sqrt(2.0 * squares.mean(axis=1))[1:-1]
     return amplitude

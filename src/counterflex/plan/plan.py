@@ -37,6 +37,8 @@ class Plan:
         extrapolated: (n,) 1 where material is cut with a mean chip outside the range of the cutting constants, else 0.
         measured_part: (n, 3) m, part of ``correction_part`` that takes back what was measured on parts, or None.
         chip_m: (n,) mean chip thickness, 0 out of the cut; None for a plan read from a file, which does not hold it.
+        recut: (n,) True in feed rows that remove material only because the tool of an earlier pass was not where it was
+            programmed (a spring pass, a move along a finished wall); None where no motion was predicted.
     """
 
     path: ToolPath
@@ -59,11 +61,18 @@ class Plan:
     extrapolated: Int
     measured_part: Float | None = None
     chip_m: Float | None = None
+    recut: Bool | None = None
 
     @property
     def cutting(self) -> Bool:
         """(n,) True for feed rows that remove material."""
         out: Bool = (self.path.kind == FEED) & (self.volume_m3 > 0.0)
+        return out
+
+    @property
+    def judged(self) -> Bool:
+        """(n,) True for feed rows whose path error counts: those that cut as programmed, and those that cut again."""
+        out: Bool = self.cutting if self.recut is None else self.cutting | self.recut
         return out
 
     @property

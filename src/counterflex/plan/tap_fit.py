@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
@@ -121,7 +121,7 @@ def fit_masses(
         off = weight * (response(p) - tap.receptance)
         return np.concatenate([off.real, off.imag, p / sigma])
 
-    done = least_squares(residuals, np.zeros(len(sigma)), x_scale=sigma)
+    done = scipy.optimize.least_squares(residuals, np.zeros(len(sigma)), x_scale=sigma)
     spread = np.sqrt(np.diag(np.linalg.inv(done.jac.T @ done.jac)))
     chi = max(1.0, float(np.sum(done.fun**2)) / (len(done.fun) - len(sigma)))
     spread = np.minimum(spread * np.sqrt(chi), sigma)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
@@ -89,7 +89,7 @@ def _links(points: Float, view: int, name: str, colour: str) -> dict[str, Any]:
 
 def _blank(corners: Float, view: int) -> dict[str, Any]:
     """Outline of the blank as it is seen."""
-    hull = corners[ConvexHull(corners).vertices]
+    hull = corners[scipy.spatial.ConvexHull(corners).vertices]
     closed = np.vstack([hull, hull[:1]])
     return {**_line(closed, view, "blank", _BLANK, 1.5), "fill": "toself", "fillcolor": "rgba(124,58,237,0.35)"}
 

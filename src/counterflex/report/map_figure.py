@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
@@ -72,7 +72,7 @@ def map_picture(surface: NominalSurface, measured: SurfaceDeviation, limit_cells
         band = max(_BAND_MM, 1.6 * k * part.cell_m / MM)
         j, i = np.nonzero(np.isnan(value))
         centre = np.column_stack([x[i], y[j]])
-        distance, nearest = cKDTree(wall).query(centre, k=min(3, len(wall)), distance_upper_bound=band)
+        distance, nearest = scipy.spatial.cKDTree(wall).query(centre, k=min(3, len(wall)), distance_upper_bound=band)
         distance, nearest = np.reshape(distance, (len(centre), -1)), np.reshape(nearest, (len(centre), -1))
         padded = np.append(deviation, 0.0)
         here = padded[nearest]

@@ -140,7 +140,7 @@ def write_page(page: str, path: str | os.PathLike[str]) -> None:
     Raises:
         OutputError: The folder cannot be written.
     """
-    write_text(path, page)
+    write_text(path, page.encode("utf-8", "backslashreplace").decode("utf-8"))  # names of files need not be UTF-8
 
 
 def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any]], **values: Any) -> str:

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
+import scipy
 
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
@@ -134,7 +134,7 @@ def _steady(
         Q = np.diag(np.r_[np.diag(Q), walk**2 * step_s])
     scale = np.sqrt(np.diag(noise))
     Hs, Rs = H / scale[:, None], noise / scale[:, None] / scale
-    X = solve_discrete_are(A.T, Hs.T, Q, Rs)
+    X = scipy.linalg.solve_discrete_are(A.T, Hs.T, Q, Rs)
     L = X @ Hs.T @ np.linalg.inv(Hs @ X @ Hs.T + Rs) / scale
     m = len(A)
     after = (np.eye(m) - L @ H) @ X

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import correlate, correlation_lags
+import scipy
 
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
@@ -60,8 +60,8 @@ def coarse_shift(
     norm = float(np.linalg.norm(first) * np.linalg.norm(second))
     if norm == 0.0:
         raise InputError("a record that does not move has no delay", value=0.0, limit="some motion")
-    together = correlate(second, first, method="fft") / norm
-    lags = correlation_lags(len(second), len(first))
+    together = scipy.signal.correlate(second, first, method="fft") / norm
+    lags = scipy.signal.correlation_lags(len(second), len(first))
     start = float(time_b[0]) - float(time_a[0])
     shifts = lags * step + start
     shared = np.minimum(len(first), lags + len(first)) - np.maximum(0, lags - (len(second) - len(first)))

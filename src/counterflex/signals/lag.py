@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import expm
-from scipy.signal import lfilter
+import scipy
 
 from counterflex.core.arrays import Float, as_float, as_positive
 
@@ -92,7 +91,7 @@ def _respond(
 ) -> npt.NDArray[np.complex128]:
     forward, back = _first(time_s, step_s) if damping is None else _second(time_s, damping, step_s)
     start = signal[:1]
-    out: npt.NDArray[np.complex128] = lfilter(forward, back, signal - start, axis=0) + start
+    out: npt.NDArray[np.complex128] = scipy.signal.lfilter(forward, back, signal - start, axis=0) + start
     return out
 
 
@@ -111,7 +110,7 @@ def _second(
     M[0, 1] = w * h
     M[1, 0], M[1, 1], M[1, 2] = -w * h, -2.0 * damping * w * h, w * h
     M[2, 3] = 1.0
-    E = expm(M)
+    E = scipy.linalg.expm(M)
     A, slope = E[:2, :2], E[:2, 3]
     zero_order = E[:2, 2] - slope
     trace, determinant = A[0, 0] + A[1, 1], A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import expm, solveh_banded
+import scipy
 
 from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
@@ -149,7 +149,7 @@ def _passed(values: Float, h: float, mode: Mode) -> Float:
     w = mode.omega_rad_s
     swings = np.array([[0.0, 1.0], [-w * w, -2.0 * mode.damping_ratio * w]])
     out: Float = np.empty_like(values, order="C")
-    _swing(np.ascontiguousarray(values), np.ascontiguousarray(expm(h * swings)), out)
+    _swing(np.ascontiguousarray(values), np.ascontiguousarray(scipy.linalg.expm(h * swings)), out)
     return out
 
 
@@ -176,7 +176,7 @@ def _smoothed(target: Float, bend: Float) -> Float:
         for j in range(i, size):
             # Rows r = 0 .. n - size: element r + i times element r + j.
             bands[size - 1 - (j - i), j : n - size + 1 + j] += bend[i] * bend[j]
-    out: Float = solveh_banded(bands, target, check_finite=False)
+    out: Float = scipy.linalg.solveh_banded(bands, target, check_finite=False)
     return out
 
 

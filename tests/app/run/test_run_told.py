@@ -20,7 +20,7 @@ import pytest
 
 from counterflex.app.run import run as online
 from counterflex.app.run.end import RunCauses
-from counterflex.app.run.process import _cycle_on
+from counterflex.app.run.process import cycle_on
 from counterflex.app.run.recorder import SUMMARY
 from counterflex.app.run.status import StatusReader
 from counterflex.core.arrays import Float, Int
@@ -139,7 +139,7 @@ def test_an_unreadable_message_of_a_robot_that_waits_is_a_cycle() -> None:
     control: Int = np.zeros(CONTROL, dtype=np.int64)
     living = SimpleNamespace(gone=lambda: False)
     settings = SimpleNamespace(lockstep=True, quiet_s=0.3)
-    _cycle_on(cast(Any, session), cast(Any, settings), control, cast(Any, living), None)
+    cycle_on(cast(Any, session), cast(Any, settings), control, cast(Any, living), None)
     assert handled == [False, True]
 
 

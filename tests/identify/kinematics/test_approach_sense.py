@@ -10,7 +10,7 @@ import pytest
 
 from counterflex.app.identification.cell_model import model_of
 from counterflex.app.proof.truth import truth_of
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import DEG, URAD
@@ -22,11 +22,14 @@ from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model, w
 from counterflex.identify.geometry.placed_frame import PlacedFrame
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics import stages as kinematics_stages
+from counterflex.identify.kinematics.approach_check import approach_remarks
 from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, better, in_order, senses
 from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.recipe import RECIPE
+from counterflex.identify.kinematics.setup import set_up
 from counterflex.identify.recipe import Identification
 from counterflex.identify.solver.holdout import HeldOut
+from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.play import lost_motion
 from counterflex.twin.laboratory.laboratory import laboratory
@@ -91,6 +94,70 @@ def test_poses_held_out_are_met_better_where_there_is_friction_and_as_well_where
     without = found(41, False, "known")
     assert plays(without) == {}
     assert mean_mm(without) == pytest.approx(mean_mm(found(41, False, "off")), rel=1e-9)
+
+
+def test_what_is_not_fitted_is_said_with_its_size() -> None:
+    """Where nothing says from which side the axes came, the order of the rows is tried, and only named."""
+    bare = {k: c for k, c in cube(41, True).channels.items() if k != CHANNEL}
+    d = cube(41, True)
+    remark = said(d)
+    assert "axis 1 +-" in remark
+    assert "--set play=known" in remark
+    size = float(remark.split("axis 1 +-")[1].split(" ")[0]) * URAD
+    known = plays(found(41, True, "known"))[0].play
+    soft = CELL.chain.compliance[CELL.chain.torsion[0], 5]
+    assert size == pytest.approx(known.friction_nm[0] * soft, rel=0.25)
+    assert said(cube(41, False)) == ""
+    assert said(replace(d, channels=bare)) == ""  # these rows do not stand in the order of the moves
+    changed = replace(d, channels={**d.channels, CHANNEL: replace(d.channel(CHANNEL), values=-d.values(CHANNEL))})
+    assert "axis 1" not in said(changed)
+
+
+def test_rows_in_their_order_tell_and_chance_does_not() -> None:
+    """Links that stay behind by 50 urad in one axis, and clean arms: 40 orders of the rows, no false finding."""
+    d = cube(42, False)
+    q = d.values("q")
+    sense = senses(replace(d, channels={**d.channels, CHANNEL: in_order(d)}))
+    assert sense is not None
+    behind = q.copy()
+    behind[:, 1] -= 50.0 * URAD * sense[:, 1]
+    shown = moved_by(d, forward(CELL.chain, behind) @ pose.inverse(forward(CELL.chain, q)))
+    bare = replace(shown, channels={k: c for k, c in shown.channels.items() if k != CHANNEL})
+    remark = said(bare)
+    assert "axis 2 +-" in remark
+    assert "(if the rows stand in the order in which they were measured)" in remark
+    assert "--set play=order" in remark
+    clean = replace(d, channels={k: c for k, c in d.channels.items() if k != CHANNEL})
+    rng = np.random.default_rng(3)
+    assert sum(said(in_another_order(clean, rng.permutation(len(q)))) != "" for _ in range(40)) == 0
+
+
+def said(d: Dataset) -> str:
+    """What is said of a dataset whose lost motion is not fitted."""
+    model = kinematics_stages.model_of_data(
+        CELL, [d], kinematics_stages.priors_of(RECIPE.settings), "masses", tied=False
+    )
+    setup = set_up(CELL, model, [d])
+    return " ".join(approach_remarks(setup, solve(setup.parameters, setup.blocks), [d]))
+
+
+def moved_by(d: Dataset, D: Float) -> Dataset:
+    """The measured poses with the tool displaced by (m, 4, 4) in the base."""
+    T = laboratory(42).T_base_tracker
+    measured_ = pose.inverse(T) @ D @ T @ pose.make(d.values("R_tracker_target"), d.values("p_tracker_target"))
+    out = {
+        "p_tracker_target": replace(d.channel("p_tracker_target"), values=measured_[:, :3, 3]),
+        "R_tracker_target": replace(d.channel("R_tracker_target"), values=measured_[:, :3, :3]),
+    }
+    return replace(d, channels={**d.channels, **out})
+
+
+def in_another_order(d: Dataset, order: Int) -> Dataset:
+    channels = {
+        k: replace(c, values=c.values[order], sigma=None if c.sigma is None else c.sigma[order])
+        for k, c in d.channels.items()
+    }
+    return replace(d, channels=channels)
 
 
 def test_the_plans_model_then_loses_what_the_cell_loses() -> None:

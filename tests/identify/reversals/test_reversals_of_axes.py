@@ -20,7 +20,8 @@ from counterflex.identify.play.path import follow_with_slopes
 from counterflex.identify.play.proposal import motion, propose
 from counterflex.identify.play.recipe import resolved
 from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals
-from counterflex.identify.reversals.data import balance, motions
+from counterflex.identify.play.trust import why_not
+from counterflex.identify.reversals.data import Motion, balance, motions
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.play import axis_torque, torsion_path
 from counterflex.robot.model.description import Play
@@ -164,6 +165,52 @@ def test_friction_of_link_and_motor_together_is_seen_by_the_torque(cell: CellMod
     q = 1e-3 * np.sin(2.0 * t)
     held, half = balance(q, t, -120.0 + 55.0 * np.sign(np.cos(2.0 * t)))
     assert (held, half) == pytest.approx((-120.0, 55.0), abs=1e-6)
+
+
+def test_all_friction_is_read_where_the_axis_has_left_its_turn_behind(cell: CellModel) -> None:
+    """Friction turns round over some travel: of all rows the loop was 30 % too narrow, at these slip angles."""
+    limit, slip = np.array(TRUE.friction_nm), np.array(TRUE.slip_rad)
+    rng = np.random.default_rng(2)
+    for amplitude in (0.4 * MRAD, 0.6 * MRAD):
+        t, moved = motion(amplitude, 0.25 * MRAD)
+        link = moved + lost(cell, 0, BALANCED + np.outer(moved, np.eye(6)[0]), TRUE)
+        force = np.zeros(3)
+        tau = np.zeros(len(t))
+        for k, step in enumerate(np.diff(link, prepend=link[0])):
+            force = np.clip(force + limit / slip * step, -limit, limit)
+            tau[k] = np.sum(force)
+        tau += 60.0 * np.sign(np.gradient(moved, t)) + 3.0 * rng.standard_normal(len(t))
+        assert balance(moved, t, tau)[1] == pytest.approx(np.sum(limit) + 60.0, rel=0.02)
+
+
+def test_a_standard_deviation_that_is_wide_excuses_nothing() -> None:
+    """Axis 6 had 61 +- 21 N m on the side of the link and 43 N m in all, and a quarter of its true half dead band."""
+    t = np.arange(0.0, 4.0, 0.02)
+    q = 1e-3 * np.sin(2.0 * t)
+    poses = np.stack([np.zeros(6), np.full(6, 0.5)])
+    mine = [
+        Motion(k, 5, "tracker", q, 0.0 * q, t, q, 0.0 * q + 1e-6, 43.4 * np.sign(np.cos(2.0 * t)), "", pose=poses[k])
+        for k in range(2)
+    ]
+    assert "contradict the 43.4 N m" in (why_not(5, mine, 60.9, 21.0) or "")
+    assert "contradict" in (why_not(5, mine, 47.0, 1.0) or "")
+    assert why_not(5, mine, 45.0, 21.0) is None
+    assert why_not(5, mine, 40.0, 21.0) is None
+
+
+def test_values_that_are_wide_or_not_written_are_not_called_determined(cell: CellModel) -> None:
+    data = campaign(cell, 0, by="encoder")
+    sound = reversals.RECIPE.identify(cell, [data], [], {}).fits["axis 1"]
+    assert sound.seen[sound.parameters.index("axis1.half_band")] == "determined"
+    tau = data.channel("tau_motor").values
+    weak = changed(data, "tau_motor", np.median(tau, axis=0) + 0.4 * (tau - np.median(tau, axis=0)))
+    withheld = reversals.RECIPE.identify(cell, [weak], [], {"as_stated": True}).fits["axis 1"]
+    assert "determined" not in withheld.seen
+    wide = replace(sound, sigma=np.abs(sound.values) * 0.4)
+    kept, remarks = reversals._named(wide, 0, (300.0, 20.0), False)
+    assert kept.seen[kept.parameters.index("axis1.half_band")] == "partly"
+    assert kept.seen[kept.parameters.index("axis1.friction1")] == "determined"
+    assert "half dead band is not determined" in remarks[0]
 
 
 def test_a_loaded_axis_says_that_its_dead_band_was_not_seen(cell: CellModel) -> None:

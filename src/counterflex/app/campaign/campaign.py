@@ -24,7 +24,7 @@ from counterflex.app.inputs import in_working_plane, read_job
 from counterflex.app.long_jobs.cluster import cluster
 from counterflex.app.long_jobs.executors import Start, here
 from counterflex.app.long_jobs.scheduler import require_scheduler
-from counterflex.app.long_jobs.step_cache import made_again
+from counterflex.app.long_jobs.step_cache import made_again, marks_below
 from counterflex.app.long_jobs.task import Failed
 from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.app.long_jobs.workers import count_of
@@ -94,8 +94,9 @@ def run(
         raise InputError("without a program and without a recipe there is nothing to do")
     if isinstance(workers, str):
         require_scheduler(workers)
-    begin, begun = time.perf_counter(), time.time()
+    begin = time.perf_counter()
     folder, cell = Path(out), read_cell(cell_file)
+    before = marks_below(folder)
     cell.require_milling()
     require_stiffness(cell)
     steps = campaign_of(cell, recipes)
@@ -114,19 +115,20 @@ def run(
     for place in places:
         end = Path(place.last(layout.start)[0])
         if steps and end.is_file():
-            _keep(copied_text(end, place.folder).encode("utf-8"), place.folder / CELL)
+            atomic.write_text(place.folder / CELL, copied_text(end, place.folder))
     summary = _summary(places, setups, results, layout, time.perf_counter() - begin)
     summary["family"] = family.name if truth is None else truth.family
-    summary["made_again"] = made_again(folder, begun)
+    summary["made_again"] = made_again(folder, before)
     if len(setups) > 1:
         summary["setups"] = over_seeds(rows)
     from counterflex.app.campaign.report import campaign_page_of
     from counterflex.report.page import write_page
 
-    if rows:
-        write_results(folder / FILE, rows)
-    write_summary(folder / "summary.json", summary)
-    write_page(campaign_page_of(summary), folder / "report.html")
+    with atomic.atomic_folder(folder) as staging:
+        if rows:
+            write_results(staging / FILE, rows)
+        write_summary(staging / "summary.json", summary)
+        write_page(campaign_page_of(summary), staging / "report.html")
     return summary
 
 
@@ -140,18 +142,13 @@ def _start(folder: Path, workers: int | str | None, tasks: int) -> Start:
 def _kept_inputs(cell_file: Path, out: Path, programs: Sequence[str | Path]) -> tuple[str, ...]:
     """Put cell file, the files that it names and the programs into the folder; return the names of the files."""
     text, files = text_with_files(cell_file, out, out / "inputs")
-    for target, data in files.items():
-        _keep(data, target)
-    _keep(text.encode("utf-8"), out / CELL)
-    for program in programs:
-        _keep(file_content.content(program), out / "original" / Path(program).name)
+    content = {**files, out / CELL: text.encode("utf-8")}
+    content |= {out / "original" / Path(program).name: file_content.content(program) for program in programs}
+    new = {path: data for path, data in content.items() if not path.is_file() or file_content.content(path) != data}
+    with atomic.atomic_folder(out) as staging:
+        for path, data in new.items():
+            atomic.write_bytes(staging / path.relative_to(out), data)
     return tuple(str(file) for file in sorted(files))
-
-
-def _keep(data: bytes, target: Path) -> None:
-    """Write a file unless it is there already, byte for byte."""
-    if not target.is_file() or file_content.content(target) != data:
-        atomic.write_bytes(target, data)
 
 
 def _places(

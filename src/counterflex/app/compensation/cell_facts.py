@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.lowest_mode import at_largest_force
+from counterflex.app.lowest_mode import at_largest_force, posture_at_blank
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, N_PER_MM2
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
@@ -127,12 +127,24 @@ def drawing(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Cel
         f"Posture of the largest predicted deflection, {size[worst] / MM:.2f} mm, in line {int(plan.line[worst])}: "
         f"axes at {axes} deg."
     )
-    links, flange = links_of(cell.chain, plan.q[worst])
     feed = plan.path.p_part_tcp[plan.path.kind == FEED]
     step = max(1, -(-len(feed) // _POINTS))
     T_base_part = forward(cell.controller_chain, plan.q[worst]) if cell.holds_part else cell.T_base_part
     if places is not None:
         T_base_part = places.Ts_base_part(plan.path.place[worst : worst + 1])[0]
+    return _drawn(cell, plan.q[worst], caption, T_base_part, feed[::step])
+
+
+def drawing_at_part(cell: Cell) -> CellDrawing:
+    """Return the cell in its posture at the first corner of the blank."""
+    q = posture_at_blank(cell)
+    axes = ", ".join(f"{angle / DEG:.0f}" for angle in cell.chain.axes.shown(q))
+    T_base_part = forward(cell.controller_chain, q) if cell.holds_part else cell.T_base_part
+    return _drawn(cell, q, f"Posture at the blank: axes at {axes} deg.", T_base_part, np.empty((0, 3)))
+
+
+def _drawn(cell: Cell, q: Float, caption: str, T_base_part: Float, path_part: Float) -> CellDrawing:
+    links, flange = links_of(cell.chain, q)
     return CellDrawing(
         robot=robot_name(cell),
         caption=caption,
@@ -140,7 +152,7 @@ def drawing(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Cel
         flange=flange,
         reach_m=reach(cell.chain),
         blank_m=pose.transform(T_base_part, corners(cell.stock())),
-        path_m=pose.transform(T_base_part, feed[::step]),
+        path_m=pose.transform(T_base_part, path_part),
     )
 
 

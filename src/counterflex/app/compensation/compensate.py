@@ -173,30 +173,37 @@ def run(
         parts = in_parts(progress, {"compensating": 1.0 - _PAGE_SHARE, PAGE: _PAGE_SHARE})
         result = compensate(program, cell, progress=parts["compensating"], **options)
         parts[PAGE](0.0)
-        about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
-        about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}
-        about |= {key: result.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in result.summary}
-        about |= {} if result.places is None else {EXTERNAL_PLACES: len(result.places.values)}
-        lowered = result.summary["calm_feed"]
-        for name, text in result.files.items():
-            atomic.write_bytes(staging / name, text.encode(result.encoding, errors="replace"))
-        write_plan(
-            staging / "plan.parquet", result.plan, {**about, "feed_lowered_s": lowered["extra_s"]}, cell.chain.axes
-        )
-        write_folder_summary(staging, result.summary)
-        if report:
-            from counterflex.report.page import prediction_page, write_page
-
-            page = prediction_page(
-                prediction(
-                    result.plan,
-                    cell,
-                    result.summary,
-                    result.limited,
-                    program if shown is None else shown,
-                    result.places,
-                )
-            )
-            write_page(page, staging / "report.html")
+        write_folder(result, cell, program if shown is None else shown, staging, report=report)
         parts[PAGE](1.0)
     return result.summary
+
+
+def write_programs(result: Compensated, folder: Path) -> None:
+    """Write the program files into a folder."""
+    for name, text in result.files.items():
+        atomic.write_bytes(folder / name, text.encode(result.encoding, errors="replace"))
+
+
+def write_folder(result: Compensated, cell: Cell, program: str | Path, folder: Path, *, report: bool = True) -> None:
+    """Write all files of a compensation into a folder.
+
+    Args:
+        result: The compensation.
+        cell: What it was planned with.
+        program: The original program, as commands on the page name it.
+        folder: Where; best one that appears when it is whole (:func:`counterflex.core.atomic.atomic_folder`).
+        report: Write the HTML page.
+    """
+    about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
+    about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}
+    about |= {key: result.summary[key] for key in (WORKING_PLANE, TOOL_TURNS) if key in result.summary}
+    about |= {} if result.places is None else {EXTERNAL_PLACES: len(result.places.values)}
+    about |= {"feed_lowered_s": result.summary["calm_feed"]["extra_s"]}
+    write_programs(result, folder)
+    write_plan(folder / "plan.parquet", result.plan, about, cell.chain.axes)
+    write_folder_summary(folder, result.summary)
+    if report:
+        from counterflex.report.page import prediction_page, write_page
+
+        page = prediction(result.plan, cell, result.summary, result.limited, program, result.places)
+        write_page(prediction_page(page), folder / "report.html")

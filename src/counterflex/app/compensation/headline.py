@@ -27,8 +27,8 @@ def worse_lines(plan: Plan) -> list[dict[str, Any]]:
         for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part)
     )
     rows = []
-    for line in np.unique(plan.line[plan.cutting]).tolist():
-        at = plan.cutting & (plan.line == line)
+    for line in np.unique(plan.line[plan.judged]).tolist():
+        at = plan.judged & (plan.line == line)
         most, left = float(before[at].max()), float(after[at].max())
         if left > most + _WORSE_M:
             rows.append({"line": line, "before_mm": round(most / MM, 4), "after_mm": round(left / MM, 4)})

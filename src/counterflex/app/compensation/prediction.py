@@ -60,10 +60,10 @@ def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
     force = np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)
     deflection = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
     correction = np.linalg.norm(plan.correction_part, axis=1)
-    cutting = plan.cutting
+    judged = plan.judged
     out: dict[str, Any] = {
         "points": len(plan.path),
-        "cutting_points": int(np.count_nonzero(cutting)),
+        "cutting_points": int(np.count_nonzero(plan.cutting)),
         "duration_s": round(float(plan.path.time_s[-1]), 3),
         "removed_mm3": round(float(plan.volume_m3.sum() / MM**3), 3),
         "peak_force_n": _peak(force, plan, axes, 1.0, 1),
@@ -82,8 +82,8 @@ def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
     ):
         if np.all(np.isnan(deviation)):
             continue
-        size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[cutting]
-        out[f"predicted_{name}"] = path_error(size, _weights(plan)[cutting])
+        size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[judged]
+        out[f"predicted_{name}"] = path_error(size, _weights(plan)[judged])
     out["worse_lines"] = worse_lines(plan)
     out["chatter"] = chatter(plan)
     out["lasting_swings"] = lasting(plan)
@@ -240,7 +240,7 @@ def prediction(
         timing=(Fact("Planning", f"{summary['seconds']:.1f} s"),),
         versions={"counterflex": __version__, "Python": platform.python_version(), "NumPy": np.__version__},
         notes=tuple(notes),
-        cutting=plan.cutting,
+        cutting=plan.judged,
         line=plan.line,
         **_errors(plan, predicted),
         drawing=drawing(plan, cell, places),

@@ -25,6 +25,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.update import new_cell
 from counterflex.geometry import rotation
 from counterflex.programs.source_text import read_text
 from counterflex.robot.elasticity.chain import ElasticChain, flange
@@ -80,8 +81,8 @@ def run(
         _refuse_misfit(fits, tolerance_m, tolerance_rad, poses.name)
     data.notes += [*_root_note(data), *machine_notes(data, model)]
     text = cell_text(data, robot, tool, base, [file.name for file in files], fits)
-    with atomic.atomic_path(out) as place:
-        place.write_text(text, encoding="utf-8", newline="\n")
+    with new_cell(out) as place:
+        atomic.write_text(place, text)
         read_cell(place)
     return {
         "cell": str(out), "controller": data.kind, "robot": robot, "tool": tool, "base": base,

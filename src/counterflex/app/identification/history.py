@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any, Final
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_lock
 from counterflex.core.errors import FileFormatError
 from counterflex.files.identification_archive import Run, keep_inputs, run_name, runs_below
 
@@ -33,12 +33,13 @@ def keep(
     Returns:
         Folder of the run.
     """
-    folder = archive / run_name(result["date"], result["recipe"], taken)
-    with atomic.atomic_folder(folder) as inside:
-        for path in sorted(staging.iterdir()):
-            if path.is_file():
-                shutil.copyfile(path, inside / path.name)
-        keep_inputs(inside, cell, manifests)
+    with file_lock.alone(archive / "run"):  # two runs of one second get two names
+        folder = archive / run_name(result["date"], result["recipe"], taken)
+        with atomic.atomic_folder(folder) as inside:
+            for path in sorted(staging.iterdir()):
+                if path.is_file():
+                    shutil.copyfile(path, inside / path.name)
+            keep_inputs(inside, cell, manifests)
     return folder
 
 

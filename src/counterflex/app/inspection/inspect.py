@@ -72,22 +72,26 @@ def run(
         tolerances_m=tolerances_m,
         progress=progress,
     )
-    last = list(inspection.parts.values())[-1]
-    from counterflex.app.inspection.page import page_of  # plotly is heavy
-    from counterflex.report.page import write_page
-
     with atomic.atomic_folder(out) as staging:
-        _write_rows(staging, inspection, last, program)
-        write_folder_summary(staging, inspection.summary)
-        write_page(page_of(inspection), staging / REPORT)
+        write_folder(inspection, program, staging)
         if more is not None:
             more(staging, inspection.summary)
     progress(1.0)
     return inspection.summary
 
 
+def write_folder(inspection: Inspection, program: Path, folder: Path) -> None:
+    """Write measured places of the last part, summary and page into a folder."""
+    from counterflex.app.inspection.page import page_of  # plotly is heavy
+    from counterflex.report.page import write_page
+
+    _write_rows(folder, inspection, list(inspection.parts.values())[-1], program)
+    write_folder_summary(folder, inspection.summary)
+    write_page(page_of(inspection), folder / REPORT)
+
+
 def _write_rows(folder: Path, inspection: Inspection, last: Inspected | InspectedPath, program: Path) -> None:
-    """The measured places: of a surface, or of the path of the tool."""
+    """Write the measured places: of a surface, or of the path of the tool."""
     digest = hashlib.sha256(file_content.content(program)).hexdigest()
     if isinstance(last, InspectedPath):
         logged = LoggedPath(

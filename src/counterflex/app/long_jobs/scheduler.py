@@ -19,6 +19,7 @@ CONNECT_S: Final = 5.0
 """How long it may take to reach the machine of a scheduler."""
 ANSWER_S: Final = 20.0
 """How long a scheduler that is reached may take to answer, on a machine with much other work."""
+_NO_PAGES: Final[dict[str, list[str]]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 _QUIET: Final = {"DASK_LOGGING__DISTRIBUTED": "critical"}
 
 
@@ -58,8 +59,8 @@ def open_to_others(address: str) -> str:
     if parts.scheme == "tls" or local:
         return ""
     return (
-        f"{address} has no keys: whoever reaches that scheduler can run programs on its workers and read what they are "
-        "sent. Use it in a network of your own only, or tls:// (docs/campaign.md)"
+        f"{address} has no keys: whoever reaches that scheduler can run programs on its workers and on this machine, "
+        "and read what they are sent. Use it in a network of your own only, or tls:// (docs/campaign.md)"
     )
 
 
@@ -117,22 +118,25 @@ def local_cluster(count: int) -> Iterator[Any]:
     """A client of a scheduler of this process, with worker processes of this machine, one thread each.
 
     They end with this process, however it ends. Who has not its keys, made for this once, is not let in: not even other
-    users of this machine.
+    users of this machine. dask's web pages have no keys, so that none is served, neither of tasks nor of measures.
 
     Args:
         count: Of processes.
     """
+    import dask
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
-        with interrupts_deferred():
+        with interrupts_deferred(), dask.config.set(_NO_PAGES):  # worker processes are given this configuration
             processes = stack.enter_context(
                 LocalCluster(
                     n_workers=count,
                     threads_per_worker=1,
+                    host="127.0.0.1",
                     dashboard_address="127.0.0.1:0",
+                    scheduler_kwargs={"dashboard": False},
                     silence_logs=logging.CRITICAL,
                     security=Security.temporary(),  # other users of this machine cannot reach it
                     env={**dict.fromkeys(ONE_THREAD, "1"), **_QUIET},

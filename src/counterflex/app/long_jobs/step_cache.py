@@ -165,17 +165,22 @@ def finish(folder: Path, mark: Mark, result: Mapping[str, Any]) -> None:
     atomic.write_text(folder / DONE, json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 
-def made_again(folder: Path, since_s: float) -> dict[str, int]:
+def marks_below(folder: Path) -> dict[Path, tuple[int, int]]:
+    """Return the marks of all steps below a folder, with what changes when one is written."""
+    return {file: (status.st_ino, status.st_mtime_ns) for file in folder.rglob(DONE) for status in (file.stat(),)}
+
+
+def made_again(folder: Path, before: Mapping[Path, tuple[int, int]]) -> dict[str, int]:
     """Why steps below a folder were made again lately, and how many for each reason.
 
     Args:
         folder: Of the job.
-        since_s: Time of day, s, from which on they were finished.
+        before: :func:`marks_below` when the job began; clocks are not asked, a file may be stamped in the future.
 
     Returns:
         Count by reason, most first.
     """
-    files = [file for file in folder.rglob(DONE) if file.stat().st_mtime >= since_s]
+    files = [file for file, mark in marks_below(folder).items() if before.get(file) != mark]
     reasons = Counter(again for file in files if (again := _read(file).get("again")))
     return dict(reasons.most_common())
 

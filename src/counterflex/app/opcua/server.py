@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import contextvars
 import logging
 import os
 import time
@@ -12,20 +11,19 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from asyncua import Server, ua
+from asyncua import ua
 from asyncua.common.node import Node as UaNode
-from asyncua.crypto.permission_rules import User, UserRole
-from asyncua.server.internal_server import InternalServer
-from asyncua.server.internal_session import InternalSession
-from asyncua.server.user_managers import UserManager
 
 from counterflex import __version__
+from counterflex.app.opcua.bounded import BoundedServer, Inner, Users, caller
 from counterflex.app.opcua.nodes import NODES, OWN, UNITS, Node, View, occurred
 from counterflex.app.opcua.observed_run import ObservedRun
 from counterflex.app.opcua.settings import OpcuaSettings, require_safe
-from counterflex.app.panel.access import Sessions
+from counterflex.app.panel.door import Door
+from counterflex.app.panel.tries import Tries
 from counterflex.app.panel.watched_run import Seen
 from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.core.printable import all_printable, printable
 from counterflex.files.panel_users import PanelUsers
 
 NAMESPACE: Final = "urn:counterflex:opcua"
@@ -37,60 +35,6 @@ _TYPES: Final = {
     int: ua.VariantType.Int64,
     float: ua.VariantType.Double,
 }
-_caller: contextvars.ContextVar[str] = contextvars.ContextVar("caller", default="")
-"""Name of the operator whose call is served; empty: he is none."""
-
-
-class _Users(UserManager):  # type: ignore[misc]
-    """Who may: with a file of users only they, by their password; without one everybody, to read."""
-
-    def __init__(self, users: PanelUsers | None) -> None:
-        self._users, self._tries = users, Sessions()
-        self.operators: set[str] = set()
-
-    def get_user(self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None) -> Any:  # noqa: ARG002 - as the library calls it
-        """The user, or None."""
-        if self._users is None:
-            return User(UserRole.User)  # of the library's roles the one that may read
-        if not username or not self._tries.may_try("opcua"):
-            return None
-        text = password.decode("utf-8", "replace") if isinstance(password, bytes) else str(password or "")
-        role = self._users.role(str(username), text)
-        if role is None:
-            self._tries.wrong("opcua")
-            return None
-        (self.operators.add if role == "operator" else self.operators.discard)(str(username))
-        return User(UserRole.User, str(username))
-
-
-class _Session(InternalSession):  # type: ignore[misc]
-    """A session of a client: it reads; its calls are served for operators only, nothing is written."""
-
-    async def call(self, params: Any) -> Any:
-        """Serve calls with the name of the caller."""
-        name = str(self.user.name or "")
-        known = self.iserver.user_manager
-        operates = isinstance(known, _Users) and name in known.operators
-        token = _caller.set(name if operates else "")
-        try:
-            return await super().call(params)
-        finally:
-            _caller.reset(token)
-
-    async def write(self, params: Any) -> Any:
-        """Refuse to write from outside."""
-        if self.external:
-            return [ua.StatusCode(ua.StatusCodes.BadUserAccessDenied) for _ in params.NodesToWrite]
-        return await super().write(params)
-
-
-class _Inner(InternalServer):  # type: ignore[misc]
-    """Makes sessions of :class:`_Session`."""
-
-    def create_session(self, name: str, user: Any = None, external: bool = False) -> Any:
-        """A session."""
-        who = User(UserRole.Anonymous) if user is None else user
-        return _Session(self, self.aspace, self.subscription_service, name, user=who, external=external)
 
 
 class OpcuaServer:
@@ -112,7 +56,9 @@ class OpcuaServer:
         self._before: Mapping[str, Any] = {}
         self._last_fault = ""
         users = None if settings.users is None else PanelUsers(settings.users)
-        self._server = Server(iserver=_Inner(user_manager=_Users(users)))
+        self._door = Door()
+        self._inner = Inner(Users(users, Tries()), self._door)
+        self._server = BoundedServer(self._inner)
 
     async def serve(self) -> None:
         """Serve until the task is cancelled.
@@ -140,10 +86,7 @@ class OpcuaServer:
                 hint="Is another OPC UA server running? Give another --port",
             ) from None
         try:
-            binary = server.bserver
-            port = settings.port
-            if binary is not None and binary._server is not None:
-                port = binary._server.sockets[0].getsockname()[1]
+            port = settings.port if server.bserver is None else server.bserver.port
             self._started(f"opc.tcp://{host}:{port}/counterflex")
             await self._follow()
         finally:
@@ -211,7 +154,7 @@ class OpcuaServer:
         self._events = await server.get_event_generator()
 
     async def _acknowledge(self, _parent: Any) -> Any:
-        who = _caller.get()
+        who = caller()
         if not who:
             return ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
         try:
@@ -220,7 +163,7 @@ class OpcuaServer:
             done, text = False, str(fault)
         else:
             done, text = bool(answer["done"]), answer["refused"] or f"done ({answer['state']})"
-        return [ua.Variant(done, ua.VariantType.Boolean), ua.Variant(text, ua.VariantType.String)]
+        return [ua.Variant(done, ua.VariantType.Boolean), ua.Variant(printable(text), ua.VariantType.String)]
 
     async def _follow(self) -> None:
         """One look at the run after another; what goes wrong in one is said, and the next one comes all the same."""
@@ -236,6 +179,8 @@ class OpcuaServer:
             await asyncio.sleep(max(0.001, due - time.monotonic()))
 
     async def _look(self) -> None:
+        self._door.end_old()
+        await self._inner.end_removed()
         run = self._run
         run.poll()
         view = View(run.seen, run.about, run.figures, run.last, run.why)
@@ -251,7 +196,7 @@ class OpcuaServer:
                 await variable.write_value(data)
         for message, severity in occurred(self._before, run.figures):
             self._events.event.Severity = severity
-            await self._events.trigger(message=message)
+            await self._events.trigger(message=printable(message))
         self._before = run.figures
 
 
@@ -267,7 +212,9 @@ def value_of(node: Node, view: View) -> tuple[Any, int]:
     if value is None:
         return node.default, ua.StatusCodes.BadNotConnected
     stale = node.live and view.seen != Seen.RUNNING
-    return type(node.default)(value), ua.StatusCodes.UncertainLastUsableValue if stale else ua.StatusCodes.Good
+    return type(node.default)(
+        all_printable(value)
+    ), ua.StatusCodes.UncertainLastUsableValue if stale else ua.StatusCodes.Good
 
 
 def _unit(name: str) -> Any:

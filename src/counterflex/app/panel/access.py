@@ -1,4 +1,4 @@
-"""Who may see a panel and who may operate it: sessions, a limit on tries, and a gate before every page and socket."""
+"""Access to a panel: sessions, and a gate before every page and socket."""
 
 from __future__ import annotations
 
@@ -21,9 +21,25 @@ SESSION: Final = "counterflex.session"
 """Key of the session in the scope of a request."""
 LONGEST_S: Final = 12.0 * 3600.0
 """A session ends after a shift and a half."""
-TRIES: Final = 5
-BLOCK_S: Final = 30.0
-"""After so many wrong passwords from an address, or four times as many in all, nobody is asked for so long."""
+SESSIONS: Final = 256
+"""Sessions at a time; a further one ends the oldest."""
+BODY: Final = 1 << 20
+"""Bytes of a request that is sent to the page library."""
+_PLACE: Final = "'self' 'unsafe-inline'"
+_POLICIES: Final = {
+    # The page library compiles its templates in the browser and starts by a script in the page.
+    "/": f"default-src 'self'; script-src {_PLACE} 'unsafe-eval'; style-src {_PLACE}; img-src 'self' data: blob:; "
+    "font-src 'self' data:; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+    "/login": "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; base-uri 'none'; "
+    "frame-ancestors 'none'",
+}
+_HEADERS: Final = (
+    (b"x-frame-options", b"DENY"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"same-origin"),  # none at all would make the origin of the login "null"
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
 LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
 
 Scope = MutableMapping[str, Any]
@@ -120,12 +136,13 @@ class Sessions:
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
         self._sessions: dict[str, Session] = {}
-        self._wrong: dict[str, list[float]] = {}
 
     def begin(self, name: str, role: Role, source: str) -> str:
         """A new session; the secret that stands for it."""
         now = self._clock_s()
         self._sessions = {key: one for key, one in self._sessions.items() if one.end_s > now}
+        if len(self._sessions) >= SESSIONS:
+            del self._sessions[next(iter(self._sessions))]
         key = secrets.token_urlsafe(32)
         self._sessions[key] = Session(name, role, source, now + LONGEST_S)
         return key
@@ -139,22 +156,24 @@ class Sessions:
         """End a session."""
         self._sessions.pop(key, None)
 
-    def may_try(self, source: str) -> bool:
-        """Whether a password from an address is looked at now."""
-        begin = self._clock_s() - BLOCK_S
-        self._wrong = {a: late for a, times in self._wrong.items() if (late := [t for t in times if t > begin])}
-        return len(self._wrong.get(source, ())) < TRIES and sum(map(len, self._wrong.values())) < 4 * TRIES
+    def keep(self, roles: Mapping[str, Role]) -> None:
+        """End the sessions of users who are no more, or who have another role.
 
-    def wrong(self, source: str) -> None:
-        """A password was wrong."""
-        self._wrong.setdefault(source, []).append(self._clock_s())
+        Args:
+            roles: By name, of the users that there are.
+        """
+        self._sessions = {key: one for key, one in self._sessions.items() if roles.get(one.name) == one.role}
 
 
 class Gate:
     """Lets through to the panel whoever may.
 
-    Static files of the page library and the way to log in are open to all; everything else, sockets above all, needs a
-    session. A page of another site cannot reach the sockets: their origin must be the host that they are asked of.
+    The page to log in at is open to all; everything else, sockets above all, needs a session. A page of another site
+    cannot reach the sockets: their origin must be the host that they are asked of. Nor can it show the panel in
+    a frame.
+
+    A wrong key of a link is not counted: nobody guesses 24 random bytes, and a page of another site that asks for wrong
+    ones in a browser of this computer would lock out who sits at it.
 
     Args:
         app: What is behind it.
@@ -163,6 +182,8 @@ class Gate:
         keys: Secrets in a link that begin a session, each with name and role; none where users log in.
         secure: It is asked by TLS.
         opened: Told of each session that such a link began.
+        known: Told of each connection of somebody who has a session: address and port that it comes from.
+        full: Tells whether there are too many pages to open another one.
     """
 
     def __init__(
@@ -174,9 +195,11 @@ class Gate:
         keys: Mapping[str, tuple[str, Role]],
         secure: bool,
         opened: Callable[[Session], None] = lambda _: None,
+        known: Callable[[Any], None] = lambda _: None,
+        full: Callable[[], bool] = lambda: False,
     ) -> None:
         self._app, self._sessions, self._hosts, self._keys = app, sessions, hosts, keys
-        self._secure, self._opened = secure, opened
+        self._secure, self._opened, self._known, self._full = secure, opened, known, full
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request or socket."""
@@ -184,15 +207,23 @@ class Gate:
             await self._app(scope, receive, send)
             return
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        path: str = scope["path"]
+        session = self._sessions.of(cookie_of(headers))
+        if scope["type"] == "http":
+            send = _with_headers(send, path, close=session is None)
         if not self._right_host(headers) or not _own_origin(headers, scope):
             await _refuse(scope, receive, send, 403, "this host or origin is not served")
             return
-        scope[SESSION] = session = self._sessions.of(cookie_of(headers))
-        path: str = scope["path"]
+        scope[SESSION] = session
         if scope["type"] == "http" and (cookie := self._by_key(scope)) is not None:
             await _redirect(send, path, cookie)  # also who has a session already begins the one of the link
             return
-        if session is not None or _open_to_all(path, scope["type"]):
+        if session is not None:
+            self._known(scope.get("client"))
+            if refusal := self._beyond(scope, headers):
+                await _refuse(scope, receive, send, *refusal)
+                return
+        if session is not None or (path == "/login" and scope["type"] == "http"):
             await self._app(scope, receive, send)
             return
         if scope["type"] == "http" and scope["method"] == "GET" and not path.startswith("/_nicegui"):
@@ -200,23 +231,32 @@ class Gate:
             return
         await _refuse(scope, receive, send, 401, "log in first")
 
+    def _beyond(self, scope: Scope, headers: Mapping[str, str]) -> tuple[int, str] | None:
+        """Status and text for a request of a user that takes too much memory."""
+        if scope["type"] != "http":
+            return None
+        length = headers.get("content-length", "0")
+        if "transfer-encoding" in headers or not length.isdecimal() or int(length[:20]) > BODY:
+            return 413, "that is too long"
+        if scope["path"] == "/" and self._full():
+            return 503, "too many pages are open: close some"
+        return None
+
     def _right_host(self, headers: Mapping[str, str]) -> bool:
         return self._hosts is None or _host(headers.get("host", "")) in self._hosts
 
     def _by_key(self, scope: Scope) -> str | None:
         """Cookie of a new session where the link holds a secret."""
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("key", [""])[0]
-        source = source_of(scope)
-        if not given or not self._sessions.may_try(source):
+        if not given:
             return None
         for key, (name, role) in self._keys.items():
             if secrets.compare_digest(key.encode(), given.encode()):
-                secret = self._sessions.begin(name, role, source)
+                secret = self._sessions.begin(name, role, source_of(scope))
                 one = self._sessions.of(secret)
                 if one is not None:
                     self._opened(one)
                 return cookie_text(secret, secure=self._secure)
-        self._sessions.wrong(source)
         return None
 
 
@@ -258,10 +298,18 @@ def _own_origin(headers: Mapping[str, str], scope: Scope) -> bool:
         return False
 
 
-def _open_to_all(path: str, kind: str) -> bool:
-    if kind != "http":
-        return False
-    return path == "/login" or (path.startswith("/_nicegui/") and ".." not in path)
+def _with_headers(send: Send, path: str, *, close: bool) -> Send:
+    """Return what sends an answer with the headers that keep a page to itself; a stranger asks once a connection."""
+    policy = _POLICIES.get(path, _POLICIES["/"]).encode()
+
+    async def sent(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            ends = [(b"connection", b"close")] if close else []
+            own = [*_HEADERS, (b"content-security-policy", policy), *ends]
+            message["headers"] = [*message.get("headers", ()), *own]
+        await send(message)
+
+    return sent
 
 
 async def _redirect(send: Send, where: str, cookie: str | None) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
+from counterflex.core.printable import all_printable
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.plan.preflight.bodies import Body, carried, links, part_bodies, with_given
 from counterflex.robot.elasticity.chain import ElasticChain, frames
@@ -31,7 +32,7 @@ class CellScene:
         cell = read_cell(path)
         self._chain: ElasticChain = cell.controller_chain
         self._T_base_part: Float = np.eye(4) if cell.holds_part else cell.T_base_part
-        self.bodies = [_plain(body) for body in _bodies(cell)]
+        self.bodies = [all_printable(_plain(body)) for body in _bodies(cell)]
 
     def frames(self, q: Float) -> dict[str, list[float]]:
         """Poses of the frames that bodies are fixed to, in the robot's base: rotation by rows, position in m.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from html import escape
 from typing import Final
 from urllib.parse import parse_qs
@@ -13,6 +14,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from counterflex.app.panel.access import Session, Sessions, cookie_of, cookie_text, source_of
+from counterflex.app.panel.tries import RefusedLogins, Tries
 from counterflex.files.panel_users import PanelUsers
 
 _LONGEST: Final = 2048
@@ -32,16 +34,28 @@ _CLOSED: Final = "<p>Open the link that counterflex panel has printed: it holds 
 
 
 def login_routes(
-    users: PanelUsers | None, sessions: Sessions, *, secure: bool, note: Callable[[str, str, str, bool], None]
+    users: PanelUsers | None,
+    sessions: Sessions,
+    *,
+    secure: bool,
+    note: Callable[[str, str, str], None],
+    refused: RefusedLogins,
+    tries: Tries | None = None,
 ) -> list[Route]:
     """Routes to log in and out.
+
+    Passwords are hashed in one thread of their own: what an operator asks never waits for it.
 
     Args:
         users: Who may; None: nobody, a link opens the panel.
         sessions: Of the panel.
         secure: It is asked by TLS.
-        note: Told of each try: name, address, what was tried, whether it was let through.
+        note: Told of who logs in and out: name, address, what he did.
+        refused: Told of who was not let through.
+        tries: Which passwords are looked at; None: by the clock of the computer.
     """
+    tries = tries if tries is not None else Tries()
+    hashing = ThreadPoolExecutor(1, "hashing")
 
     async def ask(_: Request) -> Response:
         return _page("")
@@ -54,8 +68,6 @@ def login_routes(
         source = source_of(request.scope)
         if users is None:
             return _page("", 403)
-        if not sessions.may_try(source):
-            return _page("Too many wrong passwords: wait half a minute.", 429)
         body = b""
         async for piece in request.stream():
             body += piece
@@ -63,12 +75,20 @@ def login_routes(
                 return _page("That is too long.", 413)
         given = parse_qs(body.decode("utf-8", "replace"))
         name, password = (given.get(key, [""])[0] for key in ("name", "password"))
-        role = await asyncio.to_thread(users.role, name, password)  # takes a while on purpose
+        if why := tries.begin(source, name):
+            refused.add(name, source)
+            return _page(why, 429)
+        role = None
+        try:
+            role = await asyncio.get_running_loop().run_in_executor(hashing, users.role, name, password)
+        except asyncio.CancelledError:  # the panel is closed meanwhile
+            return _page("The panel is being closed.", 503)
+        finally:
+            tries.end(source, name, right=role is not None)
         if role is None:
-            sessions.wrong(source)
-            note(name[:24], source, "log in", False)
+            refused.add(name, source)
             return _page("Name or password is wrong.", 401)
-        note(name, source, f"log in as {role}", True)
+        note(name, source, f"log in as {role}")
         answer = RedirectResponse("/", status_code=303)
         answer.headers["set-cookie"] = cookie_text(sessions.begin(name, role, source), secure=secure)
         return answer
@@ -77,7 +97,7 @@ def login_routes(
         key = cookie_of({"cookie": request.headers.get("cookie", "")})
         one: Session | None = sessions.of(key)
         if one is not None:
-            note(one.name, one.source, "log out", True)
+            note(one.name, one.source, "log out")
         sessions.end(key)
         return RedirectResponse("/login", status_code=303)
 

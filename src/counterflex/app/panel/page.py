@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 from nicegui import Client, background_tasks, ui
@@ -16,6 +17,7 @@ from counterflex.app.panel.keys import IGNORED_IN, action_of
 from counterflex.app.panel.report import report_html
 from counterflex.app.panel.watched_run import WatchedRun
 from counterflex.core.errors import CounterflexError
+from counterflex.core.printable import printable
 
 BEHIND: Final = 20
 """Messages that a page may be behind, a second; then it gets none until it has caught up."""
@@ -26,6 +28,8 @@ _QUESTIONS: Final = {
     " correction.",
     "arm": "Arm the correction? The robot program may then switch it on.",
 }
+ASKERS: Final = ThreadPoolExecutor(4, "asks")
+"""Threads that wait for answers of the loop, 0.3 s at most each. Nothing else runs in them."""
 _TITLES: Final = {"stop": "RAMP OUT", "reset": "ACKNOWLEDGE", "arm": "ARM"}
 
 
@@ -117,8 +121,11 @@ class PanelPage:
         if not (self.session.operates and self._valid()):
             self._tell("Log in again as an operator.", "negative")
             return
+        if action == "stop":
+            self._run.stop_now()  # here, and not in a thread: it waits for nothing
+        who, source = self.session.name, self.session.source
         try:
-            answer = await asyncio.to_thread(self._run.request, action, self.session.name, self.session.source)
+            answer = await asyncio.get_running_loop().run_in_executor(ASKERS, self._run.request, action, who, source)
         except CounterflexError as fault:
             self._tell(f"{_TITLES[action]}: {fault}", "negative")
             self._report_action(f"{self.session.name} {_TITLES[action]}: FAILED")
@@ -131,7 +138,7 @@ class PanelPage:
     def _tell(self, text: str, kind: Any) -> None:
         if self.client.has_socket_connection:
             with self.client:
-                ui.notify(text, type=kind, position="top", timeout=6000, classes="text-h5")
+                ui.notify(printable(text), type=kind, position="top", timeout=6000, classes="text-h5")
 
     def _begin(self) -> None:
         self._ready = True

@@ -9,6 +9,7 @@ from typing import Any, Final
 from counterflex.app.run.recorder import SUMMARY
 from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
+from counterflex.core.printable import printable
 
 _SHOWN: Final = 50
 
@@ -64,7 +65,9 @@ def report_html(folder: Path) -> str:
 
 def _table(heads: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
     head = "".join(f"<th>{escape(one)}</th>" for one in heads)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(printable(str(cell)))}</td>" for cell in row) + "</tr>" for row in rows
+    )
     return f"<table>{f'<tr>{head}</tr>' if head else ''}{body}</table>"
 
 

@@ -7,6 +7,7 @@ import contextlib
 import logging
 import os
 import secrets
+import socket
 import time
 from collections import deque
 from collections.abc import Callable
@@ -20,15 +21,24 @@ from starlette.requests import Request
 
 from counterflex.app.panel.access import LOOPBACK, SESSION, Gate, Session, Sessions
 from counterflex.app.panel.cell_scene import CellScene
+from counterflex.app.panel.door import AT_A_TIME, Door
 from counterflex.app.panel.login_page import login_routes
 from counterflex.app.panel.page import PanelPage
 from counterflex.app.panel.settings import PanelSettings, require_safe
+from counterflex.app.panel.tries import RefusedLogins
 from counterflex.app.panel.watched_run import WatchedRun
 from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.core.printable import all_printable
 from counterflex.files.panel_users import PanelUsers, Role
 
 ACTIONS: Final = 6
 """Actions of operators that a page shows."""
+PAGES: Final = 64
+"""Pages that may be open."""
+HEADERS: Final = 1 << 14
+"""Bytes of the headers of a request."""
+USERS_S: Final = 1.0
+"""Period at which the file of users is looked at."""
 NICE: Final = 5
 """Priority below that of everything that runs beside it, the loop above all."""
 _CSS: Final = Path(__file__).with_name("panel.css")
@@ -62,6 +72,9 @@ class PanelServer:
             }
         )
         self._actions: deque[str] = deque(maxlen=ACTIONS)
+        self._refused = RefusedLogins(self.run.note)
+        self._door = Door()
+        self._users_due = 0.0
         self._scene: CellScene | None = None
         self._scene_of = -1
         self._trouble = ""
@@ -78,7 +91,9 @@ class PanelServer:
             os.nice(NICE)
         behind = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
         behind.router.routes.extend(
-            login_routes(self._users, self._sessions, secure=settings.secure, note=self._note_login)
+            login_routes(
+                self._users, self._sessions, secure=settings.secure, note=self._note_login, refused=self._refused
+            )
         )
         self._pages()
         app.on_startup(self._begin)
@@ -93,15 +108,20 @@ class PanelServer:
             hosts=LOOPBACK if settings.local else None,
             keys=self._keys,
             secure=settings.secure,
-            opened=lambda one: self._note_login(one.name, one.source, f"link opened as {one.role}", True),
+            opened=lambda one: self._note_login(one.name, one.source, f"link opened as {one.role}"),
+            known=self._door.know,
+            full=lambda: len(self.pages) >= PAGES,
         )
         logging.getLogger("nicegui").setLevel(logging.ERROR)
         config = uvicorn.Config(
             gate,
-            host=settings.host,
-            port=settings.port,
+            loop="counterflex.app.panel.server:event_loop",
+            http="h11",  # of the two that there are the one that bounds headers
+            h11_max_incomplete_event_size=HEADERS,
+            backlog=AT_A_TIME,
             log_level="error",
             access_log=False,
+            proxy_headers=False,  # a stranger could say that he comes from another address
             server_header=False,
             timeout_graceful_shutdown=2,
             ssl_certfile=settings.certificate,
@@ -110,19 +130,25 @@ class PanelServer:
         )
         self._server = server = uvicorn.Server(config)
         try:
-            server.run()
-        except SystemExit:
-            raise OutputError(
-                "the port cannot be opened",
-                where=f"{settings.host}:{settings.port}",
-                hint="Is another panel running? Give another --port",
-            ) from None
+            server.run(self._listening())
         finally:
             self.run.close()
 
-    def _note_login(self, name: str, source: str, what: str, done: bool) -> None:
-        self.run.note({"who": name, "from": source, "action": what, "done": done})
-        self._tell(f"{name} {what}{'' if done else ' REFUSED'}")
+    def _listening(self) -> list[socket.socket]:
+        settings = self._settings
+        try:
+            return self._door.listen(settings.host, settings.port)
+        except OSError as fault:
+            raise OutputError(
+                "the port cannot be opened",
+                where=f"{settings.host}:{settings.port}",
+                value=fault.strerror or str(fault),
+                hint="Is another panel running? Give another --port",
+            ) from None
+
+    def _note_login(self, name: str, source: str, what: str) -> None:
+        self.run.note({"who": name, "from": source, "action": what, "done": True})
+        self._tell(f"{name} {what}")
 
     def _tell(self, text: str) -> None:
         self._actions.append(f"{time.strftime('%H:%M:%S')} {text}")
@@ -151,6 +177,7 @@ class PanelServer:
     async def _announce(self) -> None:
         while not self._server.started:
             await asyncio.sleep(0.02)
+        self._door.widen()
         port = self._server.servers[0].sockets[0].getsockname()[1]
         host = f"[{self._settings.host}]" if ":" in self._settings.host else self._settings.host
         base = f"{'https' if self._settings.secure else 'http'}://{host}:{port}/"
@@ -170,22 +197,34 @@ class PanelServer:
             due = max(due + period, time.monotonic())
             await asyncio.sleep(max(0.001, due - time.monotonic()))
 
+    def _look_at_doors(self) -> None:
+        """End what strangers have left open, write what was refused, end sessions of users who were removed."""
+        self._door.end_old()
+        self._refused.flush()
+        now = time.monotonic()
+        if self._users is not None and now >= self._users_due:
+            self._users_due = now + USERS_S
+            self._sessions.keep(self._users.roles())
+
     async def _look(self) -> None:
+        self._look_at_doors()
         run = self.run
         connected = [page for page in list(self.pages.values()) if page.client.has_socket_connection]
         new = run.poll(len(connected))
         if self._scene_of != run.runs and run.about:
             self._scene_of = run.runs
             self._scene = await asyncio.to_thread(self._read_scene, Path(run.about["files"]["cell"]))
-        message: dict[str, Any] = {
-            "seen": run.seen.value,
-            "why": run.why,
-            "age_s": run.age_s(),
-            "trouble": self._trouble,
-            "actions": list(self._actions),
-        }
+        message: dict[str, Any] = all_printable(
+            {
+                "seen": run.seen.value,
+                "why": run.why,
+                "age_s": run.age_s(),
+                "trouble": self._trouble,
+                "actions": [*self._actions, *self._refused_words()],
+            }
+        )
         if new:
-            self._last = {"figures": run.figures}
+            self._last = {"figures": all_printable(run.figures)}
             if self._scene is not None and run.last is not None:
                 self._last["frames"] = self._scene.frames(run.last.q)
             message |= self._last
@@ -193,12 +232,20 @@ class PanelServer:
         for page in connected:
             page.show(message, self._last, bodies)
 
+    def _refused_words(self) -> list[str]:
+        return [f"logins refused: {self._refused.total}"] if self._refused.total else []
+
     def _read_scene(self, cell: Path) -> CellScene | None:
         try:
             return CellScene(cell)
         except CounterflexError as fault:
             self._trouble = f"the cell cannot be drawn: {fault}"
             return None
+
+
+def event_loop() -> asyncio.AbstractEventLoop:
+    """Return an event loop that takes connections by ``accept`` of their socket, which counts them."""
+    return asyncio.SelectorEventLoop()
 
 
 def serve(settings: PanelSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:

@@ -16,7 +16,7 @@ from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.units import NS
 from counterflex.files.machine_file import machine_file
 from counterflex.protocols.processes.actions import PANEL_LANE, Actions, actions_path
-from counterflex.protocols.processes.control_array import Life, Panel
+from counterflex.protocols.processes.control_array import Life, Panel, Request
 from counterflex.protocols.processes.operator_words import find
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.processes.snapshot import SnapshotReader, snapshot_path
@@ -157,6 +157,11 @@ class WatchedRun:
             return
         with words:
             self._require_alone(words)
+
+    def stop_now(self) -> None:
+        """Ask the loop to stop, without waiting for what comes of it: one number is written into its memory."""
+        if self._words is not None:
+            self._words.words[Request.STOP] = 1
 
     def request(self, action: str, who: str, source: str) -> dict[str, Any]:
         """Ask something of the loop and note who did; waits up to 0.3 s.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from counterflex.app.inputs import Job, Reading
 from counterflex.app.placement.frame import Frame, Stand
@@ -225,7 +225,7 @@ def _grid(region: Region, search: _Search, one: tuple[Stand, str, float] | None)
     if len(free) == 1:
         shares = np.linspace(0.0, 1.0, PLACES)[:, None]
     else:
-        shares = qmc.Sobol(max(1, len(free)), scramble=False).random(64) if len(free) else np.zeros((0, 0))
+        shares = scipy.stats.qmc.Sobol(max(1, len(free)), scramble=False).random(64) if len(free) else np.zeros((0, 0))
     for share in shares:
         values = low.copy()
         values[free] += share * (high - low)[free]

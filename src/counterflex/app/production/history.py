@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.core import atomic, file_content
-from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.files.production_run_file import read_production_run, write_production_run
 from counterflex.identify.production.stretches import Stretches
 
@@ -70,6 +70,24 @@ def require_alike(history: list[KeptRun], tool: int, material: str, robot: str, 
                 limit=f"T{tool} in {material}",
                 hint="Give each tool and material an --out of its own",
             )
+
+
+def require_unchanged(out: Path, count: int) -> None:
+    """Refuse to write behind a history that another process has added to since it was read.
+
+    Args:
+        out: Folder of the history.
+        count: Runs that were read.
+
+    Raises:
+        OutputError: There are more or fewer.
+    """
+    there = len(list((out / RUNS).glob("[0-9]*")))
+    if there != count:
+        raise OutputError(
+            "another process has written the history meanwhile", where=str(out / RUNS), value=f"{there} runs",
+            limit=f"{count} runs, as read", hint="Run the same command again: it goes on from there",
+        )  # fmt: skip
 
 
 def keep_runs(staging: Path, first: int, new: list[KeptRun]) -> None:

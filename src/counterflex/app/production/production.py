@@ -19,12 +19,12 @@ from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.recipe_settings import Setting, settings_of
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.production.apply import apply_constants
-from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike
+from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike, require_unchanged
 from counterflex.app.production.known import known_constants
 from counterflex.app.production.maps import planned_cut
 from counterflex.app.production.result import Produced, identification_of, result_of
 from counterflex.app.production.runs import LoggedRun, plan_of, read_runs
-from counterflex.core import atomic, file_content
+from counterflex.core import atomic, file_content, file_lock
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -130,7 +130,8 @@ def run(
     date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     identification = identification_of(produced)
     result = result_of(produced, identification, date)
-    with new_file(apply) as place, atomic.atomic_folder(out) as staging:
+    with new_file(apply) as place, file_lock.alone(out), atomic.atomic_folder(out) as staging:
+        require_unchanged(out, len(produced.runs) - len(produced.new))
         if apply is not None and place is not None:
             result["applied"] = apply_constants(produced, identification, apply, place, date)
         result["seconds"] = round(time.perf_counter() - begin, 3)

@@ -13,6 +13,7 @@ import pickle
 import signal
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,22 +22,30 @@ from counterflex.protocols.processes.control_array import CONTROL, Course
 from counterflex.protocols.processes.shared_words import SharedWords
 
 _PR_SET_PDEATHSIG: Final = 1
+_LIVE_S: Final = 0.1
 _RELEASED: Final = threading.Event()
 """The process ends by itself from now on."""
 
 
-def child(job: bytes, words: Path, pipe: Any) -> None:
+def child(job: bytes, words: Path, lives: int, pipe: Any) -> None:
     """Run the target of a process of a run.
 
     Args:
         job: Pickled function and its arguments, without the pipe; unpickled here, as that imports what they need.
         words: Where the shared numbers of the control array are.
+        lives: Place among them where the process says that it lives, from here until the target says it.
         pipe: Last argument of the function.
     """
     end_with_starter()
+    imported = threading.Event()
     with contextlib.suppress(Exception):  # who watches is told less
-        _count_compilations(SharedWords(CONTROL, words))
-    target, args = pickle.loads(job)
+        shared = SharedWords(CONTROL, words)
+        _count_compilations(shared)
+        threading.Thread(target=_live, args=(shared, lives, imported), name="imports", daemon=True).start()
+    try:
+        target, args = pickle.loads(job)
+    finally:
+        imported.set()
     target(*args, pipe)
 
 
@@ -69,6 +78,14 @@ def outlive_starter() -> None:
     if sys.platform.startswith("linux"):
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, 0, 0, 0, 0)
+
+
+def _live(shared: SharedWords, lives: int, ended: threading.Event) -> None:
+    """Say that the process lives while it imports: on a computer with twenty busy processes that takes a minute."""
+    while True:
+        shared.words[lives] = time.monotonic_ns()
+        if ended.wait(_LIVE_S):
+            return
 
 
 def _count_compilations(shared: SharedWords) -> None:

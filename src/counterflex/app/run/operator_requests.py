@@ -24,6 +24,8 @@ from counterflex.runtime.state.states import Cause, State
 ACTIONS: Final = ("status", "stop", "reset", "arm")
 WAIT_S: Final = 0.3
 """When it is looked what came of a request that has had no effect before."""
+BEAT_S: Final = 0.1
+"""Within this a loop that lives has said so again: it does 20 times a second."""
 SILENT_S: Final = 1.0
 """A loop that has said nothing for so long has died or stands still; it says 20 times a second that it lives."""
 _POLL_S: Final = 0.002
@@ -79,6 +81,8 @@ def ask(words: Any, action: str, *, where: str = "", clock: Clock | None = None)
     while action != "status" and not refused and not _done(words, action, begin):
         if (clock.now_ns() - begin) * _NS > WAIT_S:
             refused = _why_not(words, action)
+            if action == "arm" and _armed_after_all(words, clock):
+                refused = ""
             break
         clock.wait(_POLL_S)
     took_ms = round((clock.now_ns() - begin) * 1e-6, 2)
@@ -104,7 +108,11 @@ def _require_living(words: Any, now_ns: int, where: str) -> None:
 def _may_not_arm(words: Any, state: State) -> str:
     if not words[Life.MAY_ARM]:
         return "the run only watches: start it with --arm"
-    return "" if state in (State.READY, State.ARMED, State.ACTIVE) else f"not ready, but {state.name.lower()}"
+    return (
+        ""
+        if state in (State.READY, State.ARMED, State.ACTIVE)
+        else f"not ready, but {state.name.lower().replace('_', ' ')}"
+    )
 
 
 def _done(words: Any, action: str, begin_ns: int) -> bool:
@@ -134,6 +142,14 @@ def _why_not(words: Any, action: str) -> str:
         return "a correction is in force at the robot: end the robot program first"
     cause = Cause(words[Shown.HARD] or words[Shown.CAUSE])
     return f"its cause is still there: {cause.name.lower().replace('_', ' ')}"
+
+
+def _armed_after_all(words: Any, clock: Clock) -> bool:
+    """Whether the loop was taking the request while it was taken back: its next sign of life shows it."""
+    begin = clock.now_ns()
+    while words[Life.LOOP_NS] <= begin and (clock.now_ns() - begin) * _NS <= BEAT_S:
+        clock.wait(_POLL_S)
+    return State(words[Shown.STATE]) in (State.ARMED, State.ACTIVE)
 
 
 def _looks(words: Any, now_ns: int) -> dict[str, Any]:

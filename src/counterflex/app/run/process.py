@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -84,7 +85,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     control[_LOOP_NS] = time.monotonic_ns()
     _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, warnings))
     try:
-        _cycle_on(session, settings, control, living, pipe)
+        cycle_on(session, settings, control, living, pipe)
         control[Life.ENDED] = 1
         if publisher is not None:
             publisher.end()
@@ -121,10 +122,25 @@ def _say(pipe: Any, what: object) -> None:
         pipe.send(what)
 
 
-def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, living: Living, pipe: Any) -> None:
+def cycle_on(
+    session: OnlineSession,
+    settings: RunSettings,
+    control: Int,
+    living: Living,
+    pipe: Any,
+    clock_ns: Callable[[], int] = time.monotonic_ns,
+) -> None:
     """Cycle until asked to end, until the telegrams stop, or until the loop is alone.
 
     A correction that is there is ramped out first.
+
+    Args:
+        session: The loop and its links.
+        settings: Of the run.
+        control: Shared, see :mod:`counterflex.protocols.processes.control_array`.
+        living: The other processes of the run.
+        pipe: Told what fails in the loop's own program.
+        clock_ns: Monotonic.
     """
     quiet = 0.0
     counters = session.link.counters
@@ -132,7 +148,7 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
     end_ns = 0
     reported = ""
     while True:
-        control[_LOOP_NS] = time.monotonic_ns()
+        control[_LOOP_NS] = clock_ns()
         if session.trouble != reported:
             reported = session.trouble
             if reported:
@@ -142,9 +158,9 @@ def _cycle_on(session: OnlineSession, settings: RunSettings, control: Int, livin
             if _at_rest(session) or quiet >= (END_S if session.loop.state in _ACTING else _SILENT_S):
                 return
         if control[_END]:
-            end_ns = end_ns or time.monotonic_ns() + round(END_S * 1e9)
+            end_ns = end_ns or clock_ns() + round(END_S * 1e9)
             control[Request.STOP] = 1
-            if _at_rest(session) or time.monotonic_ns() > end_ns:
+            if _at_rest(session) or clock_ns() > end_ns:
                 return
         if session.cycles == 0:
             session.cycle(_SLICE_S)

@@ -161,13 +161,15 @@ class Supervised:
         self._pipes: list[Any] = []
         self._up: list[BaseProcess] = []
         shared = (self._ring.name, self._words.path, out)
-        self.loop, self._loop_pipe = self._process("loop", loop_process, settings, *shared)
-        self.recorder, self._recorder_pipe = self._process("recorder", recorder_process, *shared)
+        self.loop, self._loop_pipe = self._process("loop", Life.LOOP_NS, loop_process, settings, *shared)
+        self.recorder, self._recorder_pipe = self._process("recorder", Life.RECORDER_NS, recorder_process, *shared)
 
-    def _process(self, name: str, target: Callable[..., None], *args: Any) -> tuple[BaseProcess, Any]:
+    def _process(self, name: str, lives: Life, target: Callable[..., None], *args: Any) -> tuple[BaseProcess, Any]:
         ours, theirs = self._context.Pipe()
         job = pickle.dumps((target, args))
-        process = self._context.Process(target=child, name=name, args=(job, self._words.path, theirs), daemon=True)
+        process = self._context.Process(
+            target=child, name=name, args=(job, self._words.path, int(lives), theirs), daemon=True
+        )
         self._pipes += [ours, theirs]
         return process, ours
 

@@ -114,7 +114,7 @@ def _difference(first: float | None, second: float | None) -> float | None:
     return None if first is None or second is None else round(second - first, 4)
 
 
-def _verdict(run: LoggedRun) -> str:
+def verdict(run: LoggedRun) -> str:
     """Say in one sentence how far a run came, what stopped it and what the model says that remains."""
     row, causes = run.row, [str(one.shown()["cause"]).replace("_", " ") for one in run.incidents]
     share = "" if row["share_percent"] is None else f" over {row['share_percent']:g} % of the path"
@@ -149,7 +149,7 @@ def _write(out: Path, summary: dict[str, Any], runs: list[LoggedRun], notes: lis
                 "begun": one.row["begun"] or "not known",
                 "folder": one.row["folder"],
             },
-            _verdict(one),
+            verdict(one),
         )
         for one in runs
     ]

@@ -85,7 +85,7 @@ def shown(choices: Choices, row: int, law: ForceLaw) -> dict[str, Any]:
         "torque_nm": round(float(choices.torque_nm[row]), 4),
         "power_w": round(float(choices.power_w[row]), 2),
         "error_um": round(float(choices.error_m[row]) / UM, 2),
-        "likely_um": round(float(choices.likely_m[row]) / UM, 2),
+        "expected_um": [round(value / UM, 2) for value in choices.expected_m[row].tolist()],
         "up_to_um": round(float(choices.high_m[row]) / UM, 2),
         "time_s_per_m": round(float(choices.time_s_per_m[row]), 3),
         "nearest_limit": nearest,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter
+import scipy
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_job, setting_of
@@ -174,8 +174,8 @@ def differences(before_m: Float, after_m: Float) -> tuple[Bool, Bool]:
         before_m: (ny, nx) m.
         after_m: (ny, nx) m.
     """
-    deeper: Bool = after_m < minimum_filter(before_m, size=3) - _SURFACE_M
-    higher: Bool = after_m > maximum_filter(before_m, size=3) + _SURFACE_M
+    deeper: Bool = after_m < scipy.ndimage.minimum_filter(before_m, size=3) - _SURFACE_M
+    higher: Bool = after_m > scipy.ndimage.maximum_filter(before_m, size=3) + _SURFACE_M
     return deeper, higher
 
 

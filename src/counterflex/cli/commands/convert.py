@@ -8,7 +8,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.output import keep_inputs, print_json
+from counterflex.cli.output import keep_inputs, print_json, warn
 from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING, LANGUAGE_NAMES
 
@@ -75,7 +75,7 @@ def convert(
         print_json(summary)
         return
     for warning in summary["warnings"]:
-        typer.echo(f"warning: {warning}", err=True)
+        warn(warning, err=True)
     typer.echo(
         f"wrote {out}: {', '.join(summary['files'])}, {summary['motions_in']} motions as {summary['motions_out']}; "
         f"read back within {summary['read_back_um']:g} um"

@@ -45,10 +45,10 @@ def difference(
 
     Example: `counterflex diff part.ngc out/part.ngc --by line`
     """
+    from counterflex.app.inputs import Reading
     from counterflex.programs.difference import differences, largest_first, summary
-    from counterflex.programs.reading import read_program_file
 
-    old, new = (read_program_file(file, dialect=dialect, complete=not without_end) for file in (before, after))
+    old, new = (Reading(dialect, complete=not without_end).program(file) for file in (before, after))
     changes = differences(old, new)
     about = summary(old, new, changes)
     ordered = list(largest_first(changes)) if by == "change" else [change for change in changes if change.changed]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -34,16 +35,28 @@ def faults(
             callback=arguments.one_of(("force", "both"), "sensors"),
         ),
     ] = "force",
+    random: Annotated[
+        bool, typer.Option("--random", help="Faults of every kind, composed at random in simulated time.")
+    ] = False,
+    minutes: Annotated[
+        float, typer.Option("--minutes", help="Simulated minutes of cells, with --random.", min=0.01, max=1e7)
+    ] = 5.0,
     seed: Annotated[int, typer.Option("--seed", help="Of everything that is random.", min=0, max=LARGEST_SEED)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Inject faults into the online loop over sockets and evaluate its reaction.
+    """Inject faults into the online loop and evaluate its reaction.
 
     The loop runs against a simulated RSI controller, an impaired network and a failing force sensor. Writes faults.csv,
     faults.md and summary.json. Ends with status 1 when a requirement does not hold.
 
+    With --random stories of several faults are composed from the seed, the next story from the next seed, and rules are
+    checked in every cycle. A story that breaks one is shortened and written to stories.json.
+
     Example: `counterflex faults --quick --no-realtime --out out/faults`
     """
+    if random:
+        _composed(out, minutes, seed, as_json=as_json, others=bool(only) or quick or sensors != "force")
+        return
     from counterflex.validation.faults import faults as job
     from counterflex.validation.faults.scenario import Effort
 
@@ -73,4 +86,36 @@ def faults(
         passed = sum(r.outcome.passed for r in results)
         typer.echo(f"{passed} of {len(results)} hold; wrote {out}")
     if not all(r.outcome.passed for r in results):
+        raise typer.Exit(1)
+
+
+def _composed(out: Path, minutes: float, seed: int, *, as_json: bool, others: bool) -> None:
+    from counterflex.core.errors import InputError
+    from counterflex.validation.composed import campaign as job
+
+    if others:
+        raise InputError(
+            "stories at random choose sensors and faults themselves",
+            where="--random",
+            hint="Leave out --only, --quick and --sensors",
+        )
+    with progress_bar("telling stories") as progress:
+        campaign = job.run(out, minutes=minutes, seed=seed, progress=progress)
+    if as_json:
+        print_json(campaign.summary())
+    else:
+        print_table(
+            "Corrections ended by",
+            ["cause", "times"],
+            [[cause.replace("_", " "), str(count)] for cause, count in campaign.incidents.most_common()],
+        )
+        for story_seed, rule, words in campaign.broken:
+            typer.echo(f"seed {story_seed} breaks: {rule}, {words}")
+        typer.echo(
+            f"{campaign.stories} stories from seed {seed}, {campaign.minutes:.1f} cell-minutes, "
+            f"{sum(campaign.kinds.values())} faults of {len(campaign.kinds)} kinds, {campaign.compared} records "
+            f"replayed, {campaign.per_real:.1f} times real time; {len(campaign.broken)} rules broken"
+            f"{', interrupted' if campaign.interrupted else ''}; wrote {out}"
+        )
+    if campaign.broken:
         raise typer.Exit(1)

@@ -10,6 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.core.remarks import shown
 from counterflex.programs.limits import BY_ENDING
 from counterflex.programs.robot_writer.statement_forms import FORMS
 
@@ -102,6 +103,7 @@ def _show(summary: dict[str, Any]) -> None:
         typer.echo("not looked at, and what it needs:")
     for row in left_out:
         typer.echo(f"  {row['check']}: {_needs(row)}")
+        shown(row["what"])
     counts = summary["counts"]
     passed = f"{counts['not looked at']} not looked at, {counts['ok']} ok"
     typer.echo(f"{counts['fail']} fail, {counts['warning']} warning, {passed}")

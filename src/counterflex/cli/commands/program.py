@@ -10,7 +10,8 @@ import typer
 
 from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.cli import arguments
-from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written, warn
+from counterflex.cli.predicted import MODEL
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING, DIALECTS
@@ -103,11 +104,8 @@ def path(
     from counterflex.app.inputs import Reading
     from counterflex.app.motion_list import listed
     from counterflex.programs.listing import listing, write_listing
-    from counterflex.programs.stated.two_readings import doubtful_readings
 
     toolpath, held = listed(program, Reading(dialect, parameters, complete=not without_end), cell)
-    for warning in doubtful_readings(toolpath):
-        typer.echo(f"warning: {warning}", err=True)
     if as_json:
         rows = listing(toolpath, held).to_dicts()
         print_json(
@@ -211,7 +209,7 @@ def _show_feed(lowered: dict[str, Any]) -> None:
     """What a lower feed brought, what it cost, and where it was not enough."""
     if lowered["lines"]:
         print_table(
-            "Feed for tolerance",
+            f"Feed for tolerance, error by the {MODEL}",
             ["line", "feed", "before um", "after um", ""],
             [
                 [
@@ -225,7 +223,7 @@ def _show_feed(lowered: dict[str, Any]) -> None:
             ],
         )
     typer.echo(
-        f"predicted error {lowered['worst_before_um']:g} um at the programmed feed, {lowered['worst_after_um']:g} um "
+        f"{MODEL}: error {lowered['worst_before_um']:g} um at the programmed feed, {lowered['worst_after_um']:g} um "
         f"now (asked for {lowered['tolerance_um']:g}); additional time {lowered['extra_s']:.1f} s of "
         f"{lowered['time_s']:.1f} s, accelerations left out"
     )
@@ -290,5 +288,5 @@ def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
     for collision in prediction["collisions"]:
         typer.echo(f"warning: rapid in {line_of(collision)} cuts {collision['volume_mm3']:.1f} mm3 of material")
     for warning in summary["written"].get("warnings", []):
-        typer.echo(f"warning: {warning}")
+        warn(warning)
     typer.echo(f"wrote {out}: {', '.join(files)} ({summary['seconds']:.1f} s)")

@@ -20,6 +20,7 @@ from counterflex.cli.output import (
     print_table,
     progress_bar,
     say_written,
+    warn,
 )
 from counterflex.core.units import UM
 from counterflex.programs.limits import BY_ENDING
@@ -315,7 +316,7 @@ def show_proof(summary: dict[str, Any], out: Path) -> None:
         f"{json.dumps([round(v, 1) for v in peak['peak_deflection_um']['joints_deg']])} deg"
     )
     for warning in summary.get("written", {}).get("warnings", ()):
-        typer.echo(f"warning: {warning}")
+        warn(warning)
     typer.echo(f"report: {out / 'report.html'}")
 
 

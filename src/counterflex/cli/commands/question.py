@@ -10,7 +10,8 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import numbers
 from counterflex.cli.commands.cell_import import cell_import
-from counterflex.cli.output import print_json, print_table
+from counterflex.cli.output import print_json, print_table, warn
+from counterflex.cli.predicted import MODEL_NOTE
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 
@@ -244,7 +245,7 @@ def deflection(
         f"Deflection of the TCP of {chain.name}, base axes",
         columns,
         rows,
-        note=f"Linear and nonlinear differ by {answer['gap_um']:.3f} um.",
+        note=f"Linear and nonlinear differ by {answer['gap_um']:.3f} um. {MODEL_NOTE}",
     )
     matrix = answer["compliance"]["translation_um_per_kn"]
     print_table(
@@ -258,7 +259,7 @@ def deflection(
         [_share(row) for row in answer["shares"]],
     )
     for warning in answer["warnings"]:
-        typer.echo(f"warning: {warning}")
+        warn(warning)
 
 
 def _share(row: dict[str, Any]) -> list[str]:
@@ -326,7 +327,7 @@ def cell_check(
     for assumption in answer["assumptions"]:
         typer.echo(f"note: {assumption}")
     for warning in answer["warnings"]:
-        typer.echo(f"warning: {warning}")
+        warn(warning)
     typer.echo("cell file ok" if not answer["warnings"] else f"cell file readable, {len(answer['warnings'])} warnings")
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import least_squares, nnls
+import scipy
 
 from counterflex.core.arrays import Complex, Float, as_float
 from counterflex.core.errors import InputError
@@ -99,8 +99,13 @@ def _fit(omega: Float, g: Complex) -> tuple[Float, Float, float]:
         low = np.tile([np.log(0.5 * max(omega[0], 1e-3 * omega[-1])), np.log(_DAMPING[0])], len(poles))
         high = np.tile([np.log(1.5 * omega[-1]), np.log(_DAMPING[1])], len(poles))
         begin = np.clip(np.log(poles).ravel(), low + 1e-9, high - 1e-9)
-        estimate = least_squares(lambda x: _stack(_rest(omega, g, np.exp(x.reshape(-1, 2)))[1]) / size, begin,
-                              bounds=(low, high), x_scale=0.01, max_nfev=60)  # fmt: skip
+        estimate = scipy.optimize.least_squares(
+            lambda x: _stack(_rest(omega, g, np.exp(x.reshape(-1, 2)))[1]) / size,
+            begin,
+            bounds=(low, high),
+            x_scale=0.01,
+            max_nfev=60,
+        )
         poles = np.exp(estimate.x.reshape(-1, 2))
         residues, left = _rest(omega, g, poles)
         squared = float(np.sum(np.abs(left) ** 2))
@@ -116,7 +121,7 @@ def _rest(omega: Float, g: Complex, poles: Float) -> tuple[Float, Complex]:
     w, z = poles.T
     basis = 1.0 / (w**2 - omega[:, None] ** 2 + 2.0j * z * w * omega[:, None])
     size = np.abs(basis).max(axis=0)
-    residues = nnls(np.concatenate([basis.real, basis.imag]) / size, _stack(g))[0] / size
+    residues = scipy.optimize.nnls(np.concatenate([basis.real, basis.imag]) / size, _stack(g))[0] / size
     return residues, g - basis @ residues
 
 

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from scipy.sparse.linalg import ArpackError, eigs
+import scipy
 
 from counterflex.core.arrays import Float, Int, as_positive
 from counterflex.core.errors import InputError
@@ -169,8 +169,10 @@ def _radius(matrix: Float) -> float:
     if len(matrix) <= _DENSE:
         return float(np.abs(np.linalg.eigvals(matrix)).max())
     try:
-        values = eigs(matrix, k=4, v0=np.ones(len(matrix)), ncv=40, maxiter=30, tol=1e-9, return_eigenvectors=False)
-    except ArpackError:
+        values = scipy.sparse.linalg.eigs(
+            matrix, k=4, v0=np.ones(len(matrix)), ncv=40, maxiter=30, tol=1e-9, return_eigenvectors=False
+        )
+    except scipy.sparse.linalg.ArpackError:
         values = np.linalg.eigvals(matrix)
     return float(np.abs(values).max())
 

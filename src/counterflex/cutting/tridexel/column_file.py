@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.atomic import atomic_path
 from counterflex.core.errors import FileFormatError
-from counterflex.core.file_content import readable
+from counterflex.core.file_content import arrays
 from counterflex.cutting.tridexel.column_block_kernels import STRETCHES
 from counterflex.cutting.tridexel.columns import ColumnStock
 
@@ -44,11 +43,7 @@ def load_columns(path: str | os.PathLike[str]) -> ColumnStock:
     Raises:
         FileFormatError: The file is missing, holds no columns, or was written by a newer version.
     """
-    with (
-        readable(path, "a file of columns of material", "simulate writes one"),
-        Path(path).open("rb") as stream,
-        np.load(stream, allow_pickle=False) as data,
-    ):
+    with arrays(path, "a file of columns of material", "simulate writes one") as data:
         if "format" not in data or str(data["format"]) != FORMAT:
             raise FileFormatError("not a file of columns of material", where=str(path))
         if int(data["version"]) > VERSION:

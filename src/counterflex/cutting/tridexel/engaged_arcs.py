@@ -16,6 +16,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import BlankBox
 from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.cutting.tridexel.engaged_kernels import engaged_lengths
 from counterflex.cutting.tridexel.lattice_kernels import Tiles
@@ -27,21 +28,6 @@ _ENGAGED_M: Final = 1.0 * UM
 """Shorter lengths count as none."""
 _CHANGE: Final = 0.01
 """Change of the length from angle to angle, of the longest, whose place is bisected."""
-
-
-@dataclass(frozen=True, eq=False)
-class BlankBox:
-    """A blank that is a box.
-
-    Attributes:
-        low_m: (3,) lowest corner in its own axes, m.
-        high_m: (3,) highest corner.
-        turn: (3, 3) rows are the axes of the box in the frame of the path.
-    """
-
-    low_m: Float
-    high_m: Float
-    turn: Float
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import itertools
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM
@@ -79,7 +79,7 @@ def cluttered_pose(cloud: Cloud, part: NominalPart) -> Hypothesis | None:
     rng = np.random.default_rng(0)
     chosen = rng.permutation(len(reference.points))[:_SAMPLES]
     samples, ways = reference.points[chosen], reference.normals[chosen]
-    tree = cKDTree(points)
+    tree = scipy.spatial.cKDTree(points)
     proposals: list[tuple[float, Float]] = []
     for axes in _frames(points, normals):
         proposed = _proposed(points, normals, axes, part.faces)
@@ -103,7 +103,9 @@ def cluttered_pose(cloud: Cloud, part: NominalPart) -> Hypothesis | None:
     return first[1]
 
 
-def shown(tree: cKDTree, normals: Float, samples: Float, normals_part: Float, T_part_scan: Float) -> float:
+def shown(
+    tree: scipy.spatial.cKDTree, normals: Float, samples: Float, normals_part: Float, T_part_scan: Float
+) -> float:
     """Share of samples of the nominal part that have a point of the scan beside them that looks their way."""
     distance, nearest = tree.query(pose.transform(pose.inverse(T_part_scan), samples), distance_upper_bound=_SHOWN_M)
     near = np.isfinite(distance)

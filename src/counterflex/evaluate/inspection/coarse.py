@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -56,7 +56,7 @@ class Reference:
         self.outside_m = outside_m
         self.pitch_m = max(_PITCH_M, float(np.sqrt(part.area_m2 / 60_000)))
         self.points, self.normals = part.samples(self.pitch_m)
-        self.tree = cKDTree(self.points)
+        self.tree = scipy.spatial.cKDTree(self.points)
 
     def score(self, points: Float, normals: Float) -> float:
         """Trimmed mean distance of points (n, 3), in part frame, along the normals of the nearest samples, m."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int, batches
 from counterflex.core.units import MM
@@ -177,7 +177,7 @@ def _judged(places: MachinedPlaces, part: InspectedPart, reach: float) -> Bool:
     if len(rows) == 0 or len(out) == 0:
         return out
     k = min(8, len(rows))
-    distance, near = cKDTree(rows.points).query(places.points, k=k, distance_upper_bound=reach)
+    distance, near = scipy.spatial.cKDTree(rows.points).query(places.points, k=k, distance_upper_bound=reach)
     distance, near = distance.reshape(len(out), k), near.reshape(len(out), k)
     near_by = np.isfinite(distance)
     facing = np.einsum("mkd,md->mk", rows.normals[np.where(near_by, near, 0)], places.normals)
@@ -190,7 +190,7 @@ def _under_points(points: Float, normals: Float, measured: Float, reach: float) 
     out = np.zeros(len(points), np.bool_)
     if len(measured) == 0 or len(points) == 0:
         return out
-    tree = cKDTree(measured)
+    tree = scipy.spatial.cKDTree(measured)
     for some in batches(len(points), 2048):
         lists = tree.query_ball_point(points[some], REACH_M)
         count = np.array([len(one) for one in lists])

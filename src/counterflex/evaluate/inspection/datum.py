@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
@@ -137,6 +137,6 @@ def _inner(mask: Bool, margin: int) -> Bool:
     if not mask.any():
         return mask
     padded = np.pad(mask, 1)
-    distance = ndimage.distance_transform_cdt(padded, "chessboard")[1:-1, 1:-1]
+    distance = scipy.ndimage.distance_transform_cdt(padded, "chessboard")[1:-1, 1:-1]
     out: Bool = distance > margin
     return out

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import prange
 
 from counterflex.core.arrays import Float, Int
-from counterflex.core.jit import kernel, prange
+from counterflex.core.jit import kernel
 
 _TIE = 1e-12
 """Distances that differ by less, m, are those to an edge that two triangles share."""

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Float32, Int
 from counterflex.core.units import MM, UM
@@ -174,7 +174,7 @@ class ScannedPart:
         if len(self.rows) < _NEAR + 1:
             return 1.0 * MM
         points = self.rows.points[:: max(1, len(self.rows) // 2000)]
-        radius = cKDTree(self.rows.points).query(points, k=_NEAR + 1)[0][:, -1]
+        radius = scipy.spatial.cKDTree(self.rows.points).query(points, k=_NEAR + 1)[0][:, -1]
         return float(np.median(radius)) * float(np.sqrt(np.pi / _NEAR))
 
     @cached_property
@@ -194,7 +194,7 @@ class ScannedPart:
         out = np.full(len(surface.wall_point), np.nan)
         if len(self._walls) == 0 or len(out) == 0:
             return out
-        tree = cKDTree(self.rows.points[self._walls])
+        tree = scipy.spatial.cKDTree(self.rows.points[self._walls])
         k = min(12, len(self._walls))
         reach = max(2.0 * self.pitch_m, 0.5 * MM)
         distance, near = tree.query(surface.wall_point, k=k, distance_upper_bound=reach)
@@ -271,7 +271,7 @@ def _agreeing(foot: Float, deviation: Float, noise: float) -> Bool:
     """Which points agree with their neighbours: off from the median of eight by at most eight times the noise."""
     if len(foot) < 50 or noise == 0.0:
         return np.ones(len(foot), np.bool_)
-    _, near = cKDTree(foot).query(foot, k=_NEAR + 1)
+    _, near = scipy.spatial.cKDTree(foot).query(foot, k=_NEAR + 1)
     out: Bool = np.abs(deviation - np.median(deviation[near], axis=1)) <= _GROSS * noise + 20.0 * UM
     return out
 
@@ -281,7 +281,7 @@ def _noise(foot: Float, normals: Float, deviation: Float, count: Int) -> float:
     if len(foot) < 50:
         return 0.0
     some = np.linspace(0, len(foot) - 1, min(4000, len(foot))).astype(np.int64)
-    _, near = cKDTree(foot).query(foot[some], k=9)
+    _, near = scipy.spatial.cKDTree(foot).query(foot[some], k=9)
     same = np.einsum("mkd,md->mk", normals[near], normals[some]) > 0.99
     whole = same.all(axis=1)
     if whole.sum() < 20:

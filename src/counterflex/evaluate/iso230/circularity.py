@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
@@ -69,7 +69,7 @@ def circularity(points: Float, centre: Float, radius_m: float) -> Circularity:
         # unknowns: step of the centre (2), low and high radius about the mean
         above = np.column_stack([-u, np.zeros(len(p)), -np.ones(len(p))])
         below = np.column_stack([u, np.ones(len(p)), np.zeros(len(p))])
-        result = linprog(
+        result = scipy.optimize.linprog(
             [0.0, 0.0, -1.0, 1.0],
             A_ub=np.vstack([above, below]),
             b_ub=np.concatenate([-(r - middle), r - middle]) / nominal,

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.spatial import ConvexHull, QhullError
+import scipy
 
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
@@ -101,7 +100,7 @@ def parallel_lines(x: Float, y: Float) -> float:
     one = np.ones(len(u))
     above = np.column_stack([-one, -u, -one])
     below = np.column_stack([one, u, -one])
-    solution = linprog(
+    solution = scipy.optimize.linprog(
         [0.0, 0.0, 1.0], A_ub=np.vstack([above, below]), b_ub=np.concatenate([-w, w]), bounds=[(None, None)] * 3,
         method="highs",
     )  # fmt: skip
@@ -131,7 +130,9 @@ def narrowest_cylinder(x: Float, across_m: Float) -> float:
     for _ in range(_ROUNDS):
         A = np.column_stack([-e, -e * u[rows, None], -np.ones(len(rows))])
         b = -np.sum(e * w[rows], axis=1)
-        solution = linprog([0.0, 0.0, 0.0, 0.0, 1.0], A_ub=A, b_ub=b, bounds=[(None, None)] * 5, method="highs")
+        solution = scipy.optimize.linprog(
+            [0.0, 0.0, 0.0, 0.0, 1.0], A_ub=A, b_ub=b, bounds=[(None, None)] * 5, method="highs"
+        )
         rest = w - solution.x[:2] - u[:, None] * solution.x[2:4]
         size = np.linalg.norm(rest, axis=1)
         radius = float(size.max())
@@ -146,7 +147,7 @@ def narrowest_cylinder(x: Float, across_m: Float) -> float:
 def _hull(points: Float) -> Int:
     """Rows of points that are corners of their hull: a convex distance is largest there. All where they lie flat."""
     try:
-        out: Int = np.sort(ConvexHull(points).vertices)
-    except QhullError:
+        out: Int = np.sort(scipy.spatial.ConvexHull(points).vertices)
+    except scipy.spatial.QhullError:
         return np.arange(len(points))
     return out

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
@@ -52,7 +52,7 @@ def mean_figure(values: Float) -> Figure:
     n, mean = len(x), float(np.mean(x))
     if n < 2:
         return Figure(mean, None, None, n)
-    half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, n - 1) * np.std(x, ddof=1) / math.sqrt(n))
+    half = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, n - 1) * np.std(x, ddof=1) / math.sqrt(n))
     return Figure(mean, mean - half, mean + half, n)
 
 
@@ -68,7 +68,7 @@ def three_sigma(values: Float) -> Figure:
         raise InputError("a repeatability needs two cycles", value=n, limit=">= 2")
     s3 = 3.0 * float(np.std(x, ddof=1))
     low, high = (
-        math.sqrt((n - 1) / q) for q in stats.chi2.ppf([0.5 + 0.5 * CONFIDENCE, 0.5 - 0.5 * CONFIDENCE], n - 1)
+        math.sqrt((n - 1) / q) for q in scipy.stats.chi2.ppf([0.5 + 0.5 * CONFIDENCE, 0.5 - 0.5 * CONFIDENCE], n - 1)
     )
     return Figure(s3, low * s3, high * s3, n)
 
@@ -87,7 +87,7 @@ def length_figure(d: Float, covariance_m2: Float, count: int) -> Figure:
     size = float(np.linalg.norm(d))
     if count < 2:
         return Figure(size, None, None, count)
-    t = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
+    t = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
     widest = math.sqrt(max(float(np.linalg.eigvalsh(covariance_m2)[-1]), 0.0))
     u = d / size if size > 3.0 * widest else None
     s = widest if u is None else math.sqrt(max(float(u @ covariance_m2 @ u), 0.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
+import scipy
 
 from counterflex.core.arrays import Float, Int
 from counterflex.evaluate.path_error.contacts import Nodes
@@ -89,7 +89,7 @@ class Solved:
 
     def solve(self, right: Float) -> Float:
         """Covariance of the states times ``right``."""
-        out: Float = cho_solve_banded((self.factor, True), right, check_finite=False)
+        out: Float = scipy.linalg.cho_solve_banded((self.factor, True), right, check_finite=False)
         return out
 
     def draws(self, count: int, seed: int) -> Float:
@@ -98,7 +98,7 @@ class Solved:
         upper = np.zeros_like(self.factor)
         for d in range(len(self.factor)):
             upper[len(self.factor) - 1 - d, d:] = self.factor[d, : self.factor.shape[1] - d]
-        out: Float = self.mean + solve_banded((0, len(self.factor) - 1), upper, z, check_finite=False).T
+        out: Float = self.mean + scipy.linalg.solve_banded((0, len(self.factor) - 1), upper, z, check_finite=False).T
         return out
 
 
@@ -108,8 +108,8 @@ def solved(nodes: Nodes, prior: Prior, gathered: Gathered) -> Solved:
     The evidence is that of the observations, ``log N(y; 0, H K H^T + W^-1)``.
     """
     band, logdet = precision(nodes, prior)
-    factor = cholesky_banded(band + gathered.band, lower=True, check_finite=False)
-    mean = cho_solve_banded((factor, True), gathered.right, check_finite=False)
+    factor = scipy.linalg.cholesky_banded(band + gathered.band, lower=True, check_finite=False)
+    mean = scipy.linalg.cho_solve_banded((factor, True), gathered.right, check_finite=False)
     fit = gathered.square - float(mean @ gathered.right)
     logdet_after = 2.0 * float(np.sum(np.log(factor[0])))
     log_evidence = -0.5 * (

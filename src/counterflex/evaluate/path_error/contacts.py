@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM, UM
@@ -149,7 +149,7 @@ def contacts_of(
         cutter, own = cutter_of(int(number)), end[tool[end] == number]
         a, b = p[own - 1], p[own]
         half = 0.5 * float(np.max(np.linalg.norm((b - a)[:, :2], axis=1), initial=0.0))
-        tree = cKDTree(0.5 * (a + b)[:, :2])
+        tree = scipy.spatial.cKDTree(0.5 * (a + b)[:, :2])
         radius = cutter.radius_m + reach_m + half
         for first in range(0, len(points), _BATCH):
             some = points[first : first + _BATCH]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
@@ -222,6 +222,8 @@ def _likeliest(nodes: Nodes, prior: Prior, gathered: Gathered) -> Prior:
         return -solved(nodes, Prior(a, b, c, e), gathered).log_evidence + 100.0 * beyond
 
     start = np.log([prior.wide_m, prior.wide_length_m, prior.narrow_m, prior.narrow_length_m])
-    best = minimize(cost, np.clip(start, low, high), method="Nelder-Mead", options={"maxfev": 70, "xatol": 0.05})
+    best = scipy.optimize.minimize(
+        cost, np.clip(start, low, high), method="Nelder-Mead", options={"maxfev": 70, "xatol": 0.05}
+    )
     a, b, c, e = np.exp(np.clip(best.x, low, high)).tolist()
     return Prior(a, b, c, e)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
@@ -140,7 +140,7 @@ def _weighed(
     def penalised(x: Float) -> float:
         return -at(np.clip(x, low, high))[0] + 0.5 * float(np.sum(((x - usual) / np.log(FACTOR)) ** 2))
 
-    best = minimize(penalised, usual, method="Nelder-Mead", options={"maxfev": _STEPS, "xatol": 0.1})
+    best = scipy.optimize.minimize(penalised, usual, method="Nelder-Mead", options={"maxfev": _STEPS, "xatol": 0.1})
     evidence, factor, covariance = at(np.clip(best.x, low, high))
     evidence = -float(best.fun)
     sigma = np.sqrt(np.diag(covariance))

@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import ndimage
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import DEG, MM, UM
@@ -104,7 +103,7 @@ class PrismaticFeature:
         for wall in self.every_wall:
             out |= wall.covers(points, tolerance_m)
         if self.floor is not None and len(self.floor):
-            near = cKDTree(self.floor).query(points[:, :2], distance_upper_bound=1.5 * MM)[0] < 1.5 * MM
+            near = scipy.spatial.cKDTree(self.floor).query(points[:, :2], distance_upper_bound=1.5 * MM)[0] < 1.5 * MM
             out |= near & (np.isnan(self.floor_m) | (np.abs(points[:, 2] - self.floor_m) < tolerance_m))
         return out
 
@@ -124,7 +123,7 @@ def find_prismatic(surface: NominalSurface, taken_walls: Bool, taken_floors: Boo
     """
     segments = wall_segments(surface, taken_walls)
     flat = surface.floor & (surface.normal_z > _FLAT) & surface.kept
-    labels = np.asarray(ndimage.label(flat)[0], np.int64)
+    labels = np.asarray(scipy.ndimage.label(flat)[0], np.int64)
     free = labels * ~taken_floors
     straight = [one for one in segments if one.straight]
     region = [_foot(one, surface, labels) for one in straight]
@@ -244,7 +243,7 @@ def _floor(surface: NominalSurface, labels: Int, label: int) -> tuple[Float | No
         return None, float("nan")
     grid = surface.nominal
     region = labels == label
-    inside = ndimage.distance_transform_edt(np.pad(region, 1))[1:-1, 1:-1] * grid.cell_m > _RIM_M
+    inside = scipy.ndimage.distance_transform_edt(np.pad(region, 1))[1:-1, 1:-1] * grid.cell_m > _RIM_M
     j, i = np.nonzero(inside if inside.any() else region)
     step = max(1, round(1.0 * MM / grid.cell_m))
     kept = (j % step == 0) & (i % step == 0)
@@ -272,8 +271,8 @@ def _bare_floors(surface: NominalSurface, free: Int, used: set[int]) -> list[Pri
 def _free_forms(surface: NominalSurface, taken: Bool) -> list[PrismaticFeature]:
     """Floors that are inclined or curved."""
     curved = surface.floor & (surface.normal_z <= _FLAT) & ~taken & surface.kept
-    closed = ndimage.binary_closing(curved, iterations=2) & surface.floor & ~taken
-    labels = np.asarray(ndimage.label(closed)[0], np.int64)
+    closed = scipy.ndimage.binary_closing(curved, iterations=2) & surface.floor & ~taken
+    labels = np.asarray(scipy.ndimage.label(closed)[0], np.int64)
     area = np.bincount(labels.ravel()) * surface.nominal.cell_m**2
     large = [label for label in range(1, len(area)) if area[label] >= _LEAST_FLOOR_M2]
     return [PrismaticFeature("surface", floor=_floor(surface, labels, label)[0]) for label in large]

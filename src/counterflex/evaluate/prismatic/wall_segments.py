@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import DEG, MM, UM
@@ -74,7 +72,7 @@ class WallSegment:
     def covers(self, points: Float, tolerance_m: float) -> Bool:
         """Return whether places (n, 3) of the machined surface lie on it."""
         level = (points[:, 2] > self.low_m - tolerance_m) & (points[:, 2] < self.high_m + tolerance_m)
-        distance = cKDTree(self.points[:, :2]).query(points[:, :2], distance_upper_bound=1.0 * MM)[0]
+        distance = scipy.spatial.cKDTree(self.points[:, :2]).query(points[:, :2], distance_upper_bound=1.0 * MM)[0]
         near: Bool = distance < max(0.5 * MM, tolerance_m)
         return near & level
 
@@ -117,14 +115,14 @@ def _pieces(points: Float, normals: Float, *, plane: bool) -> list[Int]:
     """Rows of points that hang together; with ``plane`` on one plane, else around corners too."""
     if len(points) == 0:
         return []
-    i, j = cKDTree(points).query_pairs(_NEAR_M, output_type="ndarray").T
+    i, j = scipy.spatial.cKDTree(points).query_pairs(_NEAR_M, output_type="ndarray").T
     if plane:
         step = (points[j] - points[i])[:, :2]
         alike = np.sum(normals[i] * normals[j], axis=1) > _ALIKE
         alike &= np.abs(np.sum(step * normals[i], axis=1)) < _OFF_M
         i, j = i[alike], j[alike]
-    graph = sparse.coo_matrix((np.ones(len(i)), (i, j)), shape=(len(points), len(points)))
-    count, label = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), shape=(len(points), len(points)))
+    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
     order = np.argsort(label, kind="stable")
     pieces = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
     pieces.sort(key=lambda piece: int(piece[0]))

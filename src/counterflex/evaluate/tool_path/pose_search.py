@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
@@ -200,12 +200,12 @@ def _mirrored(best: Place | None, other: Place, where: str) -> InputError:
     )
 
 
-def _tree(log: Curve) -> cKDTree:
+def _tree(log: Curve) -> scipy.spatial.cKDTree:
     """Of places and directions: a pass the other way is another place."""
-    return cKDTree(np.column_stack([log.points, _TURN_M / np.sqrt(2.0) * log.directions]))
+    return scipy.spatial.cKDTree(np.column_stack([log.points, _TURN_M / np.sqrt(2.0) * log.directions]))
 
 
-def _nearest(path: Curve, rows: Int, log: Curve, tree: cKDTree, T: Float) -> tuple[Float, Int]:
+def _nearest(path: Curve, rows: Int, log: Curve, tree: scipy.spatial.cKDTree, T: Float) -> tuple[Float, Int]:
     """Distance of places of the path to the line of the log that runs their way, and the log's station."""
     p = pose.transform(pose.inverse(T), path.points[rows])
     d = path.directions[rows] @ T[:3, :3]
@@ -218,7 +218,7 @@ def _nearest(path: Curve, rows: Int, log: Curve, tree: cKDTree, T: Float) -> tup
     return np.where(turned, np.inf, away), nearest
 
 
-def _refined(path: Curve, log: Curve, tree: cKDTree, T: Float) -> Float:
+def _refined(path: Curve, log: Curve, tree: scipy.spatial.cKDTree, T: Float) -> Float:
     """A pose improved by the distances across the path, far places left out."""
     rows = np.arange(0, len(path), max(1, len(path) // 400))
     centre = path.points.mean(axis=0)

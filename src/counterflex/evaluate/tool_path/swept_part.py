@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM
@@ -69,8 +69,8 @@ class SweptPart:
         return FloorMap(surface.nominal, floor_rise(surface, self.actual))
 
     @cached_property
-    def _hidden(self) -> cKDTree | None:
-        return cKDTree(self.hidden[:, :2]) if len(self.hidden) else None
+    def _hidden(self) -> scipy.spatial.cKDTree | None:
+        return scipy.spatial.cKDTree(self.hidden[:, :2]) if len(self.hidden) else None
 
     def _shown(self, xy: Float) -> Bool:
         """Whether places (n, 2) are out of reach of what was not measured."""
@@ -170,7 +170,7 @@ class SweptPart:
         up = np.tile([0.0, 0.0, 1.0], (len(floor), 1))
         normals = np.concatenate([up, np.column_stack([-surface.wall_normal[known], np.zeros(len(known))])])
         values = np.concatenate([deviation.floor_m[j, i].astype(np.float64), deviation.wall_m[known]])
-        nearest = cKDTree(self.p_part_actual).query(points)[1]
+        nearest = scipy.spatial.cKDTree(self.p_part_actual).query(points)[1]
         by_pose = self.registration.standard_deviation_m(points, normals)
         sigma = np.sqrt(self.track.sigma_m[nearest] ** 2 + by_pose**2)
         face = np.concatenate([np.full(len(floor), FLOOR), np.full(len(known), WALL)])
@@ -226,7 +226,7 @@ def surfaces_made(part: NominalPart, track: TrackedPath, radius_m: Float) -> tup
     height = height_at(surface.nominal, near[:, :2])
     floor: Bool = deviation.cutting & (np.abs(height - near[:, 2]) < 0.05 * MM + surface.nominal.cell_m)
     sides = []
-    tree = cKDTree(surface.wall_point) if len(surface.wall_point) else None
+    tree = scipy.spatial.cKDTree(surface.wall_point) if len(surface.wall_point) else None
     for sign in (1.0, -1.0):
         on = np.zeros(len(near), np.bool_)
         if tree is not None:

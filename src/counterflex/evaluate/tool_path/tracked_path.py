@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
@@ -215,7 +215,7 @@ def _hidden(path: ToolPath, S: Float, measured_m: Float) -> tuple[Float, float]:
     s = s[np.asarray(path.kind)[row] == FEED]
     if len(s) == 0:
         return np.zeros((0, 3)), 0.0
-    away = cKDTree(measured_m[:, None]).query(s[:, None])[0]
+    away = scipy.spatial.cKDTree(measured_m[:, None]).query(s[:, None])[0]
     unseen = away > _SEEN_M
     points = np.column_stack([np.interp(s[unseen], S, path.p_part_tcp[:, k]) for k in range(3)])
     return points, 1.0 - float(np.mean(unseen))

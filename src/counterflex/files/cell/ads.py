@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, Self
+from typing import TYPE_CHECKING, Annotated, Final, Self
 
 from pydantic import Field, model_validator
 
@@ -11,8 +11,10 @@ from counterflex.core.errors import ProtocolError
 from counterflex.core.units import MS
 from counterflex.files.dataset.units import UNITS, plain
 from counterflex.files.schema import Table
-from counterflex.protocols.ads.link import AdsSettings, AdsSymbol
 from counterflex.protocols.ads.telegram import PLC_PORT, net_id_bytes
+
+if TYPE_CHECKING:
+    from counterflex.protocols.ads.link import AdsSettings, AdsSymbol
 
 Symbol = Annotated[str, Field(min_length=1, max_length=255, pattern=r"^[A-Za-z_][A-Za-z0-9_.\[\],]*$")]
 STRAIN: Final = "strain"
@@ -67,6 +69,8 @@ class AdsTrackerTable(Table):
 
     def symbols(self) -> tuple[AdsSymbol, ...]:
         """Their symbols, named ``tracker_distance`` and so on."""
+        from counterflex.protocols.ads.link import AdsSymbol
+
         length, angle = si_of(self.length_unit)[1], si_of(self.angle_unit)[1]
         units = {"distance": length, "azimuth": angle, "zenith": angle}
         names = ("distance", "azimuth", "zenith", "qw", "qx", "qy", "qz", "beam_ok")
@@ -98,6 +102,8 @@ class AdsParameterTable(Table):
 
     def as_symbol(self) -> AdsSymbol:
         """In SI."""
+        from counterflex.protocols.ads.link import AdsSymbol
+
         si = si_of(self.unit)[1]
         low = -math.inf if self.low is None else self.low * si
         high = math.inf if self.high is None else self.high * si
@@ -136,10 +142,14 @@ class AdsTable(Table):
 
     def settings(self) -> AdsSettings:
         """Where the TwinCAT is."""
+        from counterflex.protocols.ads.link import AdsSettings
+
         return AdsSettings(self.net_id, self.host, self.port, self.local_net_id, self.timeout_ms * MS)
 
     def symbols(self) -> tuple[AdsSymbol, ...]:
         """All: terminals ``strain1`` ..., their time and temperature, tracker ``tracker_...``, parameters by names."""
+        from counterflex.protocols.ads.link import AdsSymbol
+
         si = si_of(self.strain_unit)[1]
         strain = tuple(AdsSymbol(f"{STRAIN}{k}", symbol, si) for k, symbol in enumerate(self.strain, start=1))
         readings = ((HOLDER_TIME, self.strain_time), (HOLDER_TEMPERATURE, self.strain_temperature))

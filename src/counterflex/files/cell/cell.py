@@ -16,9 +16,8 @@ from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force_laws import ValidFor, built
-from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.stock import BlankBox, HeightMap
 from counterflex.cutting.tilted_stock import box_along_tool
-from counterflex.cutting.tridexel.engaged_arcs import BlankBox
 from counterflex.files.cell.class_stiffness import ClassStiffness, prior_of, unknown_axes, with_class_stiffness
 from counterflex.files.cell.external_axes import moved
 from counterflex.files.cell.located import located

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -10,8 +10,10 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.schema import Table
-from counterflex.protocols.abb_egm.guidance_link import GuidanceSettings
 from counterflex.runtime.state.supervisor import State
+
+if TYPE_CHECKING:
+    from counterflex.protocols.abb_egm.guidance_link import GuidanceSettings
 
 Above = Annotated[float, Field(gt=0.0, le=1e6)]
 Level = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -54,6 +56,8 @@ class EgmTable(Table):
             lag_s: How late the robot is where it was sent.
             watch_only: The path begins without the loop being armed.
         """
+        from counterflex.protocols.abb_egm.guidance_link import GuidanceSettings
+
         return GuidanceSettings(
             lag_s=lag_s,
             start=State.IDLE if watch_only else State.ARMED,

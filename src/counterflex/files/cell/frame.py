@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -10,7 +10,9 @@ from pydantic import Field, model_validator
 from counterflex.core.errors import CounterflexError
 from counterflex.files.schema import Table
 from counterflex.protocols.force.frame_format import FrameField, FrameFormat
-from counterflex.protocols.frame.link import FrameSource
+
+if TYPE_CHECKING:
+    from counterflex.protocols.frame.link import FrameSource
 
 Hex = Annotated[str, Field(pattern=r"^([0-9a-fA-F]{2})*$", max_length=128)]
 Six = tuple[float, float, float, float, float, float]
@@ -56,6 +58,8 @@ class FrameTable(Table):
         Raises:
             InputError: Fields, matrix or transport that cannot be.
         """
+        from counterflex.protocols.frame.link import FrameSource
+
         fields = []
         for text in self.fields:
             kind, _, name = text.partition(" ")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 from pydantic import Field
 
 from counterflex.core.units import MS
 from counterflex.files.schema import Table
-from counterflex.runtime.sensing.pair_wrench import PairTuning
+
+if TYPE_CHECKING:
+    from counterflex.runtime.sensing.pair_wrench import PairTuning
 
 Force: TypeAlias = Annotated[float, Field(gt=0.0, le=1e5)]
 Age: TypeAlias = Annotated[float, Field(ge=0.0, le=1000.0)]
@@ -33,6 +35,8 @@ class PairTable(Table):
         Args:
             holder_walk_n: (3,) N over one second, holder axes, of what the zeros of the bridges look like.
         """
+        from counterflex.runtime.sensing.pair_wrench import PairTuning  # with the compiler
+
         return PairTuning(
             noise_n=self.sensor_noise_n,
             zero_n=self.sensor_zero_n,

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import tomlkit
 
-from counterflex.core import atomic
+from counterflex.core import atomic, file_lock
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError, ModelError
 from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
@@ -96,7 +96,7 @@ def require_new(target: Path, template: Path) -> None:
 
 @contextlib.contextmanager
 def new_file(target: Path | None) -> Iterator[Path | None]:
-    """A place for a new cell file beside its target, put there when the block ends well; None without a target.
+    """As :func:`new_cell`; None without a target.
 
     Opened around :func:`~counterflex.core.atomic.atomic_folder`, so that the file appears when the folder is complete,
     and neither of them when it is not.
@@ -104,8 +104,24 @@ def new_file(target: Path | None) -> Iterator[Path | None]:
     if target is None:
         yield None
         return
-    with atomic.atomic_path(target) as place:
+    with new_cell(target) as place:
         yield place
+
+
+@contextlib.contextmanager
+def new_cell(target: Path) -> Iterator[Path]:
+    """A place for a new cell file beside its target, put there when the block ends well.
+
+    Raises:
+        InputError: Another process has written the target meanwhile; it is left as it is.
+    """
+    with contextlib.ExitStack() as lock, atomic.atomic_path(target) as place:
+        yield place
+        lock.enter_context(file_lock.alone(target))  # until the file has its name
+        if target.exists():
+            raise InputError(
+                "another process has written this file meanwhile", where=str(target), hint="Name another new cell file"
+            )
 
 
 def write_new(text: str, target: Path, place: Path, what: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,15 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG
 from counterflex.files.dataset import units
+from counterflex.files.dataset.cells import (
+    Cells,
+    Pick,
+    by_quantity,
+    check_headers,
+    in_stated_unit,
+    spread,
+    unit_factors,
+)
 from counterflex.files.dataset.manifest import COLUMNS_OF, REPEATS, ChannelTable, Manifest
 from counterflex.files.dataset.rotation import faulty, matrices, rotation_sigma
 from counterflex.geometry import rotation
@@ -26,29 +35,6 @@ LARGEST: Final[dict[str, tuple[float, str]]] = {
     "degC": (1000.0, "1000 degC"),
 }
 """Largest size of a value that is no unit mistake, by SI unit, and how it is said."""
-
-
-@dataclass(frozen=True, eq=False)
-class Cells:
-    """Numbers of some columns for the rows of a dataset.
-
-    Attributes:
-        values: (n, k) as the file has them, NaN where there is none.
-        names: Headers of the columns.
-        units: Unit that each header states, or None.
-        place: Where the cell of column k in row n stands, for messages.
-        places: File and column of each; empty for constants.
-    """
-
-    values: Float
-    names: tuple[str, ...]
-    units: tuple[str | None, ...]
-    place: Callable[[int, int], str]
-    places: tuple[tuple[int, int], ...] = ()
-
-
-Pick = Callable[[Sequence[str | int], str], Cells]
-"""Gives the cells of some columns; the second argument is the key of the manifest that names them."""
 
 
 def build(name: str, kind: ChannelKind, table: ChannelTable, manifest: Manifest, pick: Pick, n: int, where: str) -> Raw:
@@ -89,8 +75,8 @@ def build(name: str, kind: ChannelKind, table: ChannelTable, manifest: Manifest,
             limit=f"{' or '.join(map(str, expected))}: {kind.text}",
         )
     if table.factor is not None:
-        cells = _scaled(kind, table, count, cells, where)
-    factors = _factors(kind, table, count, cells, where)
+        cells = in_stated_unit(kind, table, count, cells, where)
+    factors = unit_factors(kind, table, count, cells, where)
     extra = pick(table.sigma_columns, f"{where}.sigma_columns") if table.sigma_columns else None
     return Raw(name, kind, table, manifest, cells, extra, factors, where)
 
@@ -189,7 +175,7 @@ class Raw:
     def _unit_names(self) -> tuple[str, ...]:
         count = self.cells.values.shape[1]
         stated = self.table.unit or tuple(unit or "" for unit in self.cells.units)
-        return _spread(stated, self.kind, count)
+        return spread(stated, self.kind, count)
 
     def _joints(self, numbers: Float) -> Float:
         table, count = self.table, numbers.shape[1]
@@ -234,7 +220,7 @@ class Raw:
                     where=f"{self.where}.sigma",
                     limit=f"one for each of {', '.join(dict.fromkeys(self.kind.si_units(count)))}, or {count}",
                 )
-            variance += self._turned(raw, _by_quantity(sigma, self.kind, count) * scale * np.ones((n, count))) ** 2
+            variance += self._turned(raw, by_quantity(sigma, self.kind, count) * scale * np.ones((n, count))) ** 2
         if self.sigma is not None:
             columns = self.sigma.values[rows]
             if columns.shape[1] not in (1, count):
@@ -244,6 +230,9 @@ class Raw:
                     value=columns.shape[1],
                     limit=f"1 or {count}",
                 )
+            width = columns.shape[1]
+            stated = (table.sigma_unit,) * width if table.sigma_unit else self._unit_names()[:width]
+            check_headers(self.sigma, stated, self.kind.si_units(count)[:width], f"{self.where}.sigma_unit")
             bad = columns < 0.0 if table.sigma is not None else columns <= 0.0
             if np.any(bad):
                 row, k = (int(i) for i in np.argwhere(bad)[0])
@@ -333,75 +322,6 @@ def _check_natures(kind: ChannelKind, table: ChannelTable, where: str) -> None:
         raise FileFormatError("axes is for w_sensor", where=f"{where}.axes", value=table.axes)
     if table.frame is not None and kind.nature in ("scalars", "joints"):
         raise FileFormatError("the channel has no frame", where=f"{where}.frame", value=table.frame)
-
-
-def _scaled(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, where: str) -> Cells:
-    """Cells in the unit of the manifest: counts or volts times the factor. What a header states is theirs."""
-    if kind.nature == "rotation":
-        raise FileFormatError("the channel is a rotation, which has no factor", where=f"{where}.factor")
-    stated = _by_quantity(np.array(table.factor, dtype=np.float64), kind, count)
-    if len(stated) not in (1, count):
-        raise FileFormatError(
-            "factor has another number of values", where=f"{where}.factor", value=len(stated), limit=f"1 or {count}"
-        )
-    if len(stated) == 1 and len(set(kind.si_units(count))) > 1:
-        raise FileFormatError(
-            "one factor cannot stand for two quantities",
-            where=f"{where}.factor",
-            limit=f"one for each of {', '.join(dict.fromkeys(kind.si_units(count)))}, or {count}",
-        )
-    return replace(cells, values=cells.values * stated, units=(None,) * len(cells.units))
-
-
-def _factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, where: str) -> Float:
-    """SI value of one unit of each component, from the manifest or the headers."""
-    count = 3 if kind.nature == "rotation" else count
-    si = kind.si_units(count)
-    if table.unit is None:
-        if COLUMNS_OF.get(table.rotation or "", 3) != 3 or all(unit == "1" for unit in si):
-            return np.ones(count)
-        if not all(unit in units.UNITS.get(s, {}) for unit, s in zip(cells.units, si, strict=True)):
-            names = list(dict.fromkeys(kind.file_units(count)))
-            shown = f'"{names[0]}"' if len(names) == 1 else "[" + ", ".join(f'"{name}"' for name in names) + "]"
-            raw = next((unit for unit in cells.units if unit in units.RAW), None)
-            remark = f"; the header says {raw}: what one of them is, is said by factor = ..." if raw else ""
-            raise FileFormatError(
-                "the unit is missing", where=where, hint=f"Say unit = {shown}, or whichever it is{remark}"
-            )
-        return np.array([units.factor(str(unit), s, where) for unit, s in zip(cells.units, si, strict=True)])
-    factors = _spread(table.unit, kind, count)
-    if len(factors) != count:
-        raise FileFormatError(
-            "unit has another number of values", where=f"{where}.unit", value=len(table.unit), limit=f"1 or {count}"
-        )
-    if len(cells.units) == count:
-        for header, name, result, s in zip(cells.names, factors, cells.units, si, strict=True):
-            if result in {*units.UNITS.get(s, {}), *units.RAW} and result != units.plain(name):
-                raise FileFormatError(
-                    "the unit is not the one in the header of the column",
-                    where=f"{where}.unit",
-                    value=repr(name),
-                    limit=f"{result!r} as in '{header}'",
-                    hint=f"How much {name} one {result} is, is said by factor = ..."
-                    if result in units.RAW
-                    else 'Where the header is wrong, say header_units = "ignore" under [[files]]',
-                )
-    return np.array([units.factor(name, s, f"{where}.unit") for name, s in zip(factors, si, strict=True)])
-
-
-def _spread(stated: Sequence[str], kind: ChannelKind, count: int) -> tuple[str, ...]:
-    """One unit for each component, from one for all, one for each quantity, or one for each."""
-    quantities = list(dict.fromkeys(kind.si_units(count)))
-    if len(stated) == len(quantities):
-        return tuple(stated[quantities.index(si)] for si in kind.si_units(count))
-    return tuple(stated)
-
-
-def _by_quantity(factors: Float, kind: ChannelKind, count: int) -> Float:
-    quantities = list(dict.fromkeys(kind.si_units(count)))
-    if len(factors) == len(quantities) and count != len(factors):
-        return np.array([factors[quantities.index(si)] for si in kind.si_units(count)])
-    return factors
 
 
 def _listed(key: str, values: Sequence[float], count: int, where: str) -> Float:

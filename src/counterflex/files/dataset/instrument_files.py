@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy
 
 from counterflex.core import file_content
 from counterflex.core.arrays import Float, Int
@@ -20,6 +23,8 @@ MATLAB: Final = b"MATLAB "
 _END: Final = "***End_of_Header***"
 _SPECIAL: Final = ("***Start_Special***", "***End_Special***")
 _DECIMAL: Final = "Decimal_Separator"
+_MAT_HEAD: Final = 128
+_MAT_COMPRESSED: Final = 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,14 +204,14 @@ def _channels(group: Any) -> dict[str, Float]:
 
 
 def _matlab(path: Path, data: bytes, part: str | int | None) -> Columns:
-    from scipy.io import loadmat  # heavy
 
     if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
         raise FileFormatError(
             "a MATLAB file of version 7.3 is not read", where=str(path), hint="Save it with save(..., '-v7')"
         )
     with file_content.readable(path, "a MATLAB file"):
-        content = loadmat(io.BytesIO(data), simplify_cells=True)
+        file_content.require_small(path, _unpacked_bytes(data))
+        content = scipy.io.loadmat(io.BytesIO(data), simplify_cells=True)
     columns = _flat({name: value for name, value in content.items() if not name.startswith("__")}, "")
     if part is not None:
         chosen = {name: v for name, v in columns.items() if name == part or name.startswith((f"{part}.", f"{part} "))}
@@ -215,6 +220,22 @@ def _matlab(path: Path, data: bytes, part: str | int | None) -> Columns:
             raise FileFormatError("there is no such variable", where=f"{path}: part", value=repr(part), limit=limit)
         columns = chosen
     return _of_one_length(path, columns, "variable")
+
+
+def _unpacked_bytes(data: bytes) -> int:
+    """Return the size of the unpacked elements of a MATLAB file (level 5), counted only to just above the limit."""
+    head = {b"IM": "<II", b"MI": ">II"}.get(data[126:128])
+    size, at = len(data), _MAT_HEAD
+    while head is not None and at + 8 <= len(data) and size <= file_content.LARGEST_TABLE_BYTES:
+        kind, length = struct.unpack_from(head, data, at)
+        at += 8
+        if kind == _MAT_COMPRESSED:
+            unpack, rest = zlib.decompressobj(), data[at : at + length]
+            while rest and size <= file_content.LARGEST_TABLE_BYTES:
+                size += len(unpack.decompress(rest, 2**20))
+                rest = unpack.unconsumed_tail
+        at += length
+    return size
 
 
 def _flat(content: Mapping[str, Any], before: str) -> dict[str, Float]:

@@ -12,7 +12,8 @@ import numpy as np
 from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Int
 from counterflex.core.errors import FileFormatError
-from counterflex.files.dataset.channel import Cells, Raw, build
+from counterflex.files.dataset.cells import Cells
+from counterflex.files.dataset.channel import Raw, build
 from counterflex.files.dataset.manifest import Manifest, read_manifest
 from counterflex.files.dataset.sensors import sensor_frame
 from counterflex.files.dataset.table import Reference, TextTable, read_table

@@ -210,8 +210,7 @@ def read_table(path: Path, how: FileTable) -> TextTable:
 
 
 def _parquet(path: Path, how: FileTable, data: bytes) -> TextTable:
-    with file_content.readable(path, "a Parquet file"):
-        frame = pl.read_parquet(io.BytesIO(data))
+    frame = file_content.parquet(path, data)
     columns: list[Sequence[str] | Float] = []
     for name, kind in frame.schema.items():
         if kind.is_numeric():

@@ -31,7 +31,7 @@ UNITS: Final[dict[str, dict[str, float]]] = {
 }
 """SI value of one unit, by SI unit and name."""
 
-RAW: Final = frozenset({"V", "mV", "V/V", "mV/V", "counts", "count", "digits", "LSB", "A", "mA"})
+RAW: Final = frozenset({"V", "mV", "V/V", "mV/V", "counts", "digits", "LSB", "A", "mA"})
 """Units of what an amplifier or converter gives: strain gauges are in them, all else needs a factor."""
 _SPELLINGS: Final = {
     **dict.fromkeys(("lb", "lbs", "lb-f", "pound", "pounds", "pound-force"), "lbf"),
@@ -39,6 +39,10 @@ _SPELLINGS: Final = {
     **dict.fromkeys(("kp", "kg-f"), "kgf"),
     **dict.fromkeys(("lbf-in", "lbf*in", "lbf·in", "in-lbf", "in lbf", "in-lb", "lb-in", "lb in", "lbin"), "lbf in"),
     **dict.fromkeys(("lbf-ft", "lbf*ft", "lbf·ft", "ft-lbf", "ft lbf", "ft-lb", "lb-ft", "lb ft"), "lbf ft"),
+    **dict.fromkeys(("count", "counts", "cnt", "cnts", "adc", "adc counts", "increments", "ticks"), "counts"),
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("digit", "digits"), "digits"),
+    "lsb": "LSB",
     "dan": "daN",
     "nm": "N m",
     "n*m": "N m",
@@ -49,7 +53,8 @@ _SPELLINGS: Final = {
     "knm": "kN m",
 }
 _BRACKETS: Final = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$")
-_SUFFIX: Final = re.compile(r"_(mm|um|deg|mrad|urad|rad|kn|nm|ms|us|rpm)$")
+_SUFFIX: Final = re.compile(r"_(mm|um|deg|mrad|urad|rad|kn|nm|ms|us|rpm|counts)$")
+_KNOWN: Final = RAW.union(*UNITS.values())
 SHOP_SUFFIX: Final[Mapping[str, tuple[str, float]]] = {
     "_mm": ("_m", u.MM),
     "_um": ("_m", u.UM),
@@ -115,11 +120,17 @@ def in_header(header: str) -> str | None:
     match = _BRACKETS.search(header)
     if match:
         unit = plain(match[1])
-        return unit if any(unit in names for names in UNITS.values()) and match[1] else None
+        return unit if unit in _KNOWN and match[1] else None
     suffix = _SUFFIX.search(header.lower())
     if suffix is None:
         return None
     return {"kn": "kN", "nm": "N m"}.get(suffix[1], suffix[1])
+
+
+def of_another_quantity(header: str, si: str) -> bool:
+    """Whether a column's header states in brackets a unit that the quantity cannot have; ``(1)`` is a number."""
+    unit = in_header(header)
+    return bool(_BRACKETS.search(header)) and unit not in (None, "1", *UNITS.get(si, {}))
 
 
 def settings_si(key: str, value: Any) -> tuple[str, Any]:

@@ -81,8 +81,9 @@ def write_dataset(
     manifest["channels"] = tables
     if sensors:
         manifest["sensors"] = [dict(settings_shop(key, value) for key, value in one.items()) for one in sensors]
-    atomic.write_text(path.with_suffix(".csv"), "\n".join(rows) + "\n")
-    write_toml(path, manifest)
+    with atomic.atomic_folder(folder) as staging:
+        atomic.write_text(staging / f"{name}.csv", "\n".join(rows) + "\n")
+        write_toml(staging / path.name, manifest)
     return path
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +16,8 @@ from counterflex.core.errors import FileFormatError
 from counterflex.files.scan.scan import LIMIT_POINTS, PointStore, Scan
 
 _ROWS: Final = 1_000_000
+_HEAD: Final = 4096
+_PCD_POINTS: Final = re.compile(rb"^(?:POINTS|WIDTH|HEIGHT)\s+(\d{1,18})\b", re.MULTILINE)
 _PCD_FIRST: Final = (b"# .PCD", b"VERSION", b"FIELDS", b"COLUMNS")
 
 
@@ -97,6 +100,10 @@ def read_pcd(path: Path) -> Scan:
         FileFormatError: It cannot be read, or the library is not installed.
     """
     pypcd4 = needed("pypcd4", "PCD", path)
+    with file_content.readable(path, "a cloud of points (PCD)"), path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    if max((int(count) for count in _PCD_POINTS.findall(head)), default=0) > LIMIT_POINTS:
+        raise _too_many(path)
 
     def blocks() -> Iterator[Float]:
         yield np.asarray(pypcd4.PointCloud.from_path(path).numpy(("x", "y", "z")), np.float64)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MINUTE, MM, RPM
@@ -70,7 +70,7 @@ def _misfit(cell: CellModel, steady: SteadyCuts) -> Misfit:
     weighted, measured = basis / pieces.sigma[:, :, None], pieces.force / pieces.sigma
     seen = np.any(basis != 0.0, axis=(0, 1))
     factor = np.ones(3)
-    factor[seen], _ = nnls(weighted.reshape(-1, 3)[:, seen], measured.reshape(-1))
+    factor[seen], _ = scipy.optimize.nnls(weighted.reshape(-1, 3)[:, seen], measured.reshape(-1))
     rows = np.sqrt(np.mean((measured - weighted @ factor) ** 2, axis=1))
     return Misfit(rows, np.log(np.maximum(factor, _NONE)) / np.array(FACTORS), 3.0 * len(pieces) - 3.0)
 

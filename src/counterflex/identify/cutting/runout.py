@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
@@ -116,7 +116,7 @@ def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout 
             return predicted_amplitude(turn, cutter, law, e) - turn.amplitude_n
 
         if excess(largest) > 0.0:
-            amplitudes.append(float(brentq(excess, 0.0, largest, xtol=1e-9)))
+            amplitudes.append(float(scipy.optimize.brentq(excess, 0.0, largest, xtol=1e-9)))
     if not amplitudes:
         return None
     values = np.array(amplitudes)

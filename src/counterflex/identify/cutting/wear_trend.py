@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from counterflex.core.arrays import Float, Int
 from counterflex.identify.cutting.residuals import SlotResiduals
@@ -59,7 +59,7 @@ def trend(relative_force: Float, run_m: Float, group: Int) -> Wear | None:
     slope = float(run @ force) / square
     rest = force - slope * run
     sigma = float(np.sqrt(rest @ rest / dof / square))
-    chance = float(2.0 * student.sf(abs(slope) / sigma, dof)) if sigma > 0.0 else float(slope == 0.0)
+    chance = float(2.0 * scipy.stats.t.sf(abs(slope) / sigma, dof)) if sigma > 0.0 else float(slope == 0.0)
     return Wear(slope, sigma, chance, len(force), float(np.ptp(run_m)))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final, Literal
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from counterflex.core.arrays import Float, Int, rows_of_each
 from counterflex.core.errors import InputError
@@ -119,7 +119,7 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
             ends = rows[[int(np.argmin(values[rows, k])), int(np.argmax(values[rows, k]))]]
             lines = " and ".join(str(int(line)) for line in sorted({int(data.line[r]) for r in ends}))
     # Stated standard deviations are often optimistic by a factor of two or three; that is the fit's business.
-    if numbers and chi2.sf(squares / 25.0, numbers) < CONTRADICTION:
+    if numbers and scipy.stats.chi2.sf(squares / 25.0, numbers) < CONTRADICTION:
         raise InputError(
             f"repeated poses contradict each other in channel '{channel}'",
             where=f"{data.where or data.name}: lines {lines}",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2, f
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
@@ -206,12 +206,12 @@ def _compared(reading: Reading, stated: Misfit, other: Misfit, count: int) -> Su
     if ratio >= RATIO and plausible:
         if math.isinf(ratio):
             return Suspicion(reading, stated.size, other.size, False, 0.0, ())
-        chance = count * float(f.sf(ratio**2, max(stated.dof, 1.0), max(other.dof, 1.0)))
+        chance = count * float(scipy.stats.f.sf(ratio**2, max(stated.dof, 1.0), max(other.dof, 1.0)))
         if chance <= CHANCE:
             return Suspicion(reading, stated.size, other.size, False, chance, ())
     gain = stated.surprise / max(other.surprise, 1.0)
     if gain >= CLOSER and other.size <= WORSE * max(stated.size, 1.0):
-        chance = count * float(chi2.sf(np.sum(stated.priors**2), len(stated.priors)))
+        chance = count * float(scipy.stats.chi2.sf(np.sum(stated.priors**2), len(stated.priors)))
         if chance <= CHANCE:
             return Suspicion(reading, stated.surprise, other.surprise, True, chance, ())
     return None

@@ -13,9 +13,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import DEG
@@ -57,8 +55,8 @@ def joined(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
             postures[k] = part + first
         first += int(posture_ids.max()) + 1
     group, posture = np.concatenate(keys), np.concatenate(postures)
-    links = coo_matrix((np.ones(len(group)), (group, posture)), shape=(first, first))
-    label = connected_components(links, directed=False)[1]
+    links = scipy.sparse.coo_matrix((np.ones(len(group)), (group, posture)), shape=(first, first))
+    label = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
     out = list(datasets)
     for k, i in enumerate(chosen):
         out[i] = replace(datasets[i], group=np.asarray(label[keys[k]], dtype=np.int64))
@@ -90,7 +88,7 @@ def leaders(rows: Float) -> Int:
     out = np.full(n, -1, dtype=np.int64)
     finite: Bool = np.all(np.isfinite(rows), axis=1)
     places = np.flatnonzero(finite)
-    tree = cKDTree(rows[places]) if len(places) else None
+    tree = scipy.spatial.cKDTree(rows[places]) if len(places) else None
     count = 0
     for i in range(n):
         if out[i] >= 0:

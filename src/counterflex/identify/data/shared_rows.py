@@ -12,8 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError
@@ -82,8 +81,8 @@ def joined_by_rows(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     place: dict[tuple[str, int], int] = {}
     line_of = np.array([place.setdefault(key, len(place)) for key in keys], dtype=np.int64)
     size = len(ids) + len(place)
-    links = coo_matrix((np.ones(len(rows)), (np.array(rows), line_of + len(ids))), shape=(size, size))
-    label = connected_components(links, directed=False)[1]
+    links = scipy.sparse.coo_matrix((np.ones(len(rows)), (np.array(rows), line_of + len(ids))), shape=(size, size))
+    label = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
     return tuple(replace(d, group=np.asarray(label[g], dtype=np.int64)) for d, g in zip(datasets, groups, strict=True))
 
 

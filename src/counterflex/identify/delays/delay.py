@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -321,7 +321,7 @@ def _coarse(pair: Pair) -> float:
 def _derived(stamped: Stamped, order: int) -> Float:
     if order == 0:
         return stamped.values
-    out: Float = CubicSpline(stamped.time_s, stamped.values)(stamped.time_s, order)
+    out: Float = scipy.interpolate.CubicSpline(stamped.time_s, stamped.values)(stamped.time_s, order)
     return out
 
 
@@ -333,7 +333,7 @@ def _basis(pair: Pair) -> tuple[Basis, list[list[int]]]:
     count = min(int(length / step), _MOST_GRID)
     step = length / count
     grid = reference.time_s[0] + step * np.arange(count + 1)
-    spline = CubicSpline(reference.time_s, reference.values)
+    spline = scipy.interpolate.CubicSpline(reference.time_s, reference.values)
     lead = spline(grid, pair.derivative)
     size = np.std(lead, axis=0)
     if pair.mixing == "own":
@@ -344,7 +344,7 @@ def _basis(pair: Pair) -> tuple[Basis, list[list[int]]]:
         columns = [list(range(len(moving)))] * m
     if pair.inertia:
         lead = np.hstack([lead, _second_derivative(lead, step)])
-    parts = [lead, *(CubicSpline(reference.time_s, extra.values)(grid) for extra in pair.extras)]
+    parts = [lead, *(scipy.interpolate.CubicSpline(reference.time_s, extra.values)(grid) for extra in pair.extras)]
     values = np.hstack(parts)
     lagged = np.arange(values.shape[1]) < lead.shape[1]
     return Basis(float(grid[0]), step, values, lagged), columns

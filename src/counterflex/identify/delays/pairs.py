@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -160,7 +160,7 @@ def _per_axis(dataset: Dataset, key: str, default: float, motor: Stamped) -> Flo
 
 def direction(motor: Stamped) -> Float:
     """Smoothed sign of the speed (n, m): ``tanh(v / v_0)`` with v_0 = :data:`DIRECTION_RAD_S`."""
-    out: Float = np.tanh(CubicSpline(motor.time_s, motor.values)(motor.time_s, 1) / DIRECTION_RAD_S)
+    out: Float = np.tanh(scipy.interpolate.CubicSpline(motor.time_s, motor.values)(motor.time_s, 1) / DIRECTION_RAD_S)
     return out
 
 

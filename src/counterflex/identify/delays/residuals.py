@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.signals.lag import Lag
@@ -93,7 +93,9 @@ class DelayResiduals:
     basis: Basis
     places: Places
     count: int
-    _memory: dict[tuple[float, ...], tuple[CubicSpline, list[CubicSpline]]] = field(default_factory=dict, repr=False)
+    _memory: dict[tuple[float, ...], tuple[scipy.interpolate.CubicSpline, list[scipy.interpolate.CubicSpline]]] = field(
+        default_factory=dict, repr=False
+    )
 
     def predict(self, x: Float) -> Float:
         """Predicted values (n, m) SI at the parameters x (p,)."""
@@ -150,7 +152,7 @@ class DelayResiduals:
                 J[:, c, i] += part @ gain
         return out
 
-    def _splines(self, x: Float) -> tuple[CubicSpline, list[CubicSpline]]:
+    def _splines(self, x: Float) -> tuple[scipy.interpolate.CubicSpline, list[scipy.interpolate.CubicSpline]]:
         p, basis = self.places, self.basis
         key = tuple(float(x[i]) for i in (p.lag, p.damping) if i >= 0)
         if key not in self._memory:
@@ -165,5 +167,8 @@ class DelayResiduals:
                 parts = np.zeros((len(derivative), *basis.values.shape))
                 parts[:, :, basis.lagged] = derivative
             self._memory.clear()
-            self._memory[key] = (CubicSpline(grid, values), [CubicSpline(grid, part) for part in parts])
+            self._memory[key] = (
+                scipy.interpolate.CubicSpline(grid, values),
+                [scipy.interpolate.CubicSpline(grid, part) for part in parts],
+            )
         return self._memory[key]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
@@ -175,8 +175,8 @@ class _Weighing:
 
     def _factor(self) -> None:
         try:
-            self.root = cholesky(self.M, lower=True)
-        except LinAlgError as fault:
+            self.root = scipy.linalg.cholesky(self.M, lower=True)
+        except scipy.linalg.LinAlgError as fault:
             raise InputError(
                 "a parameter has no prior at all",
                 hint="Give every parameter a prior, or the weak information of VAGUE",
@@ -187,7 +187,7 @@ class _Weighing:
         self._factor()
 
     def covariance(self) -> Float:
-        half = solve_triangular(self.root, np.eye(len(self.M)), lower=True)
+        half = scipy.linalg.solve_triangular(self.root, np.eye(len(self.M)), lower=True)
         out: Float = half.T @ half
         return out
 
@@ -195,18 +195,20 @@ class _Weighing:
         """What is to be small: log det C or trace(L C L^T)."""
         if self.target is None:
             return float(-2.0 * np.sum(np.log(np.diag(self.root))))
-        return float(np.sum(solve_triangular(self.root, self.target.T, lower=True) ** 2))
+        return float(np.sum(scipy.linalg.solve_triangular(self.root, self.target.T, lower=True) ** 2))
 
     def gains(self, among: Int | None = None) -> Float:
         """(c,) by how much each candidate, or each of those named, would lower the cost."""
         J = self.J if among is None else self.J[among]
         c, k, f = J.shape
-        half = solve_triangular(self.root, J.reshape(-1, f).T, lower=True, check_finite=False).T.reshape(c, k, f)
+        half = scipy.linalg.solve_triangular(self.root, J.reshape(-1, f).T, lower=True, check_finite=False).T.reshape(
+            c, k, f
+        )
         grown = half @ np.swapaxes(half, 1, 2) + np.eye(k)
         if self.target is None:
             out: Float = 2.0 * np.sum(np.log(np.diagonal(np.linalg.cholesky(grown), axis1=1, axis2=2)), axis=1)
             return out
-        aim = solve_triangular(self.root, self.target.T, lower=True)
+        aim = scipy.linalg.solve_triangular(self.root, self.target.T, lower=True)
         projected = (half.reshape(c * k, f) @ (aim @ aim.T)).reshape(c, k, f) @ np.swapaxes(half, 1, 2)
         gain: Float = np.sum(np.linalg.inv(grown) * projected, axis=(1, 2))
         return gain

@@ -28,7 +28,7 @@ CHANNEL: Final = "approach"
 SETTING: Final = "approach"
 IN_ORDER: Final = "row order"
 """Value of the manifest's setting ``approach``: the rows stand in the order in which the poses were taken."""
-OPTIONS: Final = ("off", "known", "order")
+OPTIONS: Final = ("auto", "off", "known", "order")
 LEAST_RAD: Final = 0.02 * DEG
 """A move shorter than this does not turn the friction of an axis round: the sense of the move before it holds."""
 PRIOR_RAD: Final = 100.0 * URAD
@@ -50,7 +50,8 @@ def with_approach(data: Sequence[Dataset], option: str) -> list[Dataset]:
     Args:
         data: Any kinds; only poses and points with angles matter.
         option: ``known`` takes the channel, or the order of the rows where the manifest says that they stand in it
-            (``approach = "row order"``); ``order`` takes the order of the rows of every dataset without the channel.
+            (``approach = "row order"``); ``auto`` does so where there is either; ``order`` takes the order of the rows
+            of every dataset without the channel.
 
     Raises:
         InputError: Another word, or not one dataset says from where its poses were reached.
@@ -68,7 +69,7 @@ def with_approach(data: Sequence[Dataset], option: str) -> list[Dataset]:
         ordered = open_ and (option == "order" or stated == IN_ORDER)
         out.append(replace(d, channels={**d.channels, CHANNEL: in_order(d)}) if ordered else d)
         known = known or out[-1].has(CHANNEL)
-    if not known:
+    if not known and option != "auto":
         raise InputError(
             "the direction of approach of the axes is not stated",
             where=data[0].where or data[0].name,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.stats import f
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -239,7 +239,9 @@ def _offset(
         simpler = best is not None and best.own_m < enough
         if simpler or shared < least_m or numbers <= count or residual_m * RATIO > shared:
             continue
-        chance = len(candidates) * float(f.sf((shared / max(residual_m, 1e-9)) ** 2, numbers, numbers - count))
+        chance = len(candidates) * float(
+            scipy.stats.f.sf((shared / max(residual_m, 1e-9)) ** 2, numbers, numbers - count)
+        )
         if chance > CHANCE:
             continue
         step = pose.inverse(of_others) @ of_own

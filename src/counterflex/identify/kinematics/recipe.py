@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -22,10 +23,12 @@ from counterflex.identify.geometry.compliances import bearing_of
 from counterflex.identify.geometry.considered_sag import with_honest_sigma
 from counterflex.identify.geometry.known_drives import axis_sag_table, drive_error_table, known_drive_errors
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames, tracker_table
+from counterflex.identify.geometry.off_rows import off_rows, off_rows_of_unseen, without
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
 from counterflex.identify.kinematics import TITLE
-from counterflex.identify.kinematics.approach_sense import as_play, play_remarks, with_approach
+from counterflex.identify.kinematics.approach_check import approach_remarks
+from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, play_remarks, with_approach
 from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
 from counterflex.identify.kinematics.held_out import held_out, region_errors
 from counterflex.identify.kinematics.periodic_errors import GAIN, Harmonics, choose_harmonics
@@ -40,6 +43,7 @@ from counterflex.identify.kinematics.setup import (
     TRACKER,
     Setup,
     by_channel,
+    sessions,
     set_up,
     tool_of,
 )
@@ -61,6 +65,8 @@ CHECKING, GEOMETRY, SAG, PERIODIC, HELD_OUT, BY_REGION = (
 )
 WORK: Final = {CHECKING: 1.0, GEOMETRY: 2.0, SAG: 0.3, PERIODIC: 4.5, HELD_OUT: 8.0, BY_REGION: 8.5}
 """Parts of the work with what they cost: between those of a published UR10 and of 400 poses of the simulated cell."""
+_DONE: Final = dict(zip(WORK, np.cumsum(list(WORK.values())) / sum(WORK.values()), strict=True))
+"""Share of the work that is done behind each part."""
 
 
 def identify(inputs: Inputs) -> Identification:
@@ -106,11 +112,15 @@ def identify(inputs: Inputs) -> Identification:
     priors, setup, fit, model = chosen.priors, chosen.setup, chosen.fit, chosen.setup.model
     notes += chosen.remarks
     parts[GEOMETRY](1.0)
+    notes, kept = _without_off_rows(setup, fit, inputs._replace(data=data, holdout=holdout), notes)
+    if kept is not None:
+        return _again(kept, notes, share_of(progress, _DONE[GEOMETRY], 1.0))
     folds = int(options["folds"])
     if _tries_axes(cell, options):
         setup, fit, more_notes = with_turns(cell, setup, fit, data, holdout, priors, folds, known)
         model, notes = setup.model, notes + more_notes
-    if options["play"] != "off":
+    fits_play = options["play"] != "off" and any(d.has(CHANNEL) for d in data)
+    if fits_play:
         setup, fit, more_notes = with_lost(cell, setup, fit, data, holdout, folds, known)
         model, notes = setup.model, notes + more_notes
     parts[SAG](1.0)
@@ -118,7 +128,15 @@ def identify(inputs: Inputs) -> Identification:
         cell, setup, fit, inputs._replace(data=data, holdout=holdout), priors, known, parts[PERIODIC]
     )
     notes += more_notes
+    if not options["as_stated"]:  # what the sag or periodic errors had hidden
+        notes, kept = _without_off_rows(setup, fit, inputs._replace(data=data, holdout=holdout), notes)
+        if kept is not None:
+            return _again(
+                kept, notes, share_of(progress, 1.0 - (WORK[HELD_OUT] + WORK[BY_REGION]) / sum(WORK.values()), 1.0)
+            )
     notes += _check_offsets(setup, everything, fit.values, options)
+    if not fits_play:
+        notes += approach_remarks(setup, fit, data)
     fit = with_honest_sigma(fit, setup.blocks, float(options["compliance_sigma"]), bearing_of(options))
     parts[PERIODIC](1.0)
     errors = held_out(setup, holdout, folds, fit, parts[HELD_OUT]) if errors is None else errors
@@ -134,6 +152,28 @@ def identify(inputs: Inputs) -> Identification:
         remarks=(*notes, *play_remarks(plays), *not_by_region, *remarks(setup, fit, errors, orders)),
         pictures=pictures(setup, fit, errors),
     )
+
+
+def _without_off_rows(
+    setup: Setup, fit: Fit, inputs: Inputs, notes: tuple[str, ...]
+) -> tuple[tuple[str, ...], Inputs | None]:
+    """What is said, and the inputs without consecutive rows that are all off; None where nothing is left out."""
+    off = [
+        *off_rows(setup.parameters.with_fixed(setup.local), setup.blocks, fit, sessions(inputs.data, setup.blocks)),
+        *off_rows_of_unseen(setup.unseen, fit, sessions(inputs.holdout, setup.unseen)),
+    ]
+    as_stated = bool(inputs.settings["as_stated"])
+    data, remarks = without([*inputs.data, *inputs.holdout], off, as_stated=as_stated)
+    if not off or as_stated:
+        return (*remarks, *notes), None
+    n = len(inputs.data)
+    return remarks, inputs._replace(data=data[:n], holdout=data[n:])
+
+
+def _again(inputs: Inputs, remarks: tuple[str, ...], progress: Progress) -> Identification:
+    """The identification of fewer rows, with what was said about those that were left out."""
+    fewer = identify(inputs._replace(progress=progress))
+    return replace(fewer, remarks=(*remarks, *fewer.remarks))
 
 
 def _option(options: Mapping[str, Any], key: str, allowed: Sequence[str]) -> str:
@@ -312,7 +352,7 @@ RECIPE: Final = Recipe(
     settings={
         "sag": "auto",
         "periodic": "auto",
-        "play": "off",
+        "play": "auto",
         "frames": "free",
         "priors": "evidence",
         "length_sigma_mm": 0.5,

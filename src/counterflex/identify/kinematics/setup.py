@@ -17,7 +17,9 @@ from counterflex.identify.geometry.arm_parameters import ArmModel
 from counterflex.identify.geometry.fiducials import FiducialResiduals, fiducial_sigma, robust_register
 from counterflex.identify.geometry.known_drives import known_drive_errors
 from counterflex.identify.geometry.known_frames import KnownFrames
+from counterflex.identify.geometry.off_rows import Session
 from counterflex.identify.geometry.placed_frame import PlacedFrame, frame_parameters
+from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import (
     arm_as_known,
     fixes_target,
@@ -159,6 +161,27 @@ def by_channel(d: Dataset, channel: str) -> list[tuple[str, Dataset]]:
         return [("", d)]
     number = np.rint(d.values(channel)[:, 0]).astype(np.int64)
     return [(str(k), replace(d.rows(number == k), name=f"{d.name}, {channel} {k}")) for k in np.unique(number)]
+
+
+def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[Session]:
+    """Datasets of poses and points in the order of their rows.
+
+    Args:
+        data: Datasets.
+        blocks: Their residuals, as :func:`set_up` makes them.
+    """
+    places = iter([i for i, b in enumerate(blocks) if isinstance(b, TrackerResiduals)])
+    out = []
+    for d in data:
+        if d.kind not in POSE_KINDS:
+            continue
+        number = np.rint(d.values("target")[:, 0]) if d.has("target") else np.zeros(len(d))
+        block, row = np.zeros((2, len(d)), dtype=np.int64)
+        for k in np.unique(number):
+            mine = np.flatnonzero(number == k)
+            block[mine], row[mine] = next(places), np.arange(len(mine))
+        out.append(Session(d, block, row))
+    return out
 
 
 def station_of(d: Dataset) -> str:

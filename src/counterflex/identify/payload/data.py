@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -142,7 +142,7 @@ def readings(
         )
 
     def smooth(values: Float, derivative: int) -> Float:
-        out: Float = savgol_filter(values, width, _ORDER, deriv=derivative, delta=step_s, axis=0)
+        out: Float = scipy.signal.savgol_filter(values, width, _ORDER, deriv=derivative, delta=step_s, axis=0)
         return out
 
     rate = smooth(R.reshape(-1, 9), 1).reshape(R.shape)

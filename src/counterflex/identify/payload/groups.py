@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import DEG
@@ -69,8 +68,8 @@ def groups_of(blocks: Sequence[SensorReadings], at_rest: Sequence[bool]) -> tupl
     orientation = orientations(np.concatenate([blocks[i].R_base_sensor for i in resting_blocks])) + used
     group = np.concatenate([keys[i] for i in resting_blocks])
     size = int(orientation.max()) + 1
-    links = coo_matrix((np.ones(len(group)), (group, orientation)), shape=(size, size))
-    label = connected_components(links, directed=False)[1]
+    links = scipy.sparse.coo_matrix((np.ones(len(group)), (group, orientation)), shape=(size, size))
+    label = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
     return tuple(np.asarray(label[key], dtype=np.int64) for key in keys)
 
 

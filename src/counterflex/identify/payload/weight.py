@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.stats import f
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
@@ -206,7 +206,7 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
 def _better(stated: Plain, other: Plain, count: int) -> bool:
     ratio = stated.size / max(other.size, 1.0)
     if ratio >= RATIO:
-        return count * float(f.sf(ratio**2, stated.dof, other.dof)) <= CHANCE
+        return count * float(scipy.stats.f.sf(ratio**2, stated.dof, other.dof)) <= CHANCE
     upward = stated.mass_kg < -SURE * stated.sigma_kg
     none = abs(stated.mass_kg) < 0.2 * other.mass_kg
     return (upward or none) and other.size <= ALIKE * max(stated.size, 1.0)

@@ -19,7 +19,7 @@ from counterflex.identify.play.considered import compliance_share, with_honest_s
 from counterflex.identify.play.parameters import COMPLIANCE, axis_play, blocks, compliance, parameters
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
-from counterflex.identify.play.trust import least_seen, why_not
+from counterflex.identify.play.trust import least_seen, too_wide, why_not
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.reversals.data import Motion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
@@ -155,15 +155,18 @@ def _axis(
     share = float(settings["bearing_m"]) / min(m.lever_m for m in mine)
     fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
     play = _play(fit, axis)
+    friction = _link_friction(fit, axis, turn_spread)
+    withheld = why_not(axis, mine, *friction)
+    fit, wide = _named(fit, axis, friction, withheld is not None)
     progress(1.0)
     return _Axis(
         axis,
         fit,
         play,
         errors,
-        why_not(axis, mine, *_link_friction(fit, axis, turn_spread)),
+        withheld,
         _figures(cell, fit, axis, play, mine, (turn_spread, share)),
-        [*remarks, *_remarks(cell, fit, axis, play, mine)],
+        [*remarks, *wide, *_remarks(cell, fit, axis, play, mine)],
         [_loop(b, fit, m) for b, m in list(zip(rows[0].parts, mine, strict=True))[:2]],
     )
 
@@ -230,6 +233,37 @@ def _link_friction(fit: Fit, axis: int, turn_spread: float) -> tuple[float, floa
     held = 0.0 if fit.parameters.items[0].free else COMPLIANCE
     total = width / soft
     return total, float(np.hypot(max(sigma, turn_spread) / soft, held * total))
+
+
+def _named(fit: Fit, axis: int, friction: tuple[float, float], withheld: bool) -> tuple[Fit, list[str]]:
+    """The fit without calling constants determined that are withheld or too wide, and what is said of the latter."""
+    name = f"axis{axis + 1}"
+    band = fit.value(f"{name}.half_band"), fit.sigma_of(f"{name}.half_band")
+    # A dead band below what any reading resolves is none, whatever its standard deviation is to it.
+    wide = {
+        "half_band": band[0] > _NONE_RAD and too_wide(*band),
+        "friction": too_wide(*friction),
+    }
+    out = [
+        f"axis {axis + 1}: {what} is not determined ({value / unit:.3g} +- {sigma / unit:.2g} {word}); measure more "
+        f"poses (identify play --propose 24)"
+        for key, what, (value, sigma), unit, word in (
+            ("half_band", "half dead band", band, URAD, "urad"),
+            ("friction", "friction", friction, 1.0, "N m"),
+        )
+        if wide[key] and not withheld
+    ]
+    seen = tuple(
+        "partly" if how == "determined" and (withheld or any(wide[k] and _about(n, k) for k in wide)) else how
+        for n, how in zip(fit.parameters.names, fit.seen, strict=True)
+    )
+    return replace(fit, seen=seen), out
+
+
+def _about(name: str, key: str) -> bool:
+    """Whether a parameter is the half band, or one of friction and its slip."""
+    constant = name.split(".")[1]
+    return constant.startswith(key) or (key == "friction" and constant.startswith("slip"))
 
 
 def jackknife(values: Sequence[Float]) -> Float:

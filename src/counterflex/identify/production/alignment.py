@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
@@ -113,7 +113,7 @@ def aligned(run: RunRecord, plan: PlannedCut) -> Aligned:
 
 def _widened(count: int) -> float:
     """How much wider one standard deviation is that is known from a few values only."""
-    return float(student.ppf(0.8413, count - 1))
+    return float(scipy.stats.t.ppf(0.8413, count - 1))
 
 
 def _edges(expected: Float, time_s: Float) -> list[tuple[int, int]]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
@@ -314,4 +314,6 @@ def _difference(fit: Fit, shared: Float) -> Difference:
     d = V.T @ alone
     statistic = float(d @ np.linalg.solve(C, d))
     wide = float(d @ np.linalg.solve(C + np.eye(len(d)), d))
-    return Difference(float(chi2.sf(statistic, len(d))), float(chi2.sf(wide, len(d))), statistic, len(d))
+    return Difference(
+        float(scipy.stats.chi2.sf(statistic, len(d))), float(scipy.stats.chi2.sf(wide, len(d))), statistic, len(d)
+    )

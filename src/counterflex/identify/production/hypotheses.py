@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.special import log_ndtr
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 
@@ -309,7 +309,7 @@ def _batch(series: Series, designs: Sequence[Design]) -> list[Weighed]:
         cov: Float = np.asarray(covariance[i, :, :p, :p], dtype=np.float64)
         own: Float = np.array(log[i] + d.prior, dtype=np.float64)
         for j in d.rising:  # prior and posterior of what only rises, cut off at 0
-            own += log_ndtr(mean[:, j] / np.sqrt(cov[:, j, j])) + math.log(2.0)
+            own += scipy.special.log_ndtr(mean[:, j] / np.sqrt(cov[:, j, j])) + math.log(2.0)
         out.append(Weighed(d, own, mean, cov))
     return out
 

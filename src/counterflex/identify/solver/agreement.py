@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from counterflex.identify.solver.fit import Fit
 
@@ -70,7 +70,9 @@ def agreement(fits: Iterable[Fit]) -> Agreement:
         along = directions[:, determined].T @ u
         total += float(np.sum(along**2 / (variance[determined] * (1.0 - variance[determined]))))
         count += int(np.sum(determined))
-    return Agreement(float(chi2.sf(total, count)) if count else 1.0, count, 1.0 + 4.0 * seen / max(freedom, 1.0))
+    return Agreement(
+        float(scipy.stats.chi2.sf(total, count)) if count else 1.0, count, 1.0 + 4.0 * seen / max(freedom, 1.0)
+    )
 
 
 def contradicted(fit: Fit) -> tuple[tuple[str, float], ...]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import lsq_linear
+import scipy
 
 from counterflex.core.arrays import Float
 
@@ -62,7 +62,9 @@ def within_bounds(
             status = 1
             break
         low, high = np.maximum(lower - u, -box), np.minimum(upper - u, box)
-        d = np.clip(lsq_linear(R, -z, bounds=(low, np.maximum(high, low + 1e-300)), method="bvls").x, low, high)
+        d = np.clip(
+            scipy.optimize.lsq_linear(R, -z, bounds=(low, np.maximum(high, low + 1e-300)), method="bvls").x, low, high
+        )
         step = float(np.max(np.abs(d)))
         if step < tolerance * (tolerance + float(np.max(np.abs(u)))):
             status = 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, t
+import scipy
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
@@ -50,8 +50,8 @@ def coverage_factor(fit: Fit, level: float = LEVEL) -> float:
         raise InputError("the level of an interval is a probability", value=level, limit="between 0 and 1")
     p = 0.5 + 0.5 * level
     if max(fit.sigma_factors, default=1.0) > 1.0:
-        return float(t.ppf(p, max(fit.dof, 1.0)))
-    return float(norm.ppf(p))
+        return float(scipy.stats.t.ppf(p, max(fit.dof, 1.0)))
+    return float(scipy.stats.norm.ppf(p))
 
 
 def intervals(fit: Fit, level: float = LEVEL) -> Float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import qr
+import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import DEG, MM, PERCENT
@@ -54,7 +54,7 @@ def examine(parameters: Parameters, free: Int, jacobian: Float, sigma_u: Float, 
     """
     f = len(free)
     padded = np.concatenate([jacobian, np.zeros((max(f - len(jacobian), 0), f))])
-    (R,) = qr(padded, mode="r", check_finite=False)
+    (R,) = scipy.linalg.qr(padded, mode="r", check_finite=False)
     R = R[:f]
     spectrum = np.linalg.svd(R, compute_uv=False)
     largest = float(spectrum[0]) if f else 0.0
@@ -134,7 +134,7 @@ def _echelon(basis: Float) -> tuple[Float, Int]:
     """The same space (k, d) by columns with a leading entry 1 where all others have 0, and the places (d,) of these."""
     if basis.shape[1] == 0:
         return basis, np.zeros(0, dtype=np.int64)
-    _, _, order = qr(basis.T, mode="economic", pivoting=True)
+    _, _, order = scipy.linalg.qr(basis.T, mode="economic", pivoting=True)
     lead = order[: basis.shape[1]].astype(np.int64)
     return basis @ np.linalg.inv(basis[lead]), lead
 

@@ -13,7 +13,7 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from counterflex.core.arrays import Float, Int
 
@@ -33,7 +33,7 @@ def sizes(rows: Float) -> Float:
 @cache
 def usual_size(components: int, share: float = USUAL) -> float:
     """Size that this share of rows of so many components stays below, for noise of unit variance."""
-    return math.sqrt(float(chi2.ppf(share, components)) / components)
+    return math.sqrt(float(scipy.stats.chi2.ppf(share, components)) / components)
 
 
 def spread(rows: Float, used: float = 0.0) -> float:

@@ -13,8 +13,7 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf, dgeqrf_lwork
-from scipy.optimize import least_squares
+import scipy
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
@@ -47,14 +46,14 @@ def triangle(rows: Float, scale: Float) -> Float:
         end = k + len(piece)
         work[:k] = R
         np.multiply(piece, scale[first : first + step, None], out=work[k:end])
-        R = upper * dgeqrf(work[:end], lwork=size)[0][:k]
+        R = upper * scipy.linalg.lapack.dgeqrf(work[:end], lwork=size)[0][:k]
     return R
 
 
 @cache
 def _reduction(rows: int, k: int) -> tuple[int, Float]:
     """Work space that LAPACK wants for (rows, k) numbers, and ones in an upper triangle (k, k)."""
-    return int(dgeqrf_lwork(rows, k)[0]), np.triu(np.ones((k, k)))
+    return int(scipy.linalg.lapack.dgeqrf_lwork(rows, k)[0]), np.triu(np.ones((k, k)))
 
 
 class Stacked:
@@ -189,7 +188,7 @@ class Stacked:
             return np.zeros((f + 1, f)) if here is None else np.ascontiguousarray(here[:, :f])
 
         if not self._bounded:
-            result = least_squares(
+            result = scipy.optimize.least_squares(
                 cost,
                 u,
                 slope,

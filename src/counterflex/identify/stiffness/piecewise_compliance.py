@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from scipy.stats import f
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
@@ -211,7 +211,7 @@ def search(
     phi = {r.name: tuple(r.phi(chain, plan, p) for p in pulls) for r in open_}
     for turn in range(MOST):
         gains = _gains(fit, now, [(r.spring, phi[r.name]) for r in open_], parameters)
-        limit = float(f.isf(CHANCE / max(len(open_), 1), 1.0, max(fit.dof - 1.0, 1.0)))
+        limit = float(scipy.stats.f.isf(CHANCE / max(len(open_), 1), 1.0, max(fit.dof - 1.0, 1.0)))
         promising = [int(i) for i in np.argsort(-gains)[:FITTED_CANDIDATES] if gains[i] >= limit]
         if not promising:
             break

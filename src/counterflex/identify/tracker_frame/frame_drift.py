@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from counterflex.core.arrays import Float, Int
 from counterflex.geometry import rotation
@@ -92,6 +92,6 @@ def drifts(group: Int, p_tracker: Float, sigma: Float, time_s: Float | None = No
         d = C @ (weighted.T @ ((b - a) / s).reshape(-1))
         size = np.sqrt(np.diag(C))
         later = float(k) if time_s is None else float(np.mean(time_s[rows]) - np.mean(time_s[before]))
-        chance = float(chi2.sf(float(d @ np.linalg.solve(C, d)), 6))
+        chance = float(scipy.stats.chi2.sf(float(d @ np.linalg.solve(C, d)), 6))
         out.append(Drift(k, later, d[:3], size[:3], d[3:], size[3:], chance))
     return tuple(out)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.core.progress import in_parts
+from counterflex.core.progress import in_parts, share_of
 from counterflex.core.units import MM, UM, URAD
 from counterflex.identify.data.data_checks import check_finite, check_spread
 from counterflex.identify.data.dataset import Dataset
@@ -26,6 +27,7 @@ from counterflex.identify.geometry.fiducials import (
 )
 from counterflex.identify.geometry.known_drives import known_drive_errors
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames, tracker_table
+from counterflex.identify.geometry.off_rows import Session, off_rows, without
 from counterflex.identify.geometry.placed_frame import COMPONENTS, PlacedFrame, frame_parameters
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import arm_of, check_tracker_data, start_frames, tracker_residuals
@@ -44,6 +46,9 @@ FEWEST_FIDUCIALS: Final = 4
 """Three fix a frame; with a fourth each can be predicted from the others."""
 TRACKER: Final = "T_base_tracker"
 TARGET: Final = "T_tcp_target"
+_WORK: Final = {"registering": 2.0, "fitting": 1.0, "held out": 5.0}
+_FITTED: Final = 3.0 / 8.0
+"""Share of the work that is done when the fit is there."""
 
 
 def identify(inputs: Inputs) -> Identification:
@@ -77,9 +82,15 @@ def identify(inputs: Inputs) -> Identification:
         [parameters.nominal[:first], displacement_between(T0, start_tracker)]
         + ([] if X0 is None or start_target is None else [displacement_between(X0, start_target)])
     )
-    parts = in_parts(progress, {"registering": 2.0, "fitting": 1.0, "held out": 5.0})
+    parts = in_parts(progress, _WORK)
     parts["registering"](1.0)
     fit = solve(parameters, blocks, start=start, progress=parts["fitting"])
+    off = off_rows(parameters, blocks, fit, _sessions(data))
+    kept, more = without(data, off, as_stated=bool(options["as_stated"]))
+    notes = (*more, *notes)
+    if off and not options["as_stated"]:
+        fewer = identify(inputs._replace(data=kept, progress=share_of(progress, _FITTED, 1.0)))
+        return replace(fewer, remarks=(*more, *fewer.remarks))
     fit = with_frame_sigma(
         fit,
         blocks,
@@ -145,6 +156,15 @@ def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tupl
         check_spread(p_tracker, "fiducials as measured", where=d.where or d.name)
         check_sense(p_base, p_tracker, float(np.median(fiducial_sigma(d))), d.where or d.name)
     return notes
+
+
+def _sessions(data: Sequence[Dataset]) -> list[Session]:
+    """Datasets of poses; each has a block of residuals in its place."""
+    return [
+        Session(d, np.full(len(d), i, dtype=np.int64), np.arange(len(d), dtype=np.int64))
+        for i, d in enumerate(data)
+        if d.kind == "tracker_poses"
+    ]
 
 
 def _start(cell: CellModel, data: Sequence[Dataset]) -> tuple[Float, Float | None]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.optimize import differential_evolution, minimize
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
@@ -162,7 +162,7 @@ def search(
 
     if free.any():
         bounds = list(zip(low[free], high[free], strict=True))
-        best = differential_evolution(
+        best = scipy.optimize.differential_evolution(
             cost,
             bounds,
             maxiter=max(0, generations - 2),
@@ -174,7 +174,7 @@ def search(
         )
         if generations > 1:
             refined = {"maxfev": POPULATION, "xatol": 0.0, "fatol": 0.0}
-            minimize(cost, best.x, method="Nelder-Mead", bounds=bounds, options=refined)
+            scipy.optimize.minimize(cost, best.x, method="Nelder-Mead", bounds=bounds, options=refined)
     else:
         cost(np.empty(0))
     return Judged(np.array(places), candidates)

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
-import numba
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import ModelError
+from counterflex.core.jit import thread_count
 from counterflex.core.progress import Progress, silent
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import tool_orientation
@@ -212,7 +212,7 @@ def survey_path(
     def work(part: int) -> None:
         survey_edges(robot.chain.compact, grid, points, rows, survey, int(parts[part]), int(parts[part + 1]))
 
-    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+    with ThreadPoolExecutor(thread_count()) as threads:
         for done, _ in enumerate(threads.map(work, range(len(parts) - 1)), start=1):
             progress(done / (len(parts) - 1))
     if robot.controller_chain.axes.coupled:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-import numba
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
@@ -109,7 +108,7 @@ _POINTS = bundle(
 )
 _GRID = bundle(
     Grid,
-    arms=numba.from_dtype(ARM)[::1],
+    arms=(ARM,),
     cosine="float64[::1]",
     sine="float64[::1]",
     limits="float64[:, ::1]",
@@ -125,7 +124,7 @@ _SURVEY = bundle(
 )
 
 
-@kernel("int64(Arm, Grid, float64[::1])", Arm=numba.from_dtype(ARM), Grid=_GRID)
+@kernel("int64(Arm, Grid, float64[::1])", Arm=ARM, Grid=_GRID)
 def within(arm: Record, grid: Grid, q: Float) -> int:
     """What a posture fails by; its axes are turned into their limits where a full turn does that.
 

@@ -6,10 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.jit import thread_count
 from counterflex.core.units import DEG
 from counterflex.plan.posture.branches_kernel import SLOTS
 from counterflex.plan.posture.burden_kernel import burdens
@@ -139,7 +139,7 @@ def best_way(
     possible = [slot for slot in range(SLOTS) if not np.isnan(survey.q[0, :, slot, 0]).all()]
     passed = np.zeros(SLOTS, dtype=np.int64)
     results = []
-    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+    with ThreadPoolExecutor(thread_count()) as threads:
         for slot, (cost, edges_passed, way) in zip(possible, threads.map(one, possible), strict=True):
             passed[slot] = edges_passed
             if way is not None and np.isfinite(cost):

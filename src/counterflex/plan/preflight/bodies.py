@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
@@ -146,7 +146,7 @@ def hull(name: str, frame: str, T_frame_mesh: Float, points_m: Float, *, surroun
     """
     low, high = points_m.min(axis=0), points_m.max(axis=0)
     centre = 0.5 * (low + high)
-    shape_hull = ConvexHull(points_m - centre)
+    shape_hull = scipy.spatial.ConvexHull(points_m - centre)
     T = T_frame_mesh @ pose.make(p=centre)
     half = tuple((0.5 * (high - low)).tolist())
     corners: Float = (points_m - centre)[shape_hull.vertices]

@@ -21,8 +21,7 @@ from counterflex.cutting.stability import lobes, semi_discretisation
 from counterflex.cutting.stability.modes import Modes
 from counterflex.cutting.stability.process import Process
 from counterflex.cutting.stability.response import Response, fitted_modes
-from counterflex.cutting.stock import HeightMap
-from counterflex.cutting.tridexel.engaged_arcs import BlankBox
+from counterflex.cutting.stock import BlankBox, HeightMap
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.damping import Damping
 from counterflex.plan.elastic_motion import postures

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
@@ -82,4 +82,4 @@ def needed_damping(at: Margin) -> float:
         return 0.0
     if reserve(high) < 0.0:
         return math.inf
-    return float(brentq(reserve, low, high, xtol=1e-4))
+    return float(scipy.optimize.brentq(reserve, low, high, xtol=1e-4))

@@ -23,9 +23,9 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.engagement import accumulate
 from counterflex.cutting.removal import RemovalResult, remove_path
 from counterflex.cutting.stability.process import Process, arcs_of_engagement, process_of_arcs
-from counterflex.cutting.stock import HeightMap
+from counterflex.cutting.stock import BlankBox, HeightMap
 from counterflex.cutting.tridexel.columns import ColumnStock, remove_turning
-from counterflex.cutting.tridexel.engaged_arcs import BlankBox, EngagedArcs
+from counterflex.cutting.tridexel.engaged_arcs import EngagedArcs
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.turning_cut.cut import reach_of
 

@@ -34,6 +34,7 @@ MAGNIFIED: Final = 1.5
 _DRAWS: Final = 500
 _SEED: Final = 1014
 _HIGH: Final = 0.9
+_EXPECTED: Final = (0.5, 0.05, 0.95)
 _GAIN: Final = 0.98
 """A choice that leaves less than this share of the best allowed one is better."""
 _ALIKE: Final = 1.05
@@ -100,7 +101,7 @@ class Choices:
         cuts: Side, width, depth, feed per tooth.
         spindle_rad_s: (n,).
         error_m: (n,) normal to the wall by the stated constants; positive leaves material.
-        likely_m: (n,) size of the error, median of what may be.
+        expected_m: (n, 3) size of the error: median of what may be, and the range of nine of ten.
         high_m: (n,) size that nine of ten stay below.
         force_n: (n,) mean force.
         peak_n: (n,) largest force square to the axis, without helix: an upper bound.
@@ -113,7 +114,7 @@ class Choices:
     cuts: SideCuts
     spindle_rad_s: Float
     error_m: Float
-    likely_m: Float
+    expected_m: Float
     high_m: Float
     force_n: Float
     peak_n: Float
@@ -235,7 +236,7 @@ def outcomes(
     by_constant = in_part(alike, wrenches(alike, law), place.normal_part)
     errors = by_constant @ (place.normal_part @ place.compliance_part[:3])
     drawn = np.abs(doubt.factors() @ errors.T)
-    likely, high = np.quantile(drawn, 0.5, axis=0), np.quantile(drawn, _HIGH, axis=0)
+    expected, high = np.quantile(drawn, _EXPECTED, axis=0).T, np.quantile(drawn, _HIGH, axis=0)
     w = by_constant.sum(axis=1)
     force, torque = np.linalg.norm(w[:, :3], axis=1), np.abs(w[:, 5])
     peak = peak_side_force(alike, law)
@@ -275,7 +276,7 @@ def outcomes(
         cuts=cuts,
         spindle_rad_s=spindle_rad_s,
         error_m=errors.sum(axis=1)[back],
-        likely_m=likely[back],
+        expected_m=expected[back],
         high_m=high[back],
         force_n=force[back],
         peak_n=peak[back],

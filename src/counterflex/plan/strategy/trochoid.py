@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
@@ -101,7 +101,7 @@ def loop_for(width_m: float, tool_radius_m: float, engagement_rad: float) -> Loo
     def excess(step: float) -> float:
         return float(immersions(width_m, tool_radius_m, step).max()) - engagement_rad
 
-    step = float(brentq(excess, 1e-7 * tool_radius_m, 2.0 * tool_radius_m, xtol=1e-9))
+    step = float(scipy.optimize.brentq(excess, 1e-7 * tool_radius_m, 2.0 * tool_radius_m, xtol=1e-9))
     values = immersions(width_m, tool_radius_m, step)
     return Loop(rho, step, float(values.max()), float(values.mean()))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.cutting.coefficients import ForceLaw
@@ -70,4 +70,4 @@ def zero_width(cutter: Cutter, ap_m: float, fz_m: float, value: Callable[[SideCu
     if not len(change):
         return None
     i = int(change[0])
-    return float(brentq(lambda ae: float(at(np.array([ae]))[0]), widths[i], widths[i + 1], xtol=1e-7))
+    return float(scipy.optimize.brentq(lambda ae: float(at(np.array([ae]))[0]), widths[i], widths[i + 1], xtol=1e-7))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -13,6 +14,7 @@ from counterflex.geometry import pose
 from counterflex.protocols.abb_egm.telegram import RobotState, read_robot
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
+from counterflex.protocols.robot.wire import Wire
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.runtime.plausibility.axis_check import ABSENT, EXACT
 
@@ -36,6 +38,8 @@ class EgmLink:
         T_part_frame: (4, 4) frame of the messages in the part frame; None: the program reports in its work object,
             which is the part frame.
         axes: How the controller counts the axes of its messages.
+        wire: What carries the messages; None opens the port.
+        clock_ns: Monotonic clock, which the messages sent are stamped by.
 
     Attributes:
         counters: See :class:`counterflex.protocols.robot.port.Counters`.
@@ -61,12 +65,14 @@ class EgmLink:
         period_s: float = 24e-3,
         T_part_frame: Float | None = None,
         axes: ControllerAxes = AS_MODEL,
+        wire: Wire | None = None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._counted = axes
         self.period_s = as_positive("period_s", period_s)
         self._T_part_frame = T_part_frame
         self._T_frame_part = None if T_part_frame is None else pose.inverse(T_part_frame)
-        self._port = RobotPort(host, port, LARGEST_DATAGRAM, peer)
+        self._port = RobotPort(host, port, LARGEST_DATAGRAM, peer, wire)
         self.counters: Counters = self._port.counters
         self.elapsed = 0
         self.restarted = False
@@ -83,7 +89,7 @@ class EgmLink:
         self._cadence: list[float] | None = []
         self._incomplete: int | None = 0
         self._sequence = 0
-        self._clock_zero = time.monotonic_ns()
+        self._clock_ns, self._clock_zero = clock_ns, clock_ns()
         self._located = False
         self._q: Float = np.zeros(6)
         self._T_part_actual: Float = np.eye(4)
@@ -215,7 +221,7 @@ class EgmLink:
         """Sequence number and clock of our next message."""
         sequence = self._sequence
         self._sequence = (self._sequence + 1) % _WRAP
-        return sequence, ((time.monotonic_ns() - self._clock_zero) // 1_000_000) % _WRAP
+        return sequence, ((self._clock_ns() - self._clock_zero) // 1_000_000) % _WRAP
 
     def forget(self) -> None:
         """Another session may come from another port of the controller."""

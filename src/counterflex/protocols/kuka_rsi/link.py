@@ -16,6 +16,7 @@ from counterflex.protocols.kuka_rsi.pose_kernel import read_pose, read_stand
 from counterflex.protocols.kuka_rsi.telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
+from counterflex.protocols.robot.wire import Wire
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.runtime.plausibility.axis_check import ABOUT, ABSENT, EXACT
 from counterflex.runtime.state.supervisor import State
@@ -35,6 +36,7 @@ class RsiLink:
         peer: Address and port of the controller, see :class:`RobotPort`.
         period_s: Cycle of the controller.
         axes: How the controller counts the axes of its telegrams.
+        wire: What carries the telegrams; None opens the port.
 
     Attributes:
         counters: See :class:`Counters`.
@@ -61,6 +63,7 @@ class RsiLink:
         peer: tuple[str, int] | None = None,
         period_s: float = 4e-3,
         axes: ControllerAxes = AS_MODEL,
+        wire: Wire | None = None,
     ) -> None:
         self._counted = None if axes.matrix is None else axes
         self.config = config
@@ -102,7 +105,7 @@ class RsiLink:
             )
         self._override = self._place_of("Override")
         self._line = SessionCounter(round(period_s * 1e3))
-        self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peer)
+        self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peer, wire)
         self.counters: Counters = self._port.counters
         self.elapsed = 0
         self.restarted = False

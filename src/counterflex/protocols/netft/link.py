@@ -18,7 +18,7 @@ from counterflex.core.records import Record, records
 from counterflex.protocols.netft import kernel as reading
 from counterflex.protocols.netft import telegram as netft
 from counterflex.protocols.netft.drain_kernel import ARRAYS, drain_records
-from counterflex.protocols.system.datagrams import ROWS, Datagrams
+from counterflex.protocols.system.datagrams import ROWS, Datagrams, Inbox
 
 SATURATED: Final = 0.95
 """Share of the range at which a reading is not believed any more."""
@@ -36,6 +36,7 @@ class NetftLink:
         range_n: Largest force that the sensor measures; 95 % of it counts as saturated. None: what it says itself that
             it is calibrated for. The end of its counts is saturation in any case.
         range_nm: Largest moment, likewise.
+        inbox: Where the records come in; None takes them from a socket.
 
     Attributes:
         w_sensor: (6,) N, N m, mean of the good samples since the last :meth:`drain`.
@@ -53,6 +54,7 @@ class NetftLink:
         *,
         range_n: float | None = None,
         range_nm: float | None = None,
+        inbox: Inbox | None = None,
     ) -> None:
         self.peer = peer
         self._received = records(reading.RECEIVED)
@@ -64,15 +66,7 @@ class NetftLink:
         )
         r.limit = SATURATED * np.minimum(np.concatenate(limits), netft.RAIL * r.scale)
         r.sequence = r.first = -1
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.connect(peer)
-        except OSError as fault:
-            self._socket.close()
-            raise OutputError(
-                f"the force sensor cannot be addressed: {fault.strerror or fault}", where=f"{peer[0]}:{peer[1]}"
-            ) from fault
-        self._inbox = Datagrams(self._socket)
+        self._inbox: Inbox = Datagrams(_connected(peer)) if inbox is None else inbox
         self.w_sensor: Float = r.wrench
         self.samples: Float = np.zeros((MOST_SAMPLES, 6))
         self.good, self.first = 0, -1
@@ -82,13 +76,13 @@ class NetftLink:
     def start(self) -> None:
         """Ask for the stream (again)."""
         with contextlib.suppress(ConnectionError, BlockingIOError):
-            self._socket.send(netft.request(netft.START))
+            self._inbox.send(netft.request(netft.START))
         self._received["sequence"] = -1
 
     def stop(self) -> None:
         """End the stream."""
         with contextlib.suppress(ConnectionError, BlockingIOError, OSError):
-            self._socket.send(netft.request(netft.STOP))
+            self._inbox.send(netft.request(netft.STOP))
 
     def drain(self) -> int:
         """Take every record that is there.
@@ -132,7 +126,20 @@ class NetftLink:
     def close(self) -> None:
         """End the stream and free the socket."""
         self.stop()
-        self._socket.close()
+        self._inbox.close()
+
+
+def _connected(peer: tuple[str, int]) -> socket.socket:
+    """A socket that talks to one peer."""
+    own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        own.connect(peer)
+    except OSError as fault:
+        own.close()
+        raise OutputError(
+            f"the force sensor cannot be addressed: {fault.strerror or fault}", where=f"{peer[0]}:{peer[1]}"
+        ) from fault
+    return own
 
 
 def fetch_scaling(host: str, port: int = 80, timeout_s: float = 3.0) -> netft.Scaling:

@@ -10,6 +10,7 @@ from typing import Any, Final, Self
 
 from counterflex.core.errors import OutputError
 from counterflex.core.held import boot_id, own
+from counterflex.core.user_folder import made_own, require_own
 
 _LONGEST: Final = 4096
 """Longest text of a lock file that is read."""
@@ -27,14 +28,16 @@ class InstanceLock:
         path: Of the lock file.
 
     Raises:
-        OutputError: Another process holds it, or the folder cannot be written.
+        OutputError: Another process holds it, or the folder cannot be written, or others can write into it.
     """
 
     def __init__(self, folder: Path, port: int, **about: str) -> None:
         self.path = folder / f"robot-{port}.lock"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            made_own(folder)
             stream = self.path.open("a+", encoding="utf-8")
+        except OutputError:
+            raise
         except OSError as fault:
             raise OutputError(f"no lock can be made: {fault.strerror or fault}", where=str(self.path)) from fault
         if not own(stream.fileno()):
@@ -69,8 +72,12 @@ class InstanceLock:
 
 
 def holders(folder: Path) -> list[dict[str, Any]]:
-    """What the lock files of a folder say of those who hold them now, or held them when they died."""
-    locks = []
+    """Return the content of the lock files of a folder; none where others can write into it."""
+    locks: list[dict[str, Any]] = []
+    try:
+        require_own(folder)
+    except OSError:
+        return locks
     for path in sorted(folder.glob("robot-*.lock")):
         try:
             content = json.loads(path.read_text(encoding="utf-8")[:_LONGEST])

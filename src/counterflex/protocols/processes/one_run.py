@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import time
 from pathlib import Path
@@ -14,7 +13,7 @@ from counterflex.core.held import own
 from counterflex.core.output_place import process_lives
 from counterflex.protocols.processes.control_array import CONTROL, Life
 from counterflex.protocols.processes.operator_words import FILE
-from counterflex.protocols.processes.shared_words import SharedWords
+from counterflex.protocols.processes.shared_words import SharedWords, words_of
 
 LOCK: Final = ".run.lock"
 """File in the folder that a run holds (:mod:`counterflex.core.held`) from before it starts anything to its end."""
@@ -102,9 +101,8 @@ def _missing(folder: Path) -> list[Path]:
 def _operator_entry(folder: Path) -> tuple[Path, int] | None:
     """Where the numbers of the run are that an operator would find there, and its process."""
     try:
-        content = json.loads((folder / FILE).read_text(encoding="utf-8"))
-        return Path(content["words"]), int(content["pid"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return words_of(folder / FILE)
+    except (OSError, ValueError):
         return None
 
 

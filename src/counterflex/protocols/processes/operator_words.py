@@ -16,7 +16,7 @@ from typing import Final
 from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.protocols.processes.control_array import CONTROL
 from counterflex.protocols.processes.instance_lock import holders
-from counterflex.protocols.processes.shared_words import SharedWords
+from counterflex.protocols.processes.shared_words import SharedWords, words_of
 
 FILE: Final = "operator.json"
 
@@ -59,8 +59,7 @@ def find(folder: Path, locks: Path) -> SharedWords:
     """
     path = folder / FILE
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        words: Path | None = Path(content["words"])
+        words: Path | None = words_of(path)[0]
     except (FileNotFoundError, NotADirectoryError) as fault:
         words = _locked(folder, locks)
         if words is None:
@@ -71,7 +70,7 @@ def find(folder: Path, locks: Path) -> SharedWords:
             ) from fault
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault
-    except (ValueError, KeyError, TypeError) as fault:
+    except ValueError as fault:
         raise FileFormatError("is not the file of a run that goes on", where=str(path)) from fault
     try:
         return SharedWords(CONTROL, words)

@@ -9,8 +9,10 @@ killed, and is cleared when the next ones are made.
 from __future__ import annotations
 
 import contextlib
+import json
 import mmap
 import os
+import stat
 import tempfile
 from pathlib import Path
 from typing import Final, Self
@@ -21,6 +23,8 @@ from counterflex.core.held import clear_unheld, share
 _SHARED: Final = Path("/dev/shm")
 _PREFIX: Final = "counterflex-words-"
 _BYTES: Final = 8
+_LONGEST: Final = 4096
+"""Longest text that says where shared numbers are."""
 
 
 class SharedWords:
@@ -129,14 +133,46 @@ def _new(folder: Path | None) -> tuple[int, str]:
 
 def _opened(path: Path, size: int) -> int:
     try:
-        handle = os.open(path, os.O_RDWR)
+        handle = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
     except OSError as fault:
         raise InputError(f"no shared memory there: {fault.strerror or fault}", where=str(path)) from fault
-    if not share(handle):
-        os.close(handle)
-        raise InputError("no shared memory there: it has just been cleared", where=str(path))
     status = os.fstat(handle)
-    if status.st_size != size or (hasattr(os, "getuid") and status.st_uid != os.getuid()):
+    if status.st_size != size or not _is_private(status):
         os.close(handle)
         raise InputError("not the shared memory of a run of yours", where=str(path), value=status.st_size, limit=size)
+    if not share(handle):  # after the owner is known: another user's lock would be waited for
+        os.close(handle)
+        raise InputError("no shared memory there: it has just been cleared", where=str(path))
     return handle
+
+
+def _is_private(status: os.stat_result) -> bool:
+    """Return whether a file is as this program makes shared memory: of this user alone, under one name."""
+    if os.name != "posix":
+        return True
+    alone = stat.S_ISREG(status.st_mode) and status.st_nlink == 1 and not status.st_mode & 0o077
+    return alone and status.st_uid == os.getuid()
+
+
+def words_of(file: Path) -> tuple[Path, int]:
+    """Read from a file in the folder of a run where its shared numbers are, and its process.
+
+    The folder may be another user's, or come from elsewhere: what the file names is shared memory of this program or
+    nothing, so that no request is written into another file.
+
+    Raises:
+        OSError: It cannot be read, or is a link or no regular file.
+        ValueError: It does not say that, or names another file.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    with os.fdopen(os.open(file, flags), "rb") as stream:
+        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            raise ValueError("no regular file")
+        try:
+            content = json.loads(stream.read(_LONGEST))
+            words, process = Path(content["words"]), int(content["pid"])
+        except (KeyError, TypeError, RecursionError) as fault:
+            raise ValueError("no words") from fault
+    if not words.name.startswith(_PREFIX):  # its folder is that of the other process's temporary files
+        raise ValueError("names another file")
+    return words, process

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import socket
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
@@ -12,14 +10,11 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Int
-from counterflex.core.errors import InputError, OutputError
-from counterflex.protocols.decimal_kernel import ByteRows, Bytes
+from counterflex.protocols.decimal_kernel import Bytes
+from counterflex.protocols.robot.wire import UdpWire, Wire, host_address
 from counterflex.protocols.system import system_calls
-from counterflex.protocols.system.system_calls import await_datagrams
 
 _MOST_DRAINED: Final = 512
-_ROWS: Final = 8
 _NOBODY: Final = -1
 
 
@@ -81,6 +76,7 @@ class RobotPort:
         largest: Longest datagram, bytes.
         peer: Address and port of the controller, port 0 for any: nobody else is listened to; None takes the first that
             sends a good telegram. From then on it is that address and port alone, until :meth:`forget`.
+        wire: What carries the datagrams; None opens a UDP port.
 
     Attributes:
         address: Where telegrams are expected.
@@ -93,36 +89,15 @@ class RobotPort:
         OutputError: The port cannot be bound.
     """
 
-    def __init__(self, host: str, port: int, largest: int, peer: tuple[str, int] | None = None) -> None:
-        self._allowed = None if peer is None else (_number(peer[0]), peer[1])
+    def __init__(
+        self, host: str, port: int, largest: int, peer: tuple[str, int] | None = None, wire: Wire | None = None
+    ) -> None:
+        self._allowed = None if peer is None else (host_address(peer[0]), peer[1])
         self._sender = _NOBODY
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        if sys.platform == "win32":  # elsewhere a port that is bound cannot be bound again
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
-        try:
-            self._socket.bind((host, port))
-        except OSError as fault:
-            self._socket.close()
-            raise OutputError(
-                f"the port cannot be opened: {fault.strerror or fault}",
-                where=f"{host}:{port}",
-                hint="Is another sensor program running? One at a time answers a robot",
-            ) from fault
-        self.address: tuple[str, int] = self._socket.getsockname()
-        self._fd = self._socket.fileno()
-        self._inbox: ByteRows = np.zeros((_ROWS, largest), dtype=np.uint8)
-        self._rows: list[Bytes] = list(self._inbox)
-        self._views: list[memoryview] = [row.data for row in self._rows]
-        self.data: Bytes = self._rows[0]
-        self._many = system_calls.THERE
-        self._most = _ROWS if self._many else 1
-        self._socket.setblocking(False)
-        self._names: ByteRows = np.zeros((_ROWS, system_calls.NAME), dtype=np.uint8)
-        self._pieces, self._heads = system_calls.heads(self._inbox, self._names)
-        self._lengths: Int = np.zeros(_ROWS, dtype=np.int64)
-        self._senders: Int = np.zeros(_ROWS, dtype=np.int64)
+        self._wire = UdpWire(host, port, largest) if wire is None else wire
+        self.address: tuple[str, int] = self._wire.address
+        self.data: Bytes = self._wire.rows[0]
         self.name: Bytes = np.zeros(system_calls.NAME, dtype=np.uint8)
-        self._waiting: Int = np.zeros(system_calls.WAITING, dtype=np.int64)
         self.counters = Counters()
 
     @property
@@ -143,52 +118,38 @@ class RobotPort:
             Whether one of them was :attr:`Verdict.NEW`.
         """
         received, taken, remaining_ns = False, 0, int(timeout_s * 1e9)
-        end = time.monotonic_ns() + remaining_ns
+        end = self._wire.now_ns() + remaining_ns
         while taken < _MOST_DRAINED:
-            count = self._receive(remaining_ns)
+            count = self._wire.receive(remaining_ns)
             for row in range(count):
                 if self._take(row, read):
                     self.counters.drained += int(received)
                     received = True
             taken += count
-            if count == self._most:  # there may be more
+            if count == self._wire.most:  # there may be more
                 remaining_ns = 0
                 continue
             # What is no telegram does not end the wait: rubbish must not look like a cycle without one.
-            remaining_ns = 0 if received else end - time.monotonic_ns()
+            remaining_ns = 0 if received else end - self._wire.now_ns()
             if remaining_ns <= 0:
                 break
         return received
 
-    def _receive(self, timeout_ns: int) -> int:
-        """Datagrams that came, in the rows of the inbox; waits for the first one."""
-        if self._many:
-            return await_datagrams(
-                self._fd, self._heads, self._names, self._lengths, self._senders, timeout_ns, self._waiting
-            )
-        self._socket.settimeout(max(0, timeout_ns) * 1e-9)
-        try:
-            self._lengths[0], (host, port) = self._socket.recvfrom_into(self._views[0])
-        except OSError:  # none came, or the last answer was refused
-            return 0
-        self._senders[0] = _number(host) << 16 | port
-        return 1
-
     def _take(self, row: int, read: Callable[[int], Verdict]) -> bool:
-        counters, sender = self.counters, int(self._senders[row])
+        counters, sender = self.counters, int(self._wire.senders[row])
         if sender != self._sender and not self._may_speak(sender):
             counters.foreign += 1
             counters.stranger = sender
             return False
-        self.data = self._rows[row]
-        verdict = read(int(self._lengths[row]))
+        self.data = self._wire.rows[row]
+        verdict = read(int(self._wire.lengths[row]))
         if verdict is _MALFORMED:
             counters.malformed += 1
             counters.malformed_in_a_row += 1
             return False
         if sender != self._sender:
             self._sender = self.counters.sender = sender
-            self.name[:] = self._names[row]
+            self.name[:] = self._wire.names[row]
         counters.malformed_in_a_row = 0
         if verdict is _NEW:
             return True
@@ -211,30 +172,13 @@ class RobotPort:
         peer = self.peer
         if peer is None:
             return False
-        try:
-            self._socket.sendto(data, peer)
-        except OSError:  # a cable that is pulled (no route) must not end the loop: it is then a line without telegrams
-            return False
-        return True
+        return self._wire.send(data, peer)
 
     @property
     def target(self) -> int:
         """Of the socket, for a kernel that sends to :attr:`name` itself; -1: there is nobody, or use :meth:`send`."""
-        return self._fd if self._many and self._sender != _NOBODY else -1
+        return -1 if self._sender == _NOBODY else self._wire.target
 
     def close(self) -> None:
         """Free the port."""
-        self._fd = -1
-        self._socket.close()
-
-
-def _number(host: str) -> int:
-    """IPv4 address of a host as a number.
-
-    Raises:
-        InputError: There is no such host.
-    """
-    try:
-        return int.from_bytes(socket.inet_aton(socket.gethostbyname(host)), "big")
-    except OSError as fault:
-        raise InputError("the controller's address is none", value=host) from fault
+        self._wire.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -18,6 +18,31 @@ SIZE: Final = 2048
 
 INBOX: Final = ("heads", "names", "lengths", "hosts", "datagrams")
 """Names of the arrays of an inbox in a kernel's table."""
+
+
+class Inbox(Protocol):
+    """Datagrams of an instrument, see :class:`Datagrams`; one that is no socket says that they are taken one by one."""
+
+    data: ByteRows
+    lengths: Int
+    hosts: Int
+    many: bool
+
+    @property
+    def fd(self) -> int:
+        """Of the socket; -1 where there is none."""
+
+    def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Arrays of :data:`INBOX`."""
+
+    def take(self) -> int:
+        """Take what is there, at most ROWS."""
+
+    def send(self, data: bytes, /) -> None:
+        """Send to the peer that the socket is connected to."""
+
+    def close(self) -> None:
+        """End."""
 
 
 class Datagrams:
@@ -48,6 +73,14 @@ class Datagrams:
     def fd(self) -> int:
         """Of the socket; -1 where it is closed."""
         return self._socket.fileno()
+
+    def send(self, data: bytes) -> None:
+        """Send to the peer that the socket is connected to."""
+        self._socket.send(data)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
 
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """Arrays of :data:`INBOX`, as a kernel that calls the system itself takes them."""

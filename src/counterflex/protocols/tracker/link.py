@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.records import Record, records
 from counterflex.core.units import MM
-from counterflex.protocols.system.datagrams import ROWS, Datagrams, host_number
+from counterflex.protocols.system.datagrams import ROWS, Datagrams, Inbox, host_number
 from counterflex.protocols.tracker import kernel as reading
 from counterflex.protocols.tracker.drain_kernel import ARRAYS, drain_poses
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN
@@ -26,6 +26,7 @@ class TrackerLink:
         peers: Addresses that are listened to; None takes the first that sends a good datagram.
         mean_of: Largest number of good poses of one :meth:`drain` of which the mean is taken, time stamp included: a
             tracker of 1 kHz then has half the noise at 4 ms. Where more have piled up, or with 1, the newest counts.
+        inbox: Where the datagrams come in; None opens the port.
 
     Attributes:
         address: Where datagrams are expected.
@@ -37,23 +38,24 @@ class TrackerLink:
     """
 
     def __init__(
-        self, host: str = "127.0.0.1", port: int = 0, peers: tuple[str, ...] | None = None, *, mean_of: int = 1
+        self,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        peers: tuple[str, ...] | None = None,
+        *,
+        mean_of: int = 1,
+        inbox: Inbox | None = None,
     ) -> None:
         if mean_of < 1:
             raise InputError("number of poses of which the mean is taken", value=mean_of, limit=">= 1")
         self._most = float(mean_of)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-        except OSError as fault:
-            self._socket.close()
-            raise OutputError(
-                f"the port cannot be opened: {fault.strerror or fault}",
-                where=f"{host}:{port}",
-                hint="Is another program listening there?",
-            ) from fault
-        self.address: tuple[str, int] = self._socket.getsockname()
-        self._inbox = Datagrams(self._socket)
+        if inbox is None:
+            own = _bound(host, port)
+            self.address: tuple[str, int] = own.getsockname()
+            inbox = Datagrams(own)
+        else:
+            self.address = host, port
+        self._inbox = inbox
         self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
         self._received = records(reading.RECEIVED)
         r: Record = self._received[0]
@@ -130,4 +132,19 @@ class TrackerLink:
 
     def close(self) -> None:
         """Free the port."""
-        self._socket.close()
+        self._inbox.close()
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    """A socket that listens on a port."""
+    own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        own.bind((host, port))
+    except OSError as fault:
+        own.close()
+        raise OutputError(
+            f"the port cannot be opened: {fault.strerror or fault}",
+            where=f"{host}:{port}",
+            hint="Is another program listening there?",
+        ) from fault
+    return own

@@ -26,6 +26,7 @@ from statistics import NormalDist
 from typing import Any, Final
 
 import numpy as np
+import scipy
 
 from counterflex.core.arrays import Bool, Float, frozen
 from counterflex.core.errors import InputError
@@ -151,8 +152,6 @@ def class_prior(
     Raises:
         InputError: The payload is not known or outside the range in which the class says anything.
     """
-    from scipy.special import stdtrit  # heavy, and most cells need no class
-
     low, high = PAYLOAD_KG
     if payload_kg is None or not low <= payload_kg <= high:
         raise InputError(
@@ -177,7 +176,7 @@ def class_prior(
     variance = np.sum(residual**2, axis=0) / freedom
     typical = np.sum(freedom * variance) / np.sum(freedom)
     moderated = (freedom * variance + _WEIGHT_OF_MEAN * typical) / (freedom + _WEIGHT_OF_MEAN)
-    wide = stdtrit(freedom + _WEIGHT_OF_MEAN, 0.5 + 0.5 * _INSIDE) / _NORMAL
+    wide = scipy.special.stdtrit(freedom + _WEIGHT_OF_MEAN, 0.5 + 0.5 * _INSIDE) / _NORMAL
     here = float(np.log(payload_kg * reach_m))
     log_sigma = np.sqrt(moderated * (1.0 + 1.0 / count) * wide**2 + (doubt * (here - size.mean())) ** 2)
     return ClassPrior(

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from counterflex.core.arrays import Float, as_positive
@@ -98,10 +99,8 @@ class TrackerPlant:
 
 def _zero_order_hold(A: Float, B: Float, time_s: float) -> tuple[Float, Float]:
     """Transition (n, n) and input (n,) of ``x' = A x + B u`` over a time with u held."""
-    from scipy.linalg import expm  # half a second of imports that no reader of a cell file needs
-
     n = len(B)
     block = np.zeros((n + 1, n + 1))
     block[:n, :n], block[:n, n] = A * time_s, B * time_s
-    out: Float = expm(block)
+    out: Float = scipy.linalg.expm(block)
     return out[:n, :n], out[:n, n]

@@ -53,6 +53,7 @@ BEYOND_NOISE: Final = 5.0
 CORRECTED_M: Final = 0.5e-3
 _LOST, _JUMP = int(Cause.TRACKER_LOST), int(Cause.TRACKER_JUMP)
 _FROZEN, _STAMP = int(Cause.TRACKER_FROZEN), int(Cause.TRACKER_STAMP)
+_SESSION = int(Cause.SESSION_RESTARTED)
 _LONGEST = 0.9 * PAST_ROWS
 _LOOK_BACK = (12, 40, 75)
 
@@ -122,6 +123,8 @@ def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
 
     Against the first of them: one that leaves the noise, or that the program has not moved, is the next first one.
     """
+    if memory.anchor[6] < 0.0:
+        return False
     noise = SIGMAS * max(LEAST_SIGMA_M, given.tracker_sigma)
     seen = moved = 0.0
     for k in range(3):
@@ -133,6 +136,21 @@ def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
         memory.anchor[k], memory.anchor[3 + k] = given.actual[9 + k], stands[k]
     memory.anchor[6] = 1.0
     return False
+
+
+@kernel("void(Given, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Given=GIVEN)
+def watch_session(given: Record, limits: Record, memory: Record) -> None:
+    """Hold nothing against the commanded pose of another session: between the two the robot may have been moved.
+
+    Args:
+        given: Inputs of the cycle.
+        limits: Of the tests.
+        memory: Of the tests; changed.
+    """
+    if given.hard == _SESSION:
+        memory.anchor[6] = -float(limits.settle_cycles)
+    elif memory.anchor[6] < 0.0:
+        memory.anchor[6] += 1.0
 
 
 @kernel("boolean(Given, float64[::1], Memory)", Memory=MEMORY, Given=GIVEN)

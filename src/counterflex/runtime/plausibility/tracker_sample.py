@@ -22,7 +22,13 @@ from counterflex.runtime.plausibility.kernel import (
     gap_cycles,
     return_is_believed,
 )
-from counterflex.runtime.plausibility.tracker_gate import REPEATED, count_sample, sample_doubt, stamped_pose
+from counterflex.runtime.plausibility.tracker_gate import (
+    REPEATED,
+    count_sample,
+    sample_doubt,
+    stamped_pose,
+    watch_session,
+)
 from counterflex.runtime.primitives.frames import pose_deviation
 from counterflex.runtime.primitives.history import row_at
 from counterflex.runtime.state.chosen import SETTINGS
@@ -161,6 +167,7 @@ def judge_sample(
         Bits ``DOUBT_...``.
     """
     memory.without += 1
+    watch_session(given, limits, memory)
     if given.tracker_new == 0:
         return int(_not_seen(state.supervisor.state, limits, memory))
     here, fused = state.ring_row, settings.force == _FUSED

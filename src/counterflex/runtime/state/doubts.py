@@ -109,7 +109,9 @@ MEMORY: Final = record(
     bend=float,  # by how much the last bends of the path may throw the robot off, m
     bent=(float, 3),  # mean of the deflection
     missing=(float, 3),  # mean of what is missing of the correction at the robot, m
-    anchor=(float, 7),  # sample of the tracker that the next are held against, commanded position then; 1: there is one
+    # Sample of the tracker that the next are held against, commanded position then; 1: there is one, < 0: cycles until
+    # one may be taken.
+    anchor=(float, 7),
     plan_place=float,  # mean distance of the program from the plan in the cut, m
     plan_feed=float,  # mean speed by the planned one
     plan_force=float,  # mean measured by predicted force

@@ -132,7 +132,10 @@ def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int
     """
     now, enable = state.supervisor.state, given.enable
     if given.reset == 1 and now != _HOLD:
-        state.acted = state.away = state.armed = 0
+        # A person who acknowledges while the program is on its way to the cut has seen no hold of it yet.
+        if enable == 0 or state.away == 1 or state.supervisor.feed_hold == 1:
+            state.acted = state.armed = 0
+        state.away = 0
     acts = now in (_ACTIVE, _HOLD)
     if now == _ARMED:
         state.armed = 1
@@ -144,7 +147,9 @@ def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int
         uncorrected = cuts == CUT and standing == 0 and state.armed == 1 and now <= _ARMED
         state.uncorrected = state.uncorrected + 1 if uncorrected else 0
     requested = 1 if enable == 1 or (acts and state.disabled < DEBOUNCE) else 0
-    ended = state.acted == 1 and (now < _ARMED or now == _RAMP_OUT) and state.supervisor.cause in (0, _PROGRAM)
+    # Whatever it ended by: a hold in air that the program has left by its Enable is not asked for any more.
+    free = state.supervisor.cause in (0, _PROGRAM) or state.supervisor.feed_hold == 0
+    ended = state.acted == 1 and (now < _ARMED or now == _RAMP_OUT) and free
     if cuts == CUT and requested == 0 and (acts or (now == _RAMP_OUT and standing == 0)):
         state.away = 1
     if (ended and state.enabled >= DEBOUNCE) or state.uncorrected >= DEBOUNCE:

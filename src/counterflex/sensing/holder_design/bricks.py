@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sparse
-from scipy.sparse.linalg import splu
+import scipy
 
 from counterflex.core.arrays import Bool, Float, as_positive
 from counterflex.core.errors import InputError
@@ -167,7 +166,9 @@ def solve(body: Bricks, e_pa: float, poisson_ratio: float) -> Solved:
     motion[moved, :, 3:] = -np.stack([skew(a) for a in arm])
     flat = motion.reshape(-1, 6)
     try:
-        factor = splu(K[free][:, free].tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        factor = scipy.sparse.linalg.splu(
+            K[free][:, free].tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+        )
     except RuntimeError as fault:
         raise InputError("the body falls apart: a piece of it is held by nothing", value=str(fault)) from fault
     flat[free] = factor.solve(-(K @ flat)[free])
@@ -191,4 +192,4 @@ def _stiffness(basis: Any, e_pa: float, poisson_ratio: float) -> Any:
     places = (3 * basis.element_dofs.T[:, :, None] + np.arange(3)).reshape(cells, 3 * n)
     i, j = np.repeat(places, 3 * n, axis=1).ravel(), np.tile(places, (1, 3 * n)).ravel()
     size = 3 * basis.N
-    return sparse.coo_matrix((local.reshape(cells, -1).ravel(), (i, j)), shape=(size, size)).tocsr()
+    return scipy.sparse.coo_matrix((local.reshape(cells, -1).ravel(), (i, j)), shape=(size, size)).tocsr()

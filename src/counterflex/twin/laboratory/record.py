@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -92,7 +92,7 @@ def measure(order: Order) -> Measured:
 def _run(truth: Truth, t: Float, q: Float, progress: Progress) -> tuple[Float, Float, Float]:
     """Times, tool tips and motor angles of the run, every millisecond."""
     plant = Plant(truth)
-    command = CubicSpline(t, q)
+    command = scipy.interpolate.CubicSpline(t, q)
     count = round((t[-1] - t[0]) / STEP_S)
     at = t[0] + STEP_S * np.arange(count + 1)
     q_ref, qd_ref = np.ascontiguousarray(command(at)), np.ascontiguousarray(command(at, 1))
@@ -117,7 +117,7 @@ def _late(time_s: Float, values: Float, at: Float, channel: Channel) -> Float:
     if channel.lag_s > 0.0:
         out = first_order_lag(values, float(time_s[1] - time_s[0]), 1.0 / channel.lag_s)
     moved = np.clip(at - channel.dead_time_s, time_s[0], time_s[-1])
-    result: Float = CubicSpline(time_s, out)(moved)
+    result: Float = scipy.interpolate.CubicSpline(time_s, out)(moved)
     return result
 
 

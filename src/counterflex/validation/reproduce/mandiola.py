@@ -22,7 +22,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM
 from counterflex.evaluate import tracking
@@ -40,6 +40,8 @@ QUICK_SCALE: Final = 0.15
 CORNER_M: Final = 15.0 * MM
 """Path on either side of a corner that counts as corner, at full size: 1.3 s at 700 mm/min."""
 AFTER_REVERSAL_S: Final = 1.5
+_WHOLE: Final = 0.9
+"""Share of the expected cycles below which a run has ended early: nothing is stored as its result."""
 PAPER: Final[dict[str, Any]] = {
     "circle_reduction": 0.66,
     "overall_reduction": (0.8, 0.9),
@@ -194,6 +196,13 @@ def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) 
             sensors=closed_loop.Sensors(force=False, tracker=True),
             cycles=cycles,
             progress=progress,
+        )
+    if outcome["cycles"] < _WHOLE * cycles:
+        raise OutputError(
+            f"the run over the {shape} ended early",
+            where=str(log),
+            value=f"{outcome['cycles']} of about {cycles} cycles, {', '.join(outcome['causes']) or 'no cause'}",
+            hint="Its log says why (counterflex log show); the same command runs it again",
         )
     shutil.rmtree(log, ignore_errors=True)
     return {"loop": {key: outcome[key] for key in ("cycles", "states", "causes", "largest_correction_um", "seconds")}}

@@ -75,24 +75,39 @@ def panel_user(
             help="File of users (.toml); made when missing.", metavar="FILE", callback=arguments.output_file
         ),
     ],
-    name: Annotated[str, typer.Argument(help="Name to log in with.", metavar="NAME")],
+    name: Annotated[str | None, typer.Argument(help="Name to log in with.", metavar="NAME")] = None,
     role: Role = "viewer",
+    remove: Annotated[
+        str | None, typer.Option("--remove", help="Remove this user instead; open sessions end.", metavar="NAME")
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the users instead.")] = False,
 ) -> None:
     """Add a user of the panel, or give him another role and password. The password is asked for, or read from stdin.
 
-    The file holds a hash of it (scrypt) and can be read by you only.
+    The file holds a hash of it (scrypt) and can be read by you only. A running panel reads it again within 1 s.
 
     Example: `counterflex panel-user users.toml anna --role operator`
     """
     from counterflex.core.errors import InputError
-    from counterflex.files.panel_users import LEAST, set_user
+    from counterflex.files.panel_users import LEAST, PanelUsers, remove_user, set_user
 
-    if role not in ("viewer", "operator"):
-        raise InputError("no such role", where="--role", value=role, limit="viewer or operator")
+    if (name is not None) + (remove is not None) + listed != 1:
+        raise InputError("give either NAME, --remove NAME or --list", hint="counterflex panel-user --help")
+    if listed:
+        for one, its_role in PanelUsers(users).roles().items():
+            typer.echo(f"{one}: {its_role}")
+    elif remove is not None:
+        remove_user(users, remove)
+        typer.echo(f"wrote {users}: {remove} is removed")
+    elif name is not None:
+        if role not in ("viewer", "operator"):
+            raise InputError("no such role", where="--role", value=role, limit="viewer or operator")
+        password = _password(f"password, at least {LEAST} characters")
+        set_user(users, name, "operator" if role == "operator" else "viewer", password)
+        typer.echo(f"wrote {users}: {name} is {role}")
+
+
+def _password(question: str) -> str:
     if sys.stdin.isatty():
-        question = f"password, at least {LEAST} characters"
-        password: str = typer.prompt(question, hide_input=True, confirmation_prompt=True)
-    else:
-        password = sys.stdin.readline().rstrip("\n")
-    set_user(users, name, "operator" if role == "operator" else "viewer", password)
-    typer.echo(f"wrote {users}: {name} is {role}")
+        return str(typer.prompt(question, hide_input=True, confirmation_prompt=True))
+    return sys.stdin.readline().rstrip("\n")

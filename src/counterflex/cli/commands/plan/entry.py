@@ -9,6 +9,7 @@ import typer
 
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar
+from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
 from counterflex.core.units import DEG, MM
 from counterflex.programs.limits import BY_ENDING
 
@@ -78,9 +79,9 @@ def _show(summary: dict[str, Any], out: Path) -> None:
         ]
         for row in summary["entries"]
     ]
-    head = ["line", "entry", "move", "peak force N", "force step N/ms", "error um"]
+    head = ["line", "entry", "move", "peak force N", "force step N/ms", f"error, {MODEL_UM}"]
     before, after = summary["time_s"]
-    print_table(f"{summary['program']}: entries and exits, {before:g} -> {after:g} s", head, rows)
+    print_table(f"{summary['program']}: entries and exits, {before:g} -> {after:g} s", head, rows, note=MODEL_NOTE)
     typer.echo(f"wrote {out}: {summary['program']}, summary.json")
 
 

@@ -7,9 +7,9 @@ from typing import Annotated, Any, cast
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.commands.plan.posture import EXPECTED_NOTE, expected_text
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
+from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_NOTE, MODEL_UM, expected_text
 from counterflex.programs.limits import BY_ENDING
 
 
@@ -145,13 +145,13 @@ def _show(summary: dict[str, Any]) -> None:
         *axes,
         "branch",
         "rotation deg",
-        "expected um",
-        "by the model um",
+        EXPECTED_UM,
+        MODEL_UM,
     ]
-    columns += ["error um", "damping in cut", "reversals", "limit margin deg", "wrist deg", "clearance mm"]
+    columns += ["with lost motion um", "damping in cut", "reversals", "limit margin deg", "wrist deg", "clearance mm"]
     note = (
-        f"Deflection at rest, not compensated: 99.7 % of the cut stay below it. {EXPECTED_NOTE} Error: power mean, "
-        "with lost motion and swing, by the model."
+        f"Deflection at rest, not compensated: 99.7 % of the cut stay below it. {EXPECTED_NOTE} With lost motion: "
+        "power mean of the error with lost motion and swing, by the model too."
     )
     print_table(
         f"{summary['program']} on {summary['cell']}",
@@ -178,21 +178,24 @@ def _show_operations(summary: dict[str, Any]) -> None:
         for row in summary["operations"]
     ]  # fmt: skip
     print_table(
-        "Operations", ["lines", "cut mm", *axes, "error um", "in one place um"], rows,
-        note=f"One posture for all: {whole['branch']}, {whole['rotation_about_tool_deg']:g} deg about the tool.",
+        "Operations", ["lines", "cut mm", *axes, MODEL_UM, "in one place um"], rows,
+        note=f"One posture for all: {whole['branch']}, {whole['rotation_about_tool_deg']:g} deg about the tool. "
+        f"{MODEL_NOTE}",
     )  # fmt: skip
     if whole["in_one_place_um"] is None:
         typer.echo(f"one place for all cannot be run ({summary.get('one_place_refused', 'in this posture')})")
     else:
         typer.echo(
-            f"{whole['moves']} moves between operations: {whole['error_um']:g} um of error, "
+            f"{whole['moves']} moves between operations, {MODEL}: {whole['error_um']:g} um of error, "
             f"{whole['reduction_percent']:g} % less than {whole['in_one_place_um']:g} um in the best place for all"
         )
 
 
 def _angle(row: dict[str, Any], made: dict[str, Any]) -> str:
     """One angle of the spindle: its best place, or why there is none."""
-    worth = row["refused"] if row["deflection_um"] is None else f"{row['deflection_um']:g} um in its best place"
+    worth = (
+        row["refused"] if row["deflection_um"] is None else f"{row['deflection_um']:g} um in its best place ({MODEL})"
+    )
     marks = [word for word in ("present", "chosen") if row["angle_deg"] == made[f"{word}_deg"]]
     remark = f" ({', '.join(marks)})" if marks else ""
     return f"{made['body']}.{made['key']} = {row['angle_deg']:g}: {worth}{remark}"

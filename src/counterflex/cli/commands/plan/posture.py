@@ -9,6 +9,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG
 from counterflex.programs.limits import BY_ENDING
 
@@ -89,11 +90,11 @@ def _show(summary: dict[str, Any]) -> None:
     rows = [[name, *_row(summary[name])] for name in ("present", "chosen")]
     columns = [
         "posture",
-        "expected um",
+        EXPECTED_UM,
         "branch",
         "rotation deg",
         "turned deg",
-        "by the model um",
+        MODEL_UM,
         "largest um",
         "in line",
     ]
@@ -106,17 +107,6 @@ def _show(summary: dict[str, Any]) -> None:
     if summary["reduction_percent"] is not None:
         typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present posture")
     typer.echo(f"{summary['poses']} postures tried; no posture could be below {summary['bound_um']:g} um in the mean")
-
-
-EXPECTED_NOTE: Final = "Expected: median and range of nine of ten such cells; the model is without their unknowns."
-
-
-def expected_text(held: dict[str, Any]) -> str:
-    """``950 (610 to 1480)`` of a row of a summary; empty where it was not counted."""
-    if held["expected_um"] is None:
-        return "not counted"
-    median, low, high = held["expected_um"]
-    return f"{median:.0f} ({low:.0f} to {high:.0f})"
 
 
 _SURFACE_WORDS: Final = {"both": "wall and floor", "wall": "the wall", "floor": "the floor"}

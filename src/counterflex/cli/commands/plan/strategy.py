@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import line_of, print_json, print_table, progress_bar
+from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG, MM, PERCENT, RPM
 from counterflex.programs.limits import BY_ENDING
 
@@ -18,6 +19,12 @@ def _range(option: str, what: str) -> Any:
     return typer.Option(
         option, help=f"{what}: a value, or LOW:HIGH.", metavar="RANGE", callback=arguments.positive_range
     )
+
+
+_NOTE: Final = (
+    f"Errors square to the wall. {EXPECTED_NOTE} Up to: nine of ten stay below. That of the model has a sign: + leaves "
+    "material."
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -82,9 +89,10 @@ def strategy(
     """Rank the ways to finish a wall: up- or down-milling, widths, depths, feeds per tooth, spindle speeds.
 
     The first row is what the program does, the others what leaves less error normal to the wall at its pose, without
-    compensation, the smallest first. Each error is given as computed and as nine of ten cells stay below it, force and
-    stiffness being as uncertain as the cell file leaves them. Limits are those of [process_limits], of the force
-    constants and of time; those that keep a better choice out are named. Errors are at rest in full engagement.
+    compensation, the smallest first. Each error is given as median and range of nine of ten cells, force and stiffness
+    being as uncertain as the cell file leaves them, and as the model computes it. Limits are those of
+    [process_limits], of the force constants and of time; those that keep a better choice out are named. Errors are at
+    rest in full engagement.
 
     Without PROGRAM give --ae-mm, --ap-mm, --fz-mm and --rpm.
 
@@ -130,7 +138,8 @@ def _show(answer: dict[str, Any]) -> None:
     listed = [(str(i + 1), row) for i, row in enumerate(answer["choices"])]
     if answer["before"] is not None:
         listed.insert(0, ("before", answer["before"]))
-    columns = ["", "milling", "a_e mm", "a_p mm", "f_z mm", "rpm", "F normal N", "error um", "up to um", "s/m", "limit"]
+    columns = ["", "milling", "a_e mm", "a_p mm", "f_z mm", "rpm", EXPECTED_UM, "up to um", MODEL_UM, "F normal N"]
+    columns += ["s/m", "limit"]
     table = [
         [
             name,
@@ -139,15 +148,21 @@ def _show(answer: dict[str, Any]) -> None:
             f"{row['ap_mm']:g}" + (f" x {row['levels']}" if row["levels"] > 1 else ""),
             f"{row['fz_mm']:g}",
             f"{row['spindle_rpm']:g}",
-            f"{row['normal_n']:+.1f}",
-            f"{row['error_um']:+.1f}",
+            expected_text(row),
             f"{row['up_to_um']:.1f}",
+            f"{row['error_um']:+.1f}",
+            f"{row['normal_n']:+.1f}",
             f"{row['time_s_per_m']:.1f}",
             _limit(row),
         ]
         for name, row in listed
     ]
-    print_table(f"{answer['program'] or 'wall'} on {answer['cell']}, {answer['material']}", columns, table)
+    print_table(
+        f"{answer['program'] or 'wall'} on {answer['cell']}, {answer['material']}",
+        columns,
+        table,
+        note=_NOTE,
+    )
     zero = answer["zero"]
     force, error = (
         "nowhere" if zero[key] is None else f"at a_e = {zero[key]:g} mm"

@@ -9,6 +9,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
+from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
 from counterflex.programs.limits import BY_ENDING
 
 
@@ -74,11 +75,12 @@ def working_space(
     keys = ("x_mm", "y_mm", "z_mm", "deflection_um", "stiffness_n_per_um", "first_mode_hz", "margin_deg")
     print_table(
         f"{summary['program']} on {summary['cell']}",
-        ["place", "x mm", "y mm", "z mm", "deflection um", "softest N/um", "first mode Hz", "margin deg"],
+        ["place", "x mm", "y mm", "z mm", MODEL_UM, "softest N/um", "first mode Hz", "margin deg"],
         [
             [name, *("" if row is None or row[key] is None else f"{row[key]:g}" for key in keys)]
             for name, row in rows.items()
         ],
+        note=f"Deflection without compensation. {MODEL_NOTE}",
     )
     typer.echo(f"{summary['places']} places, {summary['refused']} of them refused")
     say_written(out, f"wrote {out}: report.html, map.csv, summary.json")

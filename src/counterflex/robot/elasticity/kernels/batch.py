@@ -10,11 +10,10 @@ import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
-from counterflex.core.jit import kernel
+from counterflex.core.jit import kernel, thread_count
 from counterflex.robot.elasticity.kernels.equilibrium import settle
 from counterflex.robot.elasticity.kernels.records import CHAIN, STEP, WORK, Compact, Elastic
 from counterflex.robot.elasticity.kernels.scalar import (
@@ -176,7 +175,7 @@ def _in_threads(work: Callable[[int, int], int | None], count: int) -> int:
     """
     if count <= CHUNK:
         return work(0, count) or 0
-    threads = numba.get_num_threads()
+    threads = thread_count()
     size = max(CHUNK, -(-count // (4 * threads)))
     parts = [(first, min(count, first + size)) for first in range(0, count, size)]
     return sum(number or 0 for number in _threads(threads).map(lambda part: work(*part), parts))

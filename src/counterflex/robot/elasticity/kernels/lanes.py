@@ -12,9 +12,10 @@ import math
 from typing import Final
 
 import numpy as np
+from numba import prange
 
 from counterflex.core.arrays import Float
-from counterflex.core.jit import kernel, prange
+from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, deflection_range
 from counterflex.robot.elasticity.kernels.records import Compact

@@ -6,9 +6,10 @@ import math
 from typing import Final
 
 import numpy as np
+from numba import prange
 
 from counterflex.core.arrays import Float, Int
-from counterflex.core.jit import kernel, prange
+from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.kernels.batch import step_range
 from counterflex.robot.elasticity.kernels.lanes import BLOCKS, L, gather, lane_difference, lane_pass, lane_trig
 from counterflex.robot.elasticity.kernels.records import Compact

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-import numba
-
 from counterflex.core.arrays import Float
 from counterflex.core.jit import bundle
 from counterflex.core.records import Records, record
@@ -81,9 +79,9 @@ class Compact(NamedTuple):
 
 CHAIN: Final = bundle(
     Compact,
-    stations=numba.from_dtype(STATION)[::1],
-    surroundings=numba.from_dtype(SURROUNDINGS)[::1],
-    regions=numba.from_dtype(REGION)[::1],
+    stations=(STATION,),
+    surroundings=(SURROUNDINGS,),
+    regions=(REGION,),
 )
 
 STEP: Final = record(
@@ -139,8 +137,8 @@ class Elastic(NamedTuple):
 ELASTIC: Final = bundle(
     Elastic,
     chain=CHAIN,
-    results=numba.from_dtype(STEP)[::1],
+    results=(STEP,),
     frame="float64[:, ::1]",
     delta="float64[:, ::1]",
-    works=numba.from_dtype(WORK)[::1],
+    works=(WORK,),
 )

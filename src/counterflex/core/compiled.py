@@ -1,0 +1,195 @@
+"""How Numba compiles, keeps and reads the code of a kernel; loads the compiler, which takes a quarter of a second.
+
+:mod:`counterflex.core.jit` imports this when a kernel is first called.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numba
+import numpy as np
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserProvidedCacheLocator
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+
+if sys.platform != "win32":
+    import fcntl
+
+_record_type = functools.cache(numba.from_dtype)
+
+
+def numba_type(kind: Any) -> Any:
+    """Return the type that a kernel takes.
+
+    Args:
+        kind: Record dtype; ``(dtype,)`` for an array of records of one dimension; text as a signature has it; or a
+            NamedTuple type with the kinds of its fields (:func:`counterflex.core.jit.bundle`).
+    """
+    if isinstance(kind, np.dtype):
+        return _record_type(kind)
+    if isinstance(kind, str):
+        return eval(kind, vars(numba.types))
+    if isinstance(kind, tuple):
+        return _record_type(kind[0])[::1]
+    return kind.numba_type(numba_type, numba.types.NamedTuple)
+
+
+def with_records(signature: str, records: dict[str, Any]) -> Any:
+    """Return a signature in which the names of records and bundles stand for their types."""
+    return eval(signature, vars(numba.types) | {name: numba_type(kind) for name, kind in records.items()})
+
+
+@contextlib.contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Wait until no other process holds a lock file, then hold it; a place without locks is no obstacle."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lock = file.open("w")
+    except OSError:
+        yield
+        return
+    with lock:
+        if sys.platform != "win32":
+            with contextlib.suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+class _BySources(UserProvidedCacheLocator):  # type: ignore[misc]
+    """Place of a function's compiled code: the folder named after its sources, wherever these are installed.
+
+    Numba adds a folder named after the path of the source file: a second installation would compile everything again.
+    """
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:  # noqa: ARG003
+        return ""
+
+
+class _Code(CompileResultCacheImpl):  # type: ignore[misc]
+    """How compiled code is written and read: Numba's way, in that place."""
+
+    _locator_classes: Final = (_BySources,)  # Numba's other places are not proven to be this user's alone
+
+
+class _SharedCache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache of one function, asked again when no other process is compiling that function any more."""
+
+    _impl_class = _Code
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._name_of_lock = f"{function.__qualname__}-{function.__code__.co_firstlineno}.lock"
+        self.locks: contextlib.ExitStack | None = None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        result = self._loaded(sig, target_context)
+        if result is None and self.locks is not None:
+            self.locks.enter_context(_alone(Path(self.cache_path) / self._name_of_lock))
+            result = self._loaded(sig, target_context)
+        return result
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
+        """Read compiled code; a file that a power failure cut off is as good as none, and is written anew."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # unpickling raises anything
+            with contextlib.suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):  # a full disk: what cannot be kept is compiled again next time
+            super().save_overload(sig, data)
+
+
+class _NoCache(NullCache):  # type: ignore[misc]
+    """Used where compiled code cannot be kept: the disk is full."""
+
+    locks: contextlib.ExitStack | None = None
+
+
+class Dispatcher(CPUDispatcher):  # type: ignore[misc]
+    """A compiled function that is compiled for the stated signatures when it is first needed, and for no other type."""
+
+    _only_stated = False
+    _stated: tuple[Any, ...] = ()
+    _records: dict[str, Any]
+
+    def state(self, signatures: tuple[Any, ...], records: dict[str, Any]) -> None:
+        """State the only signatures that it will ever have; their names are looked up when they are needed."""
+        self._only_stated, self._stated, self._records = True, signatures, records
+
+    def enable_caching(self) -> None:
+        """Take the cache by sources, or none where Numba finds no place for it."""
+        try:
+            self._cache = _SharedCache(self.py_func)
+        except RuntimeError:
+            self._cache = _NoCache()
+
+    def compile(self, sig: Any) -> Any:
+        """Compile for a signature, while no other process compiles the same."""
+        with global_compiler_lock, contextlib.ExitStack() as locks:
+            before, self._cache.locks = self._cache.locks, locks
+            try:
+                return super().compile(sig)
+            finally:
+                self._cache.locks = before
+
+    def compile_stated(self) -> None:
+        """Compile it for its stated signatures or read it from the cache, unless that is done."""
+        with global_compiler_lock:
+            stated, self._stated = self._stated, ()
+            try:
+                for signature in stated:
+                    self.compile(with_records(signature, self._records) if self._records else signature)
+            except BaseException:
+                self._stated = stated
+                raise
+            if stated:
+                self.disable_compile()
+
+    def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
+        if self._only_stated:
+            self.compile_stated()  # by one thread: others that call it meanwhile wait here
+            return self  # is called again, and now finds its signature or raises TypeError
+        return super()._compile_for_args(*args, **kws)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return the signature for a call from another kernel."""
+        self.compile_stated()
+        return super().get_call_template(args, kws)
+
+    def _reduce_states(self) -> Any:
+        self.compile_stated()
+        return super()._reduce_states()
+
+
+def dispatcher(
+    function: Callable[..., Any],
+    options: dict[str, Any],
+    signatures: tuple[Any, ...] | None,
+    records: dict[str, Any],
+    folder: Path,
+) -> Dispatcher:
+    """Return the compiled function of a kernel; nothing is compiled yet. The caller holds the lock of the compiler.
+
+    Args:
+        function: The kernel in Python.
+        options: Of Numba.
+        signatures: The only ones that it will have, or None.
+        records: Types by the names that signatures give them.
+        folder: Of its compiled code.
+    """
+    numba.config.CACHE_DIR = str(folder)
+    compiled = Dispatcher(function, targetoptions=options)
+    compiled.enable_caching()
+    if signatures is not None:
+        compiled.state(signatures, records)
+    return compiled

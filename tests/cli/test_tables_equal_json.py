@@ -1,0 +1,112 @@
+"""Tables that a person reads hold the numbers of the JSON of the same command, row by row."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from counterflex.cli.commands.log import show_process
+from counterflex.cli.output import keep_inputs
+from counterflex.core.errors import InputError
+
+ROBOT = "kuka_kr300_r2500_ultra"
+JOINTS = "5,-95,110,20,-35,40"
+
+
+def answers(counterflex: Any, *words: Any) -> tuple[dict[str, Any], list[str]]:
+    """JSON and lines of the table of one command."""
+    made, shown = counterflex(*words, "--json"), counterflex(*words)
+    assert (made.status, shown.status) == (0, 0)
+    found: dict[str, Any] = json.loads(made.out)
+    return found, shown.out.splitlines()
+
+
+def row_of(lines: list[str], first: str) -> list[str]:
+    """Cells behind the first one of a row of a table."""
+    rows = [[cell.strip() for cell in line.split("│")] for line in lines]
+    (found,) = [row for row in rows if len(row) > 1 and row[0] == first]
+    return found[1:]
+
+
+@pytest.mark.parametrize("force", ["9000,-6000,3000", "-9000,6000,-3000"])
+def test_the_table_of_a_deflection(counterflex: Any, force: str) -> None:
+    """Each row is its own: linear, nonlinear and sag; shares in per cent; signs as in the JSON."""
+    answer, lines = answers(counterflex, "deflection", ROBOT, "--joints-deg", JOINTS, "--force-n", force)
+    for name, key in (("linear", "linear"), ("nonlinear", "nonlinear"), ("own weight (sag)", "gravity_sag")):
+        one = answer[key]
+        expected = [*one["dx_dy_dz_um"], one["length_um"], *one["rx_ry_rz_urad"]]
+        assert [float(word) for word in row_of(lines, name)] == pytest.approx(expected, abs=5.1e-3)
+    assert answer["linear"]["length_um"] != pytest.approx(answer["nonlinear"]["length_um"], abs=0.011)
+    for row in answer["shares"]:
+        words = row_of(lines, row["segment"])
+        assert [float(word) for word in words[:3]] == pytest.approx(row["dx_dy_dz_um"], abs=0.051)
+        assert words[3] == f"{100.0 * row['share']:.1f}%"
+    assert f"Linear and nonlinear differ by {answer['gap_um']:.3f} um." in "\n".join(lines)
+
+
+def test_the_table_of_postures_names_the_smallest_margin(counterflex: Any) -> None:
+    answer, _ = answers(counterflex, "pose", ROBOT, "--joints-deg", JOINTS)
+    tcp = answer["tcp_in_base"]
+    xyz, abc = (",".join(str(v) for v in list(tcp.values())[k : k + 3]) for k in (0, 3))
+    answer, lines = answers(counterflex, "pose", ROBOT, f"--xyz-mm={xyz}", f"--abc-deg={abc}")
+    assert len(answer["solutions"]) > 1
+    rows = [[cell.strip() for cell in line.split("│")] for line in lines if line.count("│") == 8]
+    for one, (branch, *words) in zip(answer["solutions"], rows, strict=True):
+        assert branch == one["branch"]
+        assert [float(word) for word in words[:6]] == pytest.approx(one["joints_deg"], abs=1e-4)
+        assert float(words[6]) == pytest.approx(min(one["margins"].values()), abs=0.006)
+        assert float(words[7]) == pytest.approx(one["wrist_deg"], abs=0.006)
+
+
+BEFORE = "G21 G90 F600 M3 S1000\nG0 X0 Y0 Z0\n" + "".join(f"G1 X{k} Y{k % 2}\n" for k in range(1, 31)) + "M2\n"
+MOVED = {4: 0.3, 9: 0.05, 17: 0.9, 23: 0.2}
+AFTER = re.sub(r"G1 X(\d+) Y(\d)", lambda m: f"G1 X{m[1]} Y{int(m[2]) + MOVED.get(int(m[1]), 0.001):.3f}", BEFORE)
+
+
+@pytest.mark.parametrize("by", ["change", "line"])
+def test_the_table_of_changes(counterflex: Any, tmp_path: Path, by: str) -> None:
+    """Largest first, or by line; what is left out is counted."""
+    old, new = tmp_path / "old.ngc", tmp_path / "new.ngc"
+    old.write_text(BEFORE)
+    new.write_text(AFTER)
+    made = json.loads(counterflex("diff", str(old), str(new), "--by", by, "--json").out)
+    off = [np.linalg.norm([row[f"{axis}_um"] for axis in "xyz"]) for row in made["changes"]]
+    lines = [row["line_before"] for row in made["changes"]]
+    if by == "change":
+        assert off == sorted(off, reverse=True)
+        assert lines != sorted(lines)
+        assert lines[0] == 17 + 2
+    else:
+        assert lines == sorted(lines)
+    shown = counterflex("diff", str(old), str(new), "--by", by, "--most", "7").out
+    table = [line.split() for line in shown.splitlines() if re.match(r"\s*\d+ │\s+\d+ │", line)]
+    assert [int(row[0]) for row in table] == lines[:7]
+    assert f"{made['changed']} of {made['motions_before']} motions changed, {len(off) - 7} not shown (--most)" in shown
+    assert f"largest {made['largest_um']} um in line {made['largest_line']}" in shown
+
+
+@pytest.mark.parametrize(("share", "least"), [(0.031, 0.62), (0.5, 0.4)])
+def test_slowed_cycles_are_shown_in_per_cent(capsys: pytest.CaptureFixture[str], share: float, least: float) -> None:
+    show_process({"events": [], "event_counts": {}, "wear": None, "slowed_share": share, "least_speed": least})
+    assert f"slowed in {100 * share:.1f} % of the cycles, down to {100 * least:.0f} %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kind", ["same", "link", "hard"])
+def test_an_output_never_replaces_an_input_by_whatever_name(tmp_path: Path, kind: str) -> None:
+    program, out = tmp_path / "part.ngc", tmp_path / "other.ngc"
+    program.write_text(BEFORE)
+    keep_inputs(out, program)
+    if kind == "same":
+        (tmp_path / "x").mkdir()
+        out = tmp_path / "x" / ".." / "part.ngc"
+    elif kind == "link":
+        out.symlink_to(program)
+    else:
+        out.hardlink_to(program)
+    with pytest.raises(InputError, match=r"would replace part\.ngc"):
+        keep_inputs(out, program)

@@ -1,0 +1,236 @@
+"""Figures of a fit that people are shown: held-out errors, intervals, their widths; judged by NumPy and SciPy alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from counterflex.core.arrays import Bool, Float, Int
+from counterflex.identify.solver.agreement import contradicted
+from counterflex.identify.solver.considered import added
+from counterflex.identify.solver.correlated import long_run, with_correlation
+from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.holdout import GROSS, Folds, HeldOut, cross_validate
+from counterflex.identify.solver.intervals import covariance_si, coverage_factor, intervals, of_linear
+from counterflex.identify.solver.jackknife import parts_of_groups
+from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.solve import solve
+
+QUICK = settings(max_examples=25)
+seed = st.integers(0, 2**31)
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Measurements ``y = a + b t`` with a standard deviation for each row."""
+
+    t: Float
+    y: Float
+    sigma: Float
+    group: Int
+    name: str = "line"
+    components: tuple[str, ...] = ("y m",)
+
+    def evaluate(self, x: Float) -> Float:
+        out: Float = (self.y - x[0] - x[1] * self.t)[:, None] / self.sigma
+        return out
+
+    def jacobian(self, x: Float) -> Float:
+        del x
+        out: Float = -np.stack([np.ones_like(self.t), self.t], axis=-1)[:, None, :] / self.sigma[:, :, None]
+        return out
+
+    def subset(self, rows: Bool) -> Line:
+        return replace(self, t=self.t[rows], y=self.y[rows], sigma=self.sigma[rows], group=self.group[rows])
+
+
+def line(rng: np.random.Generator, n: int, scale: float = 1.0, noise: float = 1.0) -> Line:
+    t = rng.uniform(-1.0, 2.0, n)
+    sigma = np.full((n, 1), 1e-3 * scale)
+    return Line(t, 2.0 + 3.0 * t + noise * sigma[:, 0] * rng.standard_normal(n), sigma, np.arange(n))
+
+
+def parameters(prior: float = np.inf, nominal: float = 0.0, free: bool = True) -> Parameters:
+    return Parameters.of([
+        Parameter("a", "m", 0.0, np.inf), Parameter("b", "m", nominal, prior, free=free, scale=1.0)
+    ])  # fmt: skip
+
+
+def held(nominal: Float, identified: Float, gross: Bool) -> HeldOut:
+    n = len(nominal)
+    return HeldOut(np.zeros(n, np.int64), np.arange(n), np.zeros(n, np.int64), nominal, identified, gross, ())
+
+
+@QUICK
+@given(seed, st.floats(0.05, 0.95))
+def test_held_out_figures_are_identified_first_and_without_gross_rows(number: int, share: float) -> None:
+    rng = np.random.default_rng(number)
+    nominal, identified = rng.uniform(1.0, 2.0, 40), rng.uniform(0.1, 0.5, 40)
+    gross = rng.random(40) < 0.2
+    nominal[gross], identified[gross] = 1e3, 1e3
+    found, kept = held(nominal, identified, gross), ~gross
+    one, two = identified[kept], nominal[kept]
+    assert found.count == kept.sum()
+    assert found.mean() == pytest.approx((one.mean(), two.mean()))
+    assert found.rms() == pytest.approx((np.sqrt(np.mean(one**2)), np.sqrt(np.mean(two**2))))
+    assert found.largest() == pytest.approx((one.max(), two.max()))
+    assert found.quantile(share) == pytest.approx((np.quantile(one, share), np.quantile(two, share)))
+
+
+@QUICK
+@given(seed, st.sampled_from(["both", "nominal", "identified"]))
+def test_a_row_that_one_model_alone_misses_is_judged(number: int, missed_by: str) -> None:
+    """Gross is what both models miss. A row that only one of them predicts is what a hold-out is for."""
+    rng = np.random.default_rng(number)
+    block = line(rng, 120)
+    row = int(rng.integers(120))
+    t, y = block.t.copy(), block.y.copy()
+    if missed_by == "both":
+        t[row], y[row] = 0.5, 200.0
+    elif missed_by == "nominal":  # far along the line: the slope that was identified predicts it
+        t[row], y[row] = 10.0, 2.0 + 3.0 * 10.0
+    else:  # a level: the nominal slope of 0 predicts it as well as the others, the identified one does not
+        t[row], y[row] = 2.0, float(np.mean(np.delete(y, row)))
+    data = replace(block, t=t, y=y)
+    found = cross_validate(parameters(), [data], needed=("a",), folds=Folds(5, seed=1))
+    missed = [values[row] > GROSS * np.median(values) for values in (found.identified, found.nominal)]
+    assert missed == [missed_by in ("both", "identified"), missed_by in ("both", "nominal")]
+    assert found.gross.tolist() == [missed_by == "both" and k == row for k in range(120)]
+    assert found.count == 120 - int(missed_by == "both")
+
+
+@QUICK
+@given(seed)
+def test_each_block_is_judged_by_its_own_median(number: int) -> None:
+    """Rows of a coarse instrument are not gross because a fine one stands beside it."""
+    rng = np.random.default_rng(number)
+    fine, coarse = line(rng, 60), line(rng, 12, scale=300.0)
+    coarse = replace(coarse, group=coarse.group + 1000)
+    found = cross_validate(parameters(), [fine, coarse], needed=("a",), folds=Folds(4))
+    assert not found.gross.any()
+
+
+@QUICK
+@given(seed, st.floats(0.5, 0.99), st.sampled_from([1.0, 4.0]), st.integers(6, 60))
+def test_intervals_are_those_of_the_line_of_least_squares(number: int, level: float, noise: float, n: int) -> None:
+    """Two-sided; of Student's width where the scatter had to be taken from the data, wider with fewer rows."""
+    rng = np.random.default_rng(number)
+    block = line(rng, n, noise=noise)
+    fit = solve(parameters(), [block], robust=False)
+    exact = np.polyfit(block.t, block.y, 1)[::-1]
+    np.testing.assert_allclose(fit.values, exact, rtol=1e-6)
+    A = np.stack([np.ones(n), block.t], axis=1)
+    factor = max(1.0, float(np.sqrt(np.sum((block.y - A @ exact) ** 2) / 1e-6 / (n - 2))))
+    sigma = factor * 1e-3 * np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
+    np.testing.assert_allclose(fit.sigma, sigma, rtol=1e-3)
+    k = coverage_factor(fit, level)
+    tail = 0.5 + 0.5 * level
+    assert k == pytest.approx(stats.t.ppf(tail, n - 2) if factor > 1.0 else stats.norm.ppf(tail), rel=1e-6)
+    ends = intervals(fit, level)
+    np.testing.assert_allclose(ends.mean(axis=1), fit.values, rtol=1e-9)
+    np.testing.assert_allclose(np.diff(ends, axis=1)[:, 0], 2.0 * k * fit.sigma, rtol=1e-9)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance_si(fit))), fit.sigma, rtol=1e-9)
+    G = np.array([[1.0, 0.5], [2.0, -1.0]])
+    derived = of_linear(fit, G, G @ fit.values, level)
+    expected = np.sqrt(np.diag(G @ covariance_si(fit) @ G.T))
+    np.testing.assert_allclose(derived.sigma, expected, rtol=1e-9)
+    np.testing.assert_allclose(derived.upper - derived.value, derived.value - derived.lower, rtol=1e-6)
+
+
+def test_the_interval_of_a_positive_value_keeps_its_ratio_and_of_a_held_one_has_no_width() -> None:
+    rng = np.random.default_rng(1)
+    items = [
+        Parameter("a", "m", 1.0, np.inf, lower=1e-6, log=True, scale=1.0),
+        Parameter("b", "m", 3.0, 1.0, free=False),
+    ]
+    fit = solve(Parameters.of(items), [line(rng, 8, scale=300.0)])
+    wide = replace(fit, sigma=np.array([0.5 * fit.values[0], 0.2]))
+    ends = intervals(wide)
+    assert ends[0, 1] / wide.values[0] == pytest.approx(wide.values[0] / ends[0, 0])
+    assert ends[0, 0] > 0.0
+    assert ends[1].tolist() == [3.0, 3.0]
+
+
+@QUICK
+@given(seed, st.floats(0.0, 10.0))
+def test_considered_errors_add_as_squares(number: int, share: float) -> None:
+    fit = solve(parameters(), [line(np.random.default_rng(number), 20)], robust=False)
+    more = added(fit, share**2 * fit.covariance)
+    np.testing.assert_allclose(more.sigma, fit.sigma * np.sqrt(1.0 + share**2))
+    np.testing.assert_allclose(more.covariance, fit.covariance * (1.0 + share**2))
+
+
+def ar1(rng: np.random.Generator, n: int, a: float) -> Float:
+    e = rng.standard_normal(n)
+    out = np.empty(n)
+    out[0] = e[0] / np.sqrt(1.0 - a * a)
+    for k in range(1, n):
+        out[k] = a * out[k - 1] + e[k]
+    return out
+
+
+@pytest.mark.parametrize("a", [-0.5, 0.0, 0.6, 0.9])
+def test_long_run_variance_is_that_of_the_process_for_windows_of_any_length(a: float) -> None:
+    """Of x_k = a x_(k-1) + e_k it is 1 / (1 - a)^2, for records of 500 and of 8000 rows; signs change nothing."""
+    for n, wide in ((500, 0.5), (8000, 0.2)):
+        found = [float(long_run(ar1(np.random.default_rng(k), n, a)[:, None])[0, 0]) for k in range(12)]
+        assert np.mean(found) == pytest.approx(1.0 / (1.0 - a) ** 2, rel=wide)
+    scores = ar1(np.random.default_rng(1), 500, a)[:, None]
+    np.testing.assert_allclose(long_run(-scores), long_run(scores))
+
+
+def test_correlated_rows_widen_an_interval_and_white_ones_do_not_narrow_it_to_nothing() -> None:
+    """Scatter of the mean over many records against the stated standard deviation, correlated and white."""
+    n = 400
+    for a in (0.0, 0.8):
+        values, stated = [], []
+        for k in range(60):
+            rng = np.random.default_rng(k)
+            t = np.linspace(-1.0, 1.0, n)
+            block = Line(t, 2.0 + 1e-3 * ar1(rng, n, a) * np.sqrt(1.0 - a * a), np.full((n, 1), 1e-3), np.arange(n))
+            fit = with_correlation(solve(parameters(), [block], robust=False), [block])
+            values.append(fit.values[0] - 2.0)
+            stated.append(fit.sigma[0])
+        assert float(np.mean(stated)) == pytest.approx(float(np.std(values)), rel=0.3)
+    exact = Line(t, 2.0 + 3.0 * t, np.full((n, 1), 1e-3), np.arange(n))
+    plain = solve(parameters(), [exact], robust=False)
+    assert np.all(with_correlation(plain, [exact]).sigma >= 0.5 * plain.sigma * (1.0 - 1e-9))
+
+
+@QUICK
+@given(st.lists(st.integers(1, 30), min_size=6, max_size=60))
+def test_parts_keep_groups_whole_whatever_their_size(sizes: list[int]) -> None:
+    group = np.repeat(np.arange(len(sizes)) * 3 + 5, sizes)
+    rows = len(group)
+    block = Line(np.zeros(rows), np.zeros(rows), np.ones((rows, 1)), group)
+    (part,) = parts_of_groups([block])
+    count = len(np.unique(part))
+    assert count == min(40, len(sizes))
+    in_part = [len(np.unique(group[part == k])) for k in np.unique(part)]
+    assert sum(in_part) == len(sizes)
+    assert max(in_part) - min(in_part) <= 1
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_value_far_off_what_was_known_is_named_on_either_side(sign: float) -> None:
+    fit = solve(parameters(prior=0.1, nominal=3.0 + sign * 0.9), [line(np.random.default_rng(2), 30)])
+    ((name, size),) = contradicted(fit)
+    assert name == "b"
+    assert size == pytest.approx(9.0, rel=0.01)
+    near = solve(parameters(prior=0.1, nominal=3.0 + sign * 0.1), [line(np.random.default_rng(2), 30)])
+    assert contradicted(near) == ()
+
+
+@pytest.mark.parametrize(("prior", "seen"), [(1.0, "determined"), (0.7e-3, "partly"), (1e-4, "prior")])
+def test_how_much_comes_from_the_data_is_told_by_what_they_narrow(prior: float, seen: str) -> None:
+    """The data give b to 1 mm: of a value known to 1 m it is theirs, of one known to 0.7 mm half, of 0.1 mm nothing."""
+    t = np.concatenate([-np.ones(50), np.ones(50)])
+    block = Line(t, 2.0 + 3.0 * t, np.full((100, 1), 1e-2), np.arange(100))
+    fit: Fit = solve(parameters(prior=prior, nominal=3.0), [block], robust=False)
+    assert fit.seen == ("determined", seen)
+    assert fit.sigma[1] == pytest.approx(1.0 / np.sqrt(1e6 + prior**-2), rel=1e-3)

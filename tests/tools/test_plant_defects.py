@@ -1,0 +1,73 @@
+"""The kept set of defects fits the source; operators change one thing each; the nearest tests come first."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def tool() -> ModuleType:
+    sys.path.insert(0, str(ROOT / "tools"))
+    try:
+        import plant_defects
+    finally:
+        sys.path.remove(str(ROOT / "tools"))
+    return plant_defects
+
+
+def test_the_kept_set_fits_the_source(tool: ModuleType) -> None:
+    """150 defects or more, over every room; each exchanges a text that stands once, and compiles."""
+    defects, stale = tool.read_set()
+    assert stale == []
+    assert len(defects) >= 150
+    rooms = {path.name for path in (ROOT / "src" / "counterflex").iterdir() if (path / "__init__.py").is_file()}
+    assert {one.room for one in defects} == rooms - {"validation"}
+
+
+def test_an_entry_that_no_longer_fits_is_named(tool: ModuleType, tmp_path: Path) -> None:
+    source = tmp_path / "src" / "counterflex" / "core" / "one.py"
+    source.parent.mkdir(parents=True)
+    source.write_text("A = 1\nB = 1\n")
+    entry = '[[defect]]\nname = "n"\nkind = "unit"\nfile = "src/counterflex/core/one.py"\nold = "= 1"\nnew = "= 2"\n'
+    (tmp_path / "core.toml").write_text(entry)
+    defects, stale = tool.read_set(tmp_path, tmp_path)
+    assert defects == []
+    assert stale == ["core.toml: 'n': old text occurs 2 times in src/counterflex/core/one.py"]
+
+
+TEXT = '''
+def f(a: int | None, b: float) -> float:
+    """Return a - b."""
+    if a is None or b < 0.0:
+        raise ValueError(f"{a + 1} is wrong")
+    return max(a, -b) * b + a[0]
+'''
+
+
+def test_an_operator_changes_one_thing_and_no_annotation_or_message(tool: ModuleType) -> None:
+    changes = tool.mutation_operators.changes(TEXT)
+    made = {TEXT[: one.start] + one.new + TEXT[one.end :] for one in changes}
+    assert len(made) == len(changes) == 7
+    for text in made:
+        ast.parse(text)
+        assert "int | None" in text
+        assert "a + 1} is wrong" in text
+    assert [one.line for one in changes] == [4, 4, 6, 6, 6, 6, 6]
+
+
+def test_changes_stay_in_their_lines(tool: ModuleType) -> None:
+    assert {one.line for one in tool.mutation_operators.changes(TEXT, {4})} == {4}
+
+
+def test_the_nearest_test_names_the_function_and_lies_in_the_own_room(tool: ModuleType) -> None:
+    own, above = tool.nearest_tests(ROOT, "src/counterflex/evaluate/figures.py", "reduction")
+    assert own[0].startswith("tests/evaluate/")
+    assert "reduction" in (ROOT / own[0]).read_text(encoding="utf-8")
+    assert not any(path.startswith("tests/evaluate/") for path in above)
