@@ -209,8 +209,8 @@ def breakage(m: Record, s: Record, given: Record, here: Record, noise: float, st
     other = limit > 0.0 and change > 0.5 * needed > 0.0
     m.doubtful_cycles = m.doubtful_cycles + 1 if less or other else 0
     m.calm = 0 if (less or other) and m.doubtful_cycles <= _DOUBT else 1
-    # Lines that beat in a sound cut do so without a drop.
-    sound = measured and (not other or (drop < least and m.doubtful_cycles > _WITHOUT))
+    # Lines that beat in a sound cut do so without a drop; amplitudes beat about their mean, which is kept.
+    sound = measured and (not other or (fast.separate > 1.5 and drop < least and m.doubtful_cycles > _WITHOUT))
     _learn_steady(m, s, given, change, sound)
 
 

@@ -135,7 +135,8 @@ def take_samples(
     if lines > 0 and count > 0:
         off = follow_speed(d, count * s.sample_period)
         see_lines(d, count)
-        out.change = compare_pattern(d, m.steady_cycles > 0, m.calm == 1, count * s.sample_period)
+        scale = max(0.0, m.now.ratio / m.reference.ratio) if m.reference.ratio > 0.0 else 1.0
+        out.change = compare_pattern(d, m.steady_cycles > 0, m.calm == 1, scale, count * s.sample_period)
     measure(d, out)
     out.samples = count
     out.residual = math.sqrt(d.energy)

@@ -76,7 +76,7 @@ FAST: Final = record(
     turn=float,  # amplitude of the orders of the spindle that are none of the tooth passing, N
     tooth=float,  # amplitude of the tooth passing and its harmonics, N
     ready=float,  # 1: the three above have settled
-    separate=float,  # 1: the two can be told apart
+    separate=float,  # 1: the two can be told apart; 2: and their pattern compared by its phases
     slower=float,  # root mean square of what slow force and a spindle off its speed leave in the residual, N
     change=float,  # amplitude of the change of the orders between from the remembered pattern, N; -1: not known
 )
@@ -176,6 +176,8 @@ SAMPLES: Final = record(
     seen=(float, HARMONICS),  # 1: its amplitude counts
     clear=(float, HARMONICS),  # samples since which it lies off all others
     pattern=(float, (3, 2 * HARMONICS)),  # remembered lines of the steady cut, turned to the present angle
+    square=(float, HARMONICS),  # remembered squared amplitude of each line
+    mixed=(float, HARMONICS),  # time for which the phase of each line is not taken for its own, s
     known=(float, HARMONICS),  # cycles over which each line of it was averaged
     wave=(float, 2 * HARMONICS),  # cos and sin of each line, this sample
     step=(float, 2 * HARMONICS),  # of the angle from sample to sample

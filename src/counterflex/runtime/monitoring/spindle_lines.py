@@ -42,8 +42,6 @@ VISIBLE_HZ: Final = 40.0
 """Folded lines below are too much weakened by the high-passes for an amplitude."""
 CLEAR: Final = 1.6
 """The same for a line whose amplitude or phase alone counts."""
-CROWDED: Final = 0.05
-"""Weight of the other lines where the speed is estimated."""
 KEPT_S: Final = 1.0
 """Time over which an amplitude is forgotten that the samples do not show: of a sine at half the sampling rate."""
 
@@ -86,7 +84,7 @@ def set_lines(d: Record, turn: float, teeth: int, period: float) -> None:
     d.lines[:] = 0.0
     d.before[:] = 0.0
     d.pattern[:] = 0.0
-    d.active[:] = d.seen[:] = d.clear[:] = d.known[:] = 0.0
+    d.active[:] = d.seen[:] = d.clear[:] = d.known[:] = d.square[:] = d.mixed[:] = 0.0
     d.turn, d.teeth, d.period = turn, teeth, period
     d.settled = d.matched = d.in_cut = 0
     d.turning = 0.0
@@ -160,18 +158,6 @@ def set_wave(d: Record, first: bool) -> None:
             d.wave[2 * k + 1] = s * d.step[2 * k] + c * d.step[2 * k + 1]
 
 
-@kernel("boolean(Samples, int64)", Samples=SAMPLES)
-def _is_alone(d: Record, line: int) -> bool:
-    """Return whether no other line of the spindle lies so near that its phasor turns by that one too."""
-    least = CLEAR * d.period / (2.0 * math.pi * NOTCH_S)
-    if d.place[line] < VISIBLE_HZ * d.period:
-        return False
-    alone = True
-    for k in range(HARMONICS):
-        alone = alone and (k == line or abs(d.place[k] - d.place[line]) >= least)
-    return alone
-
-
 @kernel("float64(Samples, float64)", Samples=SAMPLES)
 def follow_speed(d: Record, time: float) -> float:
     """Let the spindle speed follow the turning of the phasors; squared speed that lines are off by, (rad/s)^2 N^2.
@@ -201,9 +187,8 @@ def follow_speed(d: Record, time: float) -> float:
         if not at_edge:
             leaks += order * order * real
         if k < voters and real > 0.0 and not at_edge:
-            alone = 1.0 if _is_alone(d, k) else CROWDED
-            turned += alone * order * imaginary
-            weight += alone * order * order * real
+            turned += order * imaginary
+            weight += order * order * real
     falls = energy < (1.0 - 0.25 * time / NOTCH_S) * d.strength
     d.strength = energy
     if falls or energy <= LINES * d.energy or weight <= 0.0:  # what is left of a cut, noise, or chatter

@@ -12,7 +12,13 @@ the cut. In a gap of the stock there are no lines. Behind it the tooth passing s
 these the one counts that changes the pattern the least.
 
 The spindle turns slower under load than commanded, and lines of high orders move through each other meanwhile. A line
-counts while it lies off the others at the present speed, and has for :data:`APART_S`.
+counts while it lies off the tooth passing at the present speed, and has for :data:`APART_S`.
+
+At exact fractions of the sampling rate (10 000 rpm: six samples a turn at 1 kHz) orders between the tooth passing fold
+onto each other: they exchange their phasors, and their speed is uncertain. Where such lines hold the pattern, the
+change is the rise of the amplitude of all of them, which a lost tooth raises and thinner stock takes down::
+
+    change = sqrt(sum |p_k|^2) - g sqrt(mean sum |p_k|^2)
 """
 
 from __future__ import annotations
@@ -33,6 +39,10 @@ KNOWN: Final = 75.0
 """Cycles of calm cut over which a line was averaged without coming near another one, before it counts."""
 MOST: Final = 0.7
 """Least share of the pattern's energy in lines that count; with less the angle is uncertain."""
+TOGETHER: Final = 1.0
+"""Lines nearer to each other than this many turns of their phasors within tau, in rad, exchange their phases."""
+MIXED_S: Final = 1.0
+"""Time for which the phases of such lines count as exchanged: of lines so near, the speed is uncertain too."""
 FORGOTTEN: Final = 8.0
 """Cycles of the average that a cycle near another line undoes."""
 LARGEST: Final = 0.05
@@ -55,12 +65,22 @@ def _is_clear(d: Record, line: int) -> bool:
     return True
 
 
+@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+def _is_alone(d: Record, line: int) -> bool:
+    """Return whether no other line, nor the image of this one at the edge of the band, folds to nearly its place."""
+    least = TOGETHER * d.period / (2.0 * math.pi * NOTCH_S)
+    alone = 1.0 - 2.0 * d.place[line] >= least
+    for k in range(HARMONICS):
+        alone = alone and (k == line or abs(d.place[k] - d.place[line]) >= least)
+    return bool(alone)
+
+
 @kernel("void(Samples, int64)", Samples=SAMPLES)
 def see_lines(d: Record, count: int) -> None:
     """Choose the lines whose amplitudes count.
 
     Args:
-        d: SAMPLES; seen, clear and known are changed.
+        d: SAMPLES; seen, mixed, clear and known are changed.
         count: Samples of the cycle.
     """
     for k in range(HARMONICS):
@@ -70,6 +90,33 @@ def see_lines(d: Record, count: int) -> None:
             d.clear[k] = 0.0
             d.known[k] = max(0.0, d.known[k] - FORGOTTEN)
         d.seen[k] = 1.0 if d.clear[k] * d.period >= APART_S else 0.0
+        d.mixed[k] = max(0.0, d.mixed[k] - count * d.period) if _is_alone(d, k) else MIXED_S
+
+
+@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+def _is_known(d: Record, line: int) -> bool:
+    """Return whether a line is seen and its amplitude was averaged for long enough."""
+    return bool(d.seen[line] > 0.5 and d.known[line] >= KNOWN)
+
+
+@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+def _counts(d: Record, line: int) -> bool:
+    """Return whether a line is known and its phase is its own."""
+    return bool(_is_known(d, line) and d.mixed[line] <= 0.0)
+
+
+@kernel("boolean(Samples, boolean)", Samples=SAMPLES)
+def _is_whole(d: Record, phases: bool) -> bool:
+    """Return whether the tooth passing and lines with most of the energy between it count, by phase or by amplitude."""
+    tooth, between, counted = False, 0.0, 0.0
+    for k in range(HARMONICS):
+        counts = _counts(d, k) if phases else _is_known(d, k)
+        if int(d.order[k]) % max(1, d.teeth) == 0:
+            tooth = tooth or counts
+        else:
+            between += d.gain[k] * d.square[k]
+            counted += d.gain[k] * d.square[k] if counts else 0.0
+    return bool(tooth and counted > MOST * between)
 
 
 @kernel("void(Samples, Fast)", Samples=SAMPLES, Fast=FAST)
@@ -95,27 +142,20 @@ def measure(d: Record, out: Record) -> None:
                 turns += square * d.gain[k]
                 between_seen = 1.0
     out.turn, out.tooth, out.separate = math.sqrt(turns), math.sqrt(tooth), teeth_seen * between_seen
+    if out.separate > 0.5 and _is_whole(d, True):
+        out.separate = 2.0
 
 
-@kernel("boolean(Samples, int64)", Samples=SAMPLES)
-def _counts(d: Record, line: int) -> bool:
-    """Return whether a line is seen and its part of the pattern was averaged for long enough."""
-    return bool(d.seen[line] > 0.5 and d.known[line] >= KNOWN)
-
-
-@kernel("boolean(Samples)", Samples=SAMPLES)
-def _is_whole(d: Record) -> bool:
-    """Return whether the lines that count hold most of the pattern between the tooth passing, and the tooth passing."""
-    tooth, between, counted = False, 0.0, 0.0
+@kernel("float64(Samples, float64)", Samples=SAMPLES)
+def _rise(d: Record, scale: float) -> float:
+    """Rise of the amplitude of all lines between the tooth passing from their scaled past, N."""
+    past = present = 0.0
     for k in range(HARMONICS):
-        if int(d.order[k]) % max(1, d.teeth) == 0:
-            tooth = tooth or _counts(d, k)
-            continue
-        for axis in range(3):
-            square = d.gain[k] * (d.pattern[axis, 2 * k] ** 2 + d.pattern[axis, 2 * k + 1] ** 2)
-            between += square
-            counted += square if _counts(d, k) else 0.0
-    return bool(tooth and counted > MOST * between)
+        if _is_known(d, k) and int(d.order[k]) % max(1, d.teeth) != 0:
+            past += d.gain[k] * d.square[k]
+            for axis in range(3):
+                present += d.gain[k] * (d.lines[axis, 2 * k] ** 2 + d.lines[axis, 2 * k + 1] ** 2)
+    return max(0.0, math.sqrt(present) - scale * math.sqrt(past))
 
 
 @kernel("float64(Samples)", Samples=SAMPLES)
@@ -197,29 +237,34 @@ def _remember(d: Record, time: float) -> None:
     for k in range(HARMONICS):
         if d.seen[k] > 0.5:
             d.known[k] = min(MEMORY_S / time, d.known[k] + 1.0)
-            share = 1.0 / d.known[k]
+            share, square = 1.0 / d.known[k], 0.0
             for axis in range(3):
                 for j in range(2):
+                    square += d.lines[axis, 2 * k + j] ** 2
                     d.pattern[axis, 2 * k + j] += share * (d.lines[axis, 2 * k + j] - d.pattern[axis, 2 * k + j])
+            d.square[k] += share * (square - d.square[k])
 
 
-@kernel("float64(Samples, boolean, boolean, float64)", Samples=SAMPLES)
-def compare_pattern(d: Record, steady: bool, calm: bool, time: float) -> float:
+@kernel("float64(Samples, boolean, boolean, float64, float64)", Samples=SAMPLES)
+def compare_pattern(d: Record, steady: bool, calm: bool, scale: float, time: float) -> float:
     """Amplitude of the change of the lines between the tooth passing from their pattern, N; -1 where it is not known.
 
     Args:
-        d: SAMPLES; pattern, known and matched are changed.
+        d: SAMPLES; pattern, square, known and matched are changed.
         steady: The cut is steady.
         calm: It is, and nothing is suspected: the pattern follows it.
+        scale: Of the mean force against that of the cut so far, for lines whose phases cannot be told apart.
         time: Since the last call, s.
     """
     if not steady:
         d.matched = 0
         return -1.0
     change = -1.0
-    if _is_whole(d):
+    if _is_whole(d, True):
         _align(d)
         change = _change(d)
+    elif _is_whole(d, False):
+        change = _rise(d, scale)
     if calm:
         _remember(d, time)
     return change
