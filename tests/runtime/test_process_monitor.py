@@ -22,11 +22,12 @@ from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.events import Event
-from counterflex.runtime.monitoring.fast_force import folded, take_samples
+from counterflex.runtime.monitoring.fast_force import take_samples
 from counterflex.runtime.monitoring.feed_frame import feed_frame
 from counterflex.runtime.monitoring.plan import bounds, lost_tooth
 from counterflex.runtime.monitoring.records import MEMORY, RESULTS, SETTINGS, WEAR
 from counterflex.runtime.monitoring.settings import MonitorSettings, Reaction, decision_interval, run_length
+from counterflex.runtime.monitoring.spindle_lines import folded
 from counterflex.runtime.monitoring.wear import add_ratio, normal_of_student, trend
 from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.state.supervisor import Cause, State

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from counterflex.core.units import MM
+from counterflex.core.units import MM, UM
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.validation.monitor_trial import EXPONENT, Cut, Incident, run_trial
@@ -83,3 +83,34 @@ def test_thinner_stock_is_no_breakage_and_a_lost_tooth_is_one(cut: Cut) -> None:
             assert Event.BREAKAGE not in thin.events
     broken = [run_trial(SETTINGS, SLOT, Incident(Event.BREAKAGE, size=1), seed, cut).events for seed in list(SEEDS)[:5]]
     assert sum(Event.BREAKAGE in events for events in broken) >= 4
+
+
+CONVENTIONAL = Cut(is_climb=False, width_share=0.3, speed_rpm=11_000.0)
+BESIDE = [
+    CONVENTIONAL,
+    Cut(width_share=0.3, speed_rpm=11_000.0),
+    Cut(teeth=4, speed_rpm=8_570.0, width_share=0.5),
+    Cut(teeth=2, speed_rpm=15_050.0, width_share=0.3),
+]
+
+
+@pytest.mark.parametrize("cut", BESIDE, ids=["conventional", "climb", "7 samples a turn", "4 samples a turn"])
+def test_thinner_stock_is_no_breakage_where_the_slip_brings_lines_together(cut: Cut) -> None:
+    """11 000 rpm less 0.8 %: 5.5 samples a turn, so that orders k and 11 - k fold to one place under load."""
+    for seed in range(700, 704):
+        for thinner in (0.2, 0.3):
+            incident = Incident(thinner_share=thinner)
+            assert Event.BREAKAGE not in run_trial(SETTINGS, SLOT, incident, seed, cut).events
+
+
+@pytest.mark.parametrize(
+    ("cut", "least"),
+    [(Cut(gaps=3, ramp_m=3.0 * MM), 3), (Cut(runout_m=20.0 * UM, width_share=0.25, speed_rpm=8_000.0, teeth=4), 2)],
+    ids=["lost in a gap", "large run-out"],
+)
+def test_a_tooth_is_missed_against_the_pattern_of_the_cut_before(cut: Cut, least: int) -> None:
+    """A gap of the stock lies between pattern and loss; a run-out of half the feed is a pattern and no event."""
+    lost = Incident(Event.BREAKAGE, size=1)
+    found = [run_trial(SETTINGS, SLOT, lost, seed, cut).events.get(Event.BREAKAGE, 0.0) for seed in range(700, 705)]
+    assert sum(at > lost.at_m - 3.0 * MM for at in found) >= least
+    assert not any(Event.BREAKAGE in run_trial(SETTINGS, SLOT, Incident(), seed, cut).events for seed in (700, 701))

@@ -42,7 +42,7 @@ def _columns() -> tuple[str, ...]:
     six = ("x", "y", "z", "rx", "ry", "rz")
     wrench = ("fx", "fy", "fz", "mx", "my", "mz")
     names = ["counter_ms", "received_ns", "sent_ns", "elapsed", "w_good"]
-    names += [f"fast_{f}" for f in ("samples", "residual", "turn", "tooth", "ready", "separate", "slower")]
+    names += [f"fast_{f}" for f in ("samples", "residual", "turn", "tooth", "ready", "separate", "slower", "change")]
     names += [f"sensor_{a}" for a in wrench]
     names += [f"second_{a}{b}" for a in "fs" for b in "xyz"] + ["pair_used", "pair_gap"]
     names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]

@@ -96,7 +96,7 @@ def require_all(absent: Sequence[str], about: Mapping[str, Any], where: str, wha
 _UNITS: Final = (
     (r"counter_ms", "ms"),
     (r"(received|sent)_ns", "ns"),
-    (r"fast_(residual|turn|tooth)", "N"),
+    (r"fast_(residual|turn|tooth|slower|change)", "N"),
     (r"(sensor|wrench|used|predicted|filtered)_f[xyz]", "N"),
     (r"(sensor|wrench|used|predicted|filtered)_m[xyz]|torque_\d", "N m"),
     (r"second_[fs][xyz]|pair_gap", "N"),

@@ -9,8 +9,8 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.monitoring.air_noise import IDLE_LEARNT, IDLE_S
 from counterflex.runtime.monitoring.events import Event
-from counterflex.runtime.monitoring.fast_force import NOTCH_S
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
+from counterflex.runtime.monitoring.spindle_lines import NOTCH_S
 from counterflex.runtime.monitoring.wear import add_ratio, force_class, normal_of_student, trend
 from counterflex.runtime.state.given import GIVEN
 
@@ -28,10 +28,12 @@ SHAKEN: Final = 0.5
 """Share of harmonics that fold to hardly any frequency that shakes the ratio: the force filter takes the rest."""
 HIGHER: Final = 0.4
 """Root mean square of harmonics that are not followed by those that are, of a cut of 15 % of the diameter."""
-RISE_OF_TOOTH: Final = 0.25
-"""Rise between the tooth passing by the tooth passing: one tooth lost leaves from 0.4 (two and six teeth 0.8, 0.45)."""
-RISE_OF_TURN: Final = 0.5
-"""And by what run-out leaves there: it rises by a fifth in a narrower cut, and beats at speeds where lines meet."""
+CHANGE_OF_TOOTH: Final = 0.25
+"""Change of the pattern by the tooth passing: one tooth lost leaves from 0.4 (two and six teeth 0.8, 0.45)."""
+CHANGE_OF_TURN: Final = 0.3
+"""Change by what run-out leaves between the tooth passing: more in a narrower cut."""
+LEAK: Final = 0.25
+"""Change by the change of the force within the time constant of the notches: lines leak into their neighbours."""
 SHARE_OF_LOST: Final = 0.4
 """Least drop by the share that is lost with one tooth, where the rise says that one is."""
 ALL_LOST: Final = 0.7
@@ -39,7 +41,10 @@ ALL_LOST: Final = 0.7
 HALF_LOST: Final = 0.5
 """Drop that is a breakage where tooth passing and the lines between it cannot be told apart: stock may be as thin."""
 _SLOW_S: Final = 1.0
+_SAME: Final = 0.1  # share by which the planned force differs, to be the same cut behind a gap
 _DOUBT: Final = 250  # cycles after which a lower ratio that was no event becomes the new reference
+_TOGETHER: Final = 75  # cycles after a drop within which a change of the pattern belongs to it
+_WITHOUT: Final = 12  # cycles of a changed pattern without a drop after which it is no lost tooth
 _WEAR, _BREAKAGE, _CHATTER = int(Event.WEAR), int(Event.BREAKAGE), int(Event.CHATTER)
 _LOW_CHATTER = int(Event.LOW_CHATTER)
 _LATCHED = (1 << _BREAKAGE) | (1 << _WEAR)
@@ -107,60 +112,106 @@ def wear(m: Record, s: Record, moved: float) -> None:
         r.value[_WEAR] = r.rise
 
 
-@kernel("void(Memory, Settings, PlanRow, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, PlanRow=PLAN_ROW)
-def breakage(m: Record, s: Record, here: Record, noise: float, steady: bool) -> None:
-    """A drop of the ratio against its own past in a steady stretch, weighed by what happens between the tooth passing.
+@kernel("float64(Memory, Given, int64)", Memory=MEMORY, Given=GIVEN)
+def _in_tool(m: Record, given: Record, axis: int) -> float:
+    """Filtered predicted force along an axis of the tool, N."""
+    total = 0.0
+    for j in range(3):
+        total += given.nominal[3 * j + axis] * m.expected[j, 1]
+    return total
 
-    Thinner stock takes all lines of the spindle down with the force; a lost tooth raises those between the tooth
-    passing. Where they are told apart, a drop without such a rise is stock, unless hardly any force is left.
+
+@kernel("float64(Memory, Given)", Memory=MEMORY, Given=GIVEN)
+def _plan_change(m: Record, given: Record) -> float:
+    """Difference of the planned force from that of the cut so far, as a share of it."""
+    square = difference = 0.0
+    for k in range(3):
+        square += m.reference.force[k] ** 2
+        difference += (_in_tool(m, given, k) - m.reference.force[k]) ** 2
+    return math.sqrt(difference / square) if square > 0.0 else math.inf
+
+
+@kernel("void(Memory, Settings, Given, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN)
+def _learn_steady(m: Record, s: Record, given: Record, change: float, sound: bool) -> None:
+    """Let the values of the steady cut follow; the change of the pattern only where it is known and sound."""
+    past, share = m.reference, max(s.period / _SLOW_S, 1.0 / m.known_cycles)
+    if sound:
+        past.change_variance += share * ((change - past.change) ** 2 - past.change_variance)
+        past.change += share * (change - past.change)
+    if m.calm == 1:
+        past.ratio_variance += share * ((m.now.ratio - past.ratio) ** 2 - past.ratio_variance)
+        past.ratio += share * (m.now.ratio - past.ratio)
+        past.turn += share * (m.fast.turn / m.now.predicted - past.turn)
+        for k in range(3):
+            past.force[k] += share * (_in_tool(m, given, k) - past.force[k])
+
+
+@kernel(
+    "void(Memory, Settings, Given, PlanRow, float64, boolean)",
+    Memory=MEMORY,
+    Settings=SETTINGS,
+    Given=GIVEN,
+    PlanRow=PLAN_ROW,
+)
+def breakage(m: Record, s: Record, given: Record, here: Record, noise: float, steady: bool) -> None:
+    """A drop of the ratio against the steady cut so far, weighed by the change of the tooth-to-tooth pattern.
+
+    Thinner stock scales the pattern, run-out is a part of it; a lost tooth changes it. Where the lines show the
+    pattern, a drop without a change is stock, unless hardly any force is left. Values are kept over gaps of the stock.
 
     Args:
         m: MEMORY; changed.
         s: SETTINGS.
+        given: Of the step.
         here: Row of the plan.
         noise: Of the filtered force.
         steady: The plan is.
     """
     fast, past, ratio, predicted = m.fast, m.reference, m.now.ratio, m.now.predicted
     if not steady:
-        m.steady_cycles = 0
+        m.steady_cycles = m.calm = 0
         m.risen = 0.0
         judge(m, s, _BREAKAGE, 0.0, 0.0, s.breakage_cycles)
         return
-    turn, tooth = fast.turn / predicted, fast.tooth / predicted
+    measured = fast.ready > 0.5 and fast.change >= 0.0  # not in older logs
+    change = fast.change / predicted if measured else 0.0
+    if m.steady_cycles == 0 and _plan_change(m, given) > _SAME:
+        m.known_cycles = 0
     m.steady_cycles += 1
-    n = m.steady_cycles
-    if n == 1:
-        past.ratio, past.turn, past.tooth = ratio, turn, tooth
-        past.ratio_variance = past.turn_variance = 0.0
+    m.known_cycles += 1
+    if m.known_cycles == 1:
+        past.ratio, past.turn, past.change = ratio, fast.turn / predicted, change
+        past.ratio_variance = past.change_variance = 0.0
+        for k in range(3):
+            past.force[k] = _in_tool(m, given, k)
     # Harmonics that fold into the mean force shake the ratio, whether they beat at present or not.
     floor = math.hypot(noise, SHAKEN * m.samples.slow) / predicted
     spread = math.sqrt(past.ratio_variance + floor * floor)
-    turn_spread = math.sqrt(past.turn_variance + (s.fast_noise * 0.3 / predicted) ** 2)
+    change_spread = math.sqrt(past.change_variance + (s.fast_noise * 0.3 / predicted) ** 2)
     reference = past.ratio
-    drop = limit = rise = needed = 0.0
+    drop = limit = least = needed = 0.0
     lost = here.lost_tooth if here.teeth > 0.0 else 0.25
-    if n > s.settle_cycles and reference > 0.1:
+    if m.known_cycles > s.settle_cycles and reference > 0.1:
         drop = 1.0 - ratio / reference
         scatter = s.noise_z * spread / reference
-        separate = fast.ready > 0.5 and fast.separate > 0.5
-        needed = max(s.noise_z * turn_spread, RISE_OF_TOOTH * past.tooth, RISE_OF_TURN * past.turn)
-        if separate:
-            rise = turn - past.turn * max(0.0, 1.0 - drop)
-            limit = max(SHARE_OF_LOST * lost, spread / reference) if rise > needed else max(ALL_LOST, scatter)
+        least = max(SHARE_OF_LOST * lost, spread / reference)
+        needed = max(past.change + s.noise_z * change_spread, CHANGE_OF_TOOTH * fast.tooth / predicted)
+        needed = max(needed, (CHANGE_OF_TURN + _plan_change(m, given)) * past.turn) + LEAK * m.onset / predicted
+        if measured:
+            together = change > needed and m.less_cycles <= _TOGETHER
+            limit = least if together else max(ALL_LOST, scatter)
         else:
             limit = max(HALF_LOST, scatter)
-    m.risen = max(0.0, rise) * predicted
+    m.less_cycles = m.less_cycles + 1 if drop > least > 0.0 else 0
+    m.risen = change * predicted
     judge(m, s, _BREAKAGE, drop, limit, s.breakage_cycles)
-    suspicious = limit > 0.0 and (rise > 0.5 * needed > 0.0 or drop > max(0.4 * lost, 0.5 * s.noise_z * spread))
-    m.doubtful_cycles = m.doubtful_cycles + 1 if suspicious else 0
-    if not suspicious or m.doubtful_cycles > _DOUBT:
-        share = max(s.period / _SLOW_S, 1.0 / n)
-        past.ratio_variance += share * ((ratio - reference) ** 2 - past.ratio_variance)
-        past.turn_variance += share * ((turn - past.turn) ** 2 - past.turn_variance)
-        past.ratio += share * (ratio - reference)
-        past.turn += share * (turn - past.turn)
-        past.tooth += share * (tooth - past.tooth)
+    less = limit > 0.0 and drop > max(0.4 * lost, 0.5 * s.noise_z * spread)
+    other = limit > 0.0 and change > 0.5 * needed > 0.0
+    m.doubtful_cycles = m.doubtful_cycles + 1 if less or other else 0
+    m.calm = 0 if (less or other) and m.doubtful_cycles <= _DOUBT else 1
+    # Lines that beat in a sound cut do so without a drop; amplitudes beat about their mean, which is kept.
+    sound = measured and (not other or (fast.separate > 1.5 and drop < least and m.doubtful_cycles > _WITHOUT))
+    _learn_steady(m, s, given, change, sound)
 
 
 @kernel("void(Memory, Settings, float64, boolean)", Memory=MEMORY, Settings=SETTINGS)

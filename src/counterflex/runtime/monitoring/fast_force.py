@@ -1,21 +1,10 @@
 """The force sensor's own samples: what turns with the spindle, and the rest.
 
-The teeth of a fast spindle pass more often than half the sampling rate (13 000 rpm with three teeth: 650 Hz against
-500 Hz), so that their lines fold back: a line at f appears at ``|f - round(f / f_s) f_s|``. No line has to be looked
-for. Its phase at a sample is its order times the angle of the spindle there, so an adaptive notch (Widrow et al. 1975)
-on the cosine and sine of that angle follows it wherever it folds to, at the edge of the band too::
-
-    e = x - sum_k (a_k cos k psi + b_k sin k psi),    a_k += mu e cos k psi,    b_k += mu e sin k psi
-
-Orders followed are those of the tooth passing and, between them, those that run-out or a lost tooth leave. The spindle
-turns slower than commanded under load: by how much is seen from how fast the phasors ``a_k - i b_k`` turn, all orders
-together, and ``psi`` follows it. Of what a notch follows with its time constant tau, ``2 pi delta tau`` of the
-amplitude is left in e at a frequency that is off by delta.
-
-Ahead of the notches slow force is taken out by two high-passes of 60 Hz. How much they leave of it (an entry, the arm
-that swings) is seen from what they take out: with the second low-pass of what the first high-pass leaves, passed
-through a third, a line at f has ``e / b = r sqrt(1 + r^2)``, r = f by 60 Hz, and a step of the force ``e / b = 1.15``.
-What is no more than :data:`SLOWER` times b is therefore slower than 54 Hz, or a step.
+Ahead of the notches (:mod:`counterflex.runtime.monitoring.spindle_lines`) slow force is taken out by two high-passes
+of 60 Hz. How much they leave of it (an entry, the arm that swings) is seen from what they take out: with the second
+low-pass of what the first high-pass leaves, passed through a third, a line at f has ``e / b = r sqrt(1 + r^2)``, r = f
+by 60 Hz, and a step of the force ``e / b = 1.15``. What is no more than :data:`SLOWER` times b is therefore slower
+than 54 Hz, or a step.
 
 What reaches a flange sensor is the cutting force through the spindle's inertia: above the robot's own modes only a part
 of it. So amplitudes are compared with each other and with their own past, never as absolute forces.
@@ -29,171 +18,26 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.monitoring.records import FAST, HARMONICS, MEMORY, SAMPLES, SETTINGS
+from counterflex.runtime.monitoring.records import HARMONICS, MEMORY, SAMPLES, SETTINGS
+from counterflex.runtime.monitoring.spindle_lines import (
+    FIRST_SLIP,
+    LINES,
+    NOTCH_S,
+    SLOW_HZ,
+    choose_lines,
+    folded,
+    follow_speed,
+    set_lines,
+    set_wave,
+)
+from counterflex.runtime.monitoring.tooth_pattern import compare_pattern, measure, see_lines
 
-NOTCH_S: Final = 0.033
-"""Time constant tau of the notches: 4.8 Hz on each side. Shorter ones take chatter between the lines with them."""
-TOOTH_ORDERS: Final = 6
-"""Harmonics of the tooth passing that are followed; the other lines are orders between them, the lowest first."""
-SLOW_HZ: Final = 60.0
-"""Corner of the high-passes: the mean force and the robot's own modes lie below."""
 SETTLED_S: Final = 0.15
 """Time after a gap or another speed before amplitudes count."""
 SLOWER: Final = 1.2
 """Residual that a force slower than 54 Hz or a step of the force leaves at most, by what lies about the corner."""
-FOLLOW: Final = 8.0
-"""Gain of the spindle speed, 1/s of a turn of the phasors by 1 rad: well damped with the lag of the notches."""
-SLIP: Final = 0.015
-"""Largest share by which the spindle may be off its commanded speed: slip of an asynchronous motor at full load."""
-FIRST_SLIP: Final = -0.004
-"""Slip until lines show it: of an asynchronous motor under half its load. It parts lines that fold to one place."""
-LINES: Final = 2.0
-"""Squared amplitude of all lines by the energy of the rest from which on they show the speed of the spindle."""
-RESOLVED: Final = 0.8
-"""Lines as many turns of their phasors apart within tau as this, in rad, are told apart."""
-CLEAR: Final = 1.6
-"""The same for a line whose amplitude is to show a lost tooth, from the tooth passing and its first harmonic."""
-VISIBLE_HZ: Final = 40.0
-"""Folded lines below are too much weakened by the high-passes for an amplitude."""
-KEPT_S: Final = 1.0
-"""Time over which an amplitude is forgotten that the samples do not show: of a sine at half the sampling rate."""
 LEAST_RATE: Final = 10.0
 """Least sampling rate by the corner of the high-passes."""
-
-
-@kernel("float64(float64)")
-def folded(turns: float) -> float:
-    """Apparent frequency, 0 .. 1/2 of the sampling rate, of a line of ``turns`` per sample."""
-    rest = turns - math.floor(turns)
-    return min(rest, 1.0 - rest)
-
-
-@kernel("int64(Samples, int64, int64, int64, int64)", Samples=SAMPLES)
-def _list_orders(d: Record, used: int, first: int, last: int, z: int) -> int:
-    """List orders from first to last that are not listed yet; z above 0 takes multiples of it, below 0 the others."""
-    for order in range(first, last + 1):
-        if used == HARMONICS:
-            break
-        if (order % abs(z) == 0) == (z > 0):
-            listed = False
-            for k in range(used):
-                listed = listed or int(d.order[k]) == order
-            if not listed:
-                d.order[used] = float(order)
-                used += 1
-    return used
-
-
-@kernel("void(Samples, float64, int64, float64)", Samples=SAMPLES)
-def set_lines(d: Record, turn: float, teeth: int, period: float) -> None:
-    """Begin with the lines of a spindle speed and a tool; by how much the spindle was off its speed is kept.
-
-    Orders are listed the strongest first: the tooth passing, what run-out leaves below it, its next harmonic, etc.
-
-    Args:
-        d: SAMPLES; changed.
-        turn: Turns of the spindle per sample; 0 where not known.
-        teeth: Of the tool; 0 where not known.
-        period: Of the samples, s.
-    """
-    d.lines[:] = 0.0
-    d.before[:] = 0.0
-    d.active[:] = 0.0
-    d.turn, d.teeth, d.period = turn, teeth, period
-    d.settled = d.in_cut = 0
-    d.turning = 0.0
-    z = max(1, teeth)
-    used = _list_orders(d, 0, z, z, z)
-    for harmonic in range(2, TOOTH_ORDERS + 1):
-        if z > 1 and harmonic < 4:
-            used = _list_orders(d, used, (harmonic - 2) * z + 1, (harmonic - 1) * z - 1, -z)
-        used = _list_orders(d, used, harmonic * z, harmonic * z, z)
-    if z > 1:
-        used = _list_orders(d, used, 1, HARMONICS * z, -z)
-    _list_orders(d, used, z, HARMONICS * z, z)
-
-
-@kernel("float64(float64, int64)")
-def mean_gain(turns: float, count: int) -> float:
-    """Squared amplitude that the mean over ``count`` samples leaves of a line of ``turns`` per sample."""
-    sine = math.sin(math.pi * turns)
-    if abs(sine) < 1e-9:
-        return 1.0
-    return (math.sin(math.pi * turns * count) / (count * sine)) ** 2
-
-
-@kernel("float64(float64, float64)")
-def _high_pass_square(turns: float, share: float) -> float:
-    """Squared gain of the two high-passes at a line of ``turns`` per sample."""
-    # |(1 - s/2) (1 - 1/z) / (1 - (1 - s) / z)| of each high-pass at the line.
-    cosine, keep = math.cos(2.0 * math.pi * turns), 1.0 - share
-    gain = (1.0 - 0.5 * share) ** 2 * (2.0 - 2.0 * cosine) / (1.0 - 2.0 * keep * cosine + keep * keep)
-    return max(1e-12, gain * gain)
-
-
-@kernel("boolean(Samples, int64)", Samples=SAMPLES)
-def _is_clear(d: Record, line: int) -> bool:
-    """Return whether a line of the spindle lies off the tooth passing and its harmonic at the commanded speed."""
-    z, f = max(1, d.teeth), folded(d.turn * d.order[line])
-    if int(d.order[line]) % z == 0:
-        return True
-    nearest = min(abs(folded(d.turn * z) - f), abs(folded(2.0 * d.turn * z) - f))
-    return bool(nearest > CLEAR * d.period / (2.0 * math.pi * NOTCH_S))
-
-
-@kernel("void(Samples, float64)", Samples=SAMPLES)
-def _choose_lines(d: Record, share: float) -> None:
-    """Follow every line that is told apart from those before it, at the speed at which the spindle turns now.
-
-    Args:
-        d: SAMPLES; active, seen and gains are changed, and lines that are given up are zero.
-        share: Of the new value in the low-passes.
-    """
-    turn = d.turn * (1.0 + d.slip)
-    spacing = RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
-    for k in range(HARMONICS):
-        f = folded(turn * d.order[k])
-        active = f > spacing
-        for j in range(k):
-            if d.active[j] > 0.5 and abs(folded(turn * d.order[j]) - f) < spacing:
-                active = False
-        if not active:
-            for axis in range(3):
-                d.lines[axis, 2 * k] = d.lines[axis, 2 * k + 1] = 0.0
-        d.gain[k] = 1.0 / _high_pass_square(f, share)
-        d.active[k] = 1.0 if active else 0.0
-        d.seen[k] = 1.0 if active and f > VISIBLE_HZ * d.period and _is_clear(d, k) else 0.0
-
-
-@kernel("int64(Samples)", Samples=SAMPLES)
-def _is_separate(d: Record) -> int:
-    """1 where the tooth passing is seen, and lines between its harmonics."""
-    z = max(1, d.teeth)
-    tooth = between = 0
-    for k in range(HARMONICS):
-        if d.seen[k] > 0.5 and int(d.order[k]) % z == 0:
-            tooth = 1
-        elif d.seen[k] > 0.5:
-            between = 1
-    return tooth * between
-
-
-@kernel("void(Samples, boolean)", Samples=SAMPLES)
-def _set_wave(d: Record, first: bool) -> None:
-    """Cosine and sine of every line that is followed at the present angle; within a cycle turned on by one sample."""
-    speed = d.turn * (1.0 + d.slip)
-    for k in range(HARMONICS):
-        if d.active[k] < 0.5:
-            d.wave[2 * k] = d.wave[2 * k + 1] = 0.0
-        elif first:
-            turns, step = d.angle * d.order[k], speed * d.order[k]
-            angle, step = 2.0 * math.pi * (turns - math.floor(turns)), 2.0 * math.pi * (step - math.floor(step))
-            d.wave[2 * k], d.wave[2 * k + 1] = math.cos(angle), math.sin(angle)
-            d.step[2 * k], d.step[2 * k + 1] = math.cos(step), math.sin(step)
-        else:
-            c, s = d.wave[2 * k], d.wave[2 * k + 1]
-            d.wave[2 * k] = c * d.step[2 * k] - s * d.step[2 * k + 1]
-            d.wave[2 * k + 1] = s * d.step[2 * k] + c * d.step[2 * k + 1]
 
 
 @kernel("void(Samples, float64[::1], int64, float64, float64, float64, int64)", Samples=SAMPLES)
@@ -232,112 +76,6 @@ def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: flo
         d.energy, d.slower_energy = energy, slower
 
 
-@kernel("float64(Samples, float64)", Samples=SAMPLES)
-def _follow_speed(d: Record, time: float) -> float:
-    """Let the spindle speed follow the turning of the phasors; squared speed that lines are off by, (rad/s)^2 N^2.
-
-    Args:
-        d: SAMPLES; changed.
-        time: Since the last call, s.
-    """
-    turned = weight = energy = leaks = 0.0
-    voters, edge = max(4, d.teeth + 1), 0.5 - RESOLVED * d.period / (2.0 * math.pi * NOTCH_S)
-    for k in range(HARMONICS):
-        if d.active[k] < 0.5:
-            continue
-        real = imaginary = 0.0
-        at_edge = d.place[k] > edge  # its image turns the other way
-        for axis in range(3):
-            a, b = d.lines[axis, 2 * k], d.lines[axis, 2 * k + 1]
-            c, s = d.before[axis, 2 * k], d.before[axis, 2 * k + 1]
-            real += a * c + b * s
-            imaginary += a * s - b * c
-            if at_edge:
-                a, b = a - time / KEPT_S * a, b - time / KEPT_S * b
-            d.lines[axis, 2 * k], d.lines[axis, 2 * k + 1] = a, b
-            d.before[axis, 2 * k], d.before[axis, 2 * k + 1] = a, b
-        energy += real
-        order = d.order[k]
-        if not at_edge:
-            leaks += order * order * real
-        if k < voters and real > 0.0 and not at_edge:
-            turned += order * imaginary
-            weight += order * order * real
-    falls = energy < (1.0 - 0.25 * time / NOTCH_S) * d.strength
-    d.strength = energy
-    if falls or energy <= LINES * d.energy or weight <= 0.0:  # what is left of a cut, noise, or chatter
-        d.turning = 0.0
-        return 0.0
-    d.in_cut = 1
-    speed = turned / weight / time  # of the spindle, beside the speed that is followed, rad/s
-    share = time / (NOTCH_S + time)
-    d.turning += share * (speed - d.turning)
-    d.slip += FOLLOW * time * speed * d.period / (2.0 * math.pi * d.turn)
-    d.slip = min(SLIP, max(-SLIP, d.slip))
-    return float(d.turning * d.turning * max(0.0, leaks))
-
-
-@kernel("float64(Samples, int64)", Samples=SAMPLES)
-def _square(d: Record, line: int) -> float:
-    """Squared amplitude of a line over the three axes, before the high-passes."""
-    total = 0.0
-    for axis in range(3):
-        cosine, sine = d.lines[axis, 2 * line], d.lines[axis, 2 * line + 1]
-        total += cosine * cosine + sine * sine
-    return float(total * d.gain[line])
-
-
-@kernel("void(Samples, Fast)", Samples=SAMPLES, Fast=FAST)
-def _measure(d: Record, out: Record) -> None:
-    """Amplitudes of the tooth passing and of the lines between, N.
-
-    Args:
-        d: SAMPLES.
-        out: FAST; turn and tooth are changed.
-    """
-    tooth = turns = 0.0
-    for k in range(HARMONICS):
-        if d.seen[k] > 0.5:
-            if int(d.order[k]) % max(1, d.teeth) == 0:
-                tooth += _square(d, k)
-            else:
-                turns += _square(d, k)
-    out.turn, out.tooth = math.sqrt(turns), math.sqrt(tooth)
-
-
-@kernel("void(Samples, Fast, float64, int64, int64, float64)", Samples=SAMPLES, Fast=FAST)
-def estimate_folded(d: Record, fast: Record, turn: float, teeth: int, count: int, period: float) -> None:
-    """Estimate what lines leave in the mean force of a cycle, from their amplitudes and places alone, as a replay can.
-
-    A harmonic that folds below the high-passes is not seen: its amplitude is taken for that of those that are.
-
-    Args:
-        d: SAMPLES; slow and alias are changed.
-        fast: FAST.
-        turn: Commanded turns of the spindle per sample.
-        teeth: Of the tool.
-        count: Samples of a cycle.
-        period: Of the samples, s.
-    """
-    d.slow = d.alias = 0.0
-    tooth, turns = 0.5 * fast.tooth**2, 0.5 * fast.turn**2
-    if turn <= 0.0 or not math.isfinite(tooth + turns):
-        return
-    z, slow, seen, left = max(1, teeth), 0, 0, 0.0
-    for k in range(1, TOOTH_ORDERS + 1):
-        f = folded(turn * (1.0 + FIRST_SLIP) * k * z)
-        if f <= VISIBLE_HZ * period:
-            slow += 1
-        else:
-            seen += 1
-            left += mean_gain(f, count)
-    hidden = tooth * (left + slow) / seen if seen > 0 else 0.0
-    for k in range(1, z):
-        hidden += turns * mean_gain(folded(turn * (1.0 + FIRST_SLIP) * k), count) / (z - 1)
-    d.slow = math.sqrt(tooth * slow / seen) if seen > 0 else 0.0
-    d.alias = math.inf if seen == 0 else math.sqrt(hidden)
-
-
 @kernel(
     "void(float64[:, ::1], int64, int64, float64, int64, Settings[::1], Memory[::1])",
     Settings=SETTINGS,
@@ -358,12 +96,13 @@ def take_samples(
         settings: (1,) SETTINGS.
         memories: (1,) MEMORY; samples and fast are changed.
     """
-    s, d, out = settings[0], memories[0].samples, memories[0].fast
+    s, m = settings[0], memories[0]
+    d, out = m.samples, m.fast
     turn = turn_per_s * s.sample_period
     if turn != d.turn or teeth != d.teeth:
         set_lines(d, turn, teeth, s.sample_period)
     if count > 0 and number != d.following:
-        d.settled = 0
+        d.settled = d.matched = 0
     d.following = number + count
     share = 1.0 - math.exp(-2.0 * math.pi * SLOW_HZ * s.sample_period)
     forget = 1.0 - math.exp(-s.sample_period / s.energy_time)
@@ -374,7 +113,7 @@ def take_samples(
         if d.slip == 0.0:
             d.slip = FIRST_SLIP
         if d.settled == 0 or (d.in_cut == 1 and d.strength <= LINES * d.energy):
-            _choose_lines(d, share)  # out of the cut, at the speed that the cut has shown
+            choose_lines(d, share)  # out of the cut, at the speed that the cut has shown
             d.in_cut = 0
     for i in range(count):
         d.angle += turn * (1.0 + d.slip)
@@ -386,18 +125,21 @@ def take_samples(
             for axis in range(3):
                 d.high_pass[axis, 0], d.high_pass[axis, 1], d.slower[axis] = samples[i, axis], 0.0, 0.0
         if lines > 0:
-            _set_wave(d, fresh)
+            set_wave(d, fresh)
             fresh = False
         _take_sample(d, samples[i], lines, share, forget, gain, settled // 3)
     off = 0.0
+    out.change = -1.0
     for k in range(lines):
         d.place[k] = folded(turn * (1.0 + d.slip) * d.order[k])
     if lines > 0 and count > 0:
-        off = _follow_speed(d, count * s.sample_period)
-    _measure(d, out)
+        off = follow_speed(d, count * s.sample_period)
+        see_lines(d, count)
+        scale = max(0.0, m.now.ratio / m.reference.ratio) if m.reference.ratio > 0.0 else 1.0
+        out.change = compare_pattern(d, m.steady_cycles > 0, m.calm == 1, scale, count * s.sample_period)
+    measure(d, out)
     out.samples = count
     out.residual = math.sqrt(d.energy)
     out.slower = math.sqrt(SLOWER * SLOWER * d.slower_energy + 0.5 * off * NOTCH_S * NOTCH_S)
     fast_enough = s.sample_period * SLOW_HZ * LEAST_RATE <= 1.0
     out.ready = 1.0 if count > 0 and d.settled >= settled and turn > 0.0 and fast_enough else 0.0
-    out.separate = float(_is_separate(d)) if lines > 0 else 0.0

@@ -29,9 +29,9 @@ from counterflex.core.records import Record, Records
 from counterflex.runtime.monitoring.air_noise import follow_motion, learn_quiet, noise, quiet_force, two_stages
 from counterflex.runtime.monitoring.detectors import breakage, chatter, judge, low_chatter, wear
 from counterflex.runtime.monitoring.events import EVENTS, Event
-from counterflex.runtime.monitoring.fast_force import estimate_folded
 from counterflex.runtime.monitoring.feed_frame import feed_frame
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
+from counterflex.runtime.monitoring.spindle_lines import estimate_folded
 from counterflex.runtime.monitoring.wear import new_tool
 from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.planned import PLAN
@@ -191,13 +191,14 @@ def _detect(
     steady = steady and 0.8 < m.rate < 1.2
     if planned and int(here.tool) != m.tool:
         m.tool = int(here.tool)
+        m.known_cycles = 0
         new_tool(m.wear)
         m.events &= ~(1 << _WEAR)
     wear(m, s, moved if cutting else 0.0)
     samples = max(1, round(s.period / s.sample_period))
     turn, teeth = here.turn_per_s * s.sample_period, int(here.teeth)
     estimate_folded(m.samples, m.fast, turn, teeth, samples, s.sample_period)
-    breakage(m, s, here, rest, steady)
+    breakage(m, s, given, here, rest, steady)
     chatter(m, s, max(most, filtered), idle)
     low_chatter(m, s, given, rest, steady)
 

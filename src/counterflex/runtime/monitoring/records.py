@@ -76,8 +76,9 @@ FAST: Final = record(
     turn=float,  # amplitude of the orders of the spindle that are none of the tooth passing, N
     tooth=float,  # amplitude of the tooth passing and its harmonics, N
     ready=float,  # 1: the three above have settled
-    separate=float,  # 1: the two can be told apart
+    separate=float,  # 1: the two can be told apart; 2: and their pattern compared by its phases
     slower=float,  # root mean square of what slow force and a spindle off its speed leave in the residual, N
+    change=float,  # amplitude of the change of the orders between from the remembered pattern, N; -1: not known
 )
 """What the fast samples of a cycle say; given to the other detectors."""
 
@@ -109,8 +110,15 @@ OUTCOME: Final = record(
 )
 """What the monitor found, bits."""
 
-REFERENCE: Final = record(ratio=float, ratio_variance=float, turn=float, turn_variance=float, tooth=float)
-"""Of a steady stretch: ratio; amplitudes between and of the tooth passing by predicted force."""
+REFERENCE: Final = record(
+    ratio=float,
+    ratio_variance=float,
+    turn=float,  # amplitude between the tooth passing by predicted force
+    change=float,  # mean change of the pattern by predicted force
+    change_variance=float,
+    force=(float, 3),  # predicted, tool axes, N
+)
+"""Values of the steady cut so far, to which the present ones are compared."""
 
 FORCE_CLASS: Final = record(
     number=float,  # of ratios
@@ -166,12 +174,18 @@ SAMPLES: Final = record(
     place=(float, HARMONICS),  # turns per sample that it folds to
     gain=(float, HARMONICS),  # its squared amplitude by that behind the high-passes
     seen=(float, HARMONICS),  # 1: its amplitude counts
+    clear=(float, HARMONICS),  # samples since which it lies off all others
+    pattern=(float, (3, 2 * HARMONICS)),  # remembered lines of the steady cut, turned to the present angle
+    square=(float, HARMONICS),  # remembered squared amplitude of each line
+    mixed=(float, HARMONICS),  # time for which the phase of each line is not taken for its own, s
+    known=(float, HARMONICS),  # cycles over which each line of it was averaged
     wave=(float, 2 * HARMONICS),  # cos and sin of each line, this sample
     step=(float, 2 * HARMONICS),  # of the angle from sample to sample
     teeth=int,
     settled=int,  # samples since a gap or another speed
     following=int,  # sequence number of the next sample
     in_cut=int,  # 1: lines were strong enough to follow the speed since they were chosen
+    matched=int,  # 1: the angle of the pattern is known, else up to the tooth
 )
 """What is remembered of the force sensor's own samples."""
 
@@ -208,7 +222,10 @@ MEMORY: Final = record(
     events=int,  # bits of the events that are on
     hold_cause=int,  # of a feed hold asked for, until reset
     stop_cause=int,  # of a stop asked for, until reset
-    steady_cycles=int,  # of steady cut
+    steady_cycles=int,  # of steady cut at a stretch
+    known_cycles=int,  # of steady cut like the present one, gaps left out
+    less_cycles=int,  # of a drop
+    calm=int,  # 1: steady cut without a suspicion, whose pattern is remembered
     idle_cycles=int,  # learnt out of the cut, moving evenly
     tool=int,
     started=int,

@@ -20,10 +20,18 @@ Layout: TypeAlias = tuple[tuple[str, str, int], ...]
 """Name, kind (``f8`` or ``i8``) and count of each stretch of words in order; one without a name means nothing."""
 _MANY: Final = 64
 """Records from which on an array of them is one stretch, named with its fields: their names would fill the log."""
-_FREE: Final = {"state.reference": 7, "state.swing": 63, "state.known_ahead": 64, "scratch": 12 + 132}
+_FREE: Final = {
+    "monitor.reference.turn": 1,
+    "state.reference": 7,
+    "state.swing": 63,
+    "state.known_ahead": 64,
+    "scratch": 12 + 132,
+}
 """Words behind a stretch that meant nothing, or nothing beyond their cycle, in logs that do not say their layout."""
 _OTHER: Final = (
-    *("monitor.reference.tooth", "monitor.risen", "monitor.onset", "monitor.samples."),
+    *("monitor.reference.tooth", "monitor.reference.turn_variance", "monitor.reference.change"),
+    *("monitor.reference.force", "monitor.fast.change", "monitor.known_cycles", "monitor.less_cycles", "monitor.calm"),
+    *("monitor.risen", "monitor.onset", "monitor.samples."),
     *("tests.heading", "tests.bend", "tests.bent", "tests.missing", "tests.early_answer", "tests.short", "tests.still"),
     *(
         "tests.plan_place",
