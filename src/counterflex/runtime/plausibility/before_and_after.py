@@ -49,7 +49,8 @@ _OFFSET, _TRACKER_LOST = int(Cause.FORCE_OFFSET), int(Cause.TRACKER_LOST)
 _DIFFERS, _SHORT = int(Cause.FORCE_DIFFERS), int(Cause.ANSWER_SHORT)
 _FORCE_INVALID, _MALFORMED = int(Cause.FORCE_INVALID), int(Cause.TELEGRAM_MALFORMED)
 _FAULT = int(State.FAULT)
-_FUSED = 4
+_FUSED, _TRACKER = 4, 4
+"""ForceMode and Source."""
 _NO_CURRENTS = 10_000
 _STANDS_M = 20e-6
 _TURN_BACK = 3
@@ -279,6 +280,10 @@ def before_step(
             lost = tracker_cause(limits, memory)
             exact = lost != 0 and soft == _TRACKER_LOST and settings.force == _FUSED
             soft = lost if exact else next_cause(settings, soft, lost)
+        # A step without any source says only that the tracker is lost.
+        alone = settings.force == _FUSED and settings.has_plan == 0 and given.sources == _TRACKER
+        if alone and state.disbelieved >= settings.disbelieved:
+            soft = next_cause(settings, soft, memory.why)
     given.soft = next_cause(settings, soft, memory.soft)
     if given.hard == 0:
         given.hard = memory.hard
