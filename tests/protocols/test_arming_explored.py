@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
@@ -22,9 +22,11 @@ from counterflex.protocols.session.checks import SessionChecks
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.protocols.session.telegram_watch import WatchSettings
+from counterflex.runtime import record_ring
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import ForceMode, OnlineSettings
-from counterflex.runtime.state.states import State
+from counterflex.runtime.state.states import Cause, State
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 SETTLE, JOB, NOW_NS = 50, 7, 10**12
@@ -89,14 +91,14 @@ class Ring(SimpleNamespace):
 class Session:
     """A session that is ready, and can be brought back to that."""
 
-    def __init__(self) -> None:
+    def __init__(self, force: ForceMode = ForceMode.MEASURED, plan: LoopPlan | None = None) -> None:
         self.robot, self.force, self.ring = Robot(), Force(), Ring()
         self.control = np.zeros(CONTROL, dtype=np.int64)
-        settings = OnlineSettings(force=ForceMode.MEASURED, normal_only=False)
-        checks = SessionChecks(settle_cycles=SETTLE, job=JOB, hold_without_panel=True)
+        settings = OnlineSettings(force=force, normal_only=False)
+        checks = SessionChecks(settle_cycles=SETTLE, job=JOB, hold_without_panel=True, hold_without_log=True)
         self.run: Any = OnlineSession(
             self.robot,  # type: ignore[arg-type]
-            Loop(CELL.chain, settings, CELL.T_base_part),
+            Loop(CELL.chain, settings, CELL.T_base_part, plan),
             sensing=Sensing(force=self.force, wrench=Shown()),  # type: ignore[arg-type]
             control=self.control,
             checks=checks,
@@ -248,3 +250,63 @@ def test_what_was_asked_for_in_vain_arms_as_soon_as_nothing_is_wrong_but_never_o
     session.control[Request.STOP] = 0
     for _ in range(5):
         assert session.cycle() == State.READY
+
+
+# ---- A force sensor that the estimator of all sources does without hides nothing ---------------------------------
+
+
+@pytest.fixture(scope="module")
+def fused() -> Iterator[Session]:
+    """A plan is left where there is no force; records are counted."""
+    p = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
+    plan = LoopPlan(p, np.array([0.0, 1.0]), np.zeros((2, 6)), np.ones(2), np.zeros((2, 6)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("counterflex.protocols.session.session.write_record", lambda *_: None)
+        session = Session(ForceMode.FUSED, plan)
+        session.run.ring = session.ring
+        yield session
+
+
+HOLDS: Final = {
+    "log trouble": (_word(Kept.TROUBLE, 1), Cause.LOG_LOST),
+    "log late": (_set("ring.count", record_ring.MOST + 1), Cause.LOG_LOST),
+    "no panel": (WRONG["no panel"], Cause.PANEL_LOST),
+    "a panel that fell silent": (WRONG["a panel that fell silent"], Cause.PANEL_LOST),
+    "a controller that clamps": (WRONG["a controller that clamps"], Cause.CLAMPED_BY_ROBOT),
+    "a starting process that fell silent": (WRONG["a starting process that fell silent"], Cause.RUN_LOST),
+}
+"""By name: how it is brought about, and the cause of the hold."""
+
+
+@pytest.mark.parametrize("saturated", [False, True])
+@pytest.mark.parametrize("name", HOLDS)
+def test_a_hold_of_the_session_comes_in_its_cycle_whether_or_not_the_force_is_good(
+    name: str, saturated: bool, fused: Session
+) -> None:
+    fused.back()
+    fused.control[Request.ARM] = 1
+    assert fused.cycle() == State.ARMED
+    fused.robot.enable = True
+    fused.force.saturated = saturated
+    for _ in range(20):
+        assert fused.cycle() == State.ACTIVE
+    assert fused.run.loop.result.degraded == (Cause.FORCE_SATURATED if saturated else Cause.NONE)
+    spoil, cause = HOLDS[name]
+    spoil(fused)
+    assert fused.cycle() == State.HOLD
+    assert fused.run.loop.result.cause == cause
+
+
+@pytest.mark.parametrize("name", ["another job", "no panel", "a controller that clamps"])
+def test_what_keeps_it_from_arming_is_told_also_behind_a_bad_force(name: str, fused: Session) -> None:
+    told = []
+    for saturated in (False, True):
+        fused.back()
+        fused.force.saturated = saturated
+        WRONG[name](fused)
+        fused.control[Request.ARM] = 1
+        for _ in range(20):
+            assert fused.cycle() <= State.READY
+        told.append(Cause(int(fused.run.loop.result.cause)))
+    assert told[0] != Cause.NONE
+    assert told == [told[0]] * 2

@@ -14,6 +14,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.cycle_inputs import CycleInputs
+from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility import kernel as pk
 from counterflex.runtime.settings import ForceMode
@@ -35,7 +36,7 @@ class Tracked:
             tracker, force, changes = "none", "fused", {"tracker_stale_ms": 100.0, **changes}
         table = OnlineTable(tracker=tracker, force=force, along_feed=True, tracker_age_ms=0.0, **changes)  # type: ignore[arg-type]
         self.loop = Loop(CELL.chain, table.settings(None, compensated=False, mode=(8.5, 0.1)), CELL.T_base_part)
-        self.k, self.noise_m = 0, noise_m
+        self.k, self.noise_m, self.sources = 0, noise_m, Source.FORCE | Source.TRACKER
         self.rng = np.random.default_rng(5)
         self.pose = np.eye(4)
 
@@ -57,6 +58,7 @@ class Tracked:
         self.loop.feed(CycleInputs(
             T_part_tcp=nominal, q=Q, w_tcp_part=np.zeros(6), T_part_actual=self.pose if seen else None,
             arm=self.k == 70, enable=self.k > 80, tracker_age=0 if seen else 5, tracker_late_s=late_s,
+            sources=self.sources,
         ))  # fmt: skip
         self.loop.run()
         return self.loop.state
@@ -229,6 +231,27 @@ def test_what_was_rejected_is_not_believed_later_because_time_has_passed(tracker
         robot.cycle()
     assert robot.rejected <= 703  # three in a row where they should be
     assert robot.loop.result.degraded == Cause.NONE
+
+
+@pytest.mark.parametrize("tracker_lost", ["fallback", "hold"])
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ({"jump": np.array([0.0, 0.66, 0.0]) * MM}, Cause.TRACKER_JUMP),
+        ({"frozen": True}, Cause.TRACKER_FROZEN),
+        ({"late_s": 30.0}, Cause.TRACKER_STAMP),
+    ],
+)
+def test_a_tracker_that_is_the_only_source_holds_by_why_its_samples_are_rejected(
+    fault: dict[str, Any], cause: Cause, tracker_lost: str
+) -> None:
+    """It was called lost although it went on, where it was to fall back on other sources."""
+    robot = Tracked("fused", tracker_lost=tracker_lost)
+    robot.sources = Source.TRACKER
+    robot.settled()
+    held = [robot.cycle(**fault) for _ in range(100)]
+    assert held[-1] == State.HOLD
+    assert robot.loop.cause == robot.loop.result.degraded == cause
 
 
 def test_the_estimator_holds_samples_of_any_age_and_pause_against_their_own_time_pair() -> None:

@@ -126,7 +126,7 @@ def cycle(loops: Records, tables: Records) -> None:
     plan, place, elastic = _plan(table), state.place[:], _elastic(table)
     watched, monitors, memories = _watched_plan(table), _monitor_settings(table), _monitor_memory(table)
     monitor, monitored = monitors[0], memories[0]
-    hand_over(monitored, given)
+    hand_over(monitored, settings, given)
     before_step(given, settings, state, ring, result, limits, tests, work)
     swing_kg = swing_mass(monitored, monitor)
     believe_force(given, settings, plan, state, ring, elastic.works[0].jacobian[:], swing_kg, limits, tests, work)

@@ -28,6 +28,7 @@ from counterflex.protocols.session.telegram_watch import TelegramWatch, WatchSet
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
+from counterflex.runtime.primitives.causes import yielding
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import Output
 from counterflex.runtime.state.supervisor import Cause, State
@@ -99,6 +100,7 @@ class OnlineSession:
         self.control: Int = np.zeros(REQUESTS, dtype=np.int64) if control is None else control
         self._checks = checks if checks is not None else SessionChecks()
         self._axes = loop.settings.output == Output.AXES
+        self._yielding = yielding(loop.records[0]["settings"][0])
         self.watch = TelegramWatch(loop.settings.period_s, watch)
         self._clock_ns = clock_ns
         self._tare = sensing.tare or Tare(self._checks.force_n, self._checks.moment_nm, keep=self._checks.tare)
@@ -187,7 +189,7 @@ class OnlineSession:
             senses.read_currents(received)
         except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
             self._failed(fault)
-        if link.clamped and soft == 0:
+        if link.clamped and soft in self._yielding:
             soft = _CLAMPED
         soft, hard = self._watch_program(soft, hard, received_ns)
         if soft == 0 and result.state <= _READY:
@@ -332,12 +334,13 @@ class OnlineSession:
         if self._job is not None and self.link.job not in (0, self._job):
             if armed:
                 hard = hard or _WRONG_JOB
-            else:
-                soft = soft or _WRONG_JOB
-        if soft == 0 and self.ring is not None and len(self.control) >= CONTROL and self._log_lost(armed):
-            soft = _LOG_LOST
-        if soft == 0 and self._checks.hold_without_panel and len(self.control) >= CONTROL:
-            soft = 0 if panel_state(self.control, now_ns) == THERE else _PANEL_LOST
+            elif soft in self._yielding:
+                soft = _WRONG_JOB
+        if len(self.control) >= CONTROL:
+            if soft in self._yielding and self.ring is not None and self._log_lost(armed):
+                soft = _LOG_LOST
+            if soft in self._yielding and self._checks.hold_without_panel:
+                soft = soft if panel_state(self.control, now_ns) == THERE else _PANEL_LOST
         if self._teller is not None and self._run_lost(now_ns):
             soft = _RUN_LOST  # before all else: nobody may be there to see what else is wrong
         return soft, hard

@@ -19,6 +19,7 @@ from counterflex.runtime.estimator.fusion_kernel import (
     unexplained,
 )
 from counterflex.runtime.estimator.idle_torque import follow_idle, less_force
+from counterflex.runtime.primitives.causes import of_the_force
 from counterflex.runtime.primitives.frames import pose_deviation
 from counterflex.runtime.primitives.history import row_at, row_back
 from counterflex.runtime.primitives.lag_filters import lag
@@ -50,8 +51,7 @@ def sources_of(given: Record, settings: Record, soft: int, disbelieved: int, pla
     """
     has = given.sources
     usable = _FROM_PLAN if planned == 1 else 0
-    bad = soft in (_FORCE_STALE, _FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET)
-    if has & _FROM_FORCE and not bad and given.force_age < settings.stale:
+    if has & _FROM_FORCE and not of_the_force(soft) and given.force_age < settings.stale:
         usable |= _FROM_FORCE
     if has & _FROM_TRACKER and given.tracker_age < settings.tracker_stale and disbelieved < settings.disbelieved:
         usable |= _FROM_TRACKER
@@ -90,12 +90,6 @@ def answered(ring: Records, here: int, back: int, settings: Record, state: Recor
     """
     sent = ring[row_back(here, back)]
     lag(sent.sent[:], settings.answer[:], state.answer_filter[:], state.in_effect[:])
-
-
-@kernel("boolean(int64)")
-def of_a_sensor(soft: int) -> bool:
-    """Whether a cause of a hold is the loss of one sensor, which the estimator outlives while it has another source."""
-    return soft in (_FORCE_STALE, _FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET, _TRACKER_LOST)
 
 
 @kernel(

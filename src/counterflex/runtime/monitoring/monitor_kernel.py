@@ -33,6 +33,8 @@ from counterflex.runtime.monitoring.feed_frame import feed_frame
 from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
 from counterflex.runtime.monitoring.spindle_lines import estimate_folded
 from counterflex.runtime.monitoring.wear import new_tool
+from counterflex.runtime.primitives.causes import next_cause
+from counterflex.runtime.state.chosen import SETTINGS as LOOP_SETTINGS
 from counterflex.runtime.state.given import GIVEN
 from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.result import RESULT
@@ -272,15 +274,15 @@ def watch(
     _react(m, s, result)
 
 
-@kernel("void(Memory, Given)", Memory=MEMORY, Given=GIVEN)
-def hand_over(m: Record, given: Record) -> None:
+@kernel("void(Memory, Loop, Given)", Memory=MEMORY, Loop=LOOP_SETTINGS, Given=GIVEN)
+def hand_over(m: Record, settings: Record, given: Record) -> None:
     """Hand what was found before to the supervisor: causes of hold and fault, where there are no others.
 
     Args:
         m: MEMORY as :func:`watch` left it.
+        settings: Of the loop.
         given: GIVEN of the step; changed.
     """
-    if m.hold_cause != 0 and given.soft == 0:
-        given.soft = m.hold_cause
+    given.soft = next_cause(settings, given.soft, m.hold_cause)
     if m.stop_cause != 0 and given.hard == 0:
         given.hard = m.stop_cause

@@ -32,6 +32,7 @@ from counterflex.runtime.plausibility.kernel import (
 )
 from counterflex.runtime.plausibility.tracker_gate import tracker_cause
 from counterflex.runtime.plausibility.tracker_sample import judge_sample, judges
+from counterflex.runtime.primitives.causes import next_cause
 from counterflex.runtime.primitives.finite import is_sample
 from counterflex.runtime.primitives.frames import all_finite, pose_deviation
 from counterflex.runtime.state.chosen import SETTINGS
@@ -48,7 +49,8 @@ _OFFSET, _TRACKER_LOST = int(Cause.FORCE_OFFSET), int(Cause.TRACKER_LOST)
 _DIFFERS, _SHORT = int(Cause.FORCE_DIFFERS), int(Cause.ANSWER_SHORT)
 _FORCE_INVALID, _MALFORMED = int(Cause.FORCE_INVALID), int(Cause.TELEGRAM_MALFORMED)
 _FAULT = int(State.FAULT)
-_FUSED = 4
+_FUSED, _TRACKER = 4, 4
+"""ForceMode and Source."""
 _NO_CURRENTS = 10_000
 _STANDS_M = 20e-6
 _TURN_BACK = 3
@@ -265,7 +267,7 @@ def before_step(
         given.current_age = _NO_CURRENTS
     if given.is_reported == 1 and not all_finite(given.reported[:]):
         given.is_reported = 0
-        soft = _MALFORMED if soft == 0 else soft
+        soft = next_cause(settings, soft, _MALFORMED)
     if given.reset == 1:
         forget_doubts(memory)
     acts = state.supervisor.state > _ARMED
@@ -274,13 +276,15 @@ def before_step(
         why = memory.why if memory.why != 0 else _TRACKER_LOST
         if early & DOUBT_RETURN and settings.force == 0 and soft == 0:
             soft = why
-        if soft == 0 or (soft == _TRACKER_LOST and settings.force == _FUSED):
+        if settings.tracker_lost_holds == 1:
             lost = tracker_cause(limits, memory)
-            if settings.tracker_lost_holds == 1 and lost != 0:
-                soft = lost
-    if soft == 0:
-        soft = memory.soft
-    given.soft = soft
+            exact = lost != 0 and soft == _TRACKER_LOST and settings.force == _FUSED
+            soft = lost if exact else next_cause(settings, soft, lost)
+        # A step without any source says only that the tracker is lost.
+        alone = settings.force == _FUSED and settings.has_plan == 0 and given.sources == _TRACKER
+        if alone and state.disbelieved >= settings.disbelieved:
+            soft = next_cause(settings, soft, memory.why)
+    given.soft = next_cause(settings, soft, memory.soft)
     if given.hard == 0:
         given.hard = memory.hard
     memory.early = early

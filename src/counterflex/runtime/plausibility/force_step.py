@@ -43,6 +43,7 @@ from counterflex.runtime.plausibility.force_change import (
     size,
     zero_is_right,
 )
+from counterflex.runtime.primitives.causes import next_cause
 from counterflex.runtime.primitives.frames import directions
 from counterflex.runtime.primitives.history import row_back
 from counterflex.runtime.state.chosen import SETTINGS
@@ -373,5 +374,5 @@ def believe_force(
             share = min(1.0, size(state.predicted_late[:3]) / load)
         for k in range(6):
             state.believed[k] = state.predicted_late[k] + share * memory.cut_before.residual[k]
-    if acts_as_set and (set_to == _HOLDS or fused) and given.soft == 0:
-        given.soft = _OFFSET
+    if acts_as_set and (set_to == _HOLDS or fused):
+        given.soft = next_cause(settings, given.soft, _OFFSET)

@@ -12,11 +12,11 @@ from counterflex.runtime.estimator.deflection import (
     currents_shown,
     estimate_loads,
     missing_cause,
-    of_a_sensor,
     sources_of,
 )
 from counterflex.runtime.estimator.force import blend, learn_scale, met_share, scaled
 from counterflex.runtime.estimator.fusion import Source
+from counterflex.runtime.primitives.causes import can_yield
 from counterflex.runtime.primitives.frames import directions
 from counterflex.runtime.primitives.history import moves
 from counterflex.runtime.primitives.lag_filters import lag
@@ -34,7 +34,7 @@ FILTER: Final = "Tuple((float64[::1], float64[:, ::1], float64[:, ::1], int64[::
 MEASURED, PILOT, SCALE, FUSED = 1, 2, 3, 4
 """ForceMode."""
 _PROCESS = int(Source.FORCE | Source.CURRENTS)
-_FORCE_STALE, _TRACKER_LOST, _NOT_FINITE = int(Cause.FORCE_STALE), int(Cause.TRACKER_LOST), int(Cause.NOT_FINITE)
+_FORCE_STALE, _NOT_FINITE = int(Cause.FORCE_STALE), int(Cause.NOT_FINITE)
 
 
 @kernel(
@@ -59,20 +59,14 @@ def _filter_forces(
     smooth(cycle.behind[:], cycle.late[:], coefficients, memory, ring, place)
 
 
-@kernel("boolean(Settings, int64)", Settings=SETTINGS)
-def _tracker_holds(settings: Record, soft: int) -> bool:
-    """Whether the cause is a tracker whose loss is to hold."""
-    return soft == _TRACKER_LOST and settings.tracker_lost_holds == 1
-
-
 @kernel("void(Given, Settings, State, Cycle)", Given=GIVEN, Settings=SETTINGS, State=STATE, Cycle=CYCLE)
 def _find_sources(given: Record, settings: Record, state: Record, cycle: Record) -> None:
     """What the estimator can use in this cycle; the loss of one sensor is no cause while it has another."""
-    cycle.sources = sources_of(given, settings, cycle.soft, state.disbelieved, cycle.planned)
-    cycle.degraded = missing_cause(given.sources, cycle.sources, cycle.soft)
+    cycle.sources = sources_of(given, settings, given.soft, state.disbelieved, cycle.planned)
+    cycle.degraded = missing_cause(given.sources, cycle.sources, given.soft)
     if cycle.sources == 0 and cycle.soft == 0:
         cycle.soft = cycle.degraded if cycle.degraded != 0 else _FORCE_STALE
-    elif cycle.sources != 0 and of_a_sensor(cycle.soft) and not _tracker_holds(settings, cycle.soft):
+    elif cycle.sources != 0 and can_yield(settings, cycle.soft):
         cycle.soft = 0
 
 

@@ -6,6 +6,7 @@ from typing import Final
 
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
+from counterflex.runtime.primitives.causes import next_cause
 from counterflex.runtime.primitives.finite import is_finite
 from counterflex.runtime.primitives.hand import part_axes
 from counterflex.runtime.primitives.localize import contained_at, follow, seek, wrench_at
@@ -43,8 +44,8 @@ def begin(given: Record, settings: Record, state: Record, cycle: Record) -> None
     cycle.soft, cycle.hard = given.soft, given.hard
     if lost >= FAULT_LOST and cycle.hard == 0:
         cycle.hard = _STOPPED
-    elif lost >= settings.lost and cycle.soft == 0:
-        cycle.soft = _LATE
+    elif lost >= settings.lost:
+        cycle.soft = next_cause(settings, cycle.soft, _LATE)
     if cycle.hard == 0 and not is_finite(given):
         cycle.hard = _NOT_FINITE
     cycle.active = 1 if state.supervisor.state == _ACTIVE else 0
@@ -96,5 +97,5 @@ def localize(given: Record, settings: Record, state: Record, plan: Records, cycl
         ahead[k] *= state.force_at_speed
         behind[k] *= state.force_at_speed
     contained_at(plan, place, cycle.contained[:])
-    if cycle.path_distance > settings.off_path and cycle.soft == 0:
-        cycle.soft = _OFF_PATH
+    if cycle.path_distance > settings.off_path:
+        cycle.soft = next_cause(settings, cycle.soft, _OFF_PATH)

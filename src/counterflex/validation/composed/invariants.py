@@ -14,6 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.protocols.processes.control_array import Kept, Life, Panel
+from counterflex.runtime.primitives.causes import yielding
 from counterflex.runtime.state.states import Cause, State
 from counterflex.validation.composed.kinds import ALWAYS, KINDS
 from counterflex.validation.composed.line import STRANGE_M
@@ -95,6 +96,7 @@ class Invariants:
         self._rate: Float = np.zeros(3)
         self._last_active_s = 0.0
         self._acted = False
+        self._yielding = frozenset({0})
 
     def __call__(self, world: World) -> None:
         """Look at the end of a cycle of the controller."""
@@ -108,6 +110,7 @@ class Invariants:
             return
         if world.runs != self._runs:
             self._runs, self._since, self._state, self._in_state = world.runs, {}, State.IDLE, 0
+            self._yielding = yielding(session.loop.records[0]["settings"][0])
             self._acted = False
         state = _STATES[session.loop.quick_result.state]
         name = state.name
@@ -220,7 +223,7 @@ class Invariants:
             "a silent run": (clock - int(control[Life.RUN_NS]) > _RUN_SILENT_NS, _VISIBLE),
             "a lost log": (story.without_log == "hold" and bool(control[Kept.TROUBLE]), _VISIBLE),
             "a lost panel": (story.without_panel == "hold" and panel_silent, _VISIBLE),
-            "a cause": (given.hard != 0 or (given.soft != 0 and not story.mode.startswith("fused")), _VISIBLE),
+            "a cause": (given.hard != 0 or int(given.soft) not in self._yielding, _VISIBLE),
             "no telegrams": (world.now_s - world.received_at > _LATE_CYCLES * PERIOD_S, _VISIBLE),
             "no Enable": (world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
             "no force": (needs_force and "force-silent" in world.active.now, _STALE),
