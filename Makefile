@@ -38,9 +38,9 @@ pages: $(VENV)/.installed-dev  ## Open both report pages in Chromium at three wi
 	$(BIN)/python tools/check_pages.py out/pages/plan/report.html out/pages/proof/report.html
 
 faults-random: $(VENV)/.installed-dev  ## Compose faults at random: fixed seeds must hold, those from the commit's number are reported.
-	$(BIN)/counterflex faults --random --minutes 12 --seed 6000 --out out/faults-random
+	$(BIN)/counterflex faults --random --minutes 5 --seed 6000 --out out/faults-random
 	seed=$$(printf '%d' 0x$$(git rev-parse --short=7 HEAD)) && echo "seed $$seed" && \
-	{ $(BIN)/counterflex faults --random --minutes 5 --seed $$seed --out out/faults-new || \
+	{ $(BIN)/counterflex faults --random --minutes 2 --seed $$seed --out out/faults-new || \
 	{ test $$? -eq 1 && echo "a rule is broken with a new seed, see out/faults-new/stories.json"; }; }
 
 bench-smoke: $(VENV)/.installed-dev  ## Run every benchmark briefly, two at a time: whether they work, not how fast.

@@ -349,13 +349,13 @@ def report(defects: list[Defect], results: dict[str, dict[str, Any]]) -> str:
     for room, counts in sorted(rooms.items()):
         total += counts
         missed = counts.total() - counts["own"] - counts["above"] - counts["not run"]
-        row = (counts.total(), counts["own"], counts["above"], missed, counts["not run"])
-        lines.append(f"| {room} | {' | '.join(map(str, row))} |")
+        cells = (counts.total(), counts["own"], counts["above"], missed, counts["not run"])
+        lines.append(f"| {room} | {' | '.join(map(str, cells))} |")
     every = max(total.total() - total["not run"], 1)
     caught = total["own"] + total["above"]
     share, inside = f"{100 * caught / every:.1f} %", f"{100 * total['own'] / every:.1f} %"
-    row = (total.total(), f"{total['own']} ({inside})", total["above"], total.total() - caught - total["not run"])
-    lines.append(f"| all | {' | '.join(map(str, row))} | {total['not run']} |")
+    last = (total.total(), f"{total['own']} ({inside})", total["above"], total.total() - caught - total["not run"])
+    lines.append(f"| all | {' | '.join(map(str, last))} | {total['not run']} |")
     return "\n".join([*lines, "", f"Caught, of those that were run: {share}.", *survivors])
 
 

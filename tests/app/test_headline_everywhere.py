@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from counterflex.api.compensation import Compensation
 
+import counterflex as cf
 from counterflex.app.campaign.report import _cards
-from counterflex.app.compensation.compensate import compensate, run
+from counterflex.app.compensation.compensate import run
 from counterflex.app.compensation.headline import error_rows
 from counterflex.app.compensation.next_steps import after_compensation
-from counterflex.app.inputs import AS_IT_IS
 from counterflex.app.prediction_interval import headline_text
 from counterflex.files.cell.cell import read_cell
 
@@ -77,8 +76,6 @@ def test_steps_begin_with_what_to_do(done: tuple[dict[str, Any], Path]) -> None:
 
 
 def test_a_notebook_shows_it_first() -> None:
-    cell = read_cell(MEASURED)
-    result = compensate(GROOVE, cell)
-    lines = repr(Compensation(GROOVE, cell, result, AS_IT_IS)).splitlines()
+    lines = repr(cf.compensate(GROOVE, MEASURED)).splitlines()
     assert lines[1].startswith("Expected path error before: ")
     assert lines[2].startswith("Expected path error after: ")

@@ -39,7 +39,13 @@ class Program:
         self.x = 0.0
 
     def cycle(
-        self, *, enable: bool = True, arm: bool = False, reset: bool = False, moves: bool = True, soft: int = 0
+        self,
+        *,
+        enable: bool = True,
+        arm: bool = False,
+        reset: bool = False,
+        moves: bool = True,
+        soft: Cause = Cause.NONE,
     ) -> State:
         self.x += 1e-4 * moves
         w = np.zeros(6)
@@ -140,7 +146,7 @@ def test_an_acknowledgment_on_the_way_to_the_cut_is_none_of_the_cut(planned: boo
     program = Program(planned=planned)
     for arm in (False, False, True):
         program.cycle(enable=False, arm=arm)
-    assert program.cycle(soft=int(Cause.WRONG_JOB)) == State.READY
+    assert program.cycle(soft=Cause.WRONG_JOB) == State.READY
     program.cycle(reset=True)
     assert not program.held
     program.go(CUT[0] + 0.004)
@@ -153,9 +159,9 @@ def test_an_acknowledgment_on_the_way_to_the_cut_is_none_of_the_cut(planned: boo
 def test_a_hold_that_the_program_has_left_in_air_does_not_let_the_next_cut_be_uncorrected() -> None:
     """Held in air for a reason, Enable off there and on again: the next cut ran without its correction, and no hold."""
     program = Program().begin()
-    assert program.cycle(soft=int(Cause.RUN_LOST)) == State.HOLD
+    assert program.cycle(soft=Cause.RUN_LOST) == State.HOLD
     for _ in range(2 * DEBOUNCE):
-        program.cycle(enable=False, soft=int(Cause.RUN_LOST), moves=False)
+        program.cycle(enable=False, soft=Cause.RUN_LOST, moves=False)
     assert program.loop.state < State.ARMED
     assert not program.held
     program.go(CUT[0] + 0.002)

@@ -173,7 +173,7 @@ def _nobody_looks(patch: pytest.MonkeyPatch) -> None:
 
 
 def _records_another_number(patch: pytest.MonkeyPatch) -> None:
-    right = session_module.write_record
+    right = vars(session_module)["write_record"]
 
     def write(ring: Any, link: Any, loop: Loop, *rest: Any) -> None:
         kept = float(loop.given.wrench[1])
@@ -291,7 +291,7 @@ def test_the_campaign_writes_what_broke_and_can_be_interrupted(tmp_path: Path, m
     assert not summary["passed"]
     assert summary["stories"] == 2
 
-    def interrupts(_fraction: float, _what: str = "") -> None:
+    def interrupts(fraction: float, what: str = "") -> None:
         raise KeyboardInterrupt
 
     assert campaign.run(tmp_path / "two", minutes=1.0, progress=interrupts).interrupted

@@ -164,7 +164,9 @@ class Kernel:
 
     def _dispatcher(self) -> Any:
         """Numba's dispatcher, made by the first thread that needs it."""
-        from counterflex.core.compiled import dispatcher, global_compiler_lock
+        from numba.core.compiler_lock import global_compiler_lock
+
+        from counterflex.core.compiled import dispatcher
 
         with global_compiler_lock:  # a second lock could be taken in the other order by a thread that compiles
             if self._made is None:

@@ -19,7 +19,7 @@ from counterflex.app.campaign import campaign
 from counterflex.app.campaign.step import CELL
 from counterflex.app.campaign.tasks import TRUTH
 from counterflex.app.compensation import compensate
-from counterflex.app.long_jobs.step_cache import Mark, begin, fingerprint, finish, finished, made_again
+from counterflex.app.long_jobs.step_cache import Mark, begin, fingerprint, finish, finished, made_again, marks_below
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.proof import evaluate
 from counterflex.app.run import session as online_session
@@ -79,7 +79,7 @@ def run(
     level = "catalogue" if quick else level
     if level not in RECIPES:
         raise InputError("no such truth level", value=level, limit=", ".join(RECIPES))
-    start, begun = time.perf_counter(), time.time()
+    start, before = time.perf_counter(), marks_below(Path(out))
     folder, numbers = Path(out), tuple(seeds[:1]) if quick else tuple(seeds)
     of_cells = 4.0 if level == "identified" else 1.0
     parts = in_parts(progress, {"identifying": of_cells, "milling": 10.0 - of_cells})
@@ -95,7 +95,7 @@ def run(
     ]
     results = _mill_all(folder, jobs, cells, workers, share_of(parts["milling"], 0.0, 0.99))
     summary = _summary(results, level, time.perf_counter() - start)
-    summary["made_again"] = made_again(folder, begun)
+    summary["made_again"] = made_again(folder, before)
     write_summary(folder / "summary.json", summary)
     parts["milling"](0.99, "page")
     write_page(haehn_report.page(summary, folder), folder / "report.html")

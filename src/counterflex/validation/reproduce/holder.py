@@ -21,7 +21,7 @@ from counterflex.app.campaign import campaign
 from counterflex.app.campaign.step import CELL
 from counterflex.app.campaign.tasks import TRUTH
 from counterflex.app.compensation import compensate
-from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished, made_again
+from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished, made_again, marks_below
 from counterflex.app.long_jobs.task import Task
 from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.app.proof import evaluate, simulate
@@ -89,7 +89,8 @@ def run(
     level = "catalogue" if quick else level
     if level not in RECIPES:
         raise InputError("no such truth level", value=level, limit=", ".join(RECIPES))
-    start, begun, folder = time.perf_counter(), time.time(), Path(out)
+    start, folder = time.perf_counter(), Path(out)
+    before = marks_below(folder)
     folder.mkdir(parents=True, exist_ok=True)
     numbers = tuple(seeds[:1]) if quick else tuple(seeds)
     parts = in_parts(progress, {"identifying": 1.0 if level == "catalogue" else 4.0, "milling": 6.0})
@@ -120,7 +121,7 @@ def run(
         "rows": total,
         "printed_n": list(PRINTED_N),
         "goal": goal(total),
-        "made_again": made_again(folder, begun),
+        "made_again": made_again(folder, before),
         "seconds": round(time.perf_counter() - start, 1),
         "counterflex": __version__,
     }

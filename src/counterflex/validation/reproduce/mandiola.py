@@ -16,7 +16,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.compensation.compensate import compensate
-from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished, made_again
+from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished, made_again, marks_below
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.proof import simulate
 from counterflex.app.run import session as online_session
@@ -78,7 +78,7 @@ def run(
     """
     if not seeds:
         raise InputError("there are no truth seeds")
-    start, begun = time.perf_counter(), time.time()
+    start, before = time.perf_counter(), marks_below(Path(out))
     folder, scale = Path(out), QUICK_SCALE if quick else 1.0
     cases = {n: mandiola_case.write_case(folder / f"seed-{n}", n, scale=scale) for n in (seeds[:1] if quick else seeds)}
     results = _run_all(cases, workers, progress)
@@ -87,7 +87,7 @@ def run(
     summary = {
         **_summary(results, scale, time.perf_counter() - start),
         "margins": margins,
-        "made_again": made_again(folder, begun),
+        "made_again": made_again(folder, before),
     }
 
     def read(shape: str, variant: str) -> tuple[tracking.Tracked, Float]:

@@ -17,7 +17,7 @@ from counterflex.app.campaign import campaign
 from counterflex.app.campaign.step import CELL
 from counterflex.app.campaign.tasks import TRUTH
 from counterflex.app.compensation import compensate
-from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished, made_again
+from counterflex.app.long_jobs.step_cache import begin, fingerprint, finish, finished, made_again, marks_below
 from counterflex.app.long_jobs.task import Task
 from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.app.proof import evaluate
@@ -75,7 +75,8 @@ def run(
     for row in rows:
         if row not in WRONG:
             raise InputError("no such row", value=row, limit=", ".join(WRONG))
-    start, begun, folder = time.perf_counter(), time.time(), Path(out)
+    start, folder = time.perf_counter(), Path(out)
+    before = marks_below(folder)
     folder.mkdir(parents=True, exist_ok=True)
     numbers = tuple(seeds[:1]) if quick else tuple(seeds)
     required = QUICK_ROWS if quick else tuple(row for row in WRONG if row in rows or row == next(iter(WRONG)))
@@ -93,7 +94,7 @@ def run(
     )
     results = run_tasks(_tasks(folder, numbers, required), workers, parts["milling"])
     summary = _summary(results, numbers, required, family, "catalogue" if quick else "identified")
-    summary |= {"made_again": made_again(folder, begun), "seconds": round(time.perf_counter() - start, 1)}
+    summary |= {"made_again": made_again(folder, before), "seconds": round(time.perf_counter() - start, 1)}
     write_summary(folder / "summary.json", summary)
     write_page(online_report.page(summary), folder / "report.html")
     progress(1.0, "done")

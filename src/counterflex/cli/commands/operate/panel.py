@@ -89,10 +89,17 @@ def panel_user(
     Example: `counterflex panel-user users.toml anna --role operator`
     """
     from counterflex.core.errors import InputError
+    from counterflex.core.next_command import next_command
     from counterflex.files.panel_users import LEAST, PanelUsers, remove_user, set_user
 
+    if role not in ("viewer", "operator"):
+        raise InputError("no such role", where="--role", value=role, limit="viewer or operator")
     if (name is not None) + (remove is not None) + listed != 1:
-        raise InputError("give either NAME, --remove NAME or --list", hint="counterflex panel-user --help")
+        raise InputError(
+            "give either NAME, --remove NAME or --list",
+            where=str(users),
+            hint=next_command("panel-user", users, "NAME", role=role),
+        )
     if listed:
         for one, its_role in PanelUsers(users).roles().items():
             typer.echo(f"{one}: {its_role}")
@@ -100,8 +107,6 @@ def panel_user(
         remove_user(users, remove)
         typer.echo(f"wrote {users}: {remove} is removed")
     elif name is not None:
-        if role not in ("viewer", "operator"):
-            raise InputError("no such role", where="--role", value=role, limit="viewer or operator")
         password = _password(f"password, at least {LEAST} characters")
         set_user(users, name, "operator" if role == "operator" else "viewer", password)
         typer.echo(f"wrote {users}: {name} is {role}")
