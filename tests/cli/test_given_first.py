@@ -18,7 +18,7 @@ WALK = textwrap.dedent(
     from pathlib import Path
     from counterflex.cli import main, start
 
-    FREE = {"containing", "session", "host", "listen", "name", "sentype", "only", "pattern", "stall"}
+    FREE = {"remove", "containing", "session", "host", "listen", "name", "sentype", "only", "pattern", "stall"}
     FREE |= {"laboratory", "robot_name", "material_name", "person", "city", "serial"}
 
     def commands(app, path=()):
