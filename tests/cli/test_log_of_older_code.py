@@ -36,6 +36,7 @@ def rows() -> Float:
     out[:, COLUMNS.index("received_ns")] = 1e9 + 4e6 * k
     out[:, COLUMNS.index("sent_ns")] = 1e9 + 4e6 * k + 3e4
     out[:, COLUMNS.index("elapsed")] = 1
+    out[:, COLUMNS.index("cut_m")] = 1e-3 * k
     out[:, COLUMNS.index("cycle")] = k + 1
     out[:, COLUMNS.index("out_state")] = State.IDLE
     out[10:, COLUMNS.index("out_state")] = State.HOLD

@@ -154,8 +154,9 @@ class ProcessRecord:
         if self._last is not None and self._last[column("cut_m")] > 0.0:
             names = ("cut_m", "wear_trend", "wear_trend_sigma", "wear_degrees")
             cut, slope, sigma, degrees = (float(self._last[column(name)]) for name in names)
-            wide = sigma * float(scipy.special.stdtrit(degrees, 0.975)) if degrees >= 1.0 else 0.0
-            wear = Wear(cut, slope, sigma, degrees, wide)
+            if not np.isnan(slope):  # a log of older code has no such column
+                wide = sigma * float(scipy.special.stdtrit(degrees, 0.975)) if degrees >= 1.0 else 0.0
+                wear = Wear(cut, slope, sigma, degrees, wide)
         return ProcessFigures(
             (*self._first, *self._latest),
             {event: count for event, count in self._counts.items() if count},

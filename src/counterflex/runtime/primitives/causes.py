@@ -27,7 +27,7 @@ def of_the_force(soft: int) -> bool:
     return soft in (_FORCE_STALE, _FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET)
 
 
-@kernel("boolean(Settings, int64)", Settings=SETTINGS)
+@kernel("boolean(Settings, int64)", entry=True, Settings=SETTINGS)
 def can_yield(settings: Record, soft: int) -> bool:
     """Whether a cause of a hold is a sensor's, and does not hold while the estimator has another source.
 
