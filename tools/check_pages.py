@@ -105,7 +105,7 @@ def run_browser(*arguments: str) -> str:
             [browser(), *_FLAGS, f"--user-data-dir={profile}", f"--virtual-time-budget={_BUDGET_MS}", *arguments],
             capture_output=True,
             text=True,
-            timeout=300,
+            timeout=600,
             check=False,
         )
     return done.stdout
