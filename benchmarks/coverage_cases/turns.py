@@ -38,7 +38,7 @@ WALK_M = 0.05 * UM
 
 @dataclass(frozen=True)
 class QuickAxis:
-    """What the short form of the recipe says of an axis.
+    """Outcome of the short form of the recipe for an axis.
 
     Attributes:
         axis: 1..6.

@@ -310,3 +310,28 @@ def test_a_plan_is_saved_as_the_command_writes_it(plan: Any, folder: Path, tmp_p
     assert {file.name for file in (tmp_path / "script").iterdir()} == names
     for name in names - {"summary.json", "report.html"}:  # they hold the seconds that it took
         assert (tmp_path / "script" / name).read_bytes() == (tmp_path / "command" / name).read_bytes(), name
+
+
+def test_one_part_is_drawn_as_one(folder: Path) -> None:
+    """Its picture shows no second curve that would pass for the compensated part."""
+    picture = cf.simulate(folder / "part.ngc", folder / "cell.toml", seed=3).plot("path")
+    assert {trace.name for trace in picture.data} == {"as machined"}
+
+
+def test_a_cell_that_is_saved_elsewhere_still_finds_its_blank(folder: Path, tmp_path: Path) -> None:
+    stock = cf.read_cell(folder / "cell.toml").model.stock()
+    stock.save(folder / "blank.npz")
+    text = (folder / "cell.toml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith(("box_min_mm", "box_max_mm"))]
+    at = lines.index("[part.stock]")
+    (folder / "resumed.toml").write_text("\n".join([*lines[: at + 1], 'result = "blank.npz"', *lines[at + 1 :]]) + "\n")
+    saved = cf.read_cell(folder / "resumed.toml").save(tmp_path / "deep" / "cell.toml")
+    assert np.array_equal(cf.read_cell(saved).model.stock().z, stock.z)
+
+
+def test_a_program_is_saved_with_the_files_that_it_calls(tmp_path: Path) -> None:
+    main = "DEF job( )\n$BASE=BASE_DATA[1]\n$VEL.CP=0.02\nLIN {X 0.0,Y 0.0,Z 5.0,A 0.0,B 0.0,C 180.0}\nCUT( )\nEND\n"
+    (tmp_path / "job.src").write_text(main, encoding="utf-8")
+    (tmp_path / "CUT.src").write_text("DEF CUT( )\nLIN {X 20.0}\nEND\n", encoding="utf-8")
+    program = cf.read_program(tmp_path / "job.src")
+    assert cf.read_program(program.save(tmp_path / "copy")).table.equals(program.table)

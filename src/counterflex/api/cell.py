@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from counterflex.api.result import Figure, Result
-from counterflex.core import atomic, file_content
+from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.units import DEG, MM, N_PER_MM, UM, UM_PER_KN, URAD_PER_KNM
 from counterflex.files.cell import cell as cell_file
@@ -90,8 +90,10 @@ class Cell(Result):
         return force
 
     def save(self, file: str | Path) -> Path:
-        """Write the cell file as it was read; returns where."""
-        atomic.write_bytes(Path(file), file_content.content(self.file))
+        """Write the cell file; files that it names are named from the new place. Returns where."""
+        from counterflex.files.cell.set_up import copied_text
+
+        atomic.write_text(Path(file), copied_text(self.file, Path(file).parent))
         return Path(file)
 
     def _lines(self) -> list[str]:

@@ -38,7 +38,7 @@ _SIGMA: Final = "sigma_"
 
 
 class Identification(Result):
-    """What was identified, with the cell that has it.
+    """Identified parameters, with the cell that has them.
 
     Attributes:
         folder: Holds ``cell.toml``, ``result.json`` and ``report.html``.

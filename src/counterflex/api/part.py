@@ -87,10 +87,10 @@ class Part(Result):
 
     def _pictures(self) -> dict[str, Figure]:
         def path() -> dict[str, Any]:
-            from counterflex.report.series_figure import signed_figure
+            from counterflex.report import figure_data
+            from counterflex.report.series_figure import components_figure
 
-            one = self.evaluation.judged[BEFORE]
-            return signed_figure(one.deviation, one.deviation)
+            return components_figure((("as machined", figure_data.BEFORE, self.evaluation.judged[BEFORE].deviation),))
 
         return {"path": path}
 

@@ -12,6 +12,7 @@ from counterflex.api.cell import Cell, file_of
 from counterflex.api.result import Figure, Result
 from counterflex.app.inputs import AS_IT_IS, Reading
 from counterflex.app.motion_list import listed
+from counterflex.app.robot_programs import companions
 from counterflex.core import atomic, file_content
 from counterflex.programs import program as programs
 from counterflex.programs.listing import Orientations, listing
@@ -70,10 +71,12 @@ class Program(Result):
 
         return conversion.run(self.file, file_of(cell), out, language, reading=self.reading)
 
-    def save(self, file: str | Path) -> Path:
-        """Write the program as it was read; returns where."""
-        atomic.write_bytes(Path(file), file_content.content(self.file))
-        return Path(file)
+    def save(self, folder: str | Path) -> Path:
+        """Write the program, with the files that it calls, as it was read into a folder; returns the program's path."""
+        with atomic.atomic_folder(folder) as staging:
+            for file in (self.file, *companions(self.file)):
+                atomic.write_bytes(staging / file.name, file_content.content(file))
+        return Path(folder) / self.file.name
 
     def _lines(self) -> list[str]:
         about = self.summary

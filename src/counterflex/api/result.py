@@ -1,4 +1,4 @@
-"""What the results of the Python interface share: a short text, a table in a notebook, pictures by name."""
+"""Common parts of the results of the Python interface: a short text, a table in a notebook, pictures by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How Numba compiles, keeps and reads the code of a kernel; loads the compiler, which takes a quarter of a second.
+"""Compile, keep and read the code of a kernel with Numba; loads the compiler, which takes a quarter of a second.
 
 :mod:`counterflex.core.jit` imports this when a kernel is first called.
 """
@@ -73,7 +73,7 @@ class _BySources(UserProvidedCacheLocator):  # type: ignore[misc]
 
 
 class _Code(CompileResultCacheImpl):  # type: ignore[misc]
-    """How compiled code is written and read: Numba's way, in that place."""
+    """Numba's way to write and read compiled code, in that place."""
 
     _locator_classes: Final = (_BySources,)  # Numba's other places are not proven to be this user's alone
 

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Final
 
 _KERNELS: Final = "counterflex.core.compiled"
-"""What the first call of a kernel imports, and nothing else does."""
+"""Module that the first call of a kernel imports, and nothing else does."""
 
 
 class _BeforeKernels:

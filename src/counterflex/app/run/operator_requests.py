@@ -145,7 +145,7 @@ def _why_not(words: Any, action: str) -> str:
 
 
 def _armed_after_all(words: Any, clock: Clock) -> bool:
-    """Whether the loop was taking the request while it was taken back: its next sign of life shows it."""
+    """Return whether the loop took the request while it was taken back: its next sign of life shows it."""
     begin = clock.now_ns()
     while words[Life.LOOP_NS] <= begin and (clock.now_ns() - begin) * _NS <= BEAT_S:
         clock.wait(_POLL_S)

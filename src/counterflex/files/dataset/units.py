@@ -128,7 +128,7 @@ def in_header(header: str) -> str | None:
 
 
 def of_another_quantity(header: str, si: str) -> bool:
-    """Whether a column's header states in brackets a unit that the quantity cannot have; ``(1)`` is a number."""
+    """Return whether a header states in brackets a unit that the quantity cannot have; ``(1)`` is a number."""
     unit = in_header(header)
     return bool(_BRACKETS.search(header)) and unit not in (None, "1", *UNITS.get(si, {}))
 
