@@ -1,14 +1,22 @@
-"""Tests depend on no machine's speed: hypothesis sets no deadline, small matrices are not shared between threads."""
+"""Tests depend on no machine's speed: hypothesis sets no deadline, small matrices are not shared between threads.
+
+Tests marked ``long`` count rates over many seeds, enumerate, or repeat whole studies. ``--turn`` takes those of one
+third of the files, and of the files that the last commit has changed (:mod:`thirds`).
+"""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections import Counter
 from pathlib import Path, PurePath
 
 import pytest
 from hypothesis import settings
+
+sys.path.append(str(Path(__file__).parents[1] / "tools"))
+import thirds
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("COUNTERFLEX_PROGRESS_S", "0")  # how slow a machine is shows in no output
@@ -37,18 +45,31 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Options of the suite."""
+    parser.addoption("--turn", action="store_true", help="of the long tests only the third of this commit")
+
+
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put the longest files first; `make test` deals files out in this order (`--no-loadscope-reorder`)."""
     root = Path(__file__).parent
     rank = {root / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path, len(LONGEST)))
+    if config.getoption("turn"):
+        now = thirds.turn()
+        taken = [not one.get_closest_marker("long") or now.takes(one.nodeid.partition("::")[0]) for one in items]
+        config.hook.pytest_deselected(items=[one for one, is_taken in zip(items, taken, strict=True) if not is_taken])
+        items[:] = [one for one, is_taken in zip(items, taken, strict=True) if is_taken]
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print how long each test room took, all its processes together, and its slowest file."""
+    """Print how long each test room took, all its processes together, its slowest file, and the ten slowest of all."""
+    if terminalreporter.config.getoption("turn"):
+        terminalreporter.write_line(thirds.said(thirds.turn()))
     rooms: Counter[str] = Counter()
     files: dict[str, Counter[str]] = {}
+    slowest: Counter[str] = Counter()
     for kind in ("passed", "failed", "error", ""):
         for report in terminalreporter.stats.get(kind, ()):
             path = PurePath(str(report.nodeid).split("::")[0])
@@ -56,9 +77,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             seconds = getattr(report, "duration", 0)  # a file that could not be collected has none
             rooms[room] += seconds
             files.setdefault(room, Counter())[path.name] += seconds
+            slowest[path.as_posix()] += seconds
     if len(rooms) < 2:
         return
     terminalreporter.section("seconds per room")
     for room, seconds in rooms.most_common():
         name, longest = files[room].most_common(1)[0]
         terminalreporter.write_line(f"{seconds:8.1f} s  {room:<12} slowest: {name} {longest:.1f} s")
+    terminalreporter.section("ten slowest files")
+    for path, seconds in slowest.most_common(10):
+        terminalreporter.write_line(f"{seconds:8.1f} s  {path}")

@@ -4,7 +4,9 @@ The options stand in :mod:`benchmark_options`. They run in processes that have t
 (:mod:`loaded_commands`). Each line says how long one took. What went wrong is printed at the end, each output from its
 last lines backwards: the fault stands there.
 
-    python tools/run_benchmarks.py [FILE ...]
+    python tools/run_benchmarks.py [--turn | FILE ...]
+
+With ``--turn`` only those of the third of this commit (:mod:`thirds`).
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from typing import Any, Final, NamedTuple
 sys.path.insert(0, str(Path(__file__).parent))
 import benchmark_options
 import loaded_commands
+import thirds
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 _LAST: Final = 12
@@ -30,6 +33,8 @@ _LAST: Final = 12
 _MOST: Final = 200
 """Lines of an output that are printed at all."""
 _MOST_S: Final = 900.0
+_FEW: Final = 4
+"""So many benchmarks are not worth reading all compiled kernels for."""
 
 
 class Ended(NamedTuple):
@@ -97,11 +102,21 @@ def failure(ended: Ended) -> str:
     return "\n".join(text)
 
 
+def every() -> list[Path]:
+    """All benchmarks."""
+    return sorted((ROOT / "benchmarks").glob("*.py"))
+
+
+def of_turn(now: thirds.Turn) -> list[Path]:
+    """Benchmarks of a turn."""
+    return [file for file in every() if now.takes(file.relative_to(ROOT).as_posix())]
+
+
 def main(files: list[str]) -> int:
-    """Run the given benchmarks, or all."""
-    named = [Path(file).resolve() for file in files] or sorted((ROOT / "benchmarks").glob("*.py"))
+    """Run the given benchmarks, those of this commit's third, or all."""
+    named = of_turn(thirds.turn()) if files == ["--turn"] else [Path(file).resolve() for file in files] or every()
     chosen = [(file, words) for file in named for words in benchmark_options.runs_of(file.stem)]
-    forks, failed = loaded_commands.context(many=not files), []
+    forks, failed = loaded_commands.context(many=len(named) > _FEW), []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for ended in pool.map(partial(run, forks=forks), chosen):
             print(f"  {'FAILED' if ended.status else 'ok'} {ended.seconds:6.1f} s  {_named(ended)}", flush=True)

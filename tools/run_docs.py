@@ -13,6 +13,8 @@ What stands behind a command says how it is run here:
 - ``# exit 2``: it is meant to end so; ``# exit 0 or 1``: this depends on the machine.
 - ``# quick: --minutes 0.1``: it takes long, and is run with these options added.
 - ``# Ctrl-C``: it ends by that alone, here when the other terminals have ended.
+- ``# long``: it takes minutes, and no other command needs what it makes. With ``--turn`` it is run only where its page
+  has its turn (:mod:`thirds`).
 
 The first ``counterflex`` command of a page and those of several terminals are started as a shell would start them. The
 others run in processes that have the libraries loaded already (:mod:`loaded_commands`): importing them takes longer
@@ -24,7 +26,7 @@ its own imports.
 A ``counterflex`` command in any other block is not run. Why not is said before the block, ``<!-- not run: reason -->``;
 without a reason it is a fault. With a reason a ``python`` block is not run either.
 
-    python tools/run_docs.py [PAGE ...]
+    python tools/run_docs.py [--turn | PAGE ...]
 """
 
 from __future__ import annotations
@@ -48,13 +50,16 @@ from typing import IO, Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 import loaded_commands
+import thirds
 
 ROOT = Path(__file__).resolve().parents[1]
 FROM_NOTHING = ("README.md",)
 """Pages that a reader follows from an empty folder."""
 _BLOCK = re.compile(r"^[ \t]*```(\w*)[^\n]*\n(.*?)^[ \t]*```|^((?:(?: {4}|\t)[^\n]*\n)+)", re.MULTILINE | re.DOTALL)
 _PROMPT = re.compile(r"(\d*)\$ (.*)")
-_MARK = re.compile(r"\s+# (exit (?P<exit>\d+(?: or \d+)*)|quick: (?P<quick>.*?)|(?P<stopped>Ctrl-C))\s*$")
+_MARK = re.compile(
+    r"\s+# (exit (?P<exit>\d+(?: or \d+)*)|quick: (?P<quick>.*?)|(?P<stopped>Ctrl-C)|(?P<long>long))\s*$"
+)
 _REASON = re.compile(r"<!-- not run: ((?:(?!-->).)+?) -->\s*\Z", re.DOTALL)
 _BASE = re.compile(r"<!-- goes on from: (\S+) -->")
 _MOST_S = 900.0
@@ -77,6 +82,7 @@ class Command:
         exits: Exit statuses that are right.
         stopped: It is ended by Ctrl-C.
         shown: What is printed in place of the words, where they are long.
+        is_long: It takes minutes.
     """
 
     words: str
@@ -84,6 +90,7 @@ class Command:
     exits: tuple[int, ...] = (0,)
     stopped: bool = False
     shown: str = ""
+    is_long: bool = False
 
 
 @dataclass
@@ -108,16 +115,18 @@ def command_of(line: str) -> Command | None:
         return None
     terminal, words = found.groups()
     exits: tuple[int, ...] = (0,)
-    stopped = False
+    stopped = is_long = False
     while mark := _MARK.search(words):
         words = words[: mark.start()]
         if mark["exit"]:
             exits = tuple(int(part) for part in mark["exit"].split(" or "))
         elif mark["quick"]:
             words += f" {mark['quick']}"
-        else:
+        elif mark["stopped"]:
             stopped = True
-    return Command(words.strip(), terminal, exits, stopped)
+        else:
+            is_long = True
+    return Command(words.strip(), terminal, exits, stopped, is_long=is_long)
 
 
 def read_page(text: str) -> Page:
@@ -247,19 +256,32 @@ def _folder_of(path: Path, work: Path) -> Path:
     return work / str(path).replace(os.sep, "-").strip("-")
 
 
-def run_page(path: Path, work: Path, forks: Any = None) -> tuple[int, int, Counter[str], str]:
+def without_long(page: Page, path: str, now: thirds.Turn | None) -> Page:
+    """The page without its long commands where it has not its turn; None: all have."""
+    if now is None or now.takes(path):
+        return page
+    short = [{t: [c for c in commands if not c.is_long] for t, commands in step.items()} for step in page.steps]
+    left_out = sum(command.is_long for step in page.steps for commands in step.values() for command in commands)
+    reasons = page.left_out + Counter({"long, and it is another third's turn": left_out})
+    return Page([step for step in short if any(step.values())], reasons, page.unexplained)
+
+
+def run_page(
+    path: Path, work: Path, forks: Any = None, now: thirds.Turn | None = None
+) -> tuple[int, int, Counter[str], str]:
     """Run the commands of a page, or an example: how many, how many failed, what was left out, what to print.
 
     Args:
         path: Of the page.
         work: Folder that holds the folders of all pages; the page that it goes on from has been run there.
         forks: Where processes come from behind the first command; None: new ones.
+        now: Whose turn it is, of what takes long; None: everybody's.
     """
     named = str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
     if path.suffix == ".py":
         page = Page([{"": [Command(f"{shlex.quote(sys.executable)} {shlex.quote(str(path))}")]}])
     else:
-        page = read_page(path.read_text(encoding="utf-8"))
+        page = without_long(read_page(path.read_text(encoding="utf-8")), named, now)
     lines, count = [named], sum(len(commands) for step in page.steps for commands in step.values())
     lines += [f"  FAILED: neither run nor said why: {words}" for words in page.unexplained]
     faults = len(page.unexplained)
@@ -279,11 +301,13 @@ def run_page(path: Path, work: Path, forks: Any = None) -> tuple[int, int, Count
     return count, faults, page.left_out, "\n".join(lines) if len(lines) > 1 else ""
 
 
-def _run_behind(base: Future[Any] | None, page: Path, work: Path, forks: Any) -> tuple[int, int, Counter[str], str]:
+def _run_behind(
+    base: Future[Any] | None, page: Path, work: Path, forks: Any, now: thirds.Turn | None
+) -> tuple[int, int, Counter[str], str]:
     """:func:`run_page`, when the page that it goes on from has been run."""
     if base is not None:
         base.result()
-    return run_page(page, work, forks)
+    return run_page(page, work, forks, now)
 
 
 def all_pages() -> list[Path]:
@@ -296,6 +320,7 @@ def all_pages() -> list[Path]:
 
 def main(pages: list[str]) -> int:
     """Run the given pages, or all pages and all examples, several at a time."""
+    now, pages = (thirds.turn(), []) if pages == ["--turn"] else (None, pages)
     chosen = [Path(page).resolve() for page in pages] or all_pages()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in the background: what is run here inherits that
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -308,7 +333,7 @@ def main(pages: list[str]) -> int:
     with tempfile.TemporaryDirectory() as work, ThreadPoolExecutor((os.cpu_count() or 1) + 1) as pool:
         running: dict[Path, Future[Any]] = {}
         for page in [*first, *later]:  # a page that waits for its base has a thread that this one does not need
-            running[page] = pool.submit(_run_behind, running.get(base_of(page) or page), page, Path(work), forks)
+            running[page] = pool.submit(_run_behind, running.get(base_of(page) or page), page, Path(work), forks, now)
         for job in running.values():
             many, failed, reasons, said = job.result()
             count, faults, left_out = count + many, faults + failed, left_out + reasons

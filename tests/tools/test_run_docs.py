@@ -248,3 +248,23 @@ def test_a_page_goes_on_from_another(
     (tmp_path / "page.md").write_text(text, encoding="utf-8")
     assert tool.main([str(tmp_path / "page.md")]) == 0
     assert "2 run, 0 failed" in capsys.readouterr().out
+
+
+def test_long_commands_are_left_out_only_where_it_is_another_turn() -> None:
+    tool = _load()
+    text = (
+        "```console\n$ counterflex robots\n1$ counterflex reproduce all  # exit 1  # long\n2$ counterflex pose\n```\n"
+    )
+    page = tool.read_page(text)
+    turns = [tool.thirds.Turn(number) for number in range(tool.thirds.COUNT)]
+    found = [tool.without_long(page, "docs/page.md", now) for now in turns]
+    whole = [one for one in found if one == page]
+    assert len(whole) == 1
+    for other in (one for one in found if one != page):
+        assert [c.words for step in other.steps for them in step.values() for c in them] == [
+            "counterflex robots",
+            "counterflex pose",
+        ]
+        assert other.left_out.total() == 1
+    assert tool.without_long(page, "docs/page.md", None) == page
+    assert tool.without_long(page, "docs/page.md", tool.thirds.Turn(-1, {"docs/page.md"})) == page

@@ -1,0 +1,85 @@
+"""A third of all that takes long, the next one at each commit: what CI runs of the long tests and of the benchmarks.
+
+Each file belongs to one third, by its path alone. The thirds take turns with the commits. A file that the last commit
+touches is run besides, whatever its third; so is one that has been changed since.
+
+    python tools/thirds.py
+"""
+
+from __future__ import annotations
+
+import subprocess
+import zlib
+from collections.abc import Collection
+from pathlib import Path
+from typing import Final, NamedTuple
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+COUNT: Final = 3
+
+
+class Turn(NamedTuple):
+    """What is to be run at one commit.
+
+    Attributes:
+        number: Of the third, from 0.
+        changed: Paths below the root of what is run besides.
+        why: What says the number.
+    """
+
+    number: int
+    changed: Collection[str] = ()
+    why: str = ""
+
+    def takes(self, path: str) -> bool:
+        """Whether a file is run.
+
+        Args:
+            path: Below the root, with slashes.
+        """
+        return third_of(path) == self.number or path in self.changed
+
+
+def third_of(path: str) -> int:
+    """Third that a file belongs to, 0 to 2.
+
+    Args:
+        path: Below the root, with slashes.
+    """
+    return zlib.crc32(path.encode()) % COUNT
+
+
+def turn(root: Path = ROOT) -> Turn:
+    """Turn of the commit that is checked out.
+
+    A clone without history cannot count its commits: there the commit's name says the third, which is then drawn and
+    takes no turns, and what the commit has changed is unknown.
+
+    Args:
+        root: Folder of the tree.
+    """
+    name, count = _git(root, "rev-parse", "HEAD"), _git(root, "rev-list", "--count", "HEAD")
+    if not name:
+        return Turn(0, why="Git is not at hand: always this one")
+    if _git(root, "rev-parse", "--is-shallow-repository") == "true":
+        return Turn(int(name, 16) % COUNT, why=f"commit {name[:8]} of a clone without history: drawn by its name")
+    changed = frozenset(_git(root, "diff", "--name-only", "--relative", "HEAD^").splitlines())
+    return Turn(int(count) % COUNT, changed, f"commit number {count}, with the files that it has changed")
+
+
+def _git(root: Path, *words: str) -> str:
+    """What Git answers, nothing where it cannot."""
+    try:
+        ended = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        return ""
+    return ended.stdout.strip() if ended.returncode == 0 else ""
+
+
+def said(now: Turn) -> str:
+    """What is run in a turn, as a line."""
+    return f"third {now.number + 1} of {COUNT} of the long tests and benchmarks ({now.why}); all of them: make long"
+
+
+if __name__ == "__main__":
+    print(said(turn()))
