@@ -16,9 +16,9 @@ What stands behind a command says how it is run here:
 - ``# long``: it takes minutes, and no other command needs what it makes. With ``--turn`` it is run only where its page
   has its turn (:mod:`thirds`).
 
-The first ``counterflex`` command of a page and those of several terminals are started as a shell would start them. The
-others run in processes that have the libraries loaded already (:mod:`loaded_commands`): importing them takes longer
-than many of the commands.
+Each ``counterflex`` command is started as a shell would start it where it is met first, and so are those of several
+terminals. From then on it runs in processes that have the libraries loaded already (:mod:`loaded_commands`): importing
+them takes longer than many of the commands.
 
 Every ``python`` block is run by itself, in its order among the commands of the page and in the same folder: it brings
 its own imports.
@@ -68,6 +68,8 @@ _STOPPED_S = 60.0
 """How long a command may take to end once it has been interrupted."""
 _AT_ONCE = threading.Lock()
 """Programs of several terminals talk over fixed ports: one group at a time, and whatever else opens such a port."""
+_MET: set[str] = set()
+"""Commands that have been started as a shell would start them."""
 _PORTS = re.compile(r"counterflex (run|operator|tracker|ads|twin (?!measure|track |scenarios))\b")
 """Commands that open a port."""
 
@@ -194,8 +196,12 @@ def _run(command: Command, folder: Path, alone: threading.Event, forks: Any) -> 
     words = shlex.split(command.words)
     if "|" in words:
         words = ["bash", "-c", command.words]
+    name = "".join(words[1:2])
+    is_met = name in _MET
+    if words[0] == _SCRIPT:
+        _MET.add(name)
     with tempfile.NamedTemporaryFile("w+") as output:
-        if forks is not None and words[0] == _SCRIPT and not command.stopped:
+        if forks is not None and words[0] == _SCRIPT and is_met and not command.stopped:
             status = loaded_commands.ended(forks, words, folder, _environment(), Path(output.name), _MOST_S)
         else:
             status = _ended(command, words, folder, output, alone)
@@ -274,7 +280,7 @@ def run_page(
     Args:
         path: Of the page.
         work: Folder that holds the folders of all pages; the page that it goes on from has been run there.
-        forks: Where processes come from behind the first command; None: new ones.
+        forks: Where processes of commands that have been met come from; None: new ones.
         now: Whose turn it is, of what takes long; None: everybody's.
     """
     named = str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
@@ -292,10 +298,8 @@ def run_page(
     if page.steps and path.suffix != ".py" and named not in FROM_NOTHING:
         for copied in ("examples", "tests/outside"):
             shutil.copytree(ROOT / copied, folder / copied, dirs_exist_ok=True)
-    started = False
     for step in page.steps:
-        failed, said = run_step(step, folder, forks if started else None)
-        started = started or any(c.words.startswith(f"{_SCRIPT} ") for commands in step.values() for c in commands)
+        failed, said = run_step(step, folder, forks)
         faults += failed
         lines += said
     return count, faults, page.left_out, "\n".join(lines) if len(lines) > 1 else ""

@@ -36,12 +36,12 @@ def git(folder: Path, *words: str) -> str:
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
-    """A repository of four commits; the last one changes `changed.py`."""
+    """A repository of four commits; the last one changes `tests/changed.py`."""
     folder = tmp_path / "tree"
-    folder.mkdir()
+    (folder / "tests").mkdir(parents=True)
     git(folder, "init", "--quiet")
     for k in range(4):
-        (folder / ("changed.py" if k == 3 else f"file{k}.py")).write_text(str(k), encoding="utf-8")
+        (folder / "tests" / ("changed.py" if k == 3 else f"file{k}.py")).write_text(str(k), encoding="utf-8")
         git(folder, "add", ".")
         git(folder, "commit", "--quiet", "--message", str(k))
     return folder
@@ -56,10 +56,19 @@ def test_thirds_take_turns_with_the_commits(tree: Path) -> None:
 
 
 def test_what_the_commit_changes_has_its_turn_too_and_what_is_changed_since(tree: Path) -> None:
-    (tree / "file0.py").write_text("else", encoding="utf-8")
+    (tree / "tests" / "file0.py").write_text("else", encoding="utf-8")
     now = thirds.turn(tree)
-    assert now.changed == {"changed.py", "file0.py"}
+    assert now.changed == {"tests/changed.py", "tests/file0.py"}
     assert all(now.takes(path) for path in now.changed)
+
+
+def test_a_commit_that_changes_everything_adds_nothing(tree: Path) -> None:
+    for k in range(thirds.MOST_CHANGED):
+        (tree / "tests" / f"new{k}.py").write_text("", encoding="utf-8")
+    git(tree, "add", ".")
+    now = thirds.turn(tree)
+    assert not now.changed
+    assert f"changes {thirds.MOST_CHANGED + 1} files" in thirds.said(now)
 
 
 def test_a_clone_without_history_draws_and_a_folder_without_git_has_the_first(tree: Path, tmp_path: Path) -> None:
