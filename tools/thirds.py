@@ -1,8 +1,7 @@
 """A third of all that takes long, the next one at each commit: what CI runs of the long tests and of the benchmarks.
 
-Each file belongs to one third, by its path alone. The thirds take turns with the commits. What the last commit changes is
-run besides, whatever its third, and what has been changed since; unless that are so many files that the commit is none
-about them.
+Each file belongs to one third, by its path alone. The thirds take turns with the commits. What the last commit changes
+is run besides, and what has been changed since; unless that are so many files that the commit is about none of them.
 
     python tools/thirds.py
 """
@@ -70,13 +69,11 @@ def turn(root: Path = ROOT) -> Turn:
     if _git(root, "rev-parse", "--is-shallow-repository") == "true":
         return Turn(int(name, 16) % COUNT, why=f"commit {name[:8]} of a clone without history: drawn by its name")
     changed = _git(root, "diff", "--name-only", "--relative", "HEAD^", "--", *_RUN).splitlines()
-    if len(changed) > MOST_CHANGED:
-        return Turn(
-            int(count) % COUNT, why=f"commit number {count}, which changes {len(changed)} files: too many to add"
-        )
-    return Turn(
-        int(count) % COUNT, frozenset(changed), f"commit number {count}, and {len(changed)} files it has changed"
+    is_broad = len(changed) > MOST_CHANGED
+    besides = (
+        f"its {len(changed)} changed files are too many to add" if is_broad else f"with {len(changed)} changed files"
     )
+    return Turn(int(count) % COUNT, frozenset(() if is_broad else changed), f"commit number {count}, {besides}")
 
 
 def _git(root: Path, *words: str) -> str:
