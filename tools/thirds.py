@@ -69,11 +69,10 @@ def turn(root: Path = ROOT) -> Turn:
     if _git(root, "rev-parse", "--is-shallow-repository") == "true":
         return Turn(int(name, 16) % COUNT, why=f"commit {name[:8]} of a clone without history: drawn by its name")
     changed = _git(root, "diff", "--name-only", "--relative", "HEAD^", "--", *_RUN).splitlines()
-    is_broad = len(changed) > MOST_CHANGED
-    besides = (
-        f"its {len(changed)} changed files are too many to add" if is_broad else f"with {len(changed)} changed files"
-    )
-    return Turn(int(count) % COUNT, frozenset(() if is_broad else changed), f"commit number {count}, {besides}")
+    said = f"commit number {count} and its {len(changed)} changed files"
+    if len(changed) > MOST_CHANGED:
+        return Turn(int(count) % COUNT, why=f"{said}, too many to be run besides")
+    return Turn(int(count) % COUNT, frozenset(changed), said)
 
 
 def _git(root: Path, *words: str) -> str:

@@ -57,6 +57,7 @@ def _run_of(job: str, turn: int) -> Callable[[], None]:
     return lambda: _run(JOBS[job].format(host=f"10.0.0.{turn}"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("job", JOBS)
 def test_killed_before_each_rename(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, job: str) -> None:
     monkeypatch.chdir(tmp_path)

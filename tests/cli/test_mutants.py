@@ -33,6 +33,7 @@ def _damaged(text: str, rng: random.Random) -> str:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "command"),
     [("cell.toml", ("cell", "check", "cell.toml")), ("part.ngc", ("path", "part.ngc", "--csv", "new/path.csv"))],

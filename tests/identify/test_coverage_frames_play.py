@@ -24,6 +24,7 @@ def rms(found: Iterable[Counted]) -> float:
     return float(np.sqrt(np.mean([((c.value - c.truth) / c.sigma) ** 2 for c in found])))
 
 
+@pytest.mark.long
 def test_poses_of_an_uncalibrated_arm_place_the_part_no_better_than_they_say() -> None:
     """The arm stands beside its foot, which no residual shows: the part was 8 standard deviations off in x."""
     part = cell().T_base_part[:3, 3]
@@ -44,6 +45,7 @@ def test_poses_of_an_uncalibrated_arm_place_the_part_no_better_than_they_say() -
     assert np.median(off) > 0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", [frames.frame_of_poses, frames.frame_of_fiducials], ids=["poses", "fiducials"])
 def test_arm_scale_and_drift_are_in_the_intervals_of_the_frames(case: object) -> None:
     assert callable(case)
@@ -52,6 +54,7 @@ def test_arm_scale_and_drift_are_in_the_intervals_of_the_frames(case: object) ->
     assert np.mean([c.inside for c in found]) > 0.95
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("errors", [False, True], ids=["plain", "errors"])
 def test_gears_that_are_no_ideal_dead_band_are_in_the_intervals_of_play(errors: bool) -> None:
     found = turns.play_of_reversals(0, errors=errors, axes=(1,))
@@ -59,6 +62,7 @@ def test_gears_that_are_no_ideal_dead_band_are_in_the_intervals_of_play(errors: 
     assert np.mean([c.inside for c in found]) > 0.85
 
 
+@pytest.mark.long
 def test_a_load_that_hardly_turns_an_axis_leaves_its_side_of_the_play_open() -> None:
     """Cables 0.01 rad off took the play of axis 1 for smaller and its torsion for 6 % softer, in every seed."""
     found = [c for seed in (0, 2) for c in cubes.stiffness_of_cubes(seed, errors=True) if c.name == "axis1.rz"]
@@ -66,6 +70,7 @@ def test_a_load_that_hardly_turns_an_axis_leaves_its_side_of_the_play_open() -> 
     assert np.mean([c.value / c.truth - 1.0 for c in found]) < 0.08
 
 
+@pytest.mark.long
 def test_directions_that_move_each_other_are_in_the_intervals_of_the_first_axis() -> None:
     found = [c for c in pulls.stiffness_of_pulls(4, errors=True) if c.name.startswith("axis1.r")]
     assert all(c.inside for c in found)

@@ -50,6 +50,7 @@ LEANING = ("axis1.drx", "axis2.dx")
 """What the sag of the arm, a little other than known, passes for."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("case", "names"),
     [(pulls.stiffness_of_pulls, BENT), (poses.kinematics_of_poses, LEANING)],
@@ -63,6 +64,7 @@ def test_what_is_the_same_in_all_poses_is_in_the_intervals(case: Case, names: tu
     assert 0.3 < by_sigma(found) < 1.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("errors", [False, True], ids=["plain", "errors"])
 @pytest.mark.parametrize("case", [cubes.stiffness_of_cubes, holder.holder_of_loads], ids=["cubes", "holder"])
 def test_what_all_readings_share_is_in_the_intervals(case: Case, errors: bool) -> None:
@@ -72,6 +74,7 @@ def test_what_all_readings_share_is_in_the_intervals(case: Case, errors: bool) -
     assert 0.3 < by_sigma(found) < 1.3
 
 
+@pytest.mark.long
 def test_what_all_cuts_share_is_in_the_intervals_of_force_constants() -> None:
     """Cross-talk and scale of the sensor, runout and wear, with what the recipe takes them for unless told."""
     found = count(slots.constants_of_slots, range(100, 102), errors=True)
@@ -79,6 +82,7 @@ def test_what_all_cuts_share_is_in_the_intervals_of_force_constants() -> None:
     assert 0.3 < by_sigma(found) < 1.3
 
 
+@pytest.mark.long
 def test_a_poor_force_sensor_is_in_the_intervals_where_it_is_stated() -> None:
     """Three times the cross-talk: too narrow by far as usual values, held where the manifest says so."""
     usual, told = (
@@ -89,6 +93,7 @@ def test_a_poor_force_sensor_is_in_the_intervals_where_it_is_stated() -> None:
     assert usual > 1.5 * told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [False, True], ids=["unknown", "known"])
 def test_gains_that_act_alike_are_told_apart_only_by_what_was_known(known: bool) -> None:
     """Sum and product of Kv and 1/Ti are seen; each of them only with gains in the cell file."""
@@ -104,6 +109,7 @@ def test_gains_that_act_alike_are_told_apart_only_by_what_was_known(known: bool)
     assert np.median([c.sigma / c.value for them in both.values() for c in them]) < 0.02
 
 
+@pytest.mark.long
 def test_intervals_are_not_below_what_poses_left_out_show() -> None:
     own, data = (
         poses.cell(),
@@ -118,6 +124,7 @@ def test_intervals_are_not_below_what_poses_left_out_show() -> None:
     assert np.all(sag_considered.with_honest_sigma(fit, setup.blocks, 0.1, 0.01).sigma >= apart.sigma)
 
 
+@pytest.mark.long
 def test_intervals_of_compliances_are_not_below_what_pulls_left_out_show(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where friction and drift differ from pull to pull, what bearings beside their places move is not all."""
     seen: list[tuple[Fit, Sequence[PullResiduals]]] = []

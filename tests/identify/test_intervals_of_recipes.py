@@ -37,6 +37,7 @@ def kuka() -> Delay:
     return find_delay(pair)
 
 
+@pytest.mark.long
 def test_intervals_hold_with_what_the_model_of_the_kr300_lacks(kuka: Delay) -> None:
     """The record is made anew from the values found, with its own residuals put at another time and sign.
 
@@ -60,6 +61,7 @@ def test_intervals_hold_with_what_the_model_of_the_kr300_lacks(kuka: Delay) -> N
     assert np.mean(inside["now"]) > 0.88
 
 
+@pytest.mark.long
 def test_thirds_of_the_kr300_record_agree_within_their_intervals(kuka: Delay) -> None:
     cell = model_of(read_cell(ROOT / "examples/cells/kr300_d16_flat.toml"))
     data = read_dataset(ROOT / "examples/data/kuka_kr300_r2500_trajectories/timing.toml")
@@ -102,6 +104,7 @@ def oriented(rng: np.random.Generator, count: int, sigma: Float, error: Float) -
     return replace(block, w_sensor=-block.evaluate(known.nominal) * block.sigma + error)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [12, 30])
 def test_intervals_of_the_payload_hold_where_single_components_are_worse_than_stated(count: int) -> None:
     """Two components of the force are four times as noisy as stated: one factor for all six promises too much."""
@@ -150,6 +153,7 @@ def line(rng: np.random.Generator, noise: Float) -> tuple[Parameters, Line, Fit]
     return p, block, solve(p, [block], robust=False)
 
 
+@pytest.mark.long
 def test_one_step_is_the_fit_without_the_part() -> None:
     rng = np.random.default_rng(1)
     p, block, fit = line(rng, 5.0 * rng.standard_normal(60))
@@ -160,6 +164,7 @@ def test_one_step_is_the_fit_without_the_part() -> None:
     np.testing.assert_allclose(np.maximum(fit.sigma, plain * np.sqrt(9.0 / 7.0)), fitted.sigma, rtol=0.05)
 
 
+@pytest.mark.long
 def test_white_noise_is_widened_little_and_never_narrowed() -> None:
     rng = np.random.default_rng(2)
     grown = []
@@ -172,6 +177,7 @@ def test_white_noise_is_widened_little_and_never_narrowed() -> None:
     assert np.mean(grown) < 1.15
 
 
+@pytest.mark.long
 def test_too_few_parts_say_nothing() -> None:
     rng = np.random.default_rng(3)
     _, block, fit = line(rng, rng.standard_normal(4))

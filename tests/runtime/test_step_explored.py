@@ -73,6 +73,7 @@ def planted(text: str, instead: str, monkeypatch: pytest.MonkeyPatch) -> Ask:
     return cast(Ask, module.ask_supervisor)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", DEFECTS)
 def test_a_planted_defect_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert explore(planted(*DEFECTS[name], monkeypatch), first=True).broken

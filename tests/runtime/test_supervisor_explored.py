@@ -221,6 +221,7 @@ def broken_by(found: Space) -> set[str]:
     return out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", DEFECTS)
 def test_a_planted_defect_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert broken_by(explore(planted(*DEFECTS[name], monkeypatch), first=True))

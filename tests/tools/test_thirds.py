@@ -68,7 +68,7 @@ def test_a_commit_that_changes_everything_adds_nothing(tree: Path) -> None:
     git(tree, "add", ".")
     now = thirds.turn(tree)
     assert not now.changed
-    assert f"its {thirds.MOST_CHANGED + 1} changed files are too many" in thirds.said(now)
+    assert f"its {thirds.MOST_CHANGED + 1} changed files, too many" in thirds.said(now)
 
 
 def test_a_clone_without_history_draws_and_a_folder_without_git_has_the_first(tree: Path, tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ def test_a_story_that_once_broke_a_rule_holds(why: str, kept: Story) -> None:
     assert not tell(kept).broken, why
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", NEW_SEEDS)
 def test_a_story_of_a_seed_holds(seed: int) -> None:
     told = tell(draw(seed))
@@ -256,6 +257,7 @@ DEFECTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], Story, str]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", DEFECTS)
 def test_a_defect_in_the_loop_is_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the rule that it breaks; the same story holds without the defect, but for being too short to correct again."""

@@ -22,6 +22,7 @@ SHORT = (
 )
 
 
+@pytest.mark.long
 def test_tilted_cut_as_prove_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both machine the truth of a file: it differs in the last digit, and motion makes a micrometre of that."""
 

@@ -48,6 +48,7 @@ def scheduler() -> Iterator[str]:
         yield str(running.scheduler_address)
 
 
+@pytest.mark.long
 def test_a_killed_worker_and_a_killed_job_cost_no_result(scheduler: str, tmp_path: Path) -> None:
     root, log = tmp_path / "job", tmp_path / "log"
     root.mkdir()

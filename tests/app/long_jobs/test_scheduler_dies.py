@@ -78,6 +78,7 @@ def _connected(address: str) -> None:
             return
 
 
+@pytest.mark.long
 def test_a_scheduler_that_dies_costs_no_result(tmp_path: Path) -> None:
     root, log, mine, other = (tmp_path / name for name in ("job", "log", "mine", "other"))
     for folder in (root, mine, other):

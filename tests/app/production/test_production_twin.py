@@ -19,6 +19,7 @@ def row(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return benchmark.one(SEED, "mild", folder, benchmark.SHORT)
 
 
+@pytest.mark.long
 def test_constants_of_the_truth_are_within_their_interval(row: dict[str, Any]) -> None:
     """The truth has ploughing that the law of the cell lacks; compared is its specific force at their thickness."""
     for name in ("kc", "kr", "ka"):
@@ -28,6 +29,7 @@ def test_constants_of_the_truth_are_within_their_interval(row: dict[str, Any]) -
     assert row["holdout_percent"] < 0.6 * row["holdout_before_percent"]
 
 
+@pytest.mark.long
 def test_the_worn_tool_shows_its_growth(row: dict[str, Any]) -> None:
     """The same seed twice, forces 20 % larger in the second run."""
     growth, sigma = row["growth_percent"], row["growth_sigma_percent"]

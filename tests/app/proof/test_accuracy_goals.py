@@ -51,6 +51,7 @@ def fresh(stored: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> d
     return {item["truth_level"]: item for item in found["seeds"]}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("level", ["catalogue", "exact"])
 @pytest.mark.parametrize("part", PARTS)
 def test_what_is_published_is_what_a_fresh_run_leaves(
@@ -63,6 +64,7 @@ def test_what_is_published_is_what_a_fresh_run_leaves(
         assert fresh[level]["variants"][variant][part]["p997_mm"] == pytest.approx(before, rel=0.03, abs=0.003)
 
 
+@pytest.mark.long
 def test_there_is_an_error_to_take_away(fresh: dict[str, Any]) -> None:
     for item in fresh.values():
         assert item["variants"]["nominal"]["path"]["p997_mm"] > 0.3

@@ -216,6 +216,7 @@ def test_tests_as_published_for_7075_give_its_constants_back() -> None:
     assert value(found, "kc_ref_sigma_n_mm2") / value(found, "kc_ref_n_mm2") < 0.025
 
 
+@pytest.mark.long
 def test_intervals_cover_the_truth_at_their_rate(cell: CellModel) -> None:
     cuts = plan_of_cuts()
     clean = dataset(cuts, noise=0.0, floor_n=1e-9)

@@ -168,6 +168,7 @@ def test_outliers_do_not_move_the_delay() -> None:
     assert found.value("delay") == pytest.approx(0.01, abs=3.5 * found.sigma("delay"))
 
 
+@pytest.mark.long
 def test_intervals_cover_the_delay_although_residuals_are_correlated() -> None:
     inside, naive = 0, 0
     rounds = 40

@@ -124,6 +124,7 @@ def test_sensitivities_of_the_frame_come_back() -> None:
     assert first.value < 4.0
 
 
+@pytest.mark.long
 def test_intervals_cover_the_true_strain_of_a_load() -> None:
     inside = []
     for seed in range(5):
@@ -212,6 +213,7 @@ def test_better_places_and_an_observer_reach_ten_newtons_on_all_axes() -> None:
     assert np.all(errors_in_the_cut("chosen", "observer") <= 10.0)
 
 
+@pytest.mark.long
 def test_each_of_both_helps() -> None:
     printed = errors_in_the_cut("paper", "regression")
     assert errors_in_the_cut("chosen", "regression")[2] < 0.6 * printed[2]

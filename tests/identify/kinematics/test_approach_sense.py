@@ -88,6 +88,7 @@ def plays(result: Identification) -> dict[int, AxisPlay]:
     return {c.axis: c for c in result.changes if isinstance(c, AxisPlay)}
 
 
+@pytest.mark.long
 def test_poses_held_out_are_met_better_where_there_is_friction_and_as_well_where_there_is_none() -> None:
     """The pair, on seeds that nothing was set by."""
     assert mean_mm(found(41, True, "known")) < 0.8 * mean_mm(found(41, True, "off"))
@@ -113,6 +114,7 @@ def test_what_is_not_fitted_is_said_with_its_size() -> None:
     assert "axis 1" not in said(changed)
 
 
+@pytest.mark.long
 def test_rows_in_their_order_tell_and_chance_does_not() -> None:
     """Links that stay behind by 50 urad in one axis, and clean arms: 40 orders of the rows, no false finding."""
     d = cube(42, False)

@@ -77,6 +77,7 @@ FAR = (2.0, -1.0, 0.5, 0.5, -1.0, 2.0)
 NEAR = (1.5e-3, 0.0, 0.0, 0.0, 4e-4, 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("way", "move"), [("tracker", FAR), ("tracker", NEAR), ("target", AWAY), ("target", NEAR)])
 def test_a_fitted_file_that_stands_apart_is_named(way: str, move: tuple[float, ...]) -> None:
     data = [_file("May"), _file("June", seed=1), _file("July", seed=2, move=move, way=way)]
@@ -110,6 +111,7 @@ def test_files_that_belong_together_are_not_suspected() -> None:
     assert found.headline[0].value < 0.12
 
 
+@pytest.mark.long
 def test_poses_of_one_orientation_use_the_target_that_others_fix() -> None:
     """Alone they are refused; beside others, or held out with a tracker of their own, six numbers are found."""
     flat = _file("milling-like", turning=False, move=FAR)

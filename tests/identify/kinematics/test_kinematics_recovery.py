@@ -74,6 +74,7 @@ def _near_part(count: int) -> Float:
     return measurable(CELL, count, np.random.default_rng(11), around_part=1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_poses_not_used_are_predicted_near_what_play_and_friction_leave(seed: int) -> None:
     mean = _found(seed).headline[0]
@@ -101,6 +102,7 @@ def test_commands_by_the_calibrated_inverse_meet_their_poses_better(seed: int) -
     assert whole["calibrated"] < 0.4 * whole["nominal"]
 
 
+@pytest.mark.long
 def test_points_of_three_reflectors_do_nearly_as_well_as_poses() -> None:
     request = propose(CELL, 45, {"seed": 0}).columns
     measured = measure_tracker_points.measure(truth_of(FILE, 0), laboratory(0), request, {"reflectors": 3}, silent)
@@ -109,6 +111,7 @@ def test_points_of_three_reflectors_do_nearly_as_well_as_poses() -> None:
     assert found.headline[0].value < 0.6 * found.headline[0].nominal
 
 
+@pytest.mark.long
 def test_distances_and_planes_alone_and_mixed_with_poses() -> None:
     truth, lab = truth_of(FILE, 0), laboratory(0)
     request = {k: v[:46] for k, v in propose(CELL, 60, {"seed": 3}).columns.items()}

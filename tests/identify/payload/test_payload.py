@@ -255,6 +255,7 @@ def twin_run(hose: str, share: float = 1.0) -> tuple[Identification, float]:
     return found, mass
 
 
+@pytest.mark.long
 def test_the_twins_sensor_is_found_through_its_faults() -> None:
     found, mass = twin_run("auto")
     fit = found.fits["payload"]
@@ -284,6 +285,7 @@ def left_at_work(**settings: Any) -> float:
     return found.headline[0].value
 
 
+@pytest.mark.long
 def test_the_rest_goes_by_the_arm_and_is_measured_where_programs_work() -> None:
     in_base, in_arm, near = (
         left_at_work(near_share=0.0, hose_from="base"),
@@ -304,6 +306,7 @@ def test_hose_pack_rest_is_kept_only_where_it_helps() -> None:
     assert any(f.name == "offset_degree" and f.value == 0.0 for f in clean.figures)
 
 
+@pytest.mark.long
 def test_a_swing_of_the_twin_shows_the_spindles_inertia() -> None:
     """Drives, play and elastic arm move the sensor a little otherwise than the joint angles say."""
     plant, equipment = truth_of(cell(), 3), laboratory(5)

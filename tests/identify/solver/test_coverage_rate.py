@@ -59,6 +59,7 @@ def _truth(parameters: Parameters, rng: np.random.Generator) -> Float:
     return parameters.values(np.where(parameters.free, rng.standard_normal(len(parameters)), 0.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("noise", "count"), [(_normal, 40), (_normal, 8), (_student, 40), (_gross, 40), (_larger, 12)])
 def test_intervals_hold_the_truth_at_their_rate(arm: Any, noise: Noise, count: int) -> None:
     parameters = arm.parameters()
@@ -119,6 +120,7 @@ def of_prediction(fit: Fit, block: Residuals, *, noise: bool = False) -> Float:
     return out
 
 
+@pytest.mark.long
 def test_predictions_and_sums_are_covered_too(arm: Any) -> None:
     parameters = arm.parameters()
     inside, summed = 0.0, 0.0
@@ -137,6 +139,7 @@ def test_predictions_and_sums_are_covered_too(arm: Any) -> None:
     assert 0.90 <= summed <= 0.99
 
 
+@pytest.mark.long
 def test_derived_values_follow_the_covariance(arm: Any) -> None:
     rng = np.random.default_rng(1)
     parameters = arm.parameters()
@@ -154,6 +157,7 @@ def test_derived_values_follow_the_covariance(arm: Any) -> None:
     assert np.allclose(outer**2 - inner**2, points.sigma**2)
 
 
+@pytest.mark.long
 def test_ends_of_intervals(arm: Any) -> None:
     rng = np.random.default_rng(2)
     parameters = arm.parameters()
@@ -168,6 +172,7 @@ def test_ends_of_intervals(arm: Any) -> None:
     assert np.all(intervals(fit, 0.99)[i] > ends[i] - 10.0 * fit.sigma[i])
 
 
+@pytest.mark.long
 def test_few_numbers_widen_by_students_t(arm: Any) -> None:
     rng = np.random.default_rng(3)
     parameters = arm.parameters()
