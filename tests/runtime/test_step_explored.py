@@ -42,11 +42,13 @@ def space() -> StepSpace:
     return explore()
 
 
+@pytest.mark.long
 def test_no_input_in_any_state_breaks_a_rule() -> None:
     assert not space().broken
     assert named(space().keys) == set(State)
 
 
+@pytest.mark.long
 def test_every_state_comes_to_ready_when_the_session_ends_and_a_person_resets() -> None:
     """The controller falls silent for a session, comes again, stands, has left the cut: no state is a trap."""
     keys = space().keys

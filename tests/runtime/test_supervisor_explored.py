@@ -47,11 +47,13 @@ def longest(edges: Int, count: int) -> int:
     pytest.fail("it can go round for ever")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("k", range(len(LIMITS)))
 def test_no_input_in_any_state_breaks_a_rule(k: int) -> None:
     assert not space(k).broken
 
 
+@pytest.mark.long
 def test_every_state_is_reached_and_each_can_be_left() -> None:
     found = space()
     assert set(found.fields("state")) == {int(state) for state in State}
@@ -60,6 +62,7 @@ def test_every_state_is_reached_and_each_can_be_left() -> None:
     assert len(all_inputs()) == 4608
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("k", range(len(LIMITS)))
 def test_no_way_leads_from_a_fault_to_the_correction_but_by_a_reset_and_by_arming(k: int) -> None:
     """Without one of them no path exists, however long and whatever happens on it."""
@@ -77,6 +80,7 @@ def test_no_way_leads_from_a_fault_to_the_correction_but_by_a_reset_and_by_armin
             assert set(state[reached]) == {State.FAULT}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("k", range(len(LIMITS)))
 @pytest.mark.parametrize("label", ["stop", "enable off"])
 def test_who_asks_to_end_comes_to_an_end_in_bounded_cycles_whatever_else_happens(label: str, k: int) -> None:
@@ -93,6 +97,7 @@ def test_who_asks_to_end_comes_to_an_end_in_bounded_cycles_whatever_else_happens
     assert longest(moving, len(state)) <= 2 * LIMITS[k].hold + 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("k", range(len(LIMITS)))
 def test_a_hold_never_lasts_for_ever(k: int) -> None:
     found = space(k)
@@ -100,6 +105,7 @@ def test_a_hold_never_lasts_for_ever(k: int) -> None:
     assert longest(held, len(found.keys)) <= LIMITS[k].hold
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("k", range(len(LIMITS)))
 @pytest.mark.parametrize("zero", [0, 3])
 def test_every_state_comes_to_ready_when_the_robot_stands_and_a_person_resets(k: int, zero: int) -> None:
@@ -117,6 +123,7 @@ def test_every_state_comes_to_ready_when_the_robot_stands_and_a_person_resets(k:
     assert {said(int(key)).split()[0] for key in active} == {"ACTIVE"}
 
 
+@pytest.mark.long
 def test_holds_that_end_by_themselves_are_counted_until_it_is_calm() -> None:
     """Stop, do not limp: without `calm` cycles of correction in between a hold returns `returns` times at most."""
     for k, limits in enumerate(LIMITS):
@@ -133,6 +140,7 @@ def test_holds_that_end_by_themselves_are_counted_until_it_is_calm() -> None:
         assert np.all(calm[forgot[:, 0]] == limits.calm - 1)
 
 
+@pytest.mark.long
 def test_only_inputs_that_decide_are_inputs() -> None:
     """Each changes what follows in some state; `telegram` alone decides nothing, and is kept for the log's layout."""
     found = space()
@@ -227,5 +235,6 @@ def test_a_planted_defect_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -
     assert broken_by(explore(planted(*DEFECTS[name], monkeypatch), first=True))
 
 
+@pytest.mark.long
 def test_the_real_one_comes_to_its_ends() -> None:
     assert not broken_by(space())

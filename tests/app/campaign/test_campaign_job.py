@@ -91,6 +91,7 @@ def test_what_is_done_is_not_done_again(
     assert again["campaigns"] == found["campaigns"]
 
 
+@pytest.mark.long
 def test_an_interrupted_campaign_goes_on(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     truth = tmp_path / "truth.toml"
     make_truth(read_cell(small), 2, truth)

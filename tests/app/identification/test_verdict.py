@@ -59,6 +59,7 @@ def identified(truth: Float, rng: np.random.Generator, rows: int = 24) -> Identi
     return Identification("linear", {"linear": fit}, (Figure("holdout_mean_n", "mean error", *mean),), (), ())
 
 
+@pytest.mark.long
 def test_true_former_values_are_confirmed_and_never_refused() -> None:
     """Half of the fits predict rows held out worse than the truth does: that is noise, not a fault of the data."""
     rng = np.random.default_rng(0)
@@ -78,6 +79,7 @@ def test_true_former_values_are_confirmed_and_never_refused() -> None:
     assert outcomes.count("confirmed") >= 50
 
 
+@pytest.mark.long
 def test_the_probability_of_agreement_is_uniform_where_the_former_values_are_true() -> None:
     rng = np.random.default_rng(1)
     truth = np.array([1.0, 1.0, 1.0, 7.0])

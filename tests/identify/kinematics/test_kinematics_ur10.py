@@ -40,6 +40,7 @@ def test_the_spreadsheet_is_read_as_published() -> None:
     np.testing.assert_allclose(on_flange, [0.0, 0.0003, 0.093], atol=2e-4)
 
 
+@pytest.mark.long
 def test_a_twentieth_of_the_rows_off_by_half_a_metre_leaves_a_quarter_of_a_millimetre() -> None:
     train, unseen = _rows((0, 1, 2)), _rows((3,))
     rng = np.random.default_rng(0)

@@ -56,6 +56,7 @@ def _harmonics(found: Identification) -> set[tuple[int, int]]:
     return {(int(n[5]) - 1, int(n.split("sin")[1])) for n in names}
 
 
+@pytest.mark.long
 def test_few_harmonics_are_found_beyond_a_hundred_per_turn() -> None:
     with_them = _found(_poses(220, 1), _poses(80, 2))
     without = _found(_poses(220, 1), _poses(80, 2), periodic="off")

@@ -130,6 +130,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("cells")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", [STAUBLI, KUKA])
 def test_poses_held_out_are_predicted_better_with_sag_of_axes_2_and_3(robot: str, folder: Path) -> None:
     without, found = _found(robot, folder, "off"), _found(robot, folder, "auto")

@@ -99,6 +99,7 @@ def test_growth_of_any_shape_is_found_without_events(expected: Float) -> None:
     assert sum(one.grown_low <= true <= one.grown_high for one in found) >= 5
 
 
+@pytest.mark.long
 def test_clean_series_show_nothing() -> None:
     """A hundred of 6 to 18 runs, without growth and with it, that scatter by up to 4 %: hardly an event, no edge."""
     rng = np.random.default_rng(11)
