@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.cli.commands.log import show_process
+from counterflex.cli.commands.log import INCOMPLETE, show_process
 from counterflex.cli.output import keep_inputs
 from counterflex.core.errors import InputError
 
@@ -94,6 +94,38 @@ def test_the_table_of_changes(counterflex: Any, tmp_path: Path, by: str) -> None
 def test_slowed_cycles_are_shown_in_per_cent(capsys: pytest.CaptureFixture[str], share: float, least: float) -> None:
     show_process({"events": [], "event_counts": {}, "wear": None, "slowed_share": share, "least_speed": least})
     assert f"slowed in {100 * share:.1f} % of the cycles, down to {100 * least:.0f} %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("incomplete", [True, False])
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_a_log_with_something_missing_ends_otherwise_than_a_whole_one(
+    counterflex: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, incomplete: bool, words: tuple[str, ...]
+) -> None:
+    """As tables and as JSON; what is said of it is printed either way."""
+    answer = {"incomplete": incomplete, "runs": [], "segments": [], "lines": ["a line"], "cut": [], "damage": []}
+    monkeypatch.setattr("counterflex.app.run.log.show", lambda _: answer)
+    ended = counterflex("log", "show", str(tmp_path), *words)
+    assert ended.status == (INCOMPLETE if incomplete else 0)
+    assert ("a line" in ended.out) == (not words)
+
+
+def test_values_of_an_identification_are_counted_by_what_saw_them(
+    counterflex: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Determined and not determined make all of them."""
+    seen = ["determined"] * 4 + ["partly"] * 2 + ["prior"] * 3
+    entries = [
+        {"recipe": name, "date": "-", "data": [], "holdout": "-", "values": [{"seen": word} for word in some]}
+        for name, some in (("some", seen), ("none", seen[:6]), ("all", seen[6:]))
+    ]
+    answer = {
+        "cell": "x", "mass_kg": 1.0, "segments": [], "at_corner": None, "identified": entries, "unknowns": None,
+        "assumptions": [], "warnings": [],
+    }  # fmt: skip
+    monkeypatch.setattr("counterflex.app.questions.check_cell", lambda *_: answer)
+    (tmp_path / "cell.toml").write_text("")
+    lines = counterflex("cell", "check", str(tmp_path / "cell.toml")).out.splitlines()
+    assert [row_of(lines, name)[-2:] for name in ("some", "none", "all")] == [["6", "3"], ["6", "0"], ["0", "3"]]
 
 
 @pytest.mark.parametrize("kind", ["same", "link", "hard"])
