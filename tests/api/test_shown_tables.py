@@ -68,7 +68,9 @@ def test_the_path_of_two_parts_is_drawn_before_and_after_each_in_its_row(number:
 @pytest.mark.parametrize("names", [(BEFORE,), (BEFORE, AFTER)])
 def test_a_comparison_has_a_column_for_each_program(names: tuple[str, ...]) -> None:
     """Each figure stands in the column of its program; a part without one has no row."""
-    figure = {name: {"path": {"p997_mm": k + 0.5, "max_mm": k + 2.0, "rms_mm": k + 0.1}} for k, name in enumerate(names)}
+    figure = {
+        name: {"path": {"p997_mm": k + 0.5, "max_mm": k + 2.0, "rms_mm": k + 0.1}} for k, name in enumerate(names)
+    }
     content = {"program": "part.ngc", "cell": "cell", "variants": figure}
     none: Any = None
     one = Comparison(none, dict.fromkeys(names, none), content)

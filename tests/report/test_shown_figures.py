@@ -5,8 +5,10 @@ Numbers are read back from the page or the figure and held against the data by N
 
 from __future__ import annotations
 
+import html
 import json
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +23,11 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.figures import NONE, weighted_figures
 from counterflex.evaluate.inspection.sections import Profile, Section
+from counterflex.evaluate.path_deviation import PathDeviation
+from counterflex.evaluate.path_deviation import path_figures as figures_of_path
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.inspection.page import InspectionData, inspection_page
+from counterflex.report.inspection.path_figures import MeasuredPath
 from counterflex.report.inspection.section_figure import enlarged
 from counterflex.report.map_figure import MapPicture, callouts, map_figure, map_picture
 from counterflex.report.preflight.page import PreflightData, preflight_page
@@ -36,7 +41,7 @@ QUICK = settings(max_examples=15)
 def words(page: str) -> str:
     """Text of a page without scripts and markup."""
     text = re.sub(r"<(script|style).*?</\1>", " ", page, flags=re.DOTALL)
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", text))
+    return html.unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", text)))
 
 
 def figures_in(page: str) -> dict[str, Any]:
@@ -156,6 +161,48 @@ def test_an_inspection_says_before_and_after_in_their_places(before: float, afte
         f = data.deviations[name].floor
         expected += [f.max_m / MM, f.p997_m / MM, f.rms_m / MM, f.extent / MM**2]
     assert shown == pytest.approx(expected, abs=6e-4)
+
+
+def measured_path(number: int, scale_m: float) -> MeasuredPath:
+    """A straight path in x with deviations at random; it cuts all the way, its first and last fifth are entry, exit."""
+    rng, n = np.random.default_rng(number), 50
+    left, up, along = rng.normal(size=(3, n)) * scale_m
+    x, none = np.arange(n) * MM, np.zeros(n)
+    nominal, yes = np.column_stack([x, none, none]), np.ones(n, np.bool_)
+    place = np.arange(n) / n
+    deviation = PathDeviation(
+        MM, x, nominal, nominal, x, np.zeros(n, np.int64), np.tile([1.0, 0.0, 0.0], (n, 1)),
+        np.tile([0.0, 1.0, 0.0], (n, 1)), np.column_stack([none, left, up]), left, up, along, yes.astype(float), yes,
+        place < 0.2, place >= 0.8, ~yes, ~yes,
+    )  # fmt: skip
+    return MeasuredPath(deviation, {"floor": up}, figures_of_path(deviation), cut_known=True, along_known=True)
+
+
+@settings(max_examples=5)
+@given(seed, st.floats(0.05, 2.0), st.floats(0.05, 2.0), st.booleans())
+def test_an_inspected_path_says_what_it_leaves_across_the_feed_after_and_before(
+    number: int, before: float, after: float, both: bool
+) -> None:
+    """By NumPy from the stations of each; the table has the same in the order of the parts, entries apart."""
+    assume(abs(before - after) > 0.1)
+    scale = (before, after) if both else (after,)
+    data = inspection(scale=scale)
+    paths = {name: measured_path(number, s * MM) for name, s in zip(data.deviations, scale, strict=True)}
+    text = words(inspection_page(replace(data, paths=paths)))
+    size = [np.linalg.norm(path.deviation.across, axis=1) / MM for path in paths.values()]
+    p997 = [float(np.quantile(v, 0.997, method="inverted_cdf")) for v in size]
+    more = f"; before, within {p997[0]:.3f} mm." if both else "."
+    assert f"the path of the tool lies within {p997[-1]:.3f} mm of the program's, across the feed{more}" in text
+    for title, rows in (("Across the feed, where the tool cut", slice(None)), ("Entries", slice(10)),
+                        ("Exits", slice(40, None)), ("Between them", slice(10, 40))):  # fmt: skip
+        shown = re.search(rf"{title} ((?:[\d.]+ ){{{4 * len(scale)}}})", text)
+        assert shown is not None
+        expected: list[float] = []
+        for v in size:
+            some = v[rows]
+            expected += [some.max(), float(np.quantile(some, 0.997, method="inverted_cdf")), np.sqrt(np.mean(some**2))]
+            expected.append(float(len(some)))
+        assert [float(word) for word in shown[1].split()] == pytest.approx(expected, abs=6e-4)
 
 
 @QUICK
