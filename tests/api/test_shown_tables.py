@@ -1,4 +1,4 @@
-"""Tables and pictures of a machined part hold what the record and the judgement hold, in millimetres, in their places."""
+"""Tables and pictures of a machined part hold what its record and its judgement hold, in millimetres, each in place."""
 
 from __future__ import annotations
 

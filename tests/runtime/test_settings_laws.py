@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +21,8 @@ from counterflex.runtime.loop_constants import pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.override_plan import slowed_time
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
-from counterflex.runtime.record_ring import MOST, ROWS, WIDTH, RecordRing
+from counterflex.runtime.record_ring import CYCLE, MOST, ROWS, WIDTH, RecordRing
+from counterflex.runtime.replay import Replay
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode, force_delay
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.signals.ahead import Ahead
@@ -112,8 +115,10 @@ def test_translation_and_rotation_ramp_out_in_one_share_of_their_speed(share: fl
 def test_what_a_tracker_shows_is_looked_up_as_late_as_it_is(
     force: ForceMode, dead: int, tracker: int, follow: int, designed: bool
 ) -> None:
-    """In cycles: a correction acts after its dead time, and a tracker tells of it later by its age. The estimator of
-    all sources keeps samples by their own time, so there the age counts once, in the place of the pose."""
+    """In cycles: a correction acts after its dead time, and a tracker tells of it later by its age.
+
+    The estimator of all sources looks at the correction of now, so there the age counts in the place of the pose alone.
+    """
     T = 4e-3
     mode = TrackerMode.NONE if force == ForceMode.FUSED else TrackerMode.DESIGNED if designed else TrackerMode.OBSERVER
     settings = OnlineSettings(
@@ -196,6 +201,24 @@ def test_records_dropped_are_counted_over_the_whole_run(counts: list[int]) -> No
         assert ring.dropped + taken == written
     finally:
         ring.close()
+
+
+@QUICK
+@given(st.lists(st.integers(1, 6), min_size=1, max_size=40), st.lists(st.integers(0, 40), max_size=4))
+def test_cycles_that_are_missing_are_counted_whatever_pieces_they_come_in(steps: list[int], cuts: list[int]) -> None:
+    """Records and what is missing before them make the last cycle; a gap stands behind the last record before it."""
+    cycles = 1 + np.cumsum(steps)  # the first one is missing, so nothing can be computed
+    loop: Any = SimpleNamespace(reset=lambda: None, inputs=None)
+    replay = Replay(loop)
+    rows = np.zeros((len(cycles), WIDTH))
+    rows[:, CYCLE] = cycles
+    for piece in np.split(rows, sorted(cuts)):
+        replay(piece)
+    before = np.concatenate([[0], cycles[:-1]])
+    expected = [(int(a), int(b - a - 1)) for a, b in zip(before, cycles, strict=True) if b != a + 1]
+    assert [(gap.after, gap.missing) for gap in replay.gaps] == expected
+    assert sum(gap.missing for gap in replay.gaps) + len(cycles) == cycles[-1]
+    assert (replay.skipped, replay.compared, replay.difference) == (len(cycles), 0, None)
 
 
 def test_delays_that_are_replaced_stay_apart() -> None:
