@@ -138,14 +138,14 @@ def test_a_pocket_has_the_place_and_size_of_its_circle_to_the_micrometre(
 ) -> None:
     """Quarter arcs that close a turn make one pocket of just their circle; less than a turn cut twice makes none."""
     centre, radius = np.array(centre_um) * UM, 5.0 * UM * radius_5um
-    motions: list[tuple[int, Float]] = [(RAPID, np.array([[*centre + [radius, 0.0], 0.05]]))]
+    motions: list[tuple[int, Float]] = [(RAPID, np.array([[centre[0] + radius, centre[1], 0.05]]))]
     ends = list(range(quarters))
     for k in [*ends, *([-1 - e for e in reversed(ends)] if there_and_back else [])]:
         begin, end = (k, k + 1) if k >= 0 else (-k, -k - 1)
         angle = np.linspace(begin, end, 31)[1:] * np.pi / 2.0
         ring = centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         motions.append((FEED, np.column_stack([ring, np.full(30, -2.0 * MM)])))
-    start = np.array([[*centre + [radius, 0.0], -2.0 * MM]])
+    start = np.array([[centre[0] + radius, centre[1], -2.0 * MM]])
     found = find_features(program([motions[0], (FEED, start), *motions[1:]]), 4.0 * MM)
     if quarters < 4:
         assert not [one for one in found if isinstance(one, CircularPocket)]
