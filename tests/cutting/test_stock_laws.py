@@ -49,8 +49,10 @@ def test_a_tilted_tool_is_refused_whichever_way_it_leans(way: float, tilt_deg: f
     require_vertical(axis)
     tilt = tilt_deg * DEG
     axis[row] = math.sin(tilt) * math.cos(way), math.sin(tilt) * math.sin(way), math.cos(tilt)
-    with pytest.raises(ModelError, match=rf"path point {row}\b"):
+    with pytest.raises(ModelError, match=rf"path point {row}\b") as told:
         require_vertical(axis)
+    assert isinstance(told.value.value, str)
+    assert float(told.value.value.removesuffix(" deg")) == pytest.approx(tilt_deg, rel=1e-3)
 
 
 def test_a_tool_that_points_up_is_tilted() -> None:
