@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,10 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
+from counterflex.evaluate.error_budget import REMAINDER, BudgetLine
 from counterflex.report.correction_page import CorrectionData, _verdict, broken, error_figure
 from counterflex.report.data import PredictionData
+from counterflex.report.distribution_figure import area_shares, budget_figure
 from counterflex.report.figure_data import edges_mm, scale_limit_mm, thin
 from counterflex.report.placement_map_page import MapData, map_figure, placement_map_page
 from counterflex.report.remaining_figure import remaining_figure, space_figure
@@ -154,6 +157,41 @@ def test_a_curve_that_is_thinned_keeps_its_peaks_and_its_gaps(number: int, n: in
         assert (np.nanmin(shown), np.nanmax(shown)) == (y[keep].min(), y[keep].max())
     else:
         assert not known.any()
+
+
+@QUICK
+@given(st.lists(st.floats(-1.0, 2.0), min_size=1, max_size=7, unique=True))
+def test_causes_of_an_error_stand_by_their_size_whichever_way_they_act(shares: list[float]) -> None:
+    """Largest on top, a helping cause beside a harming one of its size; the remainder below all; texts keep signs."""
+    lines = [BudgetLine(f"cause {k}", share, 120.0 * share * UM, 1.0, 1.0) for k, share in enumerate(shares)]
+    rest = BudgetLine(REMAINDER, 5.0, 600.0 * UM, 1.0, 1.0)
+    bars, texts = budget_figure((*lines, rest))["data"]
+    size = [abs(shares[int(name.split()[1])]) for name in bars["y"][1:]]
+    assert bars["y"][0] == REMAINDER
+    assert size == sorted(size)
+    known = {line.name: line for line in (*lines, rest)}
+    for name, value, text in zip(bars["y"], bars["x"], texts["text"], strict=True):
+        assert value == pytest.approx(known[name].mean_m / UM, abs=0.006)
+        assert text == f"{value:.0f} µm · {100.0 * known[name].share:.1f} %".replace("-", "−")
+
+
+@QUICK
+@given(seed)
+def test_shares_of_an_area_weigh_floor_and_wall_by_their_own_area(number: int) -> None:
+    """Sums over all classes are one; what lies beyond the scale counts at its end, what was not seen nowhere."""
+    rng = np.random.default_rng(number)
+    floor, wall = rng.normal(size=(8, 20)) * 0.3 * MM, rng.normal(size=30) * 0.3 * MM
+    floor[rng.random((8, 20)) < 0.3], wall[:5] = np.nan, np.nan
+    area, cell, edges = rng.uniform(0.1, 5.0, 30) * MM**2, 0.5 * MM, np.linspace(-0.4, 0.4, 9)
+    surface: Any = SimpleNamespace(nominal=SimpleNamespace(cell_m=cell), wall_area_m2=area)
+    deviation: Any = SimpleNamespace(floor_m=floor, wall_m=wall)
+    found = area_shares(surface, deviation, edges)
+    value = np.concatenate([floor.ravel(), wall])
+    weight = np.concatenate([np.full(160, cell**2), area])
+    known = np.isfinite(value)
+    place = np.clip(np.searchsorted(edges, value[known] / MM, side="right") - 1, 0, 7)
+    np.testing.assert_allclose(found, np.bincount(place, weight[known], minlength=8) / weight[known].sum())
+    assert found.sum() == pytest.approx(1.0)
 
 
 @QUICK

@@ -22,6 +22,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.figures import NONE, weighted_figures
+from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import Profile, Section
 from counterflex.evaluate.path_deviation import PathDeviation
 from counterflex.evaluate.path_deviation import path_figures as figures_of_path
@@ -226,6 +227,29 @@ def test_a_feature_is_judged_after_with_twice_its_deviation(before: float, after
 def test_what_was_not_measured_is_not_passed() -> None:
     data = inspection((feature({"before": 0.0}), feature({"before": 0.0, "after": 0.0})))
     assert "Of 2 quantities 1 not measured" in words(inspection_page(data))
+
+
+@pytest.mark.parametrize("measured", [1.0, 0.5])
+def test_what_was_measured_in_part_is_said_and_not_passed(measured: float) -> None:
+    one = replace(feature({"part": 0.0}), measured_share={"part": measured})
+    text = words(inspection_page(inspection((one,), scale=(1.0,))))
+    assert ("All 1 quantities within tolerance" in text) == (measured == 1.0)
+    assert ("Of 1 quantities 1 measured in part only" in text) == (measured == 0.5)
+    assert ("50 % seen" in text) == (measured == 0.5)
+    good = re.search(r'class="[^"]*badge[^"]*"', inspection_page(inspection((one,), scale=(1.0,))))
+    bad = re.search(r'class="[^"]*badge[^"]*"', inspection_page(inspection((feature({"part": 1.0}),), scale=(1.0,))))
+    assert good is not None
+    assert bad is not None
+    assert (good[0] == bad[0]) == (measured == 0.5)
+
+
+def test_areas_of_a_scan_stand_in_their_columns() -> None:
+    whole, some = (Coverage(*(k * MM**2 for k in areas)) for areas in ((100, 60, 10, 30), (40, 38, 2, 0)))
+    data = replace(inspection(scale=(1.0,)), coverage={"part": (whole, {"groove 1": some})})
+    text = words(inspection_page(data))
+    assert "feature judged not scanned, mm² not judged, mm² judged, mm² machined, mm²" in text
+    assert "whole machined surface 60 % 30 10 60 100" in text
+    assert "groove 1 95 % 0 2 38 40" in text
 
 
 @QUICK
