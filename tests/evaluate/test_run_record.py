@@ -88,7 +88,7 @@ def test_pieces_change_nothing(cuts: list[int]) -> None:
 def test_changes_of_what_is_used_are_told_from_and_to_in_any_pieces(
     used: list[tuple[int, int, int]], cuts: list[int]
 ) -> None:
-    """Force sensors and sources each by itself; telegrams lost are what the controller counts beyond those that came."""
+    """Force sensors and sources each by itself; telegrams lost are what the controller counts besides."""
     pair, sources, elapsed = (list(column) for column in zip(*used, strict=True))
     data = rows([State.ACTIVE] * len(used))
     data[:, record.column("pair_used")], data[:, record.column("out_sources")], data[:, 3] = pair, sources, elapsed
