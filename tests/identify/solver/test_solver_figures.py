@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.identify.solver.agreement import contradicted
+from counterflex.identify.solver.agreement import agreement, contradicted
 from counterflex.identify.solver.considered import added
 from counterflex.identify.solver.correlated import long_run, with_correlation
 from counterflex.identify.solver.fit import Fit
@@ -325,3 +325,29 @@ def test_how_much_comes_from_the_data_is_told_by_what_they_narrow(prior: float, 
     fit: Fit = solve(parameters(prior=prior, nominal=3.0), [block], robust=False)
     assert fit.seen == ("determined", seen)
     assert fit.sigma[1] == pytest.approx(1.0 / np.sqrt(1e6 + prior**-2), rel=1e-3)
+
+
+@QUICK
+@given(seed, st.sampled_from([1.0, 0.7e-3, 1e-4]), st.floats(-3.0, 3.0), st.integers(1, 3))
+def test_agreement_with_what_was_known_is_that_of_its_closed_form(
+    number: int, prior: float, off: float, folds: int
+) -> None:
+    """One known value: ``u^2 / (l (1 - l))`` of each fit is chi-squared; values that the data see make the growth."""
+    rng = np.random.default_rng(number)
+    fits = []
+    for _ in range(folds):
+        t = rng.uniform(-1.0, 2.0, 40)
+        y = 2.0 + 3.0 * t + 1e-2 * rng.standard_normal(40)
+        block = Line(t, y, np.full((40, 1), 1e-2), np.arange(40))
+        fits.append(solve(parameters(prior=prior, nominal=3.0 + off * prior), [block], robust=False))
+    found = agreement(fits)
+    total = count = seen = 0.0
+    for fit in fits:
+        u, share = (fit.values[1] - 3.0 - off * prior) / prior, (fit.sigma[1] / prior) ** 2
+        seen += sum(word != "prior" for word in fit.seen)
+        if share < 0.5:
+            total, count = total + u**2 / (share * (1.0 - share)), count + 1
+    assert found.directions == count
+    assert found.chance == pytest.approx(stats.chi2.sf(total, count) if count else 1.0, abs=1e-6)
+    assert found.growth == pytest.approx(1.0 + 4.0 * seen / sum(fit.dof for fit in fits))
+    assert found.agrees == (found.chance >= 0.01)
