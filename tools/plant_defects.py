@@ -204,8 +204,12 @@ def _run_tests(scratch: Path, batches: list[list[str]], interpreted: bool) -> st
         os.environ["NUMBA_DISABLE_JIT"] = "1"
         numba.config.DISABLE_JIT = True
     import pytest
+    from hypothesis import Phase, settings
 
+    found = (Phase.explicit, Phase.reuse, Phase.generate)  # a defect is caught, however large the example that shows it
+    settings.register_profile("planted", deadline=None, phases=found)
     options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--hypothesis-seed=0", "--benchmark-disable"]
+    options += ["--hypothesis-profile=planted"]
     options += ["--tb=line", "-W", "ignore::pytest.PytestAssertRewriteWarning", f"--basetemp={scratch / 'tmp'}"]
     for files in batches:
         watch = _Watch(files)

@@ -12,9 +12,10 @@ from counterflex.app import prediction_interval, unknowns
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.headline import worse_lines, worse_warnings
 from counterflex.app.compensation.prediction import figures
+from counterflex.app.cut_points import points_of_plan
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.lowest_mode import at_largest_force
-from counterflex.app.prediction_interval import Foreseen, foreseen, worse_text
+from counterflex.app.prediction_interval import Foreseen, expected_deflection, foreseen, worse_text
 from counterflex.app.unknown_stiffness import Expected
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
@@ -119,6 +120,40 @@ def test_a_plan_of_a_stiffer_cell_is_judged_as_the_linear_sum_says(cell: Cell, p
     np.testing.assert_allclose(
         off, 0.2 * same.deflection_part[same.cutting, :3], atol=5e-7
     )  # 0.5 um: large displacements
+
+
+def test_a_mirrored_force_gives_a_mirrored_interval(cell: Cell, plan: Plan) -> None:
+    """Every draw of what the force makes turns its sign, what play leaves stays, and so all ends keep their size."""
+    points = points_of_plan(plan, cell, "x")
+    assert points is not None
+    some = slice(None, None, 25)
+    few = replace(
+        points, q=points.q[some], w_tcp_base=points.w_tcp_base[some], feed_base=points.feed_base[some],
+        weight_m=points.weight_m[some], row=points.row[some],
+    )  # fmt: skip
+    other = replace(few, w_tcp_base=-few.w_tcp_base)
+    signs = set()
+    for known in (cell, identified(cell, 0.02)):
+        for one, turned in zip(unknowns.sources(known, few), unknowns.sources(known, other), strict=True):
+            assert (one.name, one.known_from) == (turned.name, turned.known_from)
+            if one.displacements is None or turned.displacements is None:
+                assert one.displacements is turned.displacements
+                continue
+            sign = 1.0 if one.name.startswith("play") else -1.0
+            signs.add(sign)
+            np.testing.assert_allclose(turned.displacements, sign * one.displacements, atol=1e-15)
+    assert signs == {1.0, -1.0}
+    ends = [(e.median_m, e.low_m, e.high_m) for e in (expected_deflection(cell, few), expected_deflection(cell, other))]
+    assert ends[1] == pytest.approx(ends[0], rel=0.06)
+    back = replace(
+        plan, w_tcp_part=-plan.w_tcp_part, deflection_part=-plan.deflection_part,
+        deviation_nominal_part=-plan.deviation_nominal_part,
+        deviation_compensated_part=-plan.deviation_compensated_part,
+    )  # fmt: skip
+    for name, before in intervals(plan, cell).items():
+        after = intervals(back, cell)[name]
+        for end in ("median_m", "low_m", "high_m"):
+            assert getattr(after, end) == pytest.approx(getattr(before, end), rel=0.12)
 
 
 def test_the_summary_holds_both_ends(cell: Cell) -> None:

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from counterflex.app import unknowns as room
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.cut_points import CutPoints, corner_points, points_of_plan
 from counterflex.app.prediction_interval import foreseen
 from counterflex.app.questions import check_cell
-from counterflex.app.unknown_stiffness import cost_at_blank
+from counterflex.app.unknown_stiffness import Expected, cost_at_blank
 from counterflex.app.unknowns import HANDBOOK, Unknown, first_measurement, unknowns
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell, read_cell
@@ -48,6 +50,31 @@ def with_identified(cell: Cell, recipe: str, values: dict[str, float] | None = N
     entry = IdentifiedTable(recipe=recipe, date="", data=(), data_sha256=(), counterflex="", holdout="", values=rows)
     tables = cell.tables.model_copy(update={"identified": (*cell.tables.identified, entry)})
     return replace(cell, tables=tables)
+
+
+@settings(max_examples=30)
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.none() | st.floats(1e-6, 1e-3)), min_size=1, max_size=8))
+def test_what_is_measured_first_takes_away_the_most(costs: list[tuple[str, float | None]]) -> None:
+    """Independent unknowns of one measurement add as squares; the figures are shown in their places."""
+    ranked = [
+        Unknown(f"{k}", "-", None if m is None else Expected(m, 0.5 * m, 3.0 * m, "x"), f"{recipe} --propose 9")
+        for k, (recipe, m) in enumerate(costs)
+    ]
+    total = {name: np.sqrt(sum(m**2 for r, m in costs if r == name and m is not None)) for name in "abc"}
+    points = CutPoints(np.zeros((1, 6)), np.zeros((1, 6)), np.zeros((1, 3)), np.ones(1), "here", np.zeros(1, int))
+    answer = room.shown(ranked, points, "cell.toml")
+    assert answer["where"] == "here"
+    for row, (_, m) in zip(answer["rows"], costs, strict=True):
+        assert row["leaves_mm"] == (None if m is None else round(1e3 * m, 3))
+        assert row["of_90_percent_mm"] == (None if m is None else [round(500.0 * m, 3), round(3e3 * m, 3)])
+    first = answer["measure_first"]
+    if not any(total.values()):
+        assert first is None
+        return
+    best = max(total.values())
+    assert (first["removes_mm"], first["up_to_mm"]) == pytest.approx((1e3 * best, 3e3 * best), abs=6e-4)
+    assert total[first["command"].split()[2]] == pytest.approx(best)
+    assert first["command"].split()[3:5] == ["--propose", "9"]
 
 
 def test_the_most_expensive_comes_first_and_says_what_to_measure() -> None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from counterflex.cli.commands.log import show_process
-from counterflex.cli.output import keep_inputs
+from counterflex.cli.commands.log import INCOMPLETE, show_process
+from counterflex.cli.output import keep_folders, keep_inputs
+from counterflex.cli.predicted import expected_text
 from counterflex.core.errors import InputError
 
 ROBOT = "kuka_kr300_r2500_ultra"
@@ -94,6 +96,120 @@ def test_the_table_of_changes(counterflex: Any, tmp_path: Path, by: str) -> None
 def test_slowed_cycles_are_shown_in_per_cent(capsys: pytest.CaptureFixture[str], share: float, least: float) -> None:
     show_process({"events": [], "event_counts": {}, "wear": None, "slowed_share": share, "least_speed": least})
     assert f"slowed in {100 * share:.1f} % of the cycles, down to {100 * least:.0f} %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("incomplete", [True, False])
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_a_log_with_something_missing_ends_otherwise_than_a_whole_one(
+    counterflex: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, incomplete: bool, words: tuple[str, ...]
+) -> None:
+    """As tables and as JSON; what is said of it is printed either way."""
+    answer = {"incomplete": incomplete, "runs": [], "segments": [], "lines": ["a line"], "cut": [], "damage": []}
+    monkeypatch.setattr("counterflex.app.run.log.show", lambda _: answer)
+    ended = counterflex("log", "show", str(tmp_path), *words)
+    assert ended.status == (INCOMPLETE if incomplete else 0)
+    assert ("a line" in ended.out) == (not words)
+
+
+def logged_run(changes: int, incidents: int, actions: int) -> dict[str, Any]:
+    """Figures of a run, each another number; more rows than a table shows are in all lists but that of incidents."""
+
+    def listed(count: int, **more: Any) -> list[dict[str, Any]]:
+        return [{"cycle": 100 + k, "time_s": 0.5 * k, **more} for k in range(count)]
+
+    return {
+        "run": 3, "answered": 11, "waited": 12, "telegrams_lost": 13, "records_lost": 14, "seconds": 15.0,
+        "largest_correction_um": 16.0, "largest_step_um": 17.0,
+        "reply_us": {"p50": 21.0, "p99": 22.0, "p99.9": 23.0, "max": None},
+        "states": {"idle": {"cycles": 31, "seconds": 32.0}, "on_hold": {"cycles": 33, "seconds": 34.0}},
+        "sources": {"plan": 41, "tracker": 42}, "force_sensors_changes": [], "sources_changes": [],
+        "changes": listed(changes, **{"from": "not_armed", "to": "on_hold", "cause": "force_stale"}),
+        "incidents": [{**one, "number": k + 1, "state": "on_hold", "cause": "force_stale", "before": "not_armed"}
+                      for k, one in enumerate(listed(min(incidents, 25)))],
+        "incidents_total": incidents,
+        "operator_actions": [{"time_s": None if k else 2.0, "who": "anna", "from": "::1", "action": "stop",
+                              "done": k == 0, "refused": "not armed"} for k in range(actions)],
+        "events": [], "event_counts": {}, "wear": None, "slowed_share": 0.0, "least_speed": 1.0,
+        "causes": {"force_stale": 51, "plan_left": 52},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "incidents", "actions"), [(1, 1, 2), (23, 45, 21)])
+def test_the_tables_of_a_log_hold_each_figure_in_its_column(
+    counterflex: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: int, incidents: int, actions: int
+) -> None:
+    """Of long lists the first twenty are shown, and what is left out is counted from the whole."""
+    answer = {"incomplete": False, "runs": [logged_run(changes, incidents, actions)], "segments": [1, 2], "lines": [],
+              "cut": [], "damage": []}  # fmt: skip
+    monkeypatch.setattr("counterflex.app.run.log.show", lambda _: answer)
+    out = counterflex("log", "show", str(tmp_path)).out
+    rows = [[cell.strip() for cell in line.split("│")] for line in out.splitlines()]
+    for row in (
+        ["11", "12", "13", "14", "15", "16", "17"], ["21", "22", "23", "-"], ["idle", "31", "32"],
+        ["on hold", "33", "34"], ["plan", "41"], ["tracker", "42"],
+        ["100", "0.000", "not armed", "on hold", "force stale"],
+        ["1", "100", "0.000", "on hold", "force stale", "not armed"], ["2.000", "anna", "::1", "stop", "done"],
+        ["-", "anna", "::1", "stop", "not armed"],
+    ):  # fmt: skip
+        assert row in rows, row
+    left = [int(word) for word in re.findall(r"and (\d+) more; --json lists them", out)]
+    assert left == [count - 20 for count in (changes, incidents, actions) if count > 20]
+    assert "segments: 2" in out
+    assert "cycles with a cause: force stale 51, plan left 52" in out
+
+
+@pytest.mark.parametrize(("missing", "skipped"), [(0, 0), (30, 12)])
+def test_a_replay_says_how_many_of_all_cycles_were_compared(
+    counterflex: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: int, skipped: int
+) -> None:
+    """Of the recorded and the missing ones together; what was not computed is said apart."""
+    lost = SimpleNamespace(shown=dict, damage=(), empty=(), cut=(), incomplete=False)
+    replayed = SimpleNamespace(
+        records=200, compared=200 - skipped, skipped=skipped, missing=missing, proved=not missing, difference=None,
+        run=0, begun=[], lost=lost, gaps=[SimpleNamespace(after=70, missing=missing)] if missing else [], notes=[],
+    )  # fmt: skip
+    monkeypatch.setattr("counterflex.app.run.log.replay", lambda *_, **__: replayed)
+    (tmp_path / "cell.toml").write_text("")
+    ended = counterflex("log", "replay", str(tmp_path), "--cell", str(tmp_path / "cell.toml"))
+    assert f"{200 - skipped} of {200 + missing} cycles bit for bit the same" in ended.out
+    assert ended.status == (INCOMPLETE if missing else 0)
+    if missing:
+        assert "30 cycles missing after cycle 70" in ended.out
+        assert ended.out.rstrip().endswith("30 cycles missing, 12 not computed: after a gap")
+
+
+def test_an_expected_length_is_its_median_with_the_range_behind_it() -> None:
+    assert expected_text({"expected_um": [950.0, 610.4, 1480.0]}) == "950 (610 to 1480)"
+    assert expected_text({"expected_um": None}) == "not counted"
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_results_go_into_no_folder_that_is_read(tmp_path: Path, which: int) -> None:
+    folders = [tmp_path / name for name in ("a", "b", "c")]
+    for folder in folders:
+        folder.mkdir()
+    keep_folders(tmp_path / "d", *folders)
+    with pytest.raises(InputError, match="would replace the summary"):
+        keep_folders(folders[which] / ".." / folders[which].name, *folders)
+
+
+def test_values_of_an_identification_are_counted_by_what_saw_them(
+    counterflex: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Determined and not determined make all of them."""
+    seen = ["determined"] * 4 + ["partly"] * 2 + ["prior"] * 3
+    entries = [
+        {"recipe": name, "date": "-", "data": [], "holdout": "-", "values": [{"seen": word} for word in some]}
+        for name, some in (("some", seen), ("none", seen[:6]), ("all", seen[6:]))
+    ]
+    answer = {
+        "cell": "x", "mass_kg": 1.0, "segments": [], "at_corner": None, "identified": entries, "unknowns": None,
+        "assumptions": [], "warnings": [],
+    }  # fmt: skip
+    monkeypatch.setattr("counterflex.app.questions.check_cell", lambda *_: answer)
+    (tmp_path / "cell.toml").write_text("")
+    lines = counterflex("cell", "check", str(tmp_path / "cell.toml")).out.splitlines()
+    assert [row_of(lines, name)[-2:] for name in ("some", "none", "all")] == [["6", "3"], ["6", "0"], ["0", "3"]]
 
 
 @pytest.mark.parametrize("kind", ["same", "link", "hard"])

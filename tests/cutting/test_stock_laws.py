@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MM
+from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.material import VictorFactors, load, names, rake_factor
 from counterflex.cutting.stock import HeightMap, require_vertical
 
@@ -48,13 +49,46 @@ def test_a_tilted_tool_is_refused_whichever_way_it_leans(way: float, tilt_deg: f
     require_vertical(axis)
     tilt = tilt_deg * DEG
     axis[row] = math.sin(tilt) * math.cos(way), math.sin(tilt) * math.sin(way), math.cos(tilt)
-    with pytest.raises(ModelError, match=rf"path point {row}\b"):
+    with pytest.raises(ModelError, match=rf"path point {row}\b") as told:
         require_vertical(axis)
+    assert isinstance(told.value.value, str)
+    assert float(told.value.value.removesuffix(" deg")) == pytest.approx(tilt_deg, rel=1e-3)
 
 
 def test_a_tool_that_points_up_is_tilted() -> None:
     with pytest.raises(ModelError):
         require_vertical(np.array([[0.0, 0.0, -1.0]]))
+
+
+LAWS = (
+    KienzleLaw(900e6, 0.3, 400e6, 0.6, -90e6, 0.1, 0.05 * MM, 0.01 * MM, 0.2 * MM, "test", "assumed", (2e3, 3e3, -1e3)),
+    LinearEdgeLaw(600e6, 200e6, -50e6, 20e3, 30e3, -5e3, 0.01 * MM, 0.1 * MM, "test", "assumed"),
+)
+
+
+@QUICK
+@given(st.sampled_from(LAWS), st.floats(0.05, 20.0), st.sampled_from([None, "measured"]))
+def test_a_scaled_law_scales_every_force_at_every_thickness(law: ForceLaw, factor: float, status: str | None) -> None:
+    """Chip and edge, in all three directions; where it holds and where it comes from stay."""
+    h = np.array([0.0, 1e-6, 0.02, 0.3]) * MM
+    made = law.scaled(factor, status)
+    np.testing.assert_allclose(made.edge_force(h), factor * law.edge_force(h), rtol=1e-12)
+    np.testing.assert_allclose(made.scaled(1.0 / factor).edge_force(h), law.edge_force(h), rtol=1e-12)
+    assert (made.h_min_m, made.h_max_m, made.source) == (law.h_min_m, law.h_max_m, law.source)
+    assert made.status == (status or law.status)
+
+
+@QUICK
+@given(st.floats(1e-3, 3.0))
+def test_a_law_of_powers_is_that_of_its_formula_at_every_reference(h_mm: float) -> None:
+    """``k h (h / h_ref)^-m + e`` by hand in each direction; the reference thickness is a way to write it only."""
+    law, h = LAWS[0], h_mm * MM
+    assert isinstance(law, KienzleLaw)
+    rows = ((900e6, 0.3, 2e3), (400e6, 0.6, 3e3), (-90e6, 0.1, -1e3))
+    expected = [k * h * (h_mm / 0.05) ** -m + e for k, m, e in rows]
+    for other in (law, law.at_reference(0.7 * MM)):
+        np.testing.assert_allclose(other.edge_force(h), expected, rtol=1e-9)
+    assert law.k11_pa() == pytest.approx([k * 20.0**-m for k, m, _ in rows])
 
 
 FACTORS = ("k_gamma", "k_v", "k_st", "k_ver", "k_sch", "k_kss")

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
+from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.contact import entry_exit
 from counterflex.evaluate.error_budget import error_budget
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.figures import reduction, weighted_figures
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import LatencyHistogram, percentiles
-from counterflex.evaluate.measured_values import values_row
+from counterflex.evaluate.measured_values import flatness, values_row
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.process_record import ProcessRecord
 from counterflex.evaluate.run_curves import RunCurves, deviations, figures, sides_of
@@ -179,7 +181,7 @@ def log(states: list[int], cycles: list[int], speeds: list[float]) -> Float:
     out[:, 3] = 1
     out[:, record.column("out_state")] = states
     out[:, record.column("out_cause")] = [Cause.FORCE_STALE if s == State.HOLD else 0 for s in states]
-    out[:, record.column("path_distance")] = 1e-3 * np.arange(len(states))
+    out[:, record.column("path_distance")] = 1e-3 * (7 * np.arange(len(states)) % 11)
     out[:, record.column("speed_asked")] = speeds
     out[:, record.column("event_new")] = [1 << Event.CHATTER if s == State.HOLD else 0 for s in states]
     return out
@@ -210,12 +212,7 @@ def test_a_log_read_in_pieces_gives_what_the_whole_gives(
             incidents.add(part)
             process.add(part)
         found.append((missing.gaps, missing.total, incidents.incidents, incidents.total, process.figures()))
-    assert found[0][:2] == found[1][:2]
-    assert found[0][3] == found[1][3]
-    assert found[0][4] == found[1][4]
-    for whole, piece in zip(found[0][2], found[1][2], strict=True):
-        assert (whole.cycle, whole.time_s, whole.before, whole.state) == (
-            piece.cycle, piece.time_s, piece.before, piece.state)  # fmt: skip
+    assert found[0] == found[1]
 
 
 @given(state_rows)
@@ -231,6 +228,8 @@ def test_figures_of_a_log_are_those_of_its_rows(given_: list[tuple[int, int, flo
     assert [gap.count for gap in missing.gaps] == [step - 1 for step in steps if step > 1]
     holds = [k for k, s in enumerate(states) if s == State.HOLD and (k == 0 or states[k - 1] != State.HOLD)]
     assert [one.cycle for one in incidents.incidents] == [int(rows[k, record.CYCLE]) for k in holds]
+    path = rows[:, record.column("path_distance")]
+    assert [one.path_m for one in incidents.incidents] == [path[max(0, k - 1) : k + 1].max() for k in holds]
     figure = process.figures()
     assert figure.least_speed == min(1.0, *speeds)
     assert figure.slowed == pytest.approx(sum(v < 1.0 for v in speeds) / len(speeds))
@@ -251,6 +250,71 @@ def test_what_remains_is_what_was_predicted_and_what_was_corrected(number: int) 
     shown = figures(curves, contained)
     assert shown["remaining_m"] == pytest.approx(float(np.quantile(np.linalg.norm(deflection + sent, axis=1), 0.997)))
     np.testing.assert_allclose(shown["mean_sent_m"], sent.mean(axis=0))
+
+
+@settings(max_examples=40)
+@given(seed, st.sampled_from(["some", "none"]), st.floats(0.0, 0.9))
+def test_figures_of_a_run_are_those_of_the_cut_alone(number: int, cuts: str, unknown: float) -> None:
+    """Where nothing is cut, of what the loop was active in; a gap of a tracker or of the force counts nowhere."""
+    rng = np.random.default_rng(number)
+    n = 60
+    cut = rng.random(n) < 0.4 if cuts == "some" else np.zeros(n, np.bool_)
+    active = rng.random(n) < 0.7
+    deflection, sent, measured = (rng.normal(size=(n, 2)) * 1e-4 for _ in range(3))
+    force, ratio = rng.uniform(0.0, 900.0, n), rng.uniform(0.5, 2.0, n)
+    for values in (measured, force, ratio):
+        values[rng.random(n) < unknown] = np.nan
+    none = np.zeros(n)
+    curves = RunCurves(none, none, cut, active, np.zeros((n, 2, 3)), deflection, sent, measured, force, none, ratio)
+    shown = figures(curves, None)
+    judged = cut if cut.any() else active
+    for name, values in (
+        ("remaining_m", deflection + sent),
+        ("measured_m", measured),
+        ("predicted_m", measured * np.nan),
+    ):
+        size = [math.hypot(*row) for row in values[judged] if np.isfinite(row).all()]
+        assert shown[name] == (pytest.approx(np.quantile(size, 0.997)) if size else None)
+    mean = sent[judged].mean(axis=0) if judged.any() else None
+    assert (shown["mean_sent_m"] is None) == (mean is None)
+    if mean is not None:
+        np.testing.assert_allclose(shown["mean_sent_m"], mean)
+    known = ratio[judged & np.isfinite(ratio)]
+    assert shown["ratio"] == (np.median(known) if len(known) else None)
+    assert shown["force_peak_n"] == (np.nanmax(force) if np.isfinite(force).any() else None)
+
+
+@settings(max_examples=30)
+@given(seed, st.floats(-2e-3, 2e-3), st.floats(-2e-3, 2e-3), st.floats(0.0, 0.95))
+def test_flatness_knows_no_tilt_and_says_how_much_of_the_floor_it_saw(
+    number: int, tilt_x: float, tilt_y: float, hidden: float
+) -> None:
+    """Zone about the plane of least squares through what was measured, with the share of the floor that it rests on."""
+    rng = np.random.default_rng(number)
+    z = np.full((16, 24), -2.0 * MM, np.float32)
+    surface: Any = SimpleNamespace(
+        nominal=HeightMap(0.0, 0.0, MM, z, -9.0 * MM), floor=np.ones(z.shape, np.bool_),
+        rise_m=np.full(z.shape, np.inf), fall_m=np.full(z.shape, np.inf),
+    )  # fmt: skip
+    place = rng.uniform([0.0, 0.0], [23.0, 15.0], (60, 2)) * MM
+    bumps, seen = rng.normal(scale=5.0 * UM, size=60), rng.random(60) >= hidden
+    tilted = bumps + place @ np.array([tilt_x, tilt_y])
+
+    def part(off: Float) -> Any:
+        height = surface.nominal.z[0, 0].astype(np.float64) + np.where(seen, off, np.nan)
+        return SimpleNamespace(
+            heights=lambda xy: height[[int(np.argmin(np.sum((place - p) ** 2, axis=1))) for p in xy]]
+        )
+
+    ((name, nominal, side, worst, _, share),) = flatness(place, surface, {"a": part(bumps), "b": part(tilted)}, 0.02)
+    assert (name, nominal, side) == ("flatness", 0.0, 0.02)
+    assert share == {"a": pytest.approx(seen.mean()), "b": pytest.approx(seen.mean())}
+    if seen.sum() < 10:
+        assert worst == {}
+        return
+    A = np.column_stack([place[seen], np.ones(seen.sum())])
+    rest = bumps[seen] - A @ np.linalg.lstsq(A, bumps[seen], rcond=None)[0]
+    assert worst == {"a": pytest.approx(np.ptp(rest), rel=1e-6), "b": pytest.approx(np.ptp(rest), rel=1e-6)}
 
 
 @given(st.floats(0.0, 2.0 * math.pi), st.integers(60, 120), st.integers(60, 120))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -79,6 +81,28 @@ def test_pieces_change_nothing(cuts: list[int]) -> None:
         assert a.states[state][1] == pytest.approx(b.states[state][1])
     assert (a.changes, a.causes, a.reply, a.records_lost) == (b.changes, b.causes, b.reply, b.records_lost)
     assert (a.largest_m, a.largest_step_m, a.time_s) == (b.largest_m, b.largest_step_m, b.time_s)
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.integers(0, 3)), min_size=1, max_size=30),
+       st.lists(st.integers(0, 30), max_size=4))  # fmt: skip
+def test_changes_of_what_is_used_are_told_from_and_to_in_any_pieces(
+    used: list[tuple[int, int, int]], cuts: list[int]
+) -> None:
+    """Force sensors and sources each by itself; telegrams lost are what the controller counts besides."""
+    pair, sources, elapsed = (list(column) for column in zip(*used, strict=True))
+    data = rows([State.ACTIVE] * len(used))
+    data[:, record.column("pair_used")], data[:, record.column("out_sources")], data[:, 3] = pair, sources, elapsed
+    made = RunRecord()
+    for piece in np.split(data, sorted(cuts)):
+        made.add(piece)
+    found = made.figures()
+    for values, changes in ((pair, found.pair_changes), (sources, found.sources_changes)):
+        expected = [(k + 1, a, b) for k, (a, b) in enumerate(itertools.pairwise(values), 1) if a != b]
+        assert [(c.cycle, int(c.before), int(c.after)) for c in changes] == expected
+        assert [c.time_s for c in changes] == pytest.approx([4e-3 * (k - 1) for k, _, _ in expected])
+    assert found.telegrams_lost == sum(e - 1 for e in elapsed if e > 0)
+    assert (found.answered, found.waited) == (sum(e > 0 for e in elapsed), elapsed.count(0))
+    assert found.largest_m == pytest.approx(1e-6 * len(used))
 
 
 def test_lost_records_are_counted_and_make_no_step() -> None:

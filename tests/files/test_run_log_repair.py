@@ -155,10 +155,21 @@ def test_where_no_lock_tells_the_time_of_the_file_does(tmp_path: Path, monkeypat
     before = file.read_bytes()
     monkeypatch.setattr("counterflex.files.logs.repair.boot_id", lambda: "another")
     os.utime(file, (1000.0, 1000.0))
-    with pytest.raises(InputError, match="being written"):
-        repair_segment(file, 1004.0)
+    for age, told in ((4.0, "4.0"), (0.0, "0.0"), (-4.0, "0.0")):
+        with pytest.raises(InputError, match=f"being written; got changed {told} s ago"):
+            repair_segment(file, 1000.0 + age)
     assert file.read_bytes() == before
     assert repair_segment(file, 1006.0) is not None
+
+
+def test_a_file_stamped_in_the_future_is_not_being_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a computer whose clock is ahead, or before the clock here was set back: it stays no longer than any other."""
+    file = unfinished(tmp_path, rows(50))
+    monkeypatch.setattr("counterflex.files.logs.repair.boot_id", lambda: "another")
+    os.utime(file, (5000.0, 5000.0))
+    done = repair_segment(file, 1000.0)
+    assert done is not None
+    assert done.records == 50
 
 
 def test_an_older_original_is_never_replaced(tmp_path: Path) -> None:

@@ -5,8 +5,10 @@ Numbers are read back from the page or the figure and held against the data by N
 
 from __future__ import annotations
 
+import html
 import json
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +22,13 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.figures import NONE, weighted_figures
+from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import Profile, Section
+from counterflex.evaluate.path_deviation import PathDeviation
+from counterflex.evaluate.path_deviation import path_figures as figures_of_path
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.inspection.page import InspectionData, inspection_page
+from counterflex.report.inspection.path_figures import MeasuredPath
 from counterflex.report.inspection.section_figure import enlarged
 from counterflex.report.map_figure import MapPicture, callouts, map_figure, map_picture
 from counterflex.report.preflight.page import PreflightData, preflight_page
@@ -36,7 +42,7 @@ QUICK = settings(max_examples=15)
 def words(page: str) -> str:
     """Text of a page without scripts and markup."""
     text = re.sub(r"<(script|style).*?</\1>", " ", page, flags=re.DOTALL)
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", text))
+    return html.unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", text)))
 
 
 def figures_in(page: str) -> dict[str, Any]:
@@ -158,6 +164,48 @@ def test_an_inspection_says_before_and_after_in_their_places(before: float, afte
     assert shown == pytest.approx(expected, abs=6e-4)
 
 
+def measured_path(number: int, scale_m: float) -> MeasuredPath:
+    """A straight path in x with deviations at random; it cuts all the way, its first and last fifth are entry, exit."""
+    rng, n = np.random.default_rng(number), 50
+    left, up, along = rng.normal(size=(3, n)) * scale_m
+    x, none = np.arange(n) * MM, np.zeros(n)
+    nominal, yes = np.column_stack([x, none, none]), np.ones(n, np.bool_)
+    place = np.arange(n) / n
+    deviation = PathDeviation(
+        MM, x, nominal, nominal, x, np.zeros(n, np.int64), np.tile([1.0, 0.0, 0.0], (n, 1)),
+        np.tile([0.0, 1.0, 0.0], (n, 1)), np.column_stack([none, left, up]), left, up, along, yes.astype(float), yes,
+        place < 0.2, place >= 0.8, ~yes, ~yes,
+    )  # fmt: skip
+    return MeasuredPath(deviation, {"floor": up}, figures_of_path(deviation), cut_known=True, along_known=True)
+
+
+@settings(max_examples=5)
+@given(seed, st.floats(0.05, 2.0), st.floats(0.05, 2.0), st.booleans())
+def test_an_inspected_path_says_what_it_leaves_across_the_feed_after_and_before(
+    number: int, before: float, after: float, both: bool
+) -> None:
+    """By NumPy from the stations of each; the table has the same in the order of the parts, entries apart."""
+    assume(abs(before - after) > 0.1)
+    scale = (before, after) if both else (after,)
+    data = inspection(scale=scale)
+    paths = {name: measured_path(number, s * MM) for name, s in zip(data.deviations, scale, strict=True)}
+    text = words(inspection_page(replace(data, paths=paths)))
+    size = [np.linalg.norm(path.deviation.across, axis=1) / MM for path in paths.values()]
+    p997 = [float(np.quantile(v, 0.997, method="inverted_cdf")) for v in size]
+    more = f"; before, within {p997[0]:.3f} mm." if both else "."
+    assert f"the path of the tool lies within {p997[-1]:.3f} mm of the program's, across the feed{more}" in text
+    for title, rows in (("Across the feed, where the tool cut", slice(None)), ("Entries", slice(10)),
+                        ("Exits", slice(40, None)), ("Between them", slice(10, 40))):  # fmt: skip
+        shown = re.search(rf"{title} ((?:[\d.]+ ){{{4 * len(scale)}}})", text)
+        assert shown is not None
+        expected: list[float] = []
+        for v in size:
+            some = v[rows]
+            expected += [some.max(), float(np.quantile(some, 0.997, method="inverted_cdf")), np.sqrt(np.mean(some**2))]
+            expected.append(float(len(some)))
+        assert [float(word) for word in shown[1].split()] == pytest.approx(expected, abs=6e-4)
+
+
 @QUICK
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(1.0, 50.0))
 def test_a_feature_is_judged_after_with_twice_its_deviation(before: float, after: float, sigma_um: float) -> None:
@@ -179,6 +227,29 @@ def test_a_feature_is_judged_after_with_twice_its_deviation(before: float, after
 def test_what_was_not_measured_is_not_passed() -> None:
     data = inspection((feature({"before": 0.0}), feature({"before": 0.0, "after": 0.0})))
     assert "Of 2 quantities 1 not measured" in words(inspection_page(data))
+
+
+@pytest.mark.parametrize("measured", [1.0, 0.5])
+def test_what_was_measured_in_part_is_said_and_not_passed(measured: float) -> None:
+    one = replace(feature({"part": 0.0}), measured_share={"part": measured})
+    text = words(inspection_page(inspection((one,), scale=(1.0,))))
+    assert ("All 1 quantities within tolerance" in text) == (measured == 1.0)
+    assert ("Of 1 quantities 1 measured in part only" in text) == (measured == 0.5)
+    assert ("50 % seen" in text) == (measured == 0.5)
+    good = re.search(r'class="[^"]*badge[^"]*"', inspection_page(inspection((one,), scale=(1.0,))))
+    bad = re.search(r'class="[^"]*badge[^"]*"', inspection_page(inspection((feature({"part": 1.0}),), scale=(1.0,))))
+    assert good is not None
+    assert bad is not None
+    assert (good[0] == bad[0]) == (measured == 0.5)
+
+
+def test_areas_of_a_scan_stand_in_their_columns() -> None:
+    whole, some = (Coverage(*(k * MM**2 for k in areas)) for areas in ((100, 60, 10, 30), (40, 38, 2, 0)))
+    data = replace(inspection(scale=(1.0,)), coverage={"part": (whole, {"groove 1": some})})
+    text = words(inspection_page(data))
+    assert "feature judged not scanned, mm² not judged, mm² judged, mm² machined, mm²" in text
+    assert "whole machined surface 60 % 30 10 60 100" in text
+    assert "groove 1 95 % 0 2 38 40" in text
 
 
 @QUICK

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +14,20 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from counterflex.core.arrays import Float
+from counterflex.core.records import Record, records
+from counterflex.core.units import MM
 from counterflex.runtime.axis_gains import AxisGains
+from counterflex.runtime.loop_constants import pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.record_ring import MOST, ROWS, WIDTH, RecordRing
-from counterflex.runtime.settings import Delays
+from counterflex.runtime.monitoring.override_plan import slowed_time
+from counterflex.runtime.monitoring.override_settings import OverrideSettings
+from counterflex.runtime.record_ring import CYCLE, MOST, ROWS, WIDTH, RecordRing
+from counterflex.runtime.replay import Replay
+from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode, force_delay
+from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.signals.ahead import Ahead
+from counterflex.signals.limiter import MotionLimit
+from counterflex.signals.preview import Mode, Shaping
 
 QUICK = settings(max_examples=40)
 seed = st.integers(0, 2**31)
@@ -70,6 +82,55 @@ def test_gains_of_an_axis_are_those_of_the_difference_equation(
     np.testing.assert_allclose(gain_ * error + integral + slow, wanted, atol=1e-9)
 
 
+@QUICK
+@given(st.integers(0, 2), gain)
+def test_a_controller_with_a_single_gain_is_not_idle(which: int, size: float) -> None:
+    """Whichever it is: only what answers no error at all does nothing."""
+    gains = [0.0, 0.0, 0.0]
+    gains[which] = size
+    one = AxisGains(*gains, 0.01, 1.0)
+    answer = one.response(np.array([0.5, 3.0, 20.0]), 4e-3)
+    assert one.idle == (not np.any(answer)) == (size == 0.0)
+
+
+def packed(settings: OnlineSettings, plan: LoopPlan | None = None) -> Record:
+    """Constants of the step."""
+    out = records(SETTINGS, 1)[0]
+    pack_settings(out, settings, np.eye(4), plan)
+    return out
+
+
+@QUICK
+@given(st.floats(0.01, 1.0), st.floats(0.5, 40.0), st.floats(0.01, 2.0))
+def test_translation_and_rotation_ramp_out_in_one_share_of_their_speed(share: float, mm_s: float, turn: float) -> None:
+    """Whichever is faster: radius and acceleration stay those of correcting."""
+    move, spin = MotionLimit(2.0 * MM, mm_s * MM, 1.25), MotionLimit(0.005, turn, 3.0)
+    found = packed(OnlineSettings(translation=move, rotation=spin, ramp_m_s=share * mm_s * MM))
+    assert found.ramp.tolist() == pytest.approx([2.0 * MM, share * mm_s * MM, 1.25])
+    assert found.ramp_rotation.tolist() == pytest.approx([0.005, share * turn, 3.0])
+
+
+@QUICK
+@given(st.sampled_from(ForceMode), st.integers(0, 20), st.integers(0, 20), st.integers(0, 20), st.booleans())
+def test_what_a_tracker_shows_is_looked_up_as_late_as_it_is(
+    force: ForceMode, dead: int, tracker: int, follow: int, designed: bool
+) -> None:
+    """In cycles: a correction acts after its dead time, and a tracker tells of it later by its age.
+
+    The estimator of all sources looks at the correction of now, so there the age counts in the place of the pose alone.
+    """
+    T = 4e-3
+    mode = TrackerMode.NONE if force == ForceMode.FUSED else TrackerMode.DESIGNED if designed else TrackerMode.OBSERVER
+    settings = OnlineSettings(
+        force=force, tracker=mode, delays=Delays(dead_s=dead * T, tracker_s=tracker * T, follow_s=follow * T)
+    )
+    found = packed(settings)
+    assert found.correction_back == dead + (0 if force == ForceMode.FUSED else tracker)
+    assert (found.nominal_back, found.reported_back) == (follow + tracker, follow)
+    ahead = settings.lead_s if force == ForceMode.SCALE else -force_delay(settings)
+    assert found.deflection_back == max(0, round(ahead / T + tracker))
+
+
 def plan(points: Float, contained: Float) -> LoopPlan:
     n = len(points)
     return LoopPlan(points, np.arange(float(n)), np.zeros((n, 6)), np.ones(n), contained)
@@ -91,6 +152,37 @@ def test_the_feed_of_a_compensated_plan_is_that_of_the_program(number: int, size
     np.testing.assert_allclose(back[:-1], -plain[:-1][::-1], atol=1e-9)
 
 
+@settings(max_examples=12, deadline=None)
+@given(seed, st.floats(0.0, 1.0), st.booleans())
+def test_what_is_commanded_at_two_speeds_is_shaped_for_the_force_that_is_there(
+    number: int, exponent: float, lost: bool
+) -> None:
+    """The loop multiplies by the speed's power: so stored, it gives what the smaller force of the slower time needs."""
+    rng = np.random.default_rng(number)
+    time = np.cumsum(rng.uniform(2e-3, 6e-3, 400))
+    pulse = np.exp(-(((time - 0.5 * time[-1]) / 0.05) ** 2))[:, None]
+    points, none = np.cumsum(rng.uniform(0.0, 1e-4, (400, 3)), axis=0), np.zeros((400, 6))
+    wrench = pulse * rng.normal(size=6) * 300.0
+    of_drives = 0.1 * wrench if lost else None
+    ahead = Ahead(0.6, (Mode(2.0 * np.pi * 8.5, 0.1), Mode(30.0, 0.7)), Shaping(0.02, 0.012))
+    made = LoopPlan(
+        points, time, wrench, np.ones(400), none, need_m=pulse * np.array([0.0, 0.8, -0.4]) * MM, ahead=ahead,
+        w_ahead_part=ahead.command(wrench, time), w_lost_part=of_drives,
+    )  # fmt: skip
+    wish = OverrideSettings(tolerance_m=0.03 * MM, least=0.25)
+    online = OnlineSettings(force=ForceMode.SCALE, pilot=Pilot(lead_s=None))
+    slowed = made.at_speeds(online, wish, exponent)
+    assert slowed.speed is not None
+    assert slowed.w_ahead_part is not None
+    assert slowed.speed.min() < 0.8 < slowed.speed.max()
+    loop = slowed.speed[:, None] ** exponent  # what the step multiplies all forces of the plan by
+    later = slowed_time(time, slowed.speed)
+    needed = ahead.command(wrench * loop, later, 0.0 if of_drives is None else of_drives)
+    np.testing.assert_allclose(slowed.w_ahead_part * loop, needed, atol=1e-9)
+    still = made.at_speeds(online, replace(wish, tolerance_m=1.0), exponent)
+    np.testing.assert_array_equal(still.w_ahead_part, made.w_ahead_part)
+
+
 @settings(max_examples=10, deadline=None)
 @given(st.lists(st.integers(1, 2 * ROWS), min_size=1, max_size=4))
 def test_records_dropped_are_counted_over_the_whole_run(counts: list[int]) -> None:
@@ -109,6 +201,24 @@ def test_records_dropped_are_counted_over_the_whole_run(counts: list[int]) -> No
         assert ring.dropped + taken == written
     finally:
         ring.close()
+
+
+@QUICK
+@given(st.lists(st.integers(1, 6), min_size=1, max_size=40), st.lists(st.integers(0, 40), max_size=4))
+def test_cycles_that_are_missing_are_counted_whatever_pieces_they_come_in(steps: list[int], cuts: list[int]) -> None:
+    """Records and what is missing before them make the last cycle; a gap stands behind the last record before it."""
+    cycles = 1 + np.cumsum(steps)  # the first one is missing, so nothing can be computed
+    loop: Any = SimpleNamespace(reset=lambda: None, inputs=None)
+    replay = Replay(loop)
+    rows = np.zeros((len(cycles), WIDTH))
+    rows[:, CYCLE] = cycles
+    for piece in np.split(rows, sorted(cuts)):
+        replay(piece)
+    before = np.concatenate([[0], cycles[:-1]])
+    expected = [(int(a), int(b - a - 1)) for a, b in zip(before, cycles, strict=True) if b != a + 1]
+    assert [(gap.after, gap.missing) for gap in replay.gaps] == expected
+    assert sum(gap.missing for gap in replay.gaps) + len(cycles) == cycles[-1]
+    assert (replay.skipped, replay.compared, replay.difference) == (len(cycles), 0, None)
 
 
 def test_delays_that_are_replaced_stay_apart() -> None:

@@ -40,6 +40,22 @@ def test_one_wrong_stamp_is_forgotten(wrong_s: float) -> None:
         assert clock.set_back == 0
 
 
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 990), st.integers(1, 60), st.booleans())
+def test_an_old_sample_that_is_repeated_becomes_older_and_sets_no_clock(back: int, times: int, mixed: bool) -> None:
+    """A duplicate is no second sample of another time; between new samples it changes nothing for them either."""
+    clock = ArrivalClock(LEAST_S)
+    ages(clock, 0, 1000)
+    old_s = PERIOD_S * (999 - back) - LEAST_S
+    for k in range(times):
+        now_s = PERIOD_S * (1000 + k)
+        assert clock.age(now_s, old_s) == pytest.approx(now_s - old_s, abs=1e-3)
+        if mixed:
+            assert clock.age(now_s, now_s - LEAST_S) == pytest.approx(LEAST_S, abs=1e-3)
+    assert clock.set_back == 0
+    assert ages(clock, 1000 + times, 10) == pytest.approx([LEAST_S] * 10, abs=1e-3)
+
+
 def test_samples_that_come_late_are_late() -> None:
     """A network that stands still for 0.2 s is no clock that was set back: the stamps go on."""
     clock = ArrivalClock(LEAST_S)

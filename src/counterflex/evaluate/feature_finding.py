@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import DEG, UM
 from counterflex.path import FEED, ToolPath
 
@@ -71,16 +71,23 @@ class CircularPocket:
 
 Feature = Groove | CircularPocket
 
-_Turn = tuple[Float, float, float, float, float]
-"""Centre, radius, height, angle, radius of the cutter."""
+@dataclass(frozen=True)
+class _Arc:
+    """A level arc: centre (2,) m, radius and height in m, angles from ``first`` to the larger ``last``, rad."""
+
+    centre: Float
+    radius: float
+    z: float
+    first: float
+    last: float
 
 
 def find_features(nominal: ToolPath, cutter_radius_m: float | Float) -> tuple[Feature, ...]:
     """Find candidates in the feed motions of a program; measuring drops those without walls on the part.
 
     A groove is a straight feed motion that runs at least two cutter diameters in the plane; passes over the same line
-    with one cutter count once, the deepest. A pocket is a closed set of arcs about one centre at one height; its
-    outermost turn and lowest floor count.
+    with one cutter count once, the deepest. A pocket is a closed set of arcs about one centre at one height, each angle
+    counted once; its outermost turn and lowest floor count.
 
     Args:
         nominal: Tool path of the original program; arcs sampled by at least four rows each.
@@ -92,7 +99,7 @@ def find_features(nominal: ToolPath, cutter_radius_m: float | Float) -> tuple[Fe
     p, motion = np.asarray(nominal.p_part_tcp), np.asarray(nominal.motion)
     radii = np.broadcast_to(np.asarray(cutter_radius_m, dtype=np.float64), (len(motion),))
     grooves: list[tuple[Float, Float, float]] = []
-    turns: list[_Turn] = []
+    arcs: list[tuple[_Arc, float]] = []
     edges = np.flatnonzero(np.diff(motion)) + 1
     for first, stop in zip(np.append(0, edges), np.append(edges, len(motion)), strict=True):
         if nominal.kind[stop - 1] != FEED or stop < 2:
@@ -102,16 +109,16 @@ def find_features(nominal: ToolPath, cutter_radius_m: float | Float) -> tuple[Fe
         if float(np.hypot(chord[0], chord[1])) >= 4.0 * radius and _straight(rows):
             _add_groove(grooves, rows[0], rows[-1], radius)
         elif len(rows) >= 4 and float(np.ptp(rows[:, 2])) < UM:
-            turn = _turn(rows)
-            if turn is not None:
-                turns.append((*turn, radius))
+            arc = _arc(rows)
+            if arc is not None:
+                arcs.append((arc, radius))
     results: list[Feature] = []
     counts = {False: 0, True: 0}
     for start, end, radius in grooves:
         ramp = abs(float(end[2] - start[2])) > _SAME_M
         counts[ramp] += 1
         results.append(Groove(f"{'ramp' if ramp else 'groove'} {counts[ramp]}", start, end, radius))
-    results.extend(_pockets(turns))
+    results.extend(_pockets(arcs))
     return tuple(results)
 
 
@@ -135,8 +142,8 @@ def _add_groove(grooves: list[tuple[Float, Float, float]], start: Float, end: Fl
     grooves.append((start.copy(), end.copy(), radius))
 
 
-def _turn(rows: Float) -> tuple[Float, float, float, float] | None:
-    """Centre, radius, height and angle of rows on a circle; None where they are on none."""
+def _arc(rows: Float) -> _Arc | None:
+    """Arc that rows are on; None where they are on none."""
     xy = rows[:, :2] - rows[:, :2].mean(axis=0)
     A = np.column_stack([2.0 * xy, np.ones(len(xy))])
     solution, _, rank, _ = np.linalg.lstsq(A, np.sum(xy * xy, axis=1), rcond=None)
@@ -147,23 +154,46 @@ def _turn(rows: Float) -> tuple[Float, float, float, float] | None:
     if radius > 1.0 or float(np.abs(np.linalg.norm(xy - centre, axis=1) - radius).max()) > 2.0 * UM:
         return None
     angle = np.unwrap(np.arctan2(xy[:, 1] - centre[1], xy[:, 0] - centre[0]))
-    return centre + rows[:, :2].mean(axis=0), radius, float(rows[0, 2]), float(abs(angle[-1] - angle[0]))
+    first, last = sorted((float(angle[0]), float(angle[-1])))
+    return _Arc(centre + rows[:, :2].mean(axis=0), radius, float(rows[0, 2]), first, last)
 
 
-def _pockets(turns: list[_Turn]) -> list[Feature]:
+def _pockets(arcs: list[tuple[_Arc, float]]) -> list[Feature]:
     """Closed turns about one centre with one cutter, the outermost of each centre at its lowest floor."""
-    closed: dict[tuple[int, int, float], dict[tuple[int, int], float]] = {}
-    for centre, radius, z, angle, cutter in turns:
-        place = (round(float(centre[0]) / _SAME_M), round(float(centre[1]) / _SAME_M), cutter)
-        circle = (round(radius / _SAME_M), round(z / _SAME_M))
-        turned = closed.setdefault(place, {})
-        turned[circle] = turned.get(circle, 0.0) + angle
+    if not arcs:
+        return []
+    values = np.array([[*arc.centre, arc.radius, arc.z] for arc, _ in arcs])
+    x, y, size, level = (_alike(column).tolist() for column in values.T)
+    closed: dict[tuple[int, int, float], dict[tuple[int, int], list[int]]] = {}
+    for k, (_, cutter) in enumerate(arcs):
+        closed.setdefault((x[k], y[k], cutter), {}).setdefault((size[k], level[k]), []).append(k)
     results: list[Feature] = []
-    for place, circles in closed.items():
-        whole = [circle for circle, angle in circles.items() if angle > 330.0 * DEG]
+    for (_, _, cutter), circles in closed.items():
+        whole = [own for own in circles.values() if _covered([arcs[k][0] for k in own]) > 330.0 * DEG]
         if whole:
-            radius = max(circle[0] for circle in whole) * _SAME_M
-            floor = min(circle[1] for circle in whole) * _SAME_M
+            rows = np.array([values[own].mean(axis=0) for own in whole])
             name = f"pocket {len(results) + 1}"
-            results.append(CircularPocket(name, np.array(place[:2]) * _SAME_M, radius, floor, place[2]))
+            outermost = rows[np.argmax(rows[:, 2])]
+            results.append(CircularPocket(name, outermost[:2], float(outermost[2]), float(rows[:, 3].min()), cutter))
     return results
+
+
+def _alike(values: Float) -> Int:
+    """(n,) the same number for values that follow each other within :data:`_SAME_M`."""
+    order = np.argsort(values, kind="stable")
+    out = np.empty(len(values), dtype=np.int64)
+    out[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > _SAME_M)
+    return out
+
+
+def _covered(arcs: list[_Arc]) -> float:
+    """Angle of a circle that arcs on it cover, rad; what several cover counts once."""
+    whole, pieces = 2.0 * np.pi, []
+    for arc in arcs:
+        begin, span = arc.first % whole, min(arc.last - arc.first, whole)
+        pieces += [(begin, min(begin + span, whole)), (0.0, max(begin + span - whole, 0.0))]
+    total = reach = 0.0
+    for begin, end in sorted(pieces):
+        total += max(0.0, end - max(begin, reach))
+        reach = max(reach, end)
+    return total

@@ -28,7 +28,7 @@ class Incident:
         before: State left; None where the first record of the run is in it already.
         state: Hold or fault.
         cause: As latched then.
-        path_m: Distance of the commanded point from the plan in that cycle, or the one before where it was larger; 0
+        path_m: Distance of the commanded point from the plan in that record, or the one before where it was larger; 0
             without a plan.
         elapsed: Cycles of the controller since the telegram before; 0 where none came.
     """
@@ -46,7 +46,7 @@ class IncidentFinder:
     """Takes the records of one run piece by piece, in order.
 
     Attributes:
-        found: The first :data:`MOST_INCIDENTS`, in order.
+        incidents: The first :data:`MOST_INCIDENTS`, in order.
         total: All of them, also those beyond.
     """
 
@@ -54,6 +54,7 @@ class IncidentFinder:
         self.incidents: list[Incident] = []
         self.total = 0
         self._state: State | None = None
+        self._path_m = 0.0  # of the last record
         self._begin_ns: float | None = None
 
     def add(self, rows: Float) -> None:
@@ -90,8 +91,8 @@ class IncidentFinder:
                     None if earlier[k] < 0 else State(int(earlier[k])),
                     State(int(states[k])),
                     Cause(int(cause)),
-                    float(rows[max(0, k - 1) : k + 1, _PATH].max()),
+                    max(self._path_m if k == 0 else float(rows[k - 1, _PATH]), float(row[_PATH])),
                     int(row[_ELAPSED]),
                 )
             )
-        self._state = State(int(states[-1]))
+        self._state, self._path_m = State(int(states[-1])), float(rows[-1, _PATH])

@@ -161,9 +161,9 @@ def corner_zones(tracked: Tracked, corners: Float, reach_m: float) -> tuple[Bool
 
 
 def turn_zone(tracked: Tracked, run_in_rad: float) -> Bool:
-    """Samples (n,) of one whole turn of a circle about the origin, after a run-in."""
+    """Samples (n,) of one whole turn of a circle about the origin in either sense, after a run-in."""
     angle = np.unwrap(np.arctan2(tracked.p_command[:, 1], tracked.p_command[:, 0]))
-    turned = angle - angle[0]
+    turned = np.abs(angle - angle[0])
     out: Bool = (turned >= run_in_rad) & (turned < run_in_rad + 2.0 * np.pi)
     return out
 

@@ -26,7 +26,8 @@ class ArrivalClock:
 
     A clock that was set back is known by time stamps that fall; by how much does not matter. It is taken anew with the
     eighth sample of the new time; until then its samples are older than those before them, and their user sees
-    it. One sample with a wrong stamp changes nothing: the next one has the old time again. Where no stamp falls, since
+    it. One sample with a wrong stamp changes nothing, however often it is repeated: the next one has the old time again.
+    Where no stamp falls, since
     the source was silent meanwhile, it is known after five samples that would be older than 2 s, or when for 1 s behind
     a silence of 0.1 s and more (of the stamps, too: a network that stands still lets them go on) every sample is later
     by the same: a queue that is worked off becomes shorter.
@@ -66,8 +67,9 @@ class ArrivalClock:
             self._floor += self._rate * max(0.0, now_s - self._last)
         self._watch_silence(now_s, difference_s, stamp_s)
         self._last = now_s
+        repeated = stamp_s == self._stamp
         self._watch_stamp(difference_s, stamp_s)
-        self._far = self._far + 1 if difference_s - self._floor > _ANEW_S else 0
+        self._far = self._far + (not repeated) if difference_s - self._floor > _ANEW_S else 0
         if self._far >= _ANEW_SAMPLES:
             self._begin_anew(difference_s)
         self._floor = min(self._floor, difference_s)
@@ -79,7 +81,7 @@ class ArrivalClock:
             self._fallen, self._new_floor = 1, difference_s
         elif self._fallen and difference_s < 0.5 * (self._floor + self._new_floor):
             self._fallen = 0
-        elif self._fallen:
+        elif self._fallen and stamp_s > self._stamp:
             self._fallen, self._new_floor = self._fallen + 1, min(self._new_floor, difference_s)
         self._stamp = stamp_s
         if self._fallen >= _FALLEN_SAMPLES:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,14 @@ from hypothesis import strategies as st
 from counterflex.app.compensation.chip_remark import extrapolation
 from counterflex.app.compensation.feed_limits import shown_limits
 from counterflex.app.compensation.headline import error_rows, headline_of, worse_lines, worse_warnings
-from counterflex.app.compensation.prediction import calm_feed_text, chatter, chatter_warnings, figures, path_error
+from counterflex.app.compensation.prediction import (
+    calm_feed,
+    calm_feed_text,
+    chatter,
+    chatter_warnings,
+    figures,
+    path_error,
+)
 from counterflex.app.correction.causes import scaled, shown
 from counterflex.app.correction.history import PARTS, Part, keep_parts, read_parts, trend
 from counterflex.app.unknown_stiffness import expected
@@ -190,6 +198,31 @@ def test_a_lowered_feed_is_told_by_its_least_and_its_whole_length() -> None:
     text = calm_feed_text({"swing_um": 30, "extra_s": 1.25, "lines": lines})
     assert "down to 35.5 %, over 7 mm" in text
     assert "(line 3, 9): 1.2 s longer" in text
+
+
+@QUICK
+@given(seed)
+def test_a_lowered_feed_is_told_of_each_line_by_its_least_and_the_way_that_is_slowed(number: int) -> None:
+    """Row by row: what is fed at full speed in the same line counts neither as its feed nor as its length."""
+    plan, rng = plan_of(number), np.random.default_rng(number)
+    share = np.where(rng.random(N) < 0.5, rng.uniform(0.1, 0.99, N), 1.0)
+    late = rng.uniform(0.0, 5.0)
+    slowed = replace(plan.path, feed_m_s=share * plan.path.feed_m_s, time_s=plan.path.time_s + late)
+    cell: Any = SimpleNamespace(tables=SimpleNamespace(dynamics=SimpleNamespace(swing_um=30.0)))
+    job: Any = SimpleNamespace(path=plan.path)
+    found = calm_feed(job, replace(plan, path=slowed), cell)
+    x = plan.path.p_part_tcp[:, 0]
+    least: dict[int, float] = {}
+    way: dict[int, float] = {}
+    for row in np.flatnonzero(share < 1.0):
+        line = int(plan.line[row])
+        least[line] = min(least.get(line, 1.0), share[row])
+        way[line] = way.get(line, 0.0) + (x[row] - x[row - 1] if row else 0.0)
+    assert [row["line"] for row in found["lines"]] == sorted(least)
+    for row in found["lines"]:
+        assert row["feed_percent"] == pytest.approx(100.0 * least[row["line"]], abs=0.051)
+        assert row["length_mm"] == pytest.approx(way[row["line"]] / MM, abs=0.0051)
+    assert (found["swing_um"], found["extra_s"]) == (30.0, pytest.approx(late, abs=6e-4))
 
 
 class Line:

@@ -123,9 +123,38 @@ def test_a_circle_in_pieces_at_several_levels_is_one_pocket(levels: list[float],
         motions += [(RAPID, np.add(ring[-1:], [0.0, 0.0, 0.05]))]
     (pocket,) = find_features(program(motions), 4.0 * MM)
     assert isinstance(pocket, CircularPocket)
-    assert pocket.floor_m == pytest.approx(-4.0 * MM, abs=5.0 * UM)
-    assert pocket.path_radius_m == pytest.approx(radius, abs=5.0 * UM)
-    np.testing.assert_allclose(pocket.centre, centre, atol=5.0 * UM)
+    assert pocket.floor_m == pytest.approx(-4.0 * MM, abs=0.01 * UM)
+    assert pocket.path_radius_m == pytest.approx(radius, abs=0.01 * UM)
+    np.testing.assert_allclose(pocket.centre, centre, atol=0.01 * UM)
+
+
+place_um = st.integers(-20_000, 20_000).map(lambda k: 5 * k)
+
+
+@settings(max_examples=25)
+@given(st.tuples(place_um, place_um), st.integers(2000, 4000), st.integers(1, 5), st.booleans())
+def test_a_pocket_has_the_place_and_size_of_its_circle_to_the_micrometre(
+    centre_um: tuple[int, int], radius_5um: int, quarters: int, there_and_back: bool
+) -> None:
+    """Quarter arcs that close a turn make one pocket of just their circle; less than a turn cut twice makes none."""
+    centre, radius = np.array(centre_um) * UM, 5.0 * UM * radius_5um
+    motions: list[tuple[int, Float]] = [(RAPID, np.array([[centre[0] + radius, centre[1], 0.05]]))]
+    ends = list(range(quarters))
+    for k in [*ends, *([-1 - e for e in reversed(ends)] if there_and_back else [])]:
+        begin, end = (k, k + 1) if k >= 0 else (-k, -k - 1)
+        angle = np.linspace(begin, end, 31)[1:] * np.pi / 2.0
+        ring = centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        motions.append((FEED, np.column_stack([ring, np.full(30, -2.0 * MM)])))
+    start = np.array([[centre[0] + radius, centre[1], -2.0 * MM]])
+    found = find_features(program([motions[0], (FEED, start), *motions[1:]]), 4.0 * MM)
+    if quarters < 4:
+        assert not [one for one in found if isinstance(one, CircularPocket)]
+        return
+    (pocket,) = found
+    assert isinstance(pocket, CircularPocket)
+    np.testing.assert_allclose(pocket.centre, centre, atol=0.01 * UM)
+    assert pocket.path_radius_m == pytest.approx(radius, abs=0.01 * UM)
+    assert pocket.floor_m == pytest.approx(-2.0 * MM, abs=0.01 * UM)
 
 
 R = 50.0 * MM

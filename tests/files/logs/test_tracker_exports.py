@@ -6,14 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM
 from counterflex.files.logs.tracker_exports.dtrack import DTrackLines
-from counterflex.files.logs.tracker_exports.formats import FORMATS, read_export
+from counterflex.files.logs.tracker_exports.formats import FORMATS, collected, read_export
+from counterflex.files.logs.tracker_exports.point_table import PointTableLines
 from counterflex.files.logs.tracker_exports.stamps import stamp_ns
 from counterflex.files.logs.tracker_log import log_text
-from counterflex.geometry import rotation
+from counterflex.geometry import pose, rotation
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose
 
 SAMPLES = Path(__file__).parents[3] / "examples" / "tracker_exports"
 POINTS = np.array(
@@ -112,6 +116,44 @@ def test_bad_exports(tmp_path: Path, form: str, text: str, message: str) -> None
         read_export(file, form)
     assert "\n" not in str(fault.value)
     assert "export.txt" in str(fault.value)
+
+
+@settings(max_examples=40)
+@given(st.lists(st.sampled_from([0, BEAM_BROKEN, INACCURATE, BEAM_BROKEN | INACCURATE]), min_size=1), st.booleans())
+def test_readings_that_the_tracker_doubts_are_left_out_and_counted(doubts: list[int], bare: bool) -> None:
+    """Neither their place, nor their time, nor their standard deviation counts, wherever they stand in the record."""
+    more = NO_ORIENTATION if bare else 0
+    everything = [
+        TrackerPose(k, 1000 + 3000 * k, doubt | more, 0, pose.make(p=np.array([k, 0.0, 0.0])), 0.5 + k)
+        for k, doubt in enumerate(doubts)
+    ]
+    good = [k for k, doubt in enumerate(doubts) if doubt == 0]
+    if not good:
+        with pytest.raises(FileFormatError, match=f"no usable reading; got {len(doubts)} readings"):
+            collected(everything, "x")
+        return
+    found = collected(everything, "x")
+    assert found.Ts_tracker_target[:, 0, 3].tolist() == good
+    assert found.left_out == len(doubts) - len(good)
+    assert found.oriented is not bare
+    assert found.sigma_m == 0.5 + np.median(good)
+    assert (found.time_s is None) == (len(good) == 1)
+    if found.time_s is not None:
+        assert found.time_s == pytest.approx(3e-6 * (np.array(good) - good[0]), abs=1e-15)
+
+
+@settings(max_examples=40)
+@given(st.floats(0.5, 20.0), st.floats(-180.0, 180.0), st.floats(-89.0, 89.0), st.booleans())
+def test_a_point_by_its_angles(distance: float, azimuth: float, elevation: float, from_zenith: bool) -> None:
+    """Elevation counts from the horizon up, zenith from the vertical down: one point by both, and its closed form."""
+    name, angle = ("V", 90.0 - elevation) if from_zenith else ("Elevation", elevation)
+    lines = PointTableLines("x")
+    assert lines.measured(f"Time [s],Distance [m],Hz [deg],{name} [deg]") is None
+    found = lines.measured(f"0.5,{distance!r},{azimuth!r},{angle!r}")
+    assert found is not None
+    a, e = azimuth * DEG, elevation * DEG
+    expected = distance * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    np.testing.assert_allclose(found.T_tracker_target[:3, 3], expected, atol=1e-9)
 
 
 def test_names_at_the_command_line() -> None:

@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.identify.solver.agreement import contradicted
+from counterflex.identify.solver.agreement import agreement, contradicted
 from counterflex.identify.solver.considered import added
 from counterflex.identify.solver.correlated import long_run, with_correlation
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import GROSS, Folds, HeldOut, cross_validate
+from counterflex.identify.solver.holdout import GROSS, Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.intervals import covariance_si, coverage_factor, intervals, of_linear
 from counterflex.identify.solver.jackknife import parts_of_groups
 from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve
 
 QUICK = settings(max_examples=25)
@@ -113,6 +114,96 @@ def test_each_block_is_judged_by_its_own_median(number: int) -> None:
     coarse = replace(coarse, group=coarse.group + 1000)
     found = cross_validate(parameters(), [fine, coarse], needed=("a",), folds=Folds(4))
     assert not found.gross.any()
+
+
+@QUICK
+@given(seed, st.floats(0.01, 100.0))
+def test_gross_rows_are_those_that_both_models_miss_beside_their_own_block(number: int, coarse: float) -> None:
+    """Errors at random, some far off for one model or for both, in blocks of different size and length."""
+    rng = np.random.default_rng(number)
+    blocks = [replace(line(rng, n), name=name) for n, name in ((7, "fine"), (15, "coarse"), (4, "few"))]
+    scale = {"fine": 1.0, "coarse": coarse, "few": rng.uniform(0.1, 10.0)}
+    made = {
+        b.name: scale[b.name]
+        * rng.uniform(0.5, 1.5, (2, len(b.t)))
+        * np.where(rng.random((2, len(b.t))) < 0.3, GROSS * rng.uniform(0.6, 2.0), 1.0)
+        for b in blocks
+    }
+    known = parameters().nominal
+
+    def error(block: Residuals, x: Float) -> Float:
+        assert isinstance(block, Line)
+        return made[block.name][int(np.array_equal(x, known))]
+
+    found = score_separate(parameters(), [line(rng, 9)], blocks, error=error)
+    expected = []
+    for b in blocks:
+        missed = [row > GROSS * np.median(row) for row in made[b.name]]
+        expected += (missed[0] & missed[1]).tolist()
+    assert found.gross.tolist() == expected
+    assert found.identified.tolist() == np.concatenate([made[b.name][0] for b in blocks]).tolist()
+    assert found.nominal.tolist() == np.concatenate([made[b.name][1] for b in blocks]).tolist()
+
+
+@QUICK
+@given(seed, st.floats(0.2, 5.0), st.floats(0.2, 5.0))
+def test_a_covariance_does_not_depend_on_how_a_value_is_fitted(number: int, first: float, second: float) -> None:
+    """In units of any size, or by its logarithm: all of it is that of the line of least squares, the cross term too."""
+    block = line(np.random.default_rng(number), 30)
+    items = [
+        Parameter("held", "m", 7.0, 1.0, free=False),
+        Parameter("a", "m", 1.0, np.inf, scale=first),
+        Parameter("b", "m", 2.0, np.inf, lower=1e-3, log=True, scale=second),
+    ]
+    fit = solve(Parameters.of(items), [Behind(block)], robust=False)
+    A = np.stack([np.ones(30), block.t], axis=1)
+    expected = max(fit.sigma_factors) ** 2 * 1e-6 * np.linalg.inv(A.T @ A)
+    found = covariance_si(fit)
+    np.testing.assert_allclose(found[1:, 1:], expected, rtol=0.02)
+    assert not found[0].any()
+    assert not found[:, 0].any()
+    np.testing.assert_allclose(np.sqrt(np.diag(found)), fit.sigma, rtol=1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class Behind:
+    """A line whose two values stand behind another one that it does not depend on."""
+
+    of: Line
+    name: str = "behind"
+    components: tuple[str, ...] = ("y m",)
+
+    @property
+    def sigma(self) -> Float:
+        return self.of.sigma
+
+    @property
+    def group(self) -> Int:
+        return self.of.group
+
+    def evaluate(self, x: Float) -> Float:
+        return self.of.evaluate(x[1:])
+
+    def jacobian(self, x: Float) -> Float:
+        return np.pad(self.of.jacobian(x[1:]), ((0, 0), (0, 0), (1, 0)))
+
+    def subset(self, rows: Bool) -> Behind:
+        return replace(self, of=self.of.subset(rows))
+
+
+@QUICK
+@given(seed, st.floats(0.5, 0.99))
+def test_a_mirrored_quantity_has_a_mirrored_interval(number: int, level: float) -> None:
+    """What is predicted under a force of the other sign: the same width, the ends exchanged and turned."""
+    rng = np.random.default_rng(number)
+    fit = solve(parameters(), [line(rng, 12)], robust=False)
+    G = rng.normal(size=(5, 2))
+    one, other = (of_linear(fit, s * G, s * (G @ fit.values), level) for s in (1.0, -1.0))
+    np.testing.assert_allclose(other.sigma, one.sigma, rtol=1e-12)
+    np.testing.assert_allclose(other.lower, -one.upper, rtol=1e-12)
+    np.testing.assert_allclose(other.upper, -one.lower, rtol=1e-12)
+    assert np.all(one.lower < one.value)
+    assert np.all(one.value < one.upper)
 
 
 @QUICK
@@ -234,3 +325,29 @@ def test_how_much_comes_from_the_data_is_told_by_what_they_narrow(prior: float, 
     fit: Fit = solve(parameters(prior=prior, nominal=3.0), [block], robust=False)
     assert fit.seen == ("determined", seen)
     assert fit.sigma[1] == pytest.approx(1.0 / np.sqrt(1e6 + prior**-2), rel=1e-3)
+
+
+@QUICK
+@given(seed, st.sampled_from([1.0, 0.7e-3, 1e-4]), st.floats(-3.0, 3.0), st.integers(1, 3))
+def test_agreement_with_what_was_known_is_that_of_its_closed_form(
+    number: int, prior: float, off: float, folds: int
+) -> None:
+    """One known value: ``u^2 / (l (1 - l))`` of each fit is chi-squared; values that the data see make the growth."""
+    rng = np.random.default_rng(number)
+    fits = []
+    for _ in range(folds):
+        t = rng.uniform(-1.0, 2.0, 40)
+        y = 2.0 + 3.0 * t + 1e-2 * rng.standard_normal(40)
+        block = Line(t, y, np.full((40, 1), 1e-2), np.arange(40))
+        fits.append(solve(parameters(prior=prior, nominal=3.0 + off * prior), [block], robust=False))
+    found = agreement(fits)
+    total = count = seen = 0.0
+    for fit in fits:
+        u, share = (fit.values[1] - 3.0 - off * prior) / prior, (fit.sigma[1] / prior) ** 2
+        seen += sum(word != "prior" for word in fit.seen)
+        if share < 0.5:
+            total, count = total + u**2 / (share * (1.0 - share)), count + 1
+    assert found.directions == count
+    assert found.chance == pytest.approx(stats.chi2.sf(total, count) if count else 1.0, abs=1e-6)
+    assert found.growth == pytest.approx(1.0 + 4.0 * seen / sum(fit.dof for fit in fits))
+    assert found.agrees == (found.chance >= 0.01)
