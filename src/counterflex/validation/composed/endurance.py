@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from counterflex.core.arrays import Float
 from counterflex.core.errors import Interrupted
 from counterflex.core.progress import Progress, silent
@@ -98,7 +96,7 @@ class _Table:
             "cycles": world.cycles,
             "counter": world.controller.counter,
             "resident_mb": _resident_mb(),
-            "open_files": float(len(os.listdir("/proc/self/fd"))) if os.path.isdir("/proc/self/fd") else np.nan,
+            "open_files": _open_files(),
             "active": self.looks.states.get("ACTIVE", 0),
             "states": sum(self.looks.states.values()),
             "programs": world.people.programs,
@@ -118,6 +116,12 @@ class _Table:
                 file.write(",".join(row) + "\n")
             file.write(",".join(f"{value:.12g}" for value in row.values()) + "\n")
         self._progress(min(1.0, world.now_s / self._length_s), f"{row['hours']:g} h, {row['resident_mb']:g} MB")
+
+
+def _open_files() -> float:
+    """Open files of this process; not-a-number where the system does not say."""
+    place = Path("/proc/self/fd")
+    return float(len(list(place.iterdir()))) if place.is_dir() else float("nan")
 
 
 def _resident_mb() -> float:

@@ -243,13 +243,18 @@ class _Looks:
 def _log_figures(log: Path) -> dict[str, Any]:
     """Read the log as ``log show`` does: is it whole?"""
     shown = run_log.show(log)
-    of_runs = [{key: run[key] for key in ("answered", "waited", "telegrams_lost", "records_lost")} for run in shown["runs"]]
-    return {"incomplete": shown["incomplete"], "segments": len(shown["segments"]), "lines": shown["lines"], "runs": of_runs}
+    of_runs = [
+        {key: run[key] for key in ("answered", "waited", "telegrams_lost", "records_lost")} for run in shown["runs"]
+    ]
+    return {
+        "incomplete": shown["incomplete"],
+        "segments": len(shown["segments"]),
+        "lines": shown["lines"],
+        "runs": of_runs,
+    }
 
 
-def _watch(
-    out: _Watched, looks: _Looks, pipe: Any, cell: BaseProcess, minutes: float, progress: Progress
-) -> None:
+def _watch(out: _Watched, looks: _Looks, pipe: Any, cell: BaseProcess, minutes: float, progress: Progress) -> None:
     """Sample memory and load, be the operator, and take what the cell tells, until it has finished."""
     begin = time.monotonic()
     due = look = begin
