@@ -9,9 +9,10 @@ Percentiles of any number of times take constant memory: times are counted in cl
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -55,6 +56,36 @@ class LatencyHistogram:
         self._counts += np.bincount(np.minimum(classes, _CLASSES - 1), minlength=_CLASSES)
         self.n += len(times)
         self.largest = max(self.largest, float(np.max(times)))
+
+    def plain(self) -> dict[str, Any]:
+        """Plain values: ``{"largest": ..., "classes": {number: count}}``."""
+        met = np.flatnonzero(self._counts)
+        return {"largest": self.largest, "classes": {str(k): int(self._counts[k]) for k in met}}
+
+    def join(self, table: Mapping[str, Any]) -> None:
+        """Add the counts of another one.
+
+        Args:
+            table: As :meth:`plain` gives it.
+
+        Raises:
+            InputError: A class that there is not.
+        """
+        for name, count in table["classes"].items():
+            if not 0 <= int(name) < _CLASSES:
+                raise InputError("class of times", value=name, limit=(0, _CLASSES - 1))
+            self._counts[int(name)] += int(count)
+            self.n += int(count)
+        self.largest = max(self.largest, float(table["largest"]))
+
+    def percentiles(self, unit_s: float) -> Percentiles:
+        """Percentiles of all times, s; see :meth:`at`.
+
+        Args:
+            unit_s: Unit of the times that were counted.
+        """
+        p50, p99, p999 = (self.at(share) * unit_s for share in (0.5, 0.99, 0.999))
+        return Percentiles(p50, p99, p999, self.largest * unit_s, self.n)
 
     def at(self, share: float) -> float:
         """Time that at least this share (0 .. 1) of all does not exceed, see the class; 0 for none.

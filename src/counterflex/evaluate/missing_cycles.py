@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -58,6 +59,22 @@ class MissingFinder:
             time_s = 0.0 if before is None else (float(rows[k, _RECEIVED]) - before) * NS
             self._add_gap(int(cycles[k]), int(cycles[k + 1] - cycles[k] - 1), time_s)
         self._cycle, self._time_ns = int(cycles[-1]), float(rows[-1, _RECEIVED])
+
+    def join(self, first: Float, last: Float, gaps: Sequence[MissingCycles], total: int) -> None:
+        """Take what is known of a stretch of records without them.
+
+        Args:
+            first: Its first record, (WIDTH,).
+            last: Its last one.
+            gaps: Within it, the first :data:`MOST_GAPS`.
+            total: Cycles without a record within it.
+        """
+        self.add(first[None])
+        for gap in gaps:
+            if len(self.gaps) < MOST_GAPS:
+                self.gaps.append(gap)
+        self.total += total
+        self._cycle, self._time_ns = int(last[CYCLE]), float(last[_RECEIVED])
 
     def end(self, lost: int) -> None:
         """Say that so many records are known to be missing behind the last one."""

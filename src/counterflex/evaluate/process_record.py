@@ -119,6 +119,29 @@ class ProcessRecord:
         self._cycles += len(rows)
         self._slowed += int(slow.sum())
         self._least = min(self._least, float(requested[slow].min(initial=1.0)))
+        return self._take_events(rows)
+
+    def join(self, kept: Float, cycles: int, slowed: int, least: float) -> None:
+        """Take what is known of a stretch of records without them.
+
+        Args:
+            kept: (k, WIDTH) its first and last record and those with events.
+            cycles: Its records.
+            slowed: Those in which less than the programmed speed was asked for.
+            least: Lowest share of it.
+        """
+        if self._begin is None:
+            self._begin = float(kept[0, column("received_ns")])
+        self._cycles += cycles
+        self._slowed += slowed
+        self._least = min(self._least, least)
+        self._take_events(kept)
+
+    def sums(self) -> dict[str, float]:
+        """What :meth:`join` asks for, by name."""
+        return {"slowed": self._slowed, "least_speed": self._least}
+
+    def _take_events(self, rows: Float) -> tuple[ProcessEvent, ...]:
         bits = rows[:, column("event_new")]
         good = (bits >= 0) & (bits < 1 << EVENTS) & (bits == np.floor(bits))
         if not good.all():

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
-from counterflex.evaluate.loop_timing import Percentiles, percentiles
-from counterflex.evaluate.missing_cycles import MissingFinder
+from counterflex.core.units import UM
+from counterflex.evaluate.loop_timing import LatencyHistogram, Percentiles, percentiles
+from counterflex.evaluate.missing_cycles import MissingCycles, MissingFinder
 from counterflex.evaluate.process_record import ProcessFigures, ProcessRecord
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.estimator.fusion import Source
@@ -121,11 +123,15 @@ class RunFigures:
 
 
 class RunRecord:
-    """Takes the records of one run piece by piece, in order."""
+    """Takes the records of one run piece by piece, in order, or what is known of them without them.
 
-    def __init__(self) -> None:
+    Args:
+        begun: The first record that it takes is the run's first, so that cycles before it are missing.
+    """
+
+    def __init__(self, *, begun: bool = True) -> None:
         self._records = self._answered = self._waited = self._telegrams_lost = 0
-        self._missing = MissingFinder()
+        self._missing = MissingFinder(0 if begun else None)
         self._largest = self._largest_step = 0.0
         self._cycles: Int = np.zeros(len(State), dtype=np.int64)
         self._times: Float = np.zeros(len(State))
@@ -137,6 +143,7 @@ class RunRecord:
         self._pair: Int = np.zeros(_PAIR, dtype=np.int64)
         self._pair_changes: list[PairChange] = []
         self._reply: list[Float] = []
+        self._classes: LatencyHistogram | None = None
         self._last: Float | None = None
         self._begin = self._end = 0.0
 
@@ -154,16 +161,84 @@ class RunRecord:
         if len(rows) == 0:
             return
         states = _numbers(rows[:, record.column("out_state")], len(State), "state")
-        if self._last is None:
-            self._begin = float(rows[0, _RECEIVED])
-            joined, known = rows, states
-        else:
-            joined = np.concatenate([self._last[None], rows])
-            known = np.concatenate([[int(self._last[record.column("out_state")])], states])
+        joined, known = self._joined(rows, states)
         self._missing.add(rows)
         self._count(rows, states)
         self._process.add(rows)
-        self._follow(joined, known)
+        self._pass_time(joined, known)
+        self._find_changes(joined, known)
+        self._go_on(rows)
+
+    def join(self, sums: Mapping[str, Any], kept: Float) -> None:
+        """Take what is known of a stretch of records without them, see :mod:`counterflex.evaluate.run_digest`.
+
+        Args:
+            sums: As :meth:`sums` of a record of that stretch alone gives them.
+            kept: (k, WIDTH) its first and its last record, and those at changes and events.
+
+        Raises:
+            InputError: Sums that are none.
+        """
+        states = _numbers(kept[:, record.column("out_state")], len(State), "state")
+        joined, known = self._joined(kept, states)
+        self._records += int(sums["records"])
+        self._answered += int(sums["answered"])
+        self._waited += int(sums["waited"])
+        self._telegrams_lost += int(sums["telegrams_lost"])
+        self._largest = max(self._largest, float(sums["largest_m"]))
+        self._largest_step = max(self._largest_step, float(sums["largest_step_m"]))
+        for mine, name in (
+            (self._cycles, "states"),
+            (self._times, "times_s"),
+            (self._causes, "causes"),
+            (self._sources, "sources"),
+            (self._pair, "pair"),
+        ):
+            mine += _of_length(sums[name], len(mine), name).astype(mine.dtype)
+        if self._classes is None:
+            self._classes = LatencyHistogram()
+        self._classes.join(sums["reply"])
+        self._missing.join(kept[0], kept[-1], [MissingCycles(*one) for one in sums["gaps"]], int(sums["missing"]))
+        self._process.join(kept, int(sums["records"]), int(sums["slowed"]), float(sums["least_speed"]))
+        if len(joined) > len(kept):  # from the stretch before to this one
+            self._pass_time(joined[:2], known[:2])
+        self._find_changes(joined, known)
+        self._go_on(kept)
+
+    def sums(self) -> dict[str, Any]:
+        """Plain values from which, with the records at changes, :meth:`join` knows all that was taken."""
+        classes = LatencyHistogram()
+        if self._classes is not None:
+            classes.join(self._classes.plain())
+        for times in self._reply:
+            classes.add(times / UM)
+        return {
+            "records": self._records,
+            "answered": self._answered,
+            "waited": self._waited,
+            "telegrams_lost": self._telegrams_lost,
+            "largest_m": self._largest,
+            "largest_step_m": self._largest_step,
+            "states": self._cycles.tolist(),
+            "times_s": self._times.tolist(),
+            "causes": self._causes.tolist(),
+            "sources": self._sources.tolist(),
+            "pair": self._pair.tolist(),
+            "reply": classes.plain(),
+            "gaps": [[gap.after, gap.count, gap.time_s] for gap in self._missing.gaps],
+            "missing": self._missing.total,
+            **self._process.sums(),
+        }
+
+    def _joined(self, rows: Float, states: Int) -> tuple[Float, Int]:
+        """Rows and their states behind the last one taken before."""
+        if self._last is None:
+            self._begin = float(rows[0, _RECEIVED])
+            return rows, states
+        before = int(self._last[record.column("out_state")])
+        return np.concatenate([self._last[None], rows]), np.concatenate([[before], states])
+
+    def _go_on(self, rows: Float) -> None:
         self._last = rows[-1].copy()
         self._end = float(rows[-1, _RECEIVED])
 
@@ -191,14 +266,17 @@ class RunRecord:
         length = np.linalg.norm(rows[:, record.RESULTS : record.RESULTS + 3], axis=1)
         self._largest = max(self._largest, float(length.max()))
 
-    def _follow(self, rows: Float, states: Int) -> None:
-        """What happens from each record to the next."""
+    def _pass_time(self, rows: Float, states: Int) -> None:
+        """Time and movement from each record to the next."""
         step = np.diff(rows[:, record.CYCLE]).astype(np.int64)
         next_to = step == 1
         time = np.diff(rows[:, _RECEIVED]) * 1e-9
         np.add.at(self._times, states[:-1][step > 0], time[step > 0])
         moved = np.linalg.norm(np.diff(rows[:, record.RESULTS : record.RESULTS + 3], axis=0), axis=1)[next_to]
         self._largest_step = max(self._largest_step, float(moved.max(initial=0.0)))
+
+    def _find_changes(self, rows: Float, states: Int) -> None:
+        """What changes from each record to the next."""
         for k in np.flatnonzero(np.diff(states)):
             if len(self._changes) >= MOST_CHANGES:
                 break
@@ -238,9 +316,17 @@ class RunRecord:
         order = sorted(np.flatnonzero(self._sources), key=lambda c: -int(self._sources[c]))
         return {Source(int(c)): int(self._sources[c]) for c in order}
 
+    def _percentiles(self) -> Percentiles | None:
+        """Of the times to answer: exact where all records were taken, else at most one percent above one that was."""
+        if self._classes is None:
+            reply = np.concatenate(self._reply) if self._reply else np.zeros(0)
+            return percentiles(reply) if len(reply) else None
+        classes = LatencyHistogram()
+        classes.join(self.sums()["reply"])
+        return classes.percentiles(UM) if classes.n else None
+
     def figures(self) -> RunFigures:
         """Figures of what was taken so far."""
-        reply = np.concatenate(self._reply) if self._reply else np.zeros(0)
         order = sorted(np.flatnonzero(self._causes[1:]) + 1, key=lambda c: -int(self._causes[c]))
         return RunFigures(
             records=self._records,
@@ -252,7 +338,7 @@ class RunRecord:
             states={s: (int(self._cycles[s]), float(self._times[s])) for s in State if self._cycles[s]},
             causes={Cause(int(c)): int(self._causes[c]) for c in order},
             changes=tuple(self._changes),
-            reply=percentiles(reply) if len(reply) else None,
+            reply=self._percentiles(),
             largest_m=self._largest,
             largest_step_m=self._largest_step,
             sources=self._rested(),
@@ -268,3 +354,16 @@ def _numbers(values: Float, count: int, what: str) -> Int:
     if not good.all():
         raise InputError(f"a record holds a {what} that does not exist", value=float(values[~good][0]))
     return values.astype(np.int64)
+
+
+def _of_length(values: Sequence[float], count: int, what: str) -> Float:
+    """Sums by number, as many as there are kinds today, or fewer where older code wrote them.
+
+    Raises:
+        InputError: More than there are.
+    """
+    if len(values) > count:
+        raise InputError(f"sums of more kinds of {what} than there are", value=len(values), limit=count)
+    out: Float = np.zeros(count)
+    out[: len(values)] = values
+    return out

@@ -38,8 +38,12 @@ FORCE_SENSORS: Final = ("none", "flange sensor", "holder", "both")
 """What of two force sensors is used, by its bits."""
 
 
-def show(folder: str | Path) -> dict[str, Any]:
+def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
     """Summary of a run log.
+
+    Args:
+        folder: Of the run log.
+        brief: Take digests of segments in place of their records; damage within their chunks is not looked for.
 
     Raises:
         FileFormatError: There is none, or it cannot be read.
@@ -52,14 +56,21 @@ def show(folder: str | Path) -> dict[str, Any]:
     missing = LogMissing()
     names: list[str] = []
     older: list[str] = []
-    for segment in segments(folder):
+    unread: list[str] = []
+    for segment in segments(folder, brief=brief):
         names.append(segment.name)
+        if segment.digest is not None:
+            unread.append(segment.name)
         if segment.absent and not older:
             older = [_older(segment)]
         missing.add(segment)
         if segment.about:
             about.setdefault(segment.run, segment.about)
-            runs.setdefault(segment.run, RunRecord()).add(segment.rows)
+            record = runs.setdefault(segment.run, RunRecord())
+            if segment.digest is None:
+                record.add(segment.rows)
+            else:
+                record.join(segment.digest.sums, segment.rows)
             finders.setdefault(segment.run, IncidentFinder()).add(segment.rows)
             actions.setdefault(segment.run, []).extend(segment.actions)
             if len(segment.rows):
@@ -72,6 +83,7 @@ def show(folder: str | Path) -> dict[str, Any]:
         **missing.shown(),
         "incomplete": missing.incomplete,
         "older": older,
+        "unread": unread,
         "lines": [*missing.lines(), *older],
         "runs": [
             {

@@ -96,9 +96,15 @@ class LogMissing:
             before = int(cycles[at - 1]) if at else self._cycle.get(run, 0)
             missing = segment.lost_at_end if at == len(cycles) else max(0, int(cycles[at]) - before - 1)
             self.damage.append(Damaged(segment.name, stretch.begin, stretch.end, before, missing))
-        self._finders.setdefault(run, MissingFinder()).add(segment.rows)
+        finder = self._finders.setdefault(run, MissingFinder())
+        if segment.digest is None:
+            finder.add(segment.rows)
+        else:
+            sums = segment.digest.sums
+            gaps = [MissingCycles(*gap) for gap in sums["gaps"]]
+            finder.join(segment.rows[0], segment.rows[-1], gaps, int(sums["missing"]))
         self.at_end[run] = segment.lost_at_end
-        self._records[run] = self._records.get(run, 0) + len(cycles)
+        self._records[run] = self._records.get(run, 0) + segment.records
         if len(cycles):
             self._cycle[run] = int(cycles[-1])
 

@@ -25,6 +25,9 @@ def soak(
         Literal["none", "integrator", "observer"], typer.Option("--tracker", help="How it uses the tracker.")
     ] = "observer",
     keep_log: Annotated[bool, typer.Option("--keep-log", help="Keep the run log, about 1 GB per hour.")] = False,
+    onlookers: Annotated[
+        bool, typer.Option("--onlookers", help="With panel and OPC UA server, and a client that reads each.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Run the online loop for a long time in real time and record memory, latency and late answers.
@@ -37,7 +40,7 @@ def soak(
     """
     from counterflex.validation.soak import soak as job
 
-    settings = job.SoakSettings(minutes=minutes, force=force, tracker=tracker, keep_log=keep_log)
+    settings = job.SoakSettings(minutes=minutes, force=force, tracker=tracker, keep_log=keep_log, onlookers=onlookers)
     with progress_bar("soaking") as progress:
         summary = job.run(settings, out, progress=progress)
     if as_json:

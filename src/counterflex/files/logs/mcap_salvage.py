@@ -16,6 +16,7 @@ from io import BytesIO
 from mmap import mmap
 from typing import Any, Final
 
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -26,7 +27,6 @@ from mcap.records import (
     DataEnd,
     Footer,
     Header,
-    MessageIndex,
     Metadata,
     MetadataIndex,
     Schema,
@@ -48,13 +48,14 @@ _READ: Final[dict[int, Any]] = {
     Opcode.CHANNEL: Channel,
     Opcode.METADATA: Metadata,
     Opcode.METADATA_INDEX: MetadataIndex,
-    Opcode.MESSAGE_INDEX: MessageIndex,
     Opcode.CHUNK_INDEX: ChunkIndex,
     Opcode.STATISTICS: Statistics,
     Opcode.SUMMARY_OFFSET: SummaryOffset,
     Opcode.DATA_END: DataEnd,
     Opcode.FOOTER: Footer,
 }
+_KNOWN: Final = frozenset(_READ) | {Opcode.MESSAGE_INDEX}
+_INDEX: Final = struct.Struct("<HI")
 _BAD: Final = (McapError, EOFError, ValueError, struct.error, OverflowError, MemoryError, zstandard.ZstdError)
 
 
@@ -78,6 +79,19 @@ class Chunk:
             at += _HEAD.size
             yield opcode, content[at : at + length]
             at += length
+
+
+@dataclass(frozen=True, eq=False)
+class MessageTimes:
+    """The index of a chunk's messages, which stands outside of it.
+
+    Attributes:
+        channel: Of the messages.
+        time_ns: (n,) when they were logged.
+    """
+
+    channel: int
+    time_ns: np.ndarray[Any, np.dtype[np.uint64]]
 
 
 @dataclass(frozen=True)
@@ -159,6 +173,22 @@ def salvage(data: bytes | mmap) -> Salvaged:
     return out
 
 
+def uniform_data(content: bytes, channel: int, length: int) -> bytes | None:
+    """Data of all messages of a chunk, one behind the other, where it holds nothing else; None where it does.
+
+    Args:
+        content: Of the chunk.
+        channel: All messages are of it.
+        length: Bytes of data of each.
+    """
+    form = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("rest", "V20"), ("data", f"V{length}")])
+    if not content or len(content) % form.itemsize:
+        return None
+    found = np.frombuffer(content, dtype=form)
+    same = (found["opcode"] == Opcode.MESSAGE) & (found["length"] == _MESSAGE.size + length)
+    return found["data"].tobytes() if bool(np.all(same & (found["channel"] == channel))) else None
+
+
 def message(content: bytes) -> tuple[int, int, bytes]:
     """Channel, time in ns and data of a message record.
 
@@ -185,7 +215,7 @@ def _extent(data: bytes | mmap, at: int) -> tuple[int, int] | None:
         return None
     opcode, length = _HEAD.unpack_from(data, at)
     end = at + _HEAD.size + length
-    most = MOST_BYTES if opcode == Opcode.CHUNK else _MOST_ELSE if opcode in _READ else -1
+    most = MOST_BYTES if opcode == Opcode.CHUNK else _MOST_ELSE if opcode in _KNOWN else -1
     return None if length > most or end > len(data) else (opcode, end)
 
 
@@ -196,8 +226,24 @@ def _sound(data: bytes | mmap, at: int) -> tuple[Any, int] | None:
         return None
     opcode, end = extent
     content = data[at + _HEAD.size : end]
-    record = _chunk(at, content) if opcode == Opcode.CHUNK else parsed(_READ[opcode], content)
+    record: Any
+    if opcode == Opcode.CHUNK:
+        record = _chunk(at, content)
+    elif opcode == Opcode.MESSAGE_INDEX:
+        record = _message_times(content)
+    else:
+        record = parsed(_READ[opcode], content)
     return None if record is None else (record, end)
+
+
+def _message_times(content: bytes) -> MessageTimes | None:
+    """Times of a message index: channel, length in bytes, then a time and a place for each message."""
+    if len(content) < _INDEX.size:
+        return None
+    channel, length = _INDEX.unpack_from(content)
+    if length != len(content) - _INDEX.size or length % 16:
+        return None
+    return MessageTimes(channel, np.frombuffer(content, dtype="<u8", offset=_INDEX.size)[::2])
 
 
 def _chunk(begin: int, content: bytes) -> Chunk | None:

@@ -15,9 +15,19 @@ from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.core.held import boot_id, own
 from counterflex.evaluate.missing_cycles import MissingFinder
+from counterflex.evaluate.run_digest import DigestMaker
 from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.run_log import BOOT_KEY
-from counterflex.files.logs.segment import KIND, VERSION, add_about, add_action, add_record, add_state, begin_segment
+from counterflex.files.logs.segment import (
+    KIND,
+    VERSION,
+    add_about,
+    add_action,
+    add_digest,
+    add_record,
+    add_state,
+    begin_segment,
+)
 from counterflex.files.logs.segments import Segment, read_segment
 from counterflex.runtime.record_ring import CYCLE
 
@@ -117,6 +127,11 @@ def repair_segment(
             for action in result.actions:
                 add_action(writer, action)
             add_about(writer, facts)
+            digests = DigestMaker()
+            digests.add(rows)
+            digest = digests.digest()
+            if digest is not None:
+                add_digest(writer, digest.plain())
             writer.finish()
             stream.flush()
             os.fsync(stream.fileno())

@@ -23,12 +23,14 @@ from mcap.writer import Writer
 from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError
 from counterflex.core.held import boot_id, own
+from counterflex.evaluate.run_digest import DigestMaker
 from counterflex.files.logs.place import LOOKED_S, LogBefore, LogGone, LogPlace
 from counterflex.files.logs.segment import (
     KIND,
     VERSION,
     add_about,
     add_action,
+    add_digest,
     add_record,
     add_state,
     begin_segment,
@@ -92,6 +94,7 @@ class RunLog:
         self._device: int | None = None
         self._stream: BufferedWriter | None = None
         self._writer: Writer | None = None
+        self._digest = DigestMaker()
         self._channel = self._states = 0
         self._retry = self._flushed = self._synced = self._looked = 0.0
         try:
@@ -127,6 +130,7 @@ class RunLog:
             path.unlink(missing_ok=True)
             raise
         self._stream, self._writer = stream, writer
+        self._digest = DigestMaker()
         self._place, self._here = LogPlace(path, stream.fileno()), 0
         self._number += 1
         self.trouble, self.trouble_number = "", 0
@@ -169,6 +173,7 @@ class RunLog:
         try:
             for row in rows:
                 add_record(writer, self._channel, row)
+            self._digest.add(rows)
             if state is not None:
                 add_state(writer, self._states, state)
                 add_about(writer, self._facts)  # again, so that a damaged beginning is not the only one
@@ -245,6 +250,9 @@ class RunLog:
     def _finish(self) -> None:
         if self._writer is not None and self._stream is not None:
             add_about(self._writer, self._facts)
+            digest = self._digest.digest()
+            if digest is not None:
+                add_digest(self._writer, digest.plain())
             self._writer.finish()
             self._stream.flush()
             os.fsync(self._stream.fileno())

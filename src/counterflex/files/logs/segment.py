@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Final
 
-from mcap.records import Channel, MessageIndex, Metadata
+from mcap.records import Channel, Metadata
 from mcap.writer import CompressionType, Writer
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.files.logs.mcap_salvage import Salvaged
+from counterflex.files.logs.mcap_salvage import MessageTimes, Salvaged
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.state_slots import LoopState
 
@@ -27,8 +27,9 @@ STATES: Final = "state"
 CYCLE_CHANNEL: Final = 1
 STATE_CHANNEL: Final = 2
 CYCLES: Final = "counterflex.cycle"
-_ABOUT: Final = "about"
-_ACTION: Final = "operator"
+ABOUT: Final = "about"
+ACTION: Final = "operator"
+DIGEST: Final = "digest"
 _CHECKSUM: Final = "crc32"
 STATE_HEAD: Final = struct.Struct("<qq")
 
@@ -75,7 +76,7 @@ def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, i
 def add_about(writer: Writer, about: Mapping[str, Any]) -> None:
     """Add what the run was made of, with a checksum: outside a chunk MCAP has none."""
     values = {key: json.dumps(value) for key, value in about.items()}
-    writer.add_metadata(_ABOUT, {**values, _CHECKSUM: _checksum(values)})
+    writer.add_metadata(ABOUT, {**values, _CHECKSUM: _checksum(values)})
 
 
 def add_record(writer: Writer, channel: int, row: Float) -> None:
@@ -93,25 +94,40 @@ def add_state(writer: Writer, channel: int, state: LoopState) -> None:
 def add_action(writer: Writer, facts: Mapping[str, Any]) -> None:
     """Add what an operator did, as metadata with a checksum: readers that do not know it pass over it."""
     values = {key: json.dumps(value) for key, value in facts.items()}
-    writer.add_metadata(_ACTION, {**values, _CHECKSUM: _checksum(values)})
+    writer.add_metadata(ACTION, {**values, _CHECKSUM: _checksum(values)})
+
+
+def add_digest(writer: Writer, table: Mapping[str, Any]) -> None:
+    """Add the digest of all records of the segment, with a checksum, at its end."""
+    values = {DIGEST: json.dumps(table)}
+    writer.add_metadata(DIGEST, {**values, _CHECKSUM: _checksum(values)})
+
+
+def read_metadata(record: Metadata) -> dict[str, Any] | None:
+    """Values of metadata with a checksum; None where it is wrong."""
+    values = dict(record.metadata)
+    if values.pop(_CHECKSUM, None) != _checksum(values):
+        return None
+    with contextlib.suppress(ValueError):
+        return {key: json.loads(value) for key, value in values.items()}
+    return None
 
 
 def read_actions(salvaged: Salvaged) -> list[dict[str, Any]]:
     """What operators did during a segment, in the order in which it was written; what is damaged is left out."""
     out = []
     for record in salvaged.records:
-        if isinstance(record, Metadata) and record.name == _ACTION:
-            values = dict(record.metadata)
-            if values.pop(_CHECKSUM, None) == _checksum(values):
-                with contextlib.suppress(ValueError):
-                    out.append({key: json.loads(value) for key, value in values.items()})
+        if isinstance(record, Metadata) and record.name == ACTION:
+            values = read_metadata(record)
+            if values is not None:
+                out.append(values)
     return out
 
 
 def read_about(salvaged: Salvaged) -> dict[str, Any]:
     """What the run was made of: the first copy whose checksum is right; logs of before had one copy without."""
     for record in salvaged.records:
-        if isinstance(record, Metadata) and record.name == _ABOUT:
+        if isinstance(record, Metadata) and record.name == ABOUT:
             values = dict(record.metadata)
             checksum = values.pop(_CHECKSUM, None)
             if checksum is None or checksum == _checksum(values):
@@ -123,13 +139,11 @@ def read_about(salvaged: Salvaged) -> dict[str, Any]:
 def lost_at_end(salvaged: Salvaged, rows: Float) -> int:
     """Cycles that the indexes beside the chunks name behind the last record: the index of a chunk stands outside it."""
     last = int(rows[-1, 1]) if len(rows) else -1
-    stamps = {
-        time_ns
-        for record in salvaged.records
-        if isinstance(record, MessageIndex) and record.channel_id == CYCLE_CHANNEL
-        for time_ns, _ in record.records
-    }
-    return sum(time_ns > last for time_ns in stamps)
+    stamps: set[int] = set()
+    for record in salvaged.records:
+        if isinstance(record, MessageTimes) and record.channel == CYCLE_CHANNEL:
+            stamps.update(record.time_ns[record.time_ns > last].tolist())
+    return len(stamps)
 
 
 def require_ours(channel: Channel | None, where: str) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -15,11 +15,16 @@ from mcap.records import Channel
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
+from counterflex.evaluate.run_digest import Digest, read_digest
 from counterflex.files.logs.columns import columns_of, placed, require_all
-from counterflex.files.logs.mcap_salvage import Salvaged, message, parsed, salvage
+from counterflex.files.logs.mcap_index import indexed
+from counterflex.files.logs.mcap_salvage import Salvaged, message, parsed, salvage, uniform_data
 from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
 from counterflex.files.logs.segment import (
+    ABOUT,
+    ACTION,
     CYCLE_CHANNEL,
+    DIGEST,
     KIND,
     STATE_CHANNEL,
     STATE_HEAD,
@@ -28,11 +33,15 @@ from counterflex.files.logs.segment import (
     lost_at_end,
     read_about,
     read_actions,
+    read_metadata,
     require_ours,
     unreadable_reason,
 )
 from counterflex.runtime.record_ring import COLUMNS, CYCLE
 from counterflex.runtime.state_slots import LoopState
+
+BRIEF: Final = (ABOUT, ACTION, DIGEST)
+"""Metadata that is read in place of records."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +58,7 @@ class Segment:
         lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
         absent: Columns that older code did not record: 0 in counts and flags, else not a number.
         actions: What operators did meanwhile, with ``time_ns``.
+        digest: What stands in place of records that were not read: `rows` are those that it keeps; None where all were.
     """
 
     name: str
@@ -60,6 +70,12 @@ class Segment:
     lost_at_end: int = 0
     absent: tuple[str, ...] = ()
     actions: tuple[dict[str, Any], ...] = ()
+    digest: Digest | None = None
+
+    @property
+    def records(self) -> int:
+        """Number of its records, also of those that were not read."""
+        return len(self.rows) if self.digest is None else int(self.digest.sums["records"])
 
     @property
     def whole(self) -> bool:
@@ -95,13 +111,17 @@ def read_segment(path: str | Path) -> Segment:
         raise FileFormatError(
             "the run log is newer than this program reads", where=str(file), value=about["version"], limit=VERSION
         )
-    rows: list[Float] = []
+    rows: list[Float] = []  # pieces (n, k)
+    count = pieces = 0
     states: list[LoopState] = []
     layout = tuple((str(name), str(kind), int(count)) for name, kind, count in about.get(LAYOUT, ()))
     columns = columns_of(result, str(about.get("counterflex", UNKNOWN)), file)
     before = [0]  # records before each chunk
     for chunk in result.chunks:
-        for opcode, content in chunk.records():
+        together = uniform_data(chunk.content, CYCLE_CHANNEL, 8 * len(columns))
+        if together is not None:
+            rows.append(np.frombuffer(together, dtype="<f8").reshape(-1, len(columns)))
+        for opcode, content in () if together is not None else chunk.records():
             if opcode == Opcode.MESSAGE:
                 channel, _, data = message(content)
                 if channel == STATE_CHANNEL and len(data) >= STATE_HEAD.size:
@@ -109,15 +129,17 @@ def read_segment(path: str | Path) -> Segment:
                     cycle, time_ns = STATE_HEAD.unpack_from(data)
                     states.append(LoopState(cycle, time_ns, words, layout))
                 elif channel == CYCLE_CHANNEL and len(data) == 8 * len(columns):
-                    rows.append(np.frombuffer(data, dtype="<f8"))
+                    rows.append(np.frombuffer(data, dtype="<f8")[None])
             elif opcode == Opcode.CHANNEL:
                 require_ours(parsed(Channel, content), str(file))
-        before.append(len(rows))
+        count += sum(len(piece) for piece in rows[pieces:])
+        pieces = len(rows)
+        before.append(count)
     if not about and not rows:
         text, hint = unreadable_reason(result, file.stat().st_size)
         raise FileFormatError(text, where=str(file), nothing=True, hint=hint)
     damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in result.damage)
-    table = placed(np.array(rows).reshape(-1, len(columns)), columns)
+    table = placed(np.concatenate(rows) if rows else np.zeros((0, len(columns))), columns)
     absent = tuple(name for name in COLUMNS if name not in columns)
     lost = lost_at_end(result, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
     actions = tuple(read_actions(result))
@@ -132,10 +154,47 @@ def _salvaged(file: Path) -> Salvaged:
             return salvage(data)
 
 
-def segments(folder: str | Path) -> Iterator[Segment]:
+def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) -> Segment | None:
+    """Read the digest of a segment in place of its records: some kilobytes from the end of the file.
+
+    The index of the file and the checksums of what is read are looked at, its chunks are not.
+
+    Args:
+        path: MCAP file.
+        count: Told how many bytes are read, each time.
+
+    Returns:
+        The segment; None where it was not finished, has no digest, or one of another version.
+    """
+    file = Path(path)
+    try:
+        with file.open("rb") as stream:
+            found = indexed(stream, count)
+    except OSError:
+        return None
+    if found is None:
+        return None
+    tables = {name: [read_metadata(one) for one in found.metadata if one.name == name] for name in BRIEF}
+    about = next((one for one in tables[ABOUT] if one is not None), None)
+    table = next((one for one in tables[DIGEST] if one is not None), None)
+    digest = None if table is None else read_digest(table[DIGEST])
+    if about is None or digest is None or about.get("format") != KIND or about.get("version", 0) > VERSION:
+        return None
+    if found.messages.get(CYCLE_CHANNEL, 0) != digest.sums["records"]:
+        return None
+    lost = int(about.get("repaired", {}).get("missing_at_end", 0))
+    actions = tuple(one for one in tables[ACTION] if one is not None)
+    return Segment(file.name, digest.kept, about, True, lost_at_end=lost, actions=actions, digest=digest)
+
+
+def segments(folder: str | Path, *, brief: bool = False) -> Iterator[Segment]:
     """Segments of a folder in order, one at a time; a file of which nothing can be read is a segment without records.
 
     A segment that has lost what it was made of belongs to the run whose cycles it continues, else to one of its own.
+
+    Args:
+        folder: Of the run log.
+        brief: Take the digest of a segment, where it has one, in place of its records: :func:`read_brief`.
 
     Raises:
         FileFormatError: There is none, none can be read, or one is no run log.
@@ -148,7 +207,7 @@ def segments(folder: str | Path) -> Iterator[Segment]:
     read = False
     for file in files:
         try:
-            result = read_segment(file)
+            result = (read_brief(file) if brief else None) or read_segment(file)
         except FileFormatError as fault:
             if not fault.data.get("nothing"):
                 raise

@@ -29,6 +29,7 @@ class People:
         running: The program runs, and wants the correction.
         waits: Cycles since something went on.
         off_s: The controller is off until then, or 0.
+        programs: Ended at the end of their path.
         wanted_at: Cycle in which the program began to want the correction.
     """
 
@@ -37,6 +38,7 @@ class People:
         self.running = False
         self.waits = self._armed = self.wanted_at = 0
         self.off_s = 0.0
+        self.programs = 0
         self._reset_due = False
 
     def enable(self, now: dict[str, Any], rng: np.random.Generator) -> float:
@@ -96,6 +98,7 @@ class People:
         robot, state = world.robot, world.state
         if robot.at_end and robot.place >= world.robot.last:
             self.running = robot.runs = False
+            self.programs += 1
             self.waits = self._armed = 0
             robot.begin()
         elif state in (State.ACTIVE, State.HOLD) and not world.controller.stopped:

@@ -87,6 +87,7 @@ class World:
         session: The loop's side, or None while it does not run.
         control: Shared by its processes.
         log: What the recorder has written.
+        log_of: Makes the log of a run.
         people: Program and operator.
         age: Cycles since the controller accepted an answer.
         number: Of the controller's session.
@@ -123,6 +124,7 @@ class World:
         self._arrived: list[bytes] = []
         self._sent: list[bytes] = []
         self.session: OnlineSession | None = None
+        self.log_of: Callable[[], KeptLog] = lambda: KeptLog(story, self.active)
         self.others = _Others()
         self._push(0.0, _CYCLE, None)
 
@@ -162,7 +164,7 @@ class World:
         self.wire = VirtualWire(LOOP_ADDRESS, LARGEST_DATAGRAM, self.wait, self._answered, self.clock_ns)
         self.force, self.tracker = VirtualInbox(), VirtualInbox()
         self.session = opened(self.story, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns)
-        self.log = KeptLog(self.story, self.active)
+        self.log = self.log_of()
         self.recorder: Recorder | None = Recorder(self.ring.name, self.log, self.control)  # type: ignore[arg-type]
 
     def _end(self) -> None:

@@ -15,6 +15,9 @@ from counterflex.core.units import MM
 from counterflex.twin.live.timed_block import Block
 from counterflex.validation.soak.replay_figures import active, in_standstill, micro
 
+_GROW = ("_mb", "_files", "_threads")
+"""Ends of the names of what must not grow."""
+
 
 @dataclass(frozen=True)
 class Growth:
@@ -142,10 +145,10 @@ def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[
         "echo_outside_us": micro(echo[~stood]),
         "ratio_p50": round(of_all["p50"] / of_echo["p50"], 2),
         "growth_per_hour": {
-            name: grown(name) for name in ("loop_mb", "recorder_mb", "loop_files", "recorder_files")
+            name: grown(name) for name in samples[0] if name.endswith(_GROW) and name != "log_mb"
         }
         | {name: grown_minutes(name) for name in ("reply_p50_us", "reply_p99_us", "echo_p50_us", "echo_p99_us")},
-        "most": {name: max(s[name] for s in samples) for name in ("loop_mb", "recorder_mb", "loop_files")},
+        "most": {name: max(s[name] for s in samples) for name in samples[0] if name.endswith(_GROW)},
     }  # fmt: skip
 
 

@@ -25,6 +25,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.environment import environment
+from counterflex.app.run import log as run_log
 from counterflex.app.run import run as online
 from counterflex.app.run import session as online_session
 from counterflex.app.run.operator_requests import request
@@ -43,6 +44,7 @@ from counterflex.twin.live.replayed_cell import ReplayedCell
 from counterflex.twin.live.timed_block import Block
 from counterflex.validation.soak import replayed_cell as steady
 from counterflex.validation.soak.figures import figures, minute
+from counterflex.validation.soak.onlookers import Onlookers
 from counterflex.validation.soak.operator import SteadyOperator
 
 MINUTES: Final = "minutes.csv"
@@ -68,12 +70,14 @@ class SoakSettings:
         force: Mode of the table ``[online]``.
         tracker: Likewise.
         keep_log: Keep the run log; about 1 GB per hour.
+        onlookers: Panel and OPC UA server run beside it, each with a client that goes on reading.
     """
 
     minutes: float = 60.0
     force: str = "scale"
     tracker: str = "observer"
     keep_log: bool = False
+    onlookers: bool = False
 
 
 @dataclass
@@ -87,6 +91,7 @@ class _Watched:
         run: Summary of the recorder.
         stolen: Share of the processors' time that the host took.
         realtime: By process.
+        onlookers: Counts of what the clients of panel and OPC UA server got, and how the servers ended.
     """
 
     operator: SteadyOperator
@@ -95,6 +100,7 @@ class _Watched:
     run: dict[str, Any] = field(default_factory=dict)
     stolen: float = 0.0
     realtime: dict[str, Prepared] = field(default_factory=dict)
+    onlookers: dict[str, Any] = field(default_factory=dict)
 
 
 def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent) -> dict[str, Any]:
@@ -135,6 +141,8 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
             "run": watched.run,
             "load": {"mean": float(np.mean([s["load"] for s in samples])), "stolen": round(watched.stolen, 4)},
             "realtime": {name: {"fifo": one.fifo, "locked": one.locked} for name, one in watched.realtime.items()},
+            "onlookers": watched.onlookers,
+            "log": _log_figures(log),
             "machine": environment(),
             "counterflex": __version__,
         }
@@ -160,6 +168,7 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
     started = [echo, cell]
     out = _Watched(SteadyOperator(lambda action: request(log, action)))
     before = processor_times()
+    onlookers: Onlookers | None = None
     try:
         cell.start()
         force = _message(cell_end, cell)
@@ -179,19 +188,27 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
         loop.start()
         started.append(loop)
         address, pids = _message(run_end, loop)
-        pids = {"loop": pids["loop"], "recorder": pids["recorder"], "cell": cell.pid}
+        pids = {"run": loop.pid, "loop": pids["loop"], "recorder": pids["recorder"], "cell": cell.pid}
+        if settings.onlookers:
+            onlookers = Onlookers(log)
+            pids |= onlookers.pids()
         tracker = None if tracker_port is None else ("127.0.0.1", tracker_port)
         echo.start()  # it waits for 10 s at most
         timing_probe.await_echo(echo_address)
         cell_end.send((address, tracker, echo_address))
-        _watch(out, cell_end, cell, pids, settings.minutes, progress)
-        out.realtime = {name: prepared(pid) for name, pid in {**pids, "echo": echo.pid}.items() if name != "recorder"}
+        _watch(out, _Looks(log, pids, onlookers), cell_end, cell, settings.minutes, progress)
+        fast = ("loop", "cell")
+        out.realtime = {name: prepared(pids[name]) for name in fast} | {"echo": prepared(echo.pid)}
+        if onlookers is not None:
+            out.onlookers = {**onlookers.counts(), "exit_status": onlookers.close()}
         ended.set()
         out.run = _message(run_end, loop)
         cell_end.send(None)
     finally:
         ended.set()
         own.close()
+        if onlookers is not None:
+            onlookers.close()
         for process in started:
             if process.pid is not None:
                 process.join(3.0 if process is not echo else 0.0)
@@ -202,9 +219,42 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
     return out
 
 
-def _watch(
-    out: _Watched, pipe: Any, cell: BaseProcess, pids: dict[str, int | None], minutes: float, progress: Progress
-) -> None:
+@dataclass(frozen=True)
+class _Looks:
+    """What is looked at every 5 s.
+
+    Attributes:
+        log: Folder of the run log.
+        pids: Processes by name.
+        onlookers: Those beside the run, if there are any.
+    """
+
+    log: Path
+    pids: dict[str, int | None]
+    onlookers: Onlookers | None
+
+    def sample(self) -> dict[str, float]:
+        """Memory, open files and threads of each process, size of the log, counts of the clients."""
+        written = sum(file.stat().st_size for file in self.log.iterdir() if file.is_file()) if self.log.is_dir() else 0
+        counts = {} if self.onlookers is None else self.onlookers.counts()
+        return {**_memory(self.pids), "log_mb": round(written / 1e6, 3), **counts}
+
+
+def _log_figures(log: Path) -> dict[str, Any]:
+    """Read the log as ``log show`` does: is it whole?"""
+    shown = run_log.show(log)
+    of_runs = [
+        {key: run[key] for key in ("answered", "waited", "telegrams_lost", "records_lost")} for run in shown["runs"]
+    ]
+    return {
+        "incomplete": shown["incomplete"],
+        "segments": len(shown["segments"]),
+        "lines": shown["lines"],
+        "runs": of_runs,
+    }
+
+
+def _watch(out: _Watched, looks: _Looks, pipe: Any, cell: BaseProcess, minutes: float, progress: Progress) -> None:
     """Sample memory and load, be the operator, and take what the cell tells, until it has finished."""
     begin = time.monotonic()
     due = look = begin
@@ -216,7 +266,7 @@ def _watch(
             last, times = times, processor_times()
             stolen = (times[1] - last[1]) / max(1, times[0] - last[0])
             out.samples.append(
-                {"seconds": round(now - begin, 3), **_memory(pids), "load": os.getloadavg()[0], "stolen": stolen}
+                {"seconds": round(now - begin, 3), **looks.sample(), "load": os.getloadavg()[0], "stolen": stolen}
             )
             progress(min(0.99, (now - begin) / (60.0 * minutes)), "soaking")
         if now >= look:
@@ -230,17 +280,18 @@ def _watch(
 
 
 def _memory(pids: dict[str, int | None]) -> dict[str, float]:
-    """Resident memory in MB and open files of each process; not-a-number where the system does not say."""
+    """Resident memory in MB, open files and threads of each process; not-a-number where the system does not say."""
     out: dict[str, float] = {}
     for name, pid in pids.items():
-        resident = files = math.nan
+        resident = files = threads = math.nan
         try:
             words = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
             resident = int(words[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
             files = float(len(list(Path(f"/proc/{pid}/fd").iterdir())))
+            threads = float(len(list(Path(f"/proc/{pid}/task").iterdir())))
         except (OSError, ValueError, IndexError):
             pass
-        out[f"{name}_mb"], out[f"{name}_files"] = round(resident, 4), files
+        out[f"{name}_mb"], out[f"{name}_files"], out[f"{name}_threads"] = round(resident, 4), files, threads
     return out
 
 
