@@ -117,10 +117,12 @@ def check(
 
 
 def machining_of(cell: Cell) -> Machining:
-    """Tools, spindle and stiffness as the cell file states them."""
+    """Tools, spindle, stiffness and monitoring as the cell file states them."""
     unknown = cell.unknown_axes
     rigid = f"axes {', '.join(str(axis + 1) for axis in unknown)}" if unknown else ""
-    return Machining(cell.process_limits, {tool.number: tool.bounds for tool in cell.tables.tools}, rigid)
+    monitor = cell.tables.monitor
+    sample_s = None if monitor is None else monitor.sample_ms * MS
+    return Machining(cell.process_limits, {tool.number: tool.bounds for tool in cell.tables.tools}, rigid, sample_s)
 
 
 def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: bool) -> AsWritten:

@@ -36,6 +36,7 @@ STATED: dict[str, Any] = {
         "deflection_um": 2500, "acceleration_mm_s2": 2000,
     },
     "robot": {"play": [{"axis": axis, "dead_band_half_urad": 4.0} for axis in range(1, 7)]},
+    "monitor": {"force_limit_n": 2000},
 }  # fmt: skip
 T1: dict[str, Any] = {
     "number": 1, "diameter_mm": 16, "flutes": 3, "flute_length_mm": 35, "overhang_mm": 60, "centre_cutting": False,
@@ -90,6 +91,10 @@ FAULTS = {
     "speed above the spindle": Fault("spindle speed", changed("S13000", "S40000")),
     "speed below the spindle": Fault("spindle speed", changed("S13000", "S2000"), WARNS),
     "speed above the tool": Fault("spindle speed", changed("S13000", "S22000")),
+    "speed at which a broken tooth is hidden": Fault(
+        "broken tooth in the force signal", changed("S13000", "S15000"), NAMED
+    ),
+    "speed at which some slips hide it": Fault("broken tooth in the force signal", changed("S13000", "S14900"), WARNS),
     "feed per tooth too large": Fault("feed per tooth", changed("S13000", "S3500", changed("F1500", "F3000"))),
     "feed per tooth rubs": Fault("feed per tooth", changed("F1500", "F200"), WARNS),
     "H of another tool": Fault("tool length offset", changed("H1", "H2"), WARNS),

@@ -77,7 +77,10 @@ def test_a_good_program_fails_nothing(checked: Any) -> None:
 def test_all_is_looked_at_where_the_cell_file_says_it(checked: Any) -> None:
     limits = {"joint_acceleration_deg_s2": [500.0] * 6, "cable_axis4_deg": 270, "cable_axis6_deg": 90}
     limits["corner_error_um"] = 200
-    rows = checked(limits=limits, controller={"look_ahead_blocks": 50}, process_limits=PROCESS_LIMITS, tool=TOOL)
+    monitor = {"force_limit_n": 2000}
+    rows = checked(
+        limits=limits, controller={"look_ahead_blocks": 50}, process_limits=PROCESS_LIMITS, tool=TOOL, monitor=monitor
+    )
     assert [row for row in rows["done"].summary["checks"] if row["verdict"] == "not looked at"] == []
     assert rows["cable wind-up, axis 4"]["verdict"] == "ok"
     assert (rows["cable wind-up, axis 6"]["verdict"], rows["cable wind-up, axis 6"]["limit"]) == ("fail", 90.0)

@@ -54,8 +54,8 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         ring_name: Of the ring of records.
         words: Where the shared numbers of :data:`counterflex.protocols.processes.control_array.CONTROL` are.
         out: Folder of the log: its name stands in the lock file, so that an operator finds the run by it.
-        pipe: Told the address, the loop's hash and the layout of its memory, and what is unusual in the cell file; or
-            what went wrong.
+        pipe: Told the address, the loop's hash and the layout of its memory, what is unusual in the cell file, and what
+            monitoring cannot see in this program; or what went wrong.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -72,6 +72,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)]
         alone = None if settings.plan is None else not_compared(Path(settings.plan).parent)
         warnings += [] if alone is None else [alone]
+        hidden = [] if session.force is None else [one.sentence for one in session.loop.monitor.hidden_teeth()]
         starts.close()
         shows = snapshot_path(words)
         publisher = session.publish(shows, about_run(settings, session, out)) if shows.exists() else None
@@ -83,7 +84,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
     control[Life.CANNOT_HOLD] = not session.link.holds_feed
     control[_LOOP_NS] = time.monotonic_ns()
-    _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, warnings))
+    _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, warnings, hidden))
     try:
         cycle_on(session, settings, control, living, pipe)
         control[Life.ENDED] = 1

@@ -69,7 +69,7 @@ def run(
         most_s: End after so long; None goes on until the telegrams stop.
         started: Told the address at which telegrams are expected, once.
         ended: Whether the robot is known to be gone; asked now and then.
-        warn: Told of what is unusual in the cell file, a line each.
+        warn: Told of what is unusual in the cell file and of what monitoring cannot see, a line each.
         preparing: Told again and again, until the robot is waited for, for how many seconds the loop has got ready and
             how many kernels were compiled.
 
@@ -181,7 +181,7 @@ class Supervised:
                 they have compiled.
 
         Returns:
-            Where telegrams are expected, and what is unusual in the cell file.
+            Where telegrams are expected, what is unusual in the cell file, and what monitoring cannot see.
 
         Raises:
             CounterflexError: What the loop or the recorder could not do.
@@ -197,7 +197,7 @@ class Supervised:
         # While the others get ready: once the robot sends, recorder and permission to arm must not wait for it.
         from counterflex.protocols.system.system_calls import unlocked_beat
 
-        where, loop_sha256, layout, unusual = first_word(
+        where, loop_sha256, layout, unusual, hidden = first_word(
             self.loop,
             self._loop_pipe,
             "the loop's process",
@@ -205,7 +205,7 @@ class Supervised:
             lambda waited_s: preparing(waited_s, int(self.control[Course.COMPILED])),
         )
         self._up.append(self.loop)
-        self._about = {**_about(self._settings, loop_sha256), LAYOUT: layout}
+        self._about = {**_about(self._settings, loop_sha256), LAYOUT: layout, "not_looked_at": hidden}
         with contextlib.suppress(OSError):  # who has died is told below
             self._recorder_pipe.send(self._about)
         self._up.append(self.recorder)
@@ -218,7 +218,7 @@ class Supervised:
         beat_on = unlocked_beat()  # the loop has compiled it: this process reads it from the cache
         if beat_on is not None:
             self._beat.unlock(beat_on)
-        return where, unusual
+        return where, [*unusual, *hidden]
 
     def watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
         """Watch until the loop has ended; the first interrupt asks it to end.
@@ -297,6 +297,7 @@ class Supervised:
             "compared": compared(self.control),
             "another_port": int(self.control[Course.ANOTHER_PORT]) or None,
             "holds_feed": not self.control[Life.CANNOT_HOLD],
+            "not_looked_at": self._about.get("not_looked_at", []),
             "loop_ended": AS_REQUESTED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
         }
 

@@ -36,6 +36,8 @@ from counterflex.plan.turning_cut.kernel_arrays import TURNING_STATE, TURNING_TO
 _ANGLES = 24
 _RINGS = 6
 _TWO_PI = 2.0 * math.pi
+_ASIDE = 1e-6
+"""Way square to the axis by the descent, up to which a motion is a plunge: its direction is rounding, and not square."""
 
 
 @kernel(
@@ -221,7 +223,7 @@ def _force_of_step(columns: StepColumns, tool: TurningTool, plane: float, drop: 
     mean_wrench(tool.depth, plane / teeth, drop / teeth, end_area, tool.terms, tool.arc, tool.levels, wrench)
     ux, uy, uz = move[6], move[7], move[8]
     fx, fy, fz = move[3] + drop * ux, move[4] + drop * uy, move[5] + drop * uz
-    if plane > 0.0:
+    if plane > _ASIDE * drop:
         fx, fy, fz = fx / plane, fy / plane, fz / plane
     else:
         fx, fy, fz = _square_to(ux, uy, uz)

@@ -11,6 +11,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.records import Record, Records, as_reals, as_words, place_of, records
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.fast_force import take_samples
+from counterflex.runtime.monitoring.hidden_tooth import HiddenTooth, hidden_teeth
 from counterflex.runtime.monitoring.monitor_kernel import watch
 from counterflex.runtime.monitoring.override_kernel import ask_speed
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
@@ -99,6 +100,13 @@ class Monitor:
         """
         watch(given, result, place, self._path, *self.records)
         ask_speed(result, place, *self.records)
+
+    def hidden_teeth(self) -> list[HiddenTooth]:
+        """Return the cuts of the plan in which one broken tooth does not show in the samples of the force sensor."""
+        rows = self.records[0]
+        rows = rows[rows["highest"] > 0.0]
+        turn_per_s, teeth = rows["turn_per_s"].tolist(), rows["teeth"].tolist()
+        return hidden_teeth(zip(turn_per_s, map(int, teeth), strict=True), self.settings.sample_s)
 
     def memory(self) -> dict[str, np.ndarray[Any, Any]]:
         """What it remembers from one cycle to the next, by name."""

@@ -53,6 +53,28 @@ def folded(turns: float) -> float:
     return min(rest, 1.0 - rest)
 
 
+@kernel("boolean(float64, int64, int64, float64)")
+def is_apart(turn: float, order: int, teeth: int, period: float) -> bool:
+    """Return whether a line folds to a visible frequency, off the tooth passing and its harmonics unless it is one.
+
+    Args:
+        turn: Turns of the spindle per sample.
+        order: Of the line.
+        teeth: Of the tool.
+        period: Of the samples, s.
+    """
+    z, unit = max(1, teeth), period / (2.0 * math.pi * NOTCH_S)
+    f = folded(turn * order)
+    if f <= VISIBLE_HZ * period:
+        return False
+    if order % z == 0:
+        return True
+    for k in range(1, TOOTH_ORDERS + 1):
+        if abs(folded(turn * k * z) - f) < (CLEAR if k <= 2 else RESOLVED) * unit:
+            return False
+    return True
+
+
 @kernel("int64(Samples, int64, int64, int64, int64)", Samples=SAMPLES)
 def _list_orders(d: Record, used: int, first: int, last: int, z: int) -> int:
     """List orders from first to last that are not listed yet; z above 0 takes multiples of it, below 0 the others."""

@@ -29,7 +29,7 @@ from typing import Final
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.monitoring.records import FAST, HARMONICS, SAMPLES
-from counterflex.runtime.monitoring.spindle_lines import CLEAR, NOTCH_S, RESOLVED, TOOTH_ORDERS, VISIBLE_HZ, folded
+from counterflex.runtime.monitoring.spindle_lines import NOTCH_S, is_apart
 
 APART_S: Final = 0.1
 """Time after which the amplitude of a line is its own again: three times tau."""
@@ -52,17 +52,7 @@ LARGEST: Final = 0.05
 @kernel("boolean(Samples, int64)", Samples=SAMPLES)
 def _is_clear(d: Record, line: int) -> bool:
     """Return whether a line is followed and lies off the tooth passing and its harmonics at the present speed."""
-    z, unit = max(1, d.teeth), d.period / (2.0 * math.pi * NOTCH_S)
-    f = d.place[line]
-    if d.active[line] < 0.5 or f <= VISIBLE_HZ * d.period:
-        return False
-    if int(d.order[line]) % z == 0:
-        return True
-    for k in range(1, TOOTH_ORDERS + 1):
-        tooth = folded(d.turn * (1.0 + d.slip) * k * z)
-        if abs(tooth - f) < (CLEAR if k <= 2 else RESOLVED) * unit:
-            return False
-    return True
+    return bool(d.active[line] >= 0.5 and is_apart(d.turn * (1.0 + d.slip), int(d.order[line]), d.teeth, d.period))
 
 
 @kernel("boolean(Samples, int64)", Samples=SAMPLES)

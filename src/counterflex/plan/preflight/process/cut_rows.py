@@ -18,6 +18,7 @@ from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.feed_limits import cut_demand
 from counterflex.plan.inputs import Inputs, Setting
 from counterflex.plan.preflight.process import demands, moves, spindle, tool_use
+from counterflex.plan.preflight.process.monitored import BROKEN_TOOTH, tooth_row
 from counterflex.plan.preflight.process.offsets import diameter_row, length_row, reading_row, work_row
 from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.plan.preflight.rapids import flute_row, rapid_row
@@ -40,7 +41,7 @@ OF_LOAD: Final = tuple(limit.check for limit in demands.LIMITS)
 """Checks that stand on the predicted force and the joint angles."""
 _OF_FORCE: Final = (
     *OF_LOAD, demands.CORRECTION, demands.CHIP, tool_use.FEED_PER_TOOTH,
-    tool_use.CUTTING_SPEED,
+    tool_use.CUTTING_SPEED, BROKEN_TOOTH,
 )  # fmt: skip
 NEEDS_CUT: Final = (*_OF_VOLUME, *_OF_FORCE)
 """Checks that stand on the predicted cut."""
@@ -82,11 +83,13 @@ class Machining:
         limits_of: Gives the limits of the process for a tool number.
         tools: By number.
         rigid: Axes whose stiffness is not known, as text; empty: none.
+        sample_s: Period of the force sensor; None where the process is not monitored.
     """
 
     limits_of: Callable[[int], ProcessLimits]
     tools: Mapping[int, ToolBounds]
     rigid: str = ""
+    sample_s: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +188,7 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
         *rows,
         tool_use.feed_row(path, made.result.feed_per_tooth_m, made.forced, cutter_of, tools),
         tool_use.speed_row(path, made.forced, cutter_of, tools),
+        tooth_row(path, made.forced, cutter_of, machining.sample_s),
         demands.chip_row(made.result, made.forced, path.time_s, setting.law,
                          setting.allow_extrapolation),
     ]  # fmt: skip
