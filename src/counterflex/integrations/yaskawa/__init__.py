@@ -1,0 +1,1 @@
+"""Yaskawa: INFORM jobs of DX200 and YRC1000."""

@@ -1,0 +1,1 @@
+"""INFORM III jobs (JBI): read, executed, edited in place, written."""
