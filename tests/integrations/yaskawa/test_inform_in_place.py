@@ -34,7 +34,7 @@ def motions_of(text: str) -> list[tuple[str, list[float], float, np.ndarray]]:
     return out
 
 
-OTHERS = ("'remark MOVL C00000", "", "DOUT OT#(7) ON", "TIMER T=0.50", "SET B005 5", "MSG \"here\"", "*L{}", "REFP 1")
+OTHERS = ("'remark MOVL C00000", "", "DOUT OT#(7) ON", "TIMER T=0.50", "SET B005 5", 'MSG "here"', "*L{}", "REFP 1")
 
 
 @st.composite
@@ -57,7 +57,10 @@ def jobs(draw: st.DrawFn) -> str:
                 name = f"C{count:05d}"
                 entries.append(point("C", count, place, turn))
                 count += 1
-        speed, level = draw(st.sampled_from(["50.0", "25", "33.5"])), draw(st.sampled_from(["", " PL=0", " PL=3 ACC=50"]))
+        speed, level = (
+            draw(st.sampled_from(["50.0", "25", "33.5"])),
+            draw(st.sampled_from(["", " PL=0", " PL=3 ACC=50"])),
+        )
         lines.append(f"MOVL {name} V={speed}{level}")
     return job(*lines, entries=[*entries, *by_variable]).replace("\n", draw(st.sampled_from(["\n", "\r\n"])))
 
@@ -172,7 +175,9 @@ def test_an_increment_and_a_variable_are_written_out() -> None:
     lines = ("MOVJ C00000 VJ=10.00", "MOVL P010 V=20.0", "IMOV P011 V=20.0 UF#(1)", "IMOV P011 V=20.0 UF#(1)")
     entries = [*points((0, 0, 0)), point("P", 10, (10, 0, 0)), point("P", 11, (0, 5, 0), (0.0, 0.0, 0.0))]
     program = read_inform(job(*lines, entries=entries), name="part.jbi")
-    np.testing.assert_allclose([m.p_end for m in program.motions], np.array([[0, 0, 0], [10, 0, 0], [10, 5, 0], [10, 10, 0]]) * MM)
+    np.testing.assert_allclose(
+        [m.p_end for m in program.motions], np.array([[0, 0, 0], [10, 0, 0], [10, 5, 0], [10, 10, 0]]) * MM
+    )
     compensated = corrected(program, 300.0 * UM, 0.0)
     text = write_inform_in_place(program, compensated, tolerance_m=_TOLERANCE_M, cycle_s=1.0)
     after = text.files["part.jbi"]

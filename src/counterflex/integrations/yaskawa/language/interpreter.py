@@ -29,7 +29,7 @@ _MOST_IDLE: Final = 20_000
 """Instructions executed beyond those written without a motion between them."""
 _DEEPEST: Final = 40
 _I: Final = re.IGNORECASE
-_ASSIGNED: Final = re.compile(rf"([A-Z]+)\s+({VARIABLE})\s*(?:\(([^)]*)\))?\s*(.*)", _I)
+_ASSIGNED: Final = re.compile(rf"(?:SET|((?!SET\b)[A-Z]+))\s+({VARIABLE})\s*(?(1)(?:\(([^)]*)\))?)\s*(.*)", _I)
 _GETE: Final = re.compile(rf"GETE\s+({VARIABLE})\s+({VARIABLE})\s*\(([^)]*)\)", _I)
 _SPEED: Final = re.compile(rf"(VJ|VR|VE|V)=({NUMBER}|{VARIABLE})", _I)
 _SHIFT: Final = re.compile(rf"SFTON\s+({VARIABLE})\s*({FRAME})?", _I)
@@ -190,7 +190,8 @@ class Interpreter(Flow):
                 raise step.job.fault(step.statement.start, "GETE is not understood", "GETE D000 P000 (3)")
             self.values.assign(element[1], self.values.element(element[2], element[3]))
         elif word in _EVALUATED:
-            self.values.operate(word, match[2], _operands(match), match[3] or "")
+            text = match[4].strip()
+            self.values.operate(word, match[2], [text] if word == "SET" else text.split(), match[3] or "")
         else:
             self.values.assign(match[2], Unknown(f"{word} sets it", self.values.where))
         return step.at + 1
@@ -291,14 +292,6 @@ class Interpreter(Flow):
         at = Point(one.line, one.head, one.start, one.end, (0, 0), np.eye(4), None, np.eye(3), file=step.job.name)
         self.rest(InformMotion("TIMER", at), time_s)
         return step.at + 1
-
-
-def _operands(match: re.Match[str]) -> list[str]:
-    """Texts behind the variable of an instruction; an expression is one."""
-    text = match[4].strip()
-    if match[1].upper() == "SET" and not match[3]:
-        return [text]
-    return text.split()
 
 
 _Handler = Callable[[Interpreter, Step], int]
