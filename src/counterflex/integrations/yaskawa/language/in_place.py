@@ -23,13 +23,14 @@ from counterflex.integrations.yaskawa.language.program import (
     Position,
     angles_of,
 )
-from counterflex.integrations.yaskawa.language.spelling import INFORM, comments, entry_text, numbers_text, speed_text
+from counterflex.integrations.yaskawa.language import LIMITS
+from counterflex.integrations.yaskawa.language.spelling import comments, entry_text, numbers_text, speed_text
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.robot_text.circle_fit import FittedCircle
 from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
 from counterflex.programs.robot_text.spans import Spans
 
-_DECIMALS: Final = np.array([10.0**-INFORM.position_decimals] * 3 + [10.0**-INFORM.angle_decimals] * 3)
+_DECIMALS: Final = np.array([10.0**-LIMITS.position_decimals] * 3 + [10.0**-LIMITS.angle_decimals] * 3)
 _ADDED: Final = re.compile(r"(?:ACC|DEC|PL=[1-8]|CR)\S*", re.IGNORECASE)
 _OF_ARCS: Final = re.compile(r"\s+(?:FPT|COORD=\S+)(?=\s|$)", re.IGNORECASE)
 _FRAME: Final = re.compile(r"\s+(?:BF|RF|TF|UF#\(\d+\))(?=\s|$)", re.IGNORECASE)
@@ -160,7 +161,7 @@ class _InPlace(InPlace):
 
     def rounded(self, p: Float) -> Float:
         """(3,) m, as positions are written."""
-        out: Float = np.round(p / MM, INFORM.position_decimals) * MM
+        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
         return out
 
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:

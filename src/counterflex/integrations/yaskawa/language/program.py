@@ -15,6 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_text.stated import Stated, StatedPosture
 
 DIALECT: Final = "inform"
 AXES: Final = 6
@@ -209,3 +210,29 @@ class InformProgram(RobotProgram):
     jobs: Mapping[str, JobText] = field(default_factory=dict)
     moves: tuple[InformMotion, ...] = ()
     doubts: tuple[str, ...] = ()
+
+    def stops(self) -> frozenset[int]:
+        """Motions with PL=0."""
+        return frozenset(index for index, move in enumerate(self.moves) if move.exact)
+
+    def roundings_m(self) -> list[float]:
+        """CR of each motion; PL has distances of the controller."""
+        return [0.0 if move.exact else move.rounding_m for move in self.moves]
+
+    def postures(self) -> dict[int, Stated]:
+        """RCONF of the targets: front or rear, upper or lower arm. Flip says where R is, not on which side B is."""
+        found = {index: _posture(move.point) for index, move in enumerate(self.moves)}
+        return {index: stated for index, stated in found.items() if stated is not None}
+
+
+def _posture(point: Point) -> Stated | None:
+    flags = point.header.rconf.split(",")[:3]
+    if point.T_frame_tool is None or len(flags) < 3 or any(flag not in ("0", "1") for flag in flags):
+        return None
+    front = flags[2] == "0"
+    return StatedPosture(front, (flags[1] == "0") == front), f"RCONF {','.join(flags)}"
+
+
+def doubts(program: InformProgram) -> list[str]:
+    """Return the second readings of a job, one sentence each."""
+    return list(program.doubts)

@@ -8,19 +8,10 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM_PER_S
+from counterflex.integrations.yaskawa.language import LIMITS
 from counterflex.integrations.yaskawa.language.program import Header, values_of
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import Limits
 
-INFORM: Final = Limits(
-    line_characters=255,
-    name_characters=32,
-    points_per_file=5_000,
-    position_decimals=3,
-    angle_decimals=4,
-    source="names: 32 characters (DX100 and later; NX100 8), positions in 0.001 mm and 0.0001 deg (DX200, YRC1000: "
-    "job data format); positions per job: no published figure, steps are shown with four digits (cautious)",
-)
 COMMENT: Final = 32
 """Characters of a comment (INFORM language manual): the mark of a job fits exactly."""
 _SPEED_DECIMALS: Final = 4
@@ -46,7 +37,7 @@ def entry_text(kind: str, index: int, T_frame_tool: Float, digits: int = 5) -> s
 
 def numbers_text(values: Sequence[float]) -> list[str]:
     """X Y Z and Rx Ry Rz as they are written."""
-    decimals = [INFORM.position_decimals] * 3 + [INFORM.angle_decimals] * 3
+    decimals = [LIMITS.position_decimals] * 3 + [LIMITS.angle_decimals] * 3
     return [number(float(value), places) for value, places in zip(values, decimals, strict=True)]
 
 

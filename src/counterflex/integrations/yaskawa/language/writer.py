@@ -9,9 +9,9 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
-from counterflex.geometry import pose
-from counterflex.integrations.yaskawa.language.program import USER, Header, angles_of, values_of
-from counterflex.integrations.yaskawa.language.spelling import INFORM, comments, job_text, numbers_text, speed_text
+from counterflex.integrations.yaskawa.language.program import USER, Header, angles_of, frame_of, values_of
+from counterflex.integrations.yaskawa.language import LIMITS
+from counterflex.integrations.yaskawa.language.spelling import comments, job_text, numbers_text, speed_text
 from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
 
@@ -45,7 +45,7 @@ class InformSettings(RobotSettings):
     configuration: Callable[[Float], str] = lambda _T: PLAIN
     axis_percent: float = 10.0
     cycle_s: float = 0.004
-    points_per_file: int = INFORM.points_per_file
+    points_per_file: int = LIMITS.points_per_file
     tool_data: Mapping[int, int] = field(default_factory=dict)
     T_world_part: Float | None = None
     T_flange_tcp: Float | None = None
@@ -56,7 +56,7 @@ class InformSettings(RobotSettings):
         Raises:
             InputError: A setting is out of range.
         """
-        check_name(self.name, INFORM, "INFORM")
+        check_name(self.name, LIMITS, "INFORM")
         super().check()
         if not 0.01 <= self.axis_percent <= 100.0:
             raise InputError("axis_percent is out of range", value=self.axis_percent, limit="0.01 to 100")
@@ -105,7 +105,7 @@ def inform_job(name: str, base: int, lines: Sequence[str]) -> str:
 class InformWriter(RobotWriter[InformSettings]):
     """The words of INFORM: every point is a MOVL with a position of its own in the user frame."""
 
-    dialect, limits, suffix = "inform", INFORM, "JBI"
+    dialect, limits, suffix = "inform", LIMITS, "JBI"
     comment, stop, wait = "'", "PAUSE", "TIMER T={}"
 
     def dwell(self, time_s: float) -> str:
@@ -153,7 +153,7 @@ class InformWriter(RobotWriter[InformSettings]):
 
     def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
         """The job of a part."""
-        check_name(name, INFORM, "INFORM")
+        check_name(name, LIMITS, "INFORM")
         return {f"{name}.JBI": inform_job(name, self.settings.base, body)}
 
     def _move(self, index: int, speed_m_s: float, *, exact: bool) -> str:
@@ -164,9 +164,4 @@ class InformWriter(RobotWriter[InformSettings]):
 
 def written_pose(T_part_tcp: Float) -> Float:
     """Return (4, 4) m, a pose as a job holds it: rounded to its decimals."""
-    from counterflex.integrations.yaskawa.language.program import frame_of
-
     return frame_of([float(text) for text in numbers_text(values_of(T_part_tcp))])
-
-
-__all__ = ["InformSettings", "InformWriter", "inform_job", "inform_motion", "pose", "written_pose"]

@@ -12,7 +12,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import UM
 from counterflex.geometry import pose
 from counterflex.geometry.circle import angle_to, circle, turned
-from counterflex.integrations.yaskawa.language.spelling import INFORM, speed_text
+from counterflex.integrations.yaskawa.language import LIMITS
+from counterflex.integrations.yaskawa.language.spelling import speed_text
 from counterflex.integrations.yaskawa.language.writer import InformSettings, inform_job, inform_motion, written_pose
 from counterflex.programs.convert.emitter import turn_deg
 from counterflex.programs.convert.robot_languages import RobotEmitter
@@ -40,7 +41,7 @@ class InformEmitter(RobotEmitter[InformSettings]):
     """
 
     language: ClassVar[str] = "inform"
-    limits: ClassVar[Limits] = INFORM
+    limits: ClassVar[Limits] = LIMITS
     stop: ClassVar[str] = "PAUSE"
     sign: ClassVar[str] = "'"
 
@@ -52,7 +53,7 @@ class InformEmitter(RobotEmitter[InformSettings]):
 
     def program(self, name: str, lines: list[str]) -> dict[str, str]:
         """One job."""
-        check_name(name, INFORM, "INFORM")
+        check_name(name, LIMITS, "INFORM")
         return {f"{name}.JBI": inform_job(name, self.settings.base, lines)}
 
     def call(self, part: str) -> str:
