@@ -1,0 +1,238 @@
+"""An INFORM job as read: its positions with their places in the text, and what stands behind each motion.
+
+Source of the format: Yaskawa, DX100 and NX100 "Instructions for data transmission", chapter "Job data format".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import pose, rotation
+from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_text.stated import Stated, StatedPosture
+
+DIALECT: Final = "inform"
+AXES: Final = 6
+PULSE: Final = "PULSE"
+USER: Final = "USER"
+WORLD: Final = ("BASE", "ROBOT")
+"""Types of positions in the frame of the robot: both are one where the robot stands on no base axis."""
+_UPRIGHT_DEG: Final = 1e-6
+Span = tuple[int, int]
+"""Index of the first character, and the one behind the last."""
+
+
+def frame_of(values: Sequence[float]) -> Float:
+    """(4, 4) m of X Y Z (mm) and Rx Ry Rz (deg): ``R = Rz(Rz) Ry(Ry) Rx(Rx)``.
+
+    Sources: DX100 instructions for data transmission, 4.3.1.1 (the frame is turned by Rz, then Ry, then Rx, each about
+    its own new axes); Roboception, "Yaskawa pose format".
+    """
+    x, y, z = (np.asarray(values[3:AXES], dtype=np.float64) * DEG).tolist()
+    return pose.make(rotation.from_zyx(np.array([z, y, x])), np.asarray(values[:3], dtype=np.float64) * MM)
+
+
+def angles_of(R_frame_tool: Float) -> tuple[float, float, float]:
+    """Rx, Ry, Rz in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
+    z, y, x = (float(angle) for angle in rotation.to_zyx(R_frame_tool) / DEG)
+    if abs(abs(y) - 90.0) < _UPRIGHT_DEG:  # only the sum or difference of Rx and Rz counts
+        both = x - z if y > 0.0 else x + z
+        x, z = both - 360.0 * round(both / 360.0), 0.0
+    return x, y, z
+
+
+def values_of(T_frame_tool: Float) -> list[float]:
+    """X Y Z in mm and Rx Ry Rz in deg of a pose (4, 4) m."""
+    return [*(T_frame_tool[:3, 3] / MM).tolist(), *angles_of(T_frame_tool[:3, :3])]
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What stands before positions and holds for all that follow.
+
+    Attributes:
+        postype: ``PULSE BASE ROBOT USER TOOL MTOOL``.
+        user: Number of ``///USER``; -1 where none was said.
+        tool: Number of ``///TOOL``; -1 where none was said.
+        rconf: Text of ``///RCONF``.
+    """
+
+    postype: str = ""
+    user: int = -1
+    tool: int = -1
+    rconf: str = ""
+
+    def lines(self) -> list[str]:
+        """Return the pseudo instructions that say it."""
+        out = [f"///USER {self.user}"] if self.postype == USER else []
+        out += [f"///TOOL {self.tool}"] if self.tool >= 0 else []
+        out += [f"///POSTYPE {self.postype}", "///PULSE" if self.postype == PULSE else "///RECTAN"]
+        return [*out, *([f"///RCONF {self.rconf}"] if self.postype != PULSE and self.rconf else [])]
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """An entry of ``//POS``.
+
+    Attributes:
+        kind: ``C`` or ``P``; of external axes ``BC EC BP EX``.
+        number: Behind the kind.
+        start: Index of its name.
+        end: Index behind its last number.
+        numbers: Where each number stands.
+        values: X Y Z in mm and Rx Ry Rz in deg; S L U R B T in pulses where ``header.postype`` is PULSE.
+        header: What it stands under.
+    """
+
+    kind: str
+    number: int
+    start: int
+    end: int
+    numbers: tuple[Span, ...]
+    values: tuple[float, ...]
+    header: Header
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A position that a motion leads to or through, as it stands in the text.
+
+    Attributes:
+        line: 1-based line of the instruction.
+        head: Index at which its line begins.
+        start: Index of its word.
+        end: Index behind the instruction.
+        named: Where the position is named.
+        T_part_frame: (4, 4) m, frame that its numbers are in, in the part frame, with the shift that is on.
+        T_frame_tool: (4, 4) m, itself in that frame; None of a place by axes.
+        R_tcp_tool: (3, 3) its tool frame in the cell's TCP frame.
+        position: Its entry; None of a computed one.
+        computed: Why it is no entry, as a clause; empty where it is.
+        header: What an entry like it stands under.
+        words: Positions of external axes behind it, as written.
+        number: Where the number of ``V=`` stands; empty span without one.
+        tail: Options behind the speed, as written.
+        file: Job that it stands in.
+    """
+
+    line: int
+    head: int
+    start: int
+    end: int
+    named: Span
+    T_part_frame: Float
+    T_frame_tool: Float | None
+    R_tcp_tool: Float
+    position: Position | None = None
+    computed: str = ""
+    header: Header = field(default_factory=Header)
+    words: str = ""
+    number: Span = (0, 0)
+    tail: str = ""
+    file: str = ""
+
+    @property
+    def T_part_tool(self) -> Float:
+        """(4, 4) m, itself in the part frame."""
+        out: Float = self.T_part_frame @ (np.eye(4) if self.T_frame_tool is None else self.T_frame_tool)
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class InformMotion:
+    """What stands behind a motion of :attr:`InformProgram.motions` in the text.
+
+    Attributes:
+        word: ``MOVJ MOVL MOVC IMOV``, or ``TIMER`` of a dwell.
+        point: Its end.
+        exact: The robot stops there (PL=0).
+        rounding_m: Radius of its corner as far as the job says it (CR); NaN: left to the controller.
+        through: Of a circle the points between start and end.
+        start: Of a circle the MOVC that stands at its start, where it moves nothing.
+        piece: One of several pieces of a circle that stand in instructions of their own: not edited.
+    """
+
+    word: str
+    point: Point
+    exact: bool = False
+    rounding_m: float = float("nan")
+    through: tuple[Point, ...] = ()
+    start: Point | None = None
+    piece: bool = False
+
+    @property
+    def line(self) -> int:
+        """1-based line of its instruction."""
+        return self.point.line
+
+
+@dataclass(frozen=True, slots=True)
+class JobText:
+    """A job file, as read.
+
+    Attributes:
+        text: As read.
+        positions: Entries by kind and number.
+        mentions: How often the instructions name each C.
+        npos: Where the number of C in ``///NPOS`` stands.
+        behind: Index behind the last C, where further ones are put; without one behind ``//POS``.
+        at_behind: What further positions there stand under.
+        followed: Positions stand behind it.
+        first: Index at which the line behind NOP begins.
+    """
+
+    text: str
+    positions: Mapping[tuple[str, int], Position]
+    mentions: Mapping[int, int]
+    npos: Span
+    behind: int
+    at_behind: Header
+    followed: bool
+    first: int
+
+
+@dataclass(frozen=True, slots=True)
+class InformProgram(RobotProgram):
+    """A job with those that it calls.
+
+    Attributes:
+        jobs: By name of the file, the main one first.
+        moves: One for each of ``motions``.
+        doubts: Second readings, one sentence each.
+    """
+
+    jobs: Mapping[str, JobText] = field(default_factory=dict)
+    moves: tuple[InformMotion, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def stops(self) -> frozenset[int]:
+        """Motions with PL=0."""
+        return frozenset(index for index, move in enumerate(self.moves) if move.exact)
+
+    def roundings_m(self) -> list[float]:
+        """CR of each motion; PL has distances of the controller."""
+        return [0.0 if move.exact else move.rounding_m for move in self.moves]
+
+    def postures(self) -> dict[int, Stated]:
+        """RCONF of the targets: front or rear, upper or lower arm. Flip says where R is, not on which side B is."""
+        found = {index: _posture(move.point) for index, move in enumerate(self.moves)}
+        return {index: stated for index, stated in found.items() if stated is not None}
+
+
+def _posture(point: Point) -> Stated | None:
+    flags = point.header.rconf.split(",")[:3]
+    if point.T_frame_tool is None or len(flags) < 3 or any(flag not in ("0", "1") for flag in flags):
+        return None
+    front = flags[2] == "0"
+    return StatedPosture(front, (flags[1] == "0") == front), f"RCONF {','.join(flags)}"
+
+
+def doubts(program: InformProgram) -> list[str]:
+    """Return the second readings of a job, one sentence each."""
+    return list(program.doubts)

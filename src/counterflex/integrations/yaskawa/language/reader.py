@@ -1,0 +1,114 @@
+"""Read INFORM jobs strictly: what cannot be known exactly is refused with its line, its column and what to do."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from counterflex.core.errors import ProgramError
+from counterflex.integrations.yaskawa.language.frames import InformCell
+from counterflex.integrations.yaskawa.language.interpreter import Interpreter
+from counterflex.integrations.yaskawa.language.job import Folder, Job, jobs_beside
+from counterflex.integrations.yaskawa.language.program import DIALECT, InformProgram
+from counterflex.programs.gcode.read.flow import line_end, split_lines
+from counterflex.programs.program import TOOL_VECTOR
+from counterflex.programs.robot_text.axes import tilted, with_axes
+from counterflex.programs.robot_text.cell import RobotTextCell
+from counterflex.programs.source_text import common_encoding, read_text
+
+_CM_PER_MIN_MM_S = 10.0 / 60.0
+
+
+def read_inform(
+    text: str,
+    *,
+    name: str = "program.jbi",
+    cell: RobotTextCell | None = None,
+    complete: bool = True,
+    folder: Folder | None = None,
+) -> InformProgram:
+    """Execute a job and return the instructions passed and the motions made.
+
+    Positions are of the tool tip in the user frame, which is the part frame, or in the frame of the robot. The first
+    position is approached from wherever the robot is: it counts as reached by a rapid without length.
+
+    Args:
+        text: The job.
+        name: Its name, for errors.
+        cell: What frames and process words are checked against; None takes the first frame for the part frame and
+            knows no process words.
+        complete: Refuse a text without END: it may have been cut off.
+        folder: Jobs that it can call; None has none.
+
+    Returns:
+        The program as executed.
+
+    Raises:
+        ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
+            exactly.
+    """
+    job, folder = Job(text, name, complete=complete), folder or Folder()
+    interpreter = Interpreter(job, folder, cast("InformCell | None", cell))
+    interpreter.run()
+    rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
+    leans = tilted(rotations)
+    lines = split_lines(text)
+    return InformProgram(
+        name=name,
+        dialect=DIALECT,
+        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
+        newline=line_end(text),
+        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
+        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
+        straight=not folder.jobs and max(interpreter.runs.values(), default=1) == 1,
+        Rs_part_tcp=rotations,
+        acting=tuple(sorted(set(interpreter.acting))),
+        left_out=interpreter.left_out(name),
+        axes_deg=interpreter.axes_deg,
+        jobs={name: job.about(), **{key: one.about() for key, one in folder.jobs.items()}},
+        moves=tuple(interpreter.moves),
+        doubts=_doubts(interpreter.doubts),
+    )
+
+
+def _doubts(speeds: dict[str, list[int]]) -> tuple[str, ...]:
+    """Speeds without decimals: controllers show mm/s with one decimal, cm/min with none."""
+    if not speeds:
+        return ()
+    speed, lines = next(iter(speeds.items()))
+    count = sum(len(one) for one in speeds.values())
+    more = f" and {count - 1} more" if count > 1 else ""
+    return (
+        f"V={speed} in line {lines[0]}{more} has no decimal and is read as {speed} mm/s; a controller set to cm/min "
+        f"writes speeds so and goes {float(speed) * _CM_PER_MIN_MM_S:.4g} mm/s",
+    )
+
+
+def read_inform_file(
+    path: str | os.PathLike[str], *, cell: RobotTextCell | None = None, complete: bool = True
+) -> InformProgram:
+    """Read a job, with those of its folder that it calls.
+
+    Args:
+        path: The file, UTF-8 or Latin-1.
+        cell: See :func:`read_inform`.
+        complete: Refuse a file without END.
+
+    Raises:
+        ProgramError: A file cannot be read, is no text, or is no job that can be executed exactly.
+    """
+    file = Path(path)
+    text, encoding = read_text(file)
+    folder = Folder(jobs_beside(file), complete=complete)
+    if encoding == "utf-8-sig":
+        raise ProgramError(
+            "the file begins with a byte order mark, which no controller reads", where=str(file),
+            hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
+        )  # fmt: skip
+    program = read_inform(text, name=file.name, cell=cell, complete=complete, folder=folder)
+    texts = {file.name: (text, encoding)} | {name: (job.text, job.encoding) for name, job in folder.jobs.items()}
+    return replace(program, encoding=common_encoding(texts))

@@ -1,0 +1,167 @@
+"""INFORM: a compensated path as MOVL with positions in a user frame, in relative jobs (JBI)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM
+from counterflex.integrations.yaskawa.language.program import USER, Header, angles_of, frame_of, values_of
+from counterflex.integrations.yaskawa.language import LIMITS
+from counterflex.integrations.yaskawa.language.spelling import comments, job_text, numbers_text, speed_text
+from counterflex.programs.limits import check_name
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
+
+_POSE: Final = "\0"
+"""Stands between an instruction and the entry of its position until the positions of a job are numbered."""
+_FLAG: Final = "\1"
+"""Stands between what an entry is under and its numbers."""
+PLAIN: Final = "1,0,0,0,0,0"
+"""RCONF of a posture that nothing is known of: no flip, upper arm, front, no turns."""
+_UNUSED: Final = ",0" * 18
+
+
+@dataclass(frozen=True, kw_only=True)
+class InformSettings(RobotSettings):
+    """What a job needs beside the path and what every language needs; names have up to 32 characters.
+
+    Attributes:
+        tool: Tool file of tools that ``tool_data`` does not name.
+        base: User frame that is the part frame.
+        configuration: Returns RCONF of a tool pose (4, 4) m in the part frame, six flags with commas between.
+        axis_percent: Speed of MOVJ, per cent, 0.01 to 100.
+        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
+        points_per_file: See there.
+        tool_data: Tool file by number of the tool in the program.
+        T_world_part: (4, 4) m, what the user frame must be on the controller, stated as a comment; None states nothing.
+        T_flange_tcp: (4, 4) m, likewise of the first tool.
+    """
+
+    tool: int = 1
+    base: int = 1
+    configuration: Callable[[Float], str] = lambda _T: PLAIN
+    axis_percent: float = 10.0
+    cycle_s: float = 0.004
+    points_per_file: int = LIMITS.points_per_file
+    tool_data: Mapping[int, int] = field(default_factory=dict)
+    T_world_part: Float | None = None
+    T_flange_tcp: Float | None = None
+
+    def check(self) -> None:
+        """Check ranges.
+
+        Raises:
+            InputError: A setting is out of range.
+        """
+        check_name(self.name, LIMITS, "INFORM")
+        super().check()
+        if not 0.01 <= self.axis_percent <= 100.0:
+            raise InputError("axis_percent is out of range", value=self.axis_percent, limit="0.01 to 100")
+        if self.places or self.external_axes:
+            raise InputError("external axes have no words in jobs written anew", value="external_axes",
+                             hint="Write the job of a cell without [[external_axes]]")  # fmt: skip
+
+    def tool_of(self, tool: int) -> int:
+        """Return the tool file of a tool of the program."""
+        return self.tool_data.get(tool, self.tool)
+
+
+def inform_motion(settings: InformSettings, tool: int, word: str, T_part_tcp: Float, rest: str) -> str:
+    """Return a motion with the entry of its position, until :func:`inform_job` numbers it.
+
+    Args:
+        settings: Frames and configuration.
+        tool: Number of the tool in the program.
+        word: ``MOVL``, ``MOVJ`` or ``MOVC``.
+        T_part_tcp: (4, 4) m.
+        rest: Speed and options, as written.
+    """
+    flags = settings.configuration(T_part_tcp)
+    numbers = ",".join(numbers_text(values_of(T_part_tcp)))
+    return f"{word} C# {rest}{_POSE}{settings.tool_of(tool)}{_FLAG}{flags}{_FLAG}{numbers}"
+
+
+def inform_job(name: str, base: int, lines: Sequence[str]) -> str:
+    """Return the text of a job: positions numbered and listed, comments cut."""
+    entries: list[tuple[Header, str]] = []
+    out: list[str] = []
+    for line in lines:
+        text = line.strip()
+        if text.startswith("'"):
+            out += [f"'{part}" for part in comments([text[1:].strip()])]
+            continue
+        form, _, entry = text.partition(_POSE)
+        if entry:
+            tool, flags, numbers = entry.split(_FLAG)
+            form = form.replace("C#", f"C{len(entries):05d}", 1)
+            entries.append((Header(USER, base, int(tool), f"{flags}{_UNUSED}"), numbers))
+        out.append(form)
+    return job_text(name, Header(USER, base), entries, out)
+
+
+class InformWriter(RobotWriter[InformSettings]):
+    """The words of INFORM: every point is a MOVL with a position of its own in the user frame."""
+
+    dialect, limits, suffix = "inform", LIMITS, "JBI"
+    comment, stop, wait = "'", "PAUSE", "TIMER T={}"
+
+    def dwell(self, time_s: float) -> str:
+        """Line that waits; TIMER takes 0.01 s."""
+        return self.wait.format(f"{time_s:.2f}")
+
+    def point(self, index: int) -> list[str]:
+        """A point: MOVL, PL=0 at the first one and where it must be reached."""
+        return [self._move(index, self.speed_to(index), exact=bool(self.points.exact[index]) or index == 0)]
+
+    def enter(self, tool: int, place: int) -> list[str]:
+        """The way back behind a change of tool; every position names its tool."""
+        self.speed, self.tool = self.settings.rapid_m_s, tool
+        return [self._move(place, self.speed, exact=True)]
+
+    def start(self, lead: Sequence[str]) -> list[str]:
+        """Where the job comes from, what the frames must be, first tool; by axes to the first point."""
+        settings = self.settings
+        to_first: list[str] = []
+        if len(self.points.row):
+            T = self.points.Ts_part_tcp[0]
+            to_first = [inform_motion(settings, self.first_tool, "MOVJ", T, f"VJ={settings.axis_percent:.2f} PL=0")]
+        return [*self.origin(), *self._stated(), *lead, *to_first]
+
+    def _stated(self) -> list[str]:
+        """Comments of what the frames, which the job names by number, must be on the controller."""
+        settings, out = self.settings, []
+        for name, T in (
+            (f"UF#({settings.base}) in the robot frame", settings.T_world_part),
+            (f"TOOL {settings.tool_of(self.first_tool)}", settings.T_flange_tcp),
+        ):
+            if T is not None:
+                place = " ".join(f"{value:.3f}" for value in T[:3, 3] / MM)
+                turn = " ".join(f"{value:.4f}" for value in angles_of(T[:3, :3]))
+                out += [f"' {name}", f"' X Y Z {place}", f"' RXYZ {turn}"]
+        return out
+
+    def call(self, part: str) -> str:
+        """Call of a part."""
+        return f"CALL JOB:{part.upper()}"
+
+    def main(self, body: Sequence[str]) -> str:
+        """The main job."""
+        return inform_job(self.settings.name, self.settings.base, body)
+
+    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
+        """The job of a part."""
+        check_name(name, LIMITS, "INFORM")
+        return {f"{name}.JBI": inform_job(name, self.settings.base, body)}
+
+    def _move(self, index: int, speed_m_s: float, *, exact: bool) -> str:
+        T = self.points.Ts_part_tcp[index]
+        rest = f"V={speed_text(speed_m_s)}{' PL=0' if exact else ''}"
+        return inform_motion(self.settings, self.tool, "MOVL", T, rest)
+
+
+def written_pose(T_part_tcp: Float) -> Float:
+    """Return (4, 4) m, a pose as a job holds it: rounded to its decimals."""
+    return frame_of([float(text) for text in numbers_text(values_of(T_part_tcp))])
