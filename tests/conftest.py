@@ -21,17 +21,20 @@ import thirds
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("COUNTERFLEX_PROGRESS_S", "0")  # how slow a machine is shows in no output
 LONGEST = (
-    "cli/test_help.py",
-    "validation/test_fault_scenarios.py",
     "app/proof/test_accuracy_goals.py",
-    "app/production/test_production_twin.py",
     "cutting/tridexel/test_columns.py",
+    "validation/test_composed_stories.py",
+    "identify/test_interval_coverage.py",
+    "app/production/test_production_twin.py",
+    "robot/test_compliance.py",
+    "validation/test_fault_scenarios.py",
+    "cli/test_help.py",
+    "runtime/test_force_step.py",
+    "runtime/test_step_explored.py",
+    "runtime/test_supervisor_explored.py",
+    "identify/kinematics/test_kinematics_recovery.py",
     "identify/payload/test_payload.py",
     "app/proof/test_turning_tool.py",
-    "robot/test_compliance.py",
-    "runtime/test_supervisor_explored.py",
-    "runtime/test_step_explored.py",
-    "runtime/test_force_step.py",
     "app/run/test_pair_run.py",
     "app/production/test_production_job.py",
 )

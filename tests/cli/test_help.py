@@ -87,6 +87,7 @@ SHORTER = {
     "campaign": ["--workers", "1"],
     "demo": ["--workers", "1", "--seeds", "1"],
     "prove": ["--workers", "1", "--seeds", "1", "--no-exact"],
+    "holder design": ["--bricks", "1"],
     "plan map": ["--points", "3"],
     "plan placement": ["--candidates", "64"],
 }

@@ -64,6 +64,7 @@ def beginnings() -> list[tuple[Float, Float]]:
     return out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("state", STANDING)
 @pytest.mark.parametrize("elapsed", [1, 4])
 def test_it_does_not_grow_but_by_the_way_in_which_it_brakes(state: State, elapsed: int) -> None:

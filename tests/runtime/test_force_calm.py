@@ -104,6 +104,7 @@ def test_a_drift_over_two_seconds_is_told_while_it_lasts(mode: ForceMode) -> Non
     assert 0 < (told - begin) * 4e-3 < 2.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [0.5, 0.7, 1.5, 2.0])
 @pytest.mark.parametrize("share", [0.3, 0.6, 1.0])
 @pytest.mark.parametrize("other", [0.9, 1.0, 1.1])

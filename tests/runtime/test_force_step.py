@@ -218,6 +218,7 @@ def _drifting(plant: Plant, k: int) -> Float:
     return drifted
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "force", [*(_scaled(f) for f in (0.5, 0.7, 1.0, 1.5, 2.0)), _late, _drifting],
     ids=["x0.5", "x0.7", "x1", "x1.5", "x2", "late", "drift"],

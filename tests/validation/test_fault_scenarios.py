@@ -43,6 +43,7 @@ def test_requirement_holds(scenario: Scenario) -> None:
     assert outcome.step_m is None or outcome.step_m <= LARGEST_STEP_M
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", AT_ONCE, ids=lambda s: f"{s.requirement}-{s.name}")
 def test_requirement_holds_with_a_tracker_at_once(scenario: Scenario) -> None:
     """R18, and those of the others that a tracker could change."""

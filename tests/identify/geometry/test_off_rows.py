@@ -84,6 +84,7 @@ def ordered(d: Dataset, axis: int) -> Dataset:
     return replace(d, channels=channels)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("place", ["beginning", "middle", "end"])
 def test_a_block_of_rows_is_found_wherever_it_stands(way: str, place: str) -> None:
@@ -99,6 +100,7 @@ def test_a_block_of_rows_is_found_wherever_it_stands(way: str, place: str) -> No
         assert blocks[0].usual_m < 5.0 * SIGMA_M
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("axis", [None, 0, 1, 3])
 def test_clean_sessions_have_none_in_any_order(axis: int | None) -> None:
     for seed in range(10, 16):

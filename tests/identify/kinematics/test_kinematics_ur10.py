@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from counterflex.app.identification.cell_model import model_of
 from counterflex.core.progress import silent

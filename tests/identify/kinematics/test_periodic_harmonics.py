@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from counterflex.app.identification.cell_model import model_of
 from counterflex.core.arrays import Float

@@ -297,6 +297,7 @@ def test_the_rest_goes_by_the_arm_and_is_measured_where_programs_work() -> None:
     assert near < 2.0
 
 
+@pytest.mark.long
 def test_hose_pack_rest_is_kept_only_where_it_helps() -> None:
     with_hose, _ = twin_run("auto")
     without, _ = twin_run("none")

@@ -69,6 +69,7 @@ def judged(block: SensorReadings) -> Fit:
     return with_jackknife(with_groups_once(fit, [block]), [block], parts_of_groups([block]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("count", "copies"), [(4, 8), (8, 5), (12, 4)])
 def test_intervals_of_mass_hold_where_orientations_are_copied_or_nearly_so(count: int, copies: int) -> None:
     before: list[float] = []

@@ -78,6 +78,7 @@ def unexplained(seed: int, changing: bool, regions: bool) -> float:
     return figures["holdout_unexplained_percent"]
 
 
+@pytest.mark.long
 def test_posture_dependent_compliance_is_met_better_and_plain_cells_no_worse() -> None:
     """Seeds 101 to 108: 0.32 to 0.74 of the error without regions, mean 0.47; what bearings do stays.
 

@@ -179,6 +179,7 @@ def test_simulated_cell_without_dry_friction(cell: CellModel, proposal: Proposal
     assert figures["holdout_unexplained_percent"] < (result.headline[0].nominal or 0.0)
 
 
+@pytest.mark.long
 def test_simulated_cell_with_friction_and_a_tracker(cell: CellModel) -> None:
     truth, lab = truth_of(cell, 4), laboratory(4)
     off = pose.make(rotation.exp(np.full(3, 1e-3)))
