@@ -18,7 +18,7 @@ from counterflex.programs.fanuc.read.routine import Folder
 from counting_programs import NAMES, Counting, Op, Text, leaf, name, programs, small
 from fanuc_listings import entry, listing
 
-QUICK = settings(max_examples=80, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
+QUICK = settings(max_examples=150, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 Six = tuple[int, int, int, int, int, int]
 Pose = tuple[Rotation, Float]
 FRAMES: dict[int, Six] = {1: (100, 20, 5, 0, 0, 30), 2: (-7, 0, 3, 10, -40, 0)}
@@ -85,8 +85,8 @@ class Fanuc(Counting):
     def do_frame(self, number: int) -> None:
         self.frame = number
 
-    def do_tool(self, number: int, *to: Op) -> None:
-        del number
+    def do_tools(self, *to: Op) -> None:
+        self.do_move(*to)
         self.do_move(*to)
 
     def do_set_frame(self, values: Six) -> None:
@@ -175,8 +175,8 @@ class FanucText(Text):
     def do_frame(self, number: int) -> Iterator[str]:
         yield f"UFRAME_NUM={number}"
 
-    def do_tool(self, number: int, *to: Op) -> Iterator[str]:
-        yield from [f"UTOOL_NUM={number}", *self.do_move(*to)]
+    def do_tools(self, *to: Op) -> Iterator[str]:
+        yield from ["UTOOL_NUM=2", *self.do_move(*to), "UTOOL_NUM=1", *self.do_move(*to)]
 
     def do_set_frame(self, values: Six) -> Iterator[str]:
         yield from [*self.six(5, values), "UFRAME[2]=PR[5]"]
@@ -260,7 +260,7 @@ PROGRAMS = programs(
     st.tuples(st.just("set"), name, WHOLE), st.tuples(st.just("lean"), turn),
     st.tuples(st.just("speed"), st.integers(1, 900)), st.tuples(st.just("override"), st.integers(1, 100)),
     st.tuples(st.just("limit"), st.integers(5, 900)), st.tuples(st.just("frame"), st.sampled_from([1, 2])),
-    st.tuples(st.just("tool"), st.sampled_from([1, 2]), leaf, leaf, leaf), st.tuples(st.just("set_frame"), six),
+    st.tuples(st.just("tools"), leaf, leaf, leaf), st.tuples(st.just("set_frame"), six),
     st.tuples(st.just("displaced"), kind, six, goal), st.tuples(st.just("condition"), kind, six),
     st.tuples(st.just("conditioned"), kind, goal), st.tuples(st.just("step"), st.tuples(small, small, small)),
     st.tuples(st.just("from_here"), st.integers(0, 2), small), st.tuples(st.just("own_point")), steps=(1, -1),

@@ -16,7 +16,7 @@ from counterflex.core.units import MM
 from counterflex.programs.krl.read.reader import read_krl
 from counting_programs import NAMES, Counting, Op, Text, expression, leaf, name, programs, small
 
-QUICK = settings(max_examples=80, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
+QUICK = settings(max_examples=150, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 Six = tuple[int, int, int, int, int, int]
 FIRST: Six = (100, 20, 5, 30, 0, 0)
 OTHER: Six = (-7, 0, 3, 0, -40, 10)

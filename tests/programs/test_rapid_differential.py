@@ -15,7 +15,7 @@ from counterflex.core.units import MM
 from counterflex.programs.rapid.read.reader import read_rapid
 from counting_programs import NAMES, Counting, Op, Text, leaf, name, programs, small
 
-QUICK = settings(max_examples=80, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
+QUICK = settings(max_examples=150, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 Pose = tuple[Rotation, np.ndarray]  # type: ignore[type-arg]
 REST = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
 OBJECTS = {
