@@ -86,7 +86,8 @@ def test_gcode_feeds_in_the_unit_and_mode_they_were_given_in(ops: list[tuple[str
 
 OFFSETS = st.lists(
     st.tuples(
-        st.sampled_from(["G92", "G52", "G92.1", "G92.2", "G92.3", "move", "G20", "G21", "G43.1", "step"]), st.integers(-40, 40)
+        st.sampled_from(["G92", "G52", "G92.1", "G92.2", "G92.3", "move", "G20", "G21", "G43.1", "step"]),
+        st.integers(-40, 40),
     ),
     max_size=20,
 )

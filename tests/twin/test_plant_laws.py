@@ -16,10 +16,10 @@ from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.robot.model.description import ElasticRegion
 from counterflex.twin.plant.controller import Controller, interpolate, moving_mean
-from counterflex.twin.plant.mjcf import coordinates as coordinates_of
 from counterflex.twin.plant.friction import play_torque
 from counterflex.twin.plant.gear_curves import gear_torque, wind_up
 from counterflex.twin.plant.hose import Hose
+from counterflex.twin.plant.mjcf import coordinates as coordinates_of
 from counterflex.twin.plant.posture_springs import PostureSprings
 from counterflex.twin.plant.process import as_ground
 from counterflex.twin.plant.slow_changes import SlowChanges
