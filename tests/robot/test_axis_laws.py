@@ -25,7 +25,7 @@ from counterflex.robot.elasticity.compliance import (
 )
 from counterflex.robot.elasticity.gravity import sag
 from counterflex.robot.model import catalog
-from counterflex.robot.model.description import EndEffector, Play, Segment
+from counterflex.robot.model.description import EndEffector, Play, Robot, Segment, Servo
 
 QUICK = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 seed = st.integers(0, 2**31)
@@ -205,3 +205,71 @@ def test_play_of_every_axis_and_element_is_checked(axis: int, wrong: Play, name:
     play = tuple(wrong if k == axis else None for k in range(6))
     with pytest.raises(ModelError, match=rf"play of axis {axis + 1}: {name} is out of range"):
         ElasticChain.build(replace(KR300, play=play))
+
+
+def limited(axis: int, low: float, high: float) -> Robot:
+    limits = KR300.joint_limits_rad.copy()
+    limits[axis] = low, high
+    return replace(KR300, joint_limits_rad=limits)
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize(("low", "high"), [(-1001.0, 1.0), (-1.0, 1001.0), (0.5, 0.5)])
+def test_limits_in_degrees_are_refused_on_either_side(axis: int, low: float, high: float) -> None:
+    with pytest.raises(ModelError, match="limit"):
+        ElasticChain.build(limited(axis, low, high))
+    ElasticChain.build(limited(axis, max(low, -1000.0), min(high, 1000.0) + 1e-3 * (high == low)))
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("speed", [0.0, -1.0])
+def test_every_axis_can_move(axis: int, speed: float) -> None:
+    speeds = np.full(6, 2.0)
+    ElasticChain.build(replace(KR300, joint_speeds_rad_s=speeds))
+    speeds[axis] = speed
+    with pytest.raises(ModelError, match="not positive"):
+        ElasticChain.build(replace(KR300, joint_speeds_rad_s=speeds))
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("speed_gain_nm_s", 1e-3, 1e9),
+        ("position_gain_per_s", 0.1, 1e4),
+        ("integral_time_s", 1e-4, 100.0),
+        ("friction_nm", 0.0, 1e5),
+        ("slip_rad", 1e-7, 1e-2),
+    ],
+)
+def test_gains_of_every_axis_are_checked_at_both_ends(axis: int, name: str, low: float, high: float) -> None:
+    """Whether those of other axes are known or not; both ends belong to the range."""
+    good = Servo(1e4, 20.0, 0.05)
+    for others in (None, good):
+        for value, fits in ((low, True), (high, True), (low - 1e-3 * (low or 1.0), False), (1.001 * high, False)):
+            robot = replace(
+                KR300, servo=tuple(replace(good, **{name: value}) if k == axis else others for k in range(6))
+            )
+            if fits:
+                ElasticChain.build(robot)
+                continue
+            with pytest.raises(ModelError, match=f"servo of axis {axis + 1}: {name} is out of range"):
+                ElasticChain.build(robot)
+
+
+@pytest.mark.parametrize("direction", range(6))
+@pytest.mark.parametrize("place", range(3))
+def test_compliances_of_every_segment_are_checked_in_every_direction(direction: int, place: int) -> None:
+    largest = 1e-4 if direction < 3 else 1e-2
+    for value, said in ((-1e-12, "negative"), (1.001 * largest, "implausibly large"), (largest, "")):
+        compliance = np.zeros(6)
+        compliance[direction] = value
+        segments = tuple(
+            Segment(f"s{k}", np.eye(4), compliance=compliance if k == place else np.zeros(6)) for k in range(3)
+        )
+        tool = EndEffector(segments, pose.make(p=np.array([0.0, 0.0, 0.2])))
+        if said:
+            with pytest.raises(ModelError, match=said):
+                ElasticChain.build(KR300, tool)
+        else:
+            ElasticChain.build(KR300, tool)
