@@ -172,6 +172,14 @@ class _Watch:
         watch = self
 
         class Plugin:
+            @pytest.hookimpl(tryfirst=True)
+            def pytest_collection(self) -> None:
+                """A failure is all that is asked for: its smallest example would take minutes to find."""
+                from hypothesis import Phase, settings
+
+                settings.register_profile("planted", phases=(Phase.explicit, Phase.generate), parent=settings.default)
+                settings.load_profile("planted")
+
             @pytest.hookimpl(wrapper=True)
             def pytest_collection_modifyitems(self, items: list[Any]) -> Generator[None, None, None]:
                 yield

@@ -14,7 +14,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan import compensate as room
 from counterflex.plan.inputs import MENDED, TRIAL, UNCOMPENSATED, Inputs, solve_joints
-from counterflex.plan.static_correction import loaded_robot, static_correction
+from counterflex.plan.static_correction import Command, loaded_robot, static_correction
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
 TWO_CUTS = "G0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F1500\nG0 Z60\nG0 X-12 Y38\nG0 Z36\nG1 X52 F1500\nG0 Z60"
@@ -44,14 +44,21 @@ def test_only_the_cut_that_leaves_much_is_mended_again(
     first = path.p_part_tcp[:, 1] < 0.03
     share = np.where(first, left_of_first, 0.05)[:, None]
     mended: list[Float] = []
+    commanded: list[Float] = []
 
-    def tried(*_: object) -> room.Trial:
+    def tried(_: object, command: Command, __: object) -> room.Trial:
+        commanded.append(command.correction_part)
         mended.append(share * loaded.deflection_part * left_by_each ** len(mended))
         return room.Trial(mended[-1], loaded.cut.contact)
 
     monkeypatch.setattr(room, "chattering", lambda loaded, *_: np.zeros(len(loaded.inputs.path), dtype=np.bool_))
     monkeypatch.setattr(room, "_tried", tried)
-    _, trial = room.dynamic_trial(loaded, displacement, static, dict.fromkeys((TRIAL, MENDED, UNCOMPENSATED), silent))
+    command, trial = room.dynamic_trial(
+        loaded, displacement, static, dict.fromkeys((TRIAL, MENDED, UNCOMPENSATED), silent)
+    )
     remaining = trial.deviation_part
     assert len(mended) == trials
     np.testing.assert_allclose(remaining[first], (left * mended[0])[first], atol=1e-15)
+    for cut in (first, ~first):  # what is commanded in a cut is what was commanded in the trial that left least there
+        best = int(np.argmin([np.linalg.norm(one[cut]) for one in mended]))
+        np.testing.assert_allclose(command.correction_part[cut], commanded[best][cut], atol=1e-12)

@@ -86,9 +86,10 @@ def test_gcode_feeds_in_the_unit_and_mode_they_were_given_in(ops: list[tuple[str
 
 OFFSETS = st.lists(
     st.tuples(
-        st.sampled_from(["G92", "G52", "G92.1", "G92.2", "G92.3", "move", "G20", "G21", "G43.1"]), st.integers(-40, 40)
+        st.sampled_from(["G92", "G52", "G92.1", "G92.2", "G92.3", "move", "G20", "G21", "G43.1", "step"]),
+        st.integers(-40, 40),
     ),
-    max_size=14,
+    max_size=20,
 )
 
 
@@ -98,7 +99,7 @@ def test_gcode_offsets_count_from_where_the_tool_stands_or_from_zero(ops: list[t
     """G92 makes the place be called so, G52 shifts zero by so much; G92.2 forgets, and G92.3 brings back."""
     lines, expected = ["G21 G90 G92 X0", "G0 X0 Y0 Z0"], []
     unit, here, shift, saved, length = 1.0, 0.0, 0.0, 0.0, 0.0
-    for word, value in each_moved(ops, ("move", 7)):
+    for word, value in [*ops, ("step", 3), ("move", 7)]:
         mm = value * unit
         if word in ("G20", "G21"):
             unit = 25.4 if word == "G20" else 1.0
@@ -121,6 +122,10 @@ def test_gcode_offsets_count_from_where_the_tool_stands_or_from_zero(ops: list[t
         elif word == "G43.1":  # the tip is where it was called to be, whatever the length
             here, length = here + length - mm, mm
             lines.append(f"G43.1 X{value}")
+        elif word == "step":  # whatever the place is called, it moves on by so much
+            here += mm
+            lines.append(f"G91 G0 X{value}\nG90")
+            expected.append(here)
         else:
             here = mm + shift
             lines.append(f"G0 X{value}")

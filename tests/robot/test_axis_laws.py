@@ -11,12 +11,21 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
+from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.axis_sag import TERMS, AxisSag, unit_turns
 from counterflex.robot.elasticity.axis_springs import axis_deflections, rigid_axes
 from counterflex.robot.elasticity.chain import ElasticChain, frames, jacobian
-from counterflex.robot.elasticity.compliance import element_jacobians, element_loads, linear_gap, shares
+from counterflex.robot.elasticity.compliance import (
+    cartesian_compliance,
+    deflection,
+    element_jacobians,
+    element_loads,
+    linear_gap,
+    shares,
+)
+from counterflex.robot.elasticity.gravity import sag
 from counterflex.robot.model import catalog
-from counterflex.robot.model.description import Play
+from counterflex.robot.model.description import EndEffector, Play, Robot, Segment, Servo
 
 QUICK = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 seed = st.integers(0, 2**31)
@@ -65,6 +74,59 @@ def test_the_load_of_an_element_does_the_work_of_the_load_on_the_tool(heavy: Ela
     q, w = drawn(number)
     loads = element_loads(heavy, q, w)
     np.testing.assert_allclose(loads, np.einsum("nij,i->nj", element_jacobians(heavy, q), w), rtol=1e-9, atol=1e-9)
+
+
+@QUICK
+@given(seed)
+def test_the_gap_is_what_the_linear_form_lacks(heavy: ElasticChain, number: int) -> None:
+    """The product of compliance and load, and the gap, make up the whole deflection."""
+    q, w = drawn(number)
+    whole = cartesian_compliance(heavy, q) @ w + linear_gap(heavy, q, w)
+    np.testing.assert_allclose(whole, deflection(heavy, q, w), rtol=1e-12, atol=1e-15)
+
+
+@QUICK
+@given(seed, st.integers(0, 5), st.sampled_from([-1.0, 1.0]), st.integers(0, 3), st.integers(0, 3))
+def test_one_point_beyond_an_elastic_model_is_refused_among_others(
+    heavy: ElasticChain, number: int, row: int, sign: float, before: int, behind: int
+) -> None:
+    """Wherever it stands, whichever way it deflects, and as it is alone."""
+    q, w = drawn(number)
+    C = cartesian_compliance(heavy, q)[row]
+    beyond = sign * C / (C @ C) * (1.2 if row < 3 else 0.25)
+    loads = np.stack([*[w] * before, beyond, *[-w] * behind])
+    with pytest.raises(ModelError, match="beyond any elastic model"):
+        deflection(heavy, np.tile(q, (len(loads), 1)), loads, nonlinear=False)
+    deflection(heavy, np.tile(q, (len(loads), 1)), np.where(loads == beyond, w, loads), nonlinear=False)
+
+
+def carrying(bodies: list[tuple[float, Float]]) -> ElasticChain:
+    """The robot with rigid bodies on its flange: mass and centre of gravity of each, in flange axes."""
+    segments, T_before = [], np.eye(4)
+    for k, (mass_kg, p_flange_com) in enumerate(bodies):
+        T = pose.make(rotation.exp(np.array([0.3, -0.2, 0.5]) * (k + 1)), np.array([0.01, 0.02, 0.03]) * (k + 1))
+        segments.append(
+            Segment(
+                f"body{k}", pose.inverse(T_before) @ T, mass_kg=mass_kg,
+                p_seg_com=pose.transform(pose.inverse(T), p_flange_com),
+            )
+        )  # fmt: skip
+        T_before = T
+    tip = pose.make(p=np.array([0.1, 0.0, 0.3]))
+    return ElasticChain.build(KR300, EndEffector(tuple(segments), pose.inverse(T_before) @ tip))
+
+
+@QUICK
+@given(seed, st.lists(st.floats(1.0, 60.0), min_size=2, max_size=4))
+def test_bodies_on_one_link_weigh_as_one_in_their_common_centre(number: int, masses: list[float]) -> None:
+    q, w = drawn(number)
+    places = np.random.default_rng(number).uniform(-0.2, 0.2, (len(masses), 3))
+    apart = carrying(list(zip(masses, places, strict=True)))
+    as_one = carrying([(sum(masses), np.average(places, axis=0, weights=masses))])
+    np.testing.assert_allclose(sag(apart, q), sag(as_one, q), rtol=1e-7, atol=1e-12)
+    for gravity in (True, False):
+        one, other = (deflection(chain, q, w, gravity=gravity) for chain in (apart, as_one))
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-12)
 
 
 def unweighted() -> ElasticChain:
@@ -143,3 +205,71 @@ def test_play_of_every_axis_and_element_is_checked(axis: int, wrong: Play, name:
     play = tuple(wrong if k == axis else None for k in range(6))
     with pytest.raises(ModelError, match=rf"play of axis {axis + 1}: {name} is out of range"):
         ElasticChain.build(replace(KR300, play=play))
+
+
+def limited(axis: int, low: float, high: float) -> Robot:
+    limits = KR300.joint_limits_rad.copy()
+    limits[axis] = low, high
+    return replace(KR300, joint_limits_rad=limits)
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize(("low", "high"), [(-1001.0, 1.0), (-1.0, 1001.0), (0.5, 0.5)])
+def test_limits_in_degrees_are_refused_on_either_side(axis: int, low: float, high: float) -> None:
+    with pytest.raises(ModelError, match="limit"):
+        ElasticChain.build(limited(axis, low, high))
+    ElasticChain.build(limited(axis, max(low, -1000.0), min(high, 1000.0) + 1e-3 * (high == low)))
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("speed", [0.0, -1.0])
+def test_every_axis_can_move(axis: int, speed: float) -> None:
+    speeds = np.full(6, 2.0)
+    ElasticChain.build(replace(KR300, joint_speeds_rad_s=speeds))
+    speeds[axis] = speed
+    with pytest.raises(ModelError, match="not positive"):
+        ElasticChain.build(replace(KR300, joint_speeds_rad_s=speeds))
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("speed_gain_nm_s", 1e-3, 1e9),
+        ("position_gain_per_s", 0.1, 1e4),
+        ("integral_time_s", 1e-4, 100.0),
+        ("friction_nm", 0.0, 1e5),
+        ("slip_rad", 1e-7, 1e-2),
+    ],
+)
+def test_gains_of_every_axis_are_checked_at_both_ends(axis: int, name: str, low: float, high: float) -> None:
+    """Whether those of other axes are known or not; both ends belong to the range."""
+    good = Servo(1e4, 20.0, 0.05)
+    for others in (None, good):
+        for value, fits in ((low, True), (high, True), (low - 1e-3 * (low or 1.0), False), (1.001 * high, False)):
+            robot = replace(
+                KR300, servo=tuple(replace(good, **{name: value}) if k == axis else others for k in range(6))
+            )
+            if fits:
+                ElasticChain.build(robot)
+                continue
+            with pytest.raises(ModelError, match=f"servo of axis {axis + 1}: {name} is out of range"):
+                ElasticChain.build(robot)
+
+
+@pytest.mark.parametrize("direction", range(6))
+@pytest.mark.parametrize("place", range(3))
+def test_compliances_of_every_segment_are_checked_in_every_direction(direction: int, place: int) -> None:
+    largest = 1e-4 if direction < 3 else 1e-2
+    for value, said in ((-1e-12, "negative"), (1.001 * largest, "implausibly large"), (largest, "")):
+        compliance = np.zeros(6)
+        compliance[direction] = value
+        segments = tuple(
+            Segment(f"s{k}", np.eye(4), compliance=compliance if k == place else np.zeros(6)) for k in range(3)
+        )
+        tool = EndEffector(segments, pose.make(p=np.array([0.0, 0.0, 0.2])))
+        if said:
+            with pytest.raises(ModelError, match=said):
+                ElasticChain.build(KR300, tool)
+        else:
+            ElasticChain.build(KR300, tool)

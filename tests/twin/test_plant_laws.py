@@ -1,4 +1,4 @@
-"""Laws of the plant's parts: play and gears on both sides, a hose that only pulls, means that lie in the middle."""
+"""Laws of the plant's parts: play on both sides, a hose that only pulls, slow changes, means in the middle."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.geometry import pose, rotation
-from counterflex.twin.plant.controller import moving_mean
+from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.robot.model.description import ElasticRegion
+from counterflex.twin.plant.controller import Controller, interpolate, moving_mean
 from counterflex.twin.plant.friction import play_torque
 from counterflex.twin.plant.gear_curves import gear_torque, wind_up
 from counterflex.twin.plant.hose import Hose
+from counterflex.twin.plant.mjcf import coordinates as coordinates_of
+from counterflex.twin.plant.posture_springs import PostureSprings
 from counterflex.twin.plant.process import as_ground
-from counterflex.twin.truth.other import ToolOff
+from counterflex.twin.plant.slow_changes import SlowChanges
+from counterflex.twin.truth.other import HosePack, OtherPhysics, Thermal, ToolOff
+from counterflex.twin.truth.truth import Truth
 
 QUICK = settings(max_examples=60)
 seed = st.integers(0, 2**31)
@@ -76,6 +83,104 @@ def test_a_hose_pulls_when_it_is_taut_and_never_pushes(number: int, distance: fl
     pull = w[:3] - 0.5 * HOSE.mass_kg * GRAVITY
     np.testing.assert_allclose(pull, HOSE.pull_n_m * max(0.0, distance - HOSE.slack_m) * way, atol=1e-9)
     np.testing.assert_allclose(w[3:] @ way, 0.0, atol=1e-12)
+
+
+def slow(truth: Truth, other: OtherPhysics) -> tuple[SlowChanges, tuple[Float, Float], list[tuple[str, Float, Float]]]:
+    """Slow changes of a truth, the ends that they move, and the wrenches that they push with."""
+    ends, pushed = (np.array([0.1, 0.2, 0.3]), np.array([-0.4, 0.5, 0.6])), []
+    T_of = {
+        truth.bodies[-1].name: pose.make(rotation.exp(np.array([0.4, -0.7, 0.2])), np.array([1.2, 0.1, 0.9])),
+        truth.bodies[2].name: pose.make(rotation.exp(np.array([-0.3, 0.1, 0.8])), np.array([0.3, -0.1, 0.4])),
+    }
+
+    def push(body: str, place: Float, w: Float, _: Float) -> None:
+        pushed.append((body, place, w))
+
+    return SlowChanges(replace(truth, other=other), ends, T_of.__getitem__, push), ends, pushed
+
+
+clamp = st.tuples(*[st.floats(-0.2, 0.2)] * 3)
+
+
+@QUICK
+@given(clamp, clamp, st.floats(0.0, 20.0), st.floats(0.0, 1.5), st.floats(0.0, 40.0))
+def test_a_hose_holds_nothing_but_its_weight(
+    truth: Truth,
+    far: tuple[float, float, float],
+    near: tuple[float, float, float],
+    mass_kg: float,
+    slack_m: float,
+    bending_nm: float,
+) -> None:
+    """What it does to both ends together is its own weight, half of it at each: in force and in moment."""
+    arm = truth.bodies[2].name
+    pack = HosePack(arm, far, near, mass_kg, slack_m, 300.0, bending_nm)
+    changes, _, pushed = slow(truth, OtherPhysics(hose=pack))
+    changes.pull(np.zeros(12))
+    half = 0.5 * mass_kg * truth.gravity_base
+    np.testing.assert_allclose(sum(w[:3] for _, _, w in pushed), 2.0 * half, atol=1e-9)
+    moments = sum(w[3:] + np.cross(place, w[:3]) for _, place, w in pushed)
+    np.testing.assert_allclose(moments, sum(np.cross(place, half) for _, place, _ in pushed), atol=1e-9)
+    assert [name for name, _, _ in pushed] == [truth.bodies[-1].name, arm]
+
+
+@QUICK
+@given(
+    st.lists(st.floats(0.0, 4000.0), min_size=1, max_size=5), clamp, st.floats(-50e-6, 50e-6),
+    st.floats(10.0, 2000.0), st.floats(10.0, 2000.0), st.floats(-1e-3, 1e-3),
+)  # fmt: skip
+def test_warmth_depends_on_the_time_and_not_on_how_often_it_was_looked_at(
+    truth: Truth, times: list[float], arm: tuple[float, float, float], spindle_m: float, spindle_s: float,
+    arm_s: float, longer_m: float,
+) -> None:  # fmt: skip
+    """``end (1 - exp(-t / tau))``: the spindle grows along the tool out of it, the arm drifts from where it began."""
+    changes, (tip, base), _ = slow(truth, OtherPhysics(thermal=Thermal(0.0, spindle_m, spindle_s, arm, arm_s)))
+    changes.tool_growth_m = longer_m
+    before = tip.copy(), base.copy()
+    for time_s in times:
+        changes.update(time_s)
+    grown = longer_m + spindle_m * (1.0 - np.exp(-times[-1] / spindle_s))
+    np.testing.assert_allclose(tip, before[0] + grown * truth.T_last_tcp[:3, 2], atol=1e-15)
+    np.testing.assert_allclose(base, before[1] + (1.0 - np.exp(-times[-1] / arm_s)) * np.array(arm), atol=1e-15)
+
+
+@QUICK
+@given(
+    st.lists(st.floats(-2.5, 2.5), min_size=2, max_size=5, unique_by=lambda x: round(x, 2)),
+    st.lists(st.floats(0.3, 3.0), min_size=5, max_size=5), st.integers(0, 5), st.floats(-3.0, 3.0),
+)  # fmt: skip
+def test_a_spring_is_that_of_its_angle_and_fades_to_the_mean_beyond_its_range(
+    truth: Truth, angles: list[float], factors: list[float], axis: int, q_axis: float
+) -> None:
+    """Between two angles by straight lines, from the end of the range to 10 degrees beyond it to the mean."""
+    angles, factors = sorted(angles), factors[: len(angles)]
+    region = ElasticRegion(truth.bodies[1].name, 5, axis, tuple(angles), tuple(factors))
+    coordinates = coordinates_of(truth)
+    springs = PostureSprings(replace(truth, regions=(region,)), coordinates)
+    fade = np.radians(10.0)
+    steps = [angles[0] - fade, *angles, angles[-1] + fade]
+    q = np.full(6, 0.1)
+    q[axis] = q_axis
+    found, mean = springs.stiffness(q), coordinates.stiffness
+    (place,) = np.flatnonzero((coordinates.body == 1) & (coordinates.kind == 5))
+    assert mean[place] / found[place] == pytest.approx(np.interp(q_axis, steps, [1.0, *factors, 1.0]), rel=1e-9)
+    others = np.arange(len(found)) != place
+    np.testing.assert_array_equal(found[others], mean[others])
+    assert springs.stiffest[place] == pytest.approx(mean[place] / min(1.0, *factors))
+
+
+@pytest.mark.parametrize("smoothing_s", [0.0, 0.05])
+def test_speeds_of_references_lie_at_their_own_time(controller: Controller, smoothing_s: float) -> None:
+    """The speed at a cycle is that from the one before to the one behind it: neither ahead nor behind."""
+    p = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.02, 0.01, 0.0], [0.0, 0.013, 0.004]])
+    path = ToolPath(
+        p, np.tile([0.0, 0.0, 1.0], (4, 1)), np.full(4, FEED), np.full(4, 0.05), np.full(4, 1000.0), np.arange(4.0),
+        np.arange(4), np.ones(4, dtype=np.int64),
+    )  # fmt: skip
+    made = interpolate(path, replace(controller, smoothing_s=smoothing_s))
+    steps = np.diff(made.q_ref, axis=0) / controller.cycle_s
+    np.testing.assert_allclose(made.qd_ref[1:-1], 0.5 * (steps[:-1] + steps[1:]), atol=1e-9)
+    assert np.abs(np.diff(steps, axis=0)).max() > 1e-4
 
 
 @QUICK

@@ -244,7 +244,7 @@ def _leaves_much(loaded: LoadedRobot, remaining: Float) -> Bool:
 
 
 def _less_left(loaded: LoadedRobot, one: Float, other: Float) -> Bool:
-    """(n,) True on cuts, from rapid to rapid, where one deviation is smaller than the other, by root mean square."""
+    """(n,) True on cuts, from rapid to rapid, where one deviation is smaller than the other, by mean fourth power."""
     cut, contact, p = _cuts(loaded), loaded.cut.contact, loaded.inputs.path.p_part_tcp
     gained = np.sum(across(other[:, :3], p) ** 2, axis=1) ** 2 - np.sum(across(one[:, :3], p) ** 2, axis=1) ** 2
     out: Bool = np.bincount(cut, np.where(contact, gained, 0.0))[cut] > 0.0
