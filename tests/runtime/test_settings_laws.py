@@ -156,7 +156,8 @@ def test_a_plan_that_is_shaped_is_read_in_place_and_any_other_ahead(
 
 CYCLES = {
     "answer_cycles": "answer_s", "answer_late": "answer_late_s", "early_cycles": "early_s",
-    "early_late": "early_late_s", "residual_cycles": "residual_s", "return_samples": "return_s", "direction_cycles": "direction_s",
+    "early_late": "early_late_s", "residual_cycles": "residual_s", "return_samples": "return_s",
+    "direction_cycles": "direction_s",
     "idle_cycles": "idle_s", "share_samples": "rejected_s", "silent_cycles": "silent_s", "step_back": "step_back_s",
 }  # fmt: skip
 
