@@ -90,7 +90,7 @@ def test_a_controller_with_a_single_gain_is_not_idle(which: int, size: float) ->
     """Whichever it is: only what answers no error at all does nothing."""
     gains = [0.0, 0.0, 0.0]
     gains[which] = size
-    one = AxisGains(*gains, 0.01, 1.0)
+    one = AxisGains(gains[0], gains[1], gains[2], 0.01, 1.0)
     answer = one.response(np.array([0.5, 3.0, 20.0]), 4e-3)
     assert one.idle == (not np.any(answer)) == (size == 0.0)
 

@@ -123,7 +123,7 @@ def test_gross_rows_are_those_that_both_models_miss_beside_their_own_block(numbe
     rng = np.random.default_rng(number)
     blocks = [replace(line(rng, n), name=name) for n, name in ((7, "fine"), (15, "coarse"), (4, "few"))]
     scale = {"fine": 1.0, "coarse": coarse, "few": rng.uniform(0.1, 10.0)}
-    made = {
+    made: dict[str, Float] = {
         b.name: scale[b.name]
         * rng.uniform(0.5, 1.5, (2, len(b.t)))
         * np.where(rng.random((2, len(b.t))) < 0.3, GROSS * rng.uniform(0.6, 2.0), 1.0)
