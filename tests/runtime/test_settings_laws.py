@@ -21,6 +21,7 @@ from counterflex.runtime.loop_constants import pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.override_plan import slowed_time
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
+from counterflex.runtime.monitoring.settings import low_chatter_time
 from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.record_ring import CYCLE, MOST, ROWS, WIDTH, RecordRing
 from counterflex.runtime.replay import Replay
@@ -181,6 +182,15 @@ def test_every_time_limit_is_counted_in_cycles_of_its_own(
     assert out.step_memory == pytest.approx(math.exp(-0.5 * hz * period))
     Plausibility().pack(out, period, None)
     assert (out.step_fade, out.step_memory, out.sign_samples) == (0.0, 0.0, 0)
+
+
+@QUICK
+@given(st.floats(0.0, 3.0), st.floats(1.0, 20.0))
+def test_a_ring_up_to_twenty_times_the_limit_is_no_slow_vibration(ring_s: float, times: float) -> None:
+    """``A exp(-t / ring)`` has fallen below the limit before it counts; 0.6 s of vibration always counts last."""
+    found = low_chatter_time(ring_s)
+    assert found >= max(0.6, ring_s * math.log(times))
+    assert found <= max(0.6, ring_s * math.log(20.5))
 
 
 def plan(points: Float, contained: Float) -> LoopPlan:

@@ -51,8 +51,7 @@ class Line:
 
 
 def line(rng: np.random.Generator, n: int, scale: float = 1.0, noise: float = 1.0) -> Line:
-    t = rng.uniform(-1.0, 2.0, n)
-    sigma = np.full((n, 1), 1e-3 * scale)
+    t, sigma = rng.uniform(-1.0, 2.0, n), np.full((n, 1), 1e-3 * scale)
     return Line(t, 2.0 + 3.0 * t + noise * sigma[:, 0] * rng.standard_normal(n), sigma, np.arange(n))
 
 
@@ -133,7 +132,8 @@ def test_gross_rows_are_those_that_both_models_miss_beside_their_own_block(numbe
 
     def error(block: Residuals, x: Float) -> Float:
         assert isinstance(block, Line)
-        return made[block.name][int(np.array_equal(x, known))]
+        out: Float = made[block.name][int(np.array_equal(x, known))]
+        return out
 
     found = score_separate(parameters(), [line(rng, 9)], blocks, error=error)
     expected = []
