@@ -31,6 +31,9 @@ def test_tip_motions_add_up_to_the_compliance() -> None:
     for row in done.summary["modes"]:
         low, high = row["of_90_percent_hz"]
         assert low < row["hz"] < high
+        towards = np.array(row["tip_direction"])
+        assert towards[np.argmax(np.abs(towards))] > 0.0  # a mode swings both ways: one sign for all
+        assert np.linalg.norm(towards) == pytest.approx(1.0, abs=2e-3)
     assert done.summary["modes"][0]["hz"] == pytest.approx(estimate(cell, done.q).mode.hz, abs=1e-3)
 
 
@@ -72,6 +75,9 @@ def test_a_tap_test_finds_the_masses_that_are_off() -> None:
     assert not masses["axis1"]["seen"]
     assert found["frac_after"] > 0.99 > found["frac_before"]
     assert found["modes_after"][0]["hz"] < 0.93 * before["modes"][0]["hz"]
+    for one in found["modes_after"]:  # of a damping beta K: zeta = beta omega / 2, by the one that was fitted
+        assert one["damping_ratio"] == pytest.approx(np.pi * one["hz"] * found["damping_s_after"], rel=2e-3)
+    assert found["modes_before"][0]["damping_ratio"] == before["modes"][0]["damping_ratio"]
     assert found["modes_after"][0]["damping_ratio"] == pytest.approx(
         2e-3 * np.pi * found["modes_after"][0]["hz"], rel=0.05
     )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.core.similar import close_to, did_you_mean
@@ -60,3 +62,12 @@ def test_what_is_far_is_not_offered() -> None:
     assert close_to("zzz", ["abc", "def"]) == []
     assert did_you_mean("zzz", ["abc"]) is None
     assert close_to("FEED", ["feed", "speed"])[0] == "feed"
+
+
+@given(st.lists(st.text("abcxyz", max_size=9), min_size=1, max_size=8, unique=True), st.integers(1, 4))
+def test_of_names_that_contain_it_the_shortest_come_first(tails: list[str], count: int) -> None:
+    """Case, blanks and punctuation apart; not more than asked for."""
+    names = [f"KR-300 {tail}" for tail in tails]
+    found = close_to("kr300", names, count)
+    assert len(found) == min(count, len(names))
+    assert [len(name) for name in found] == sorted(len(name) for name in names)[: len(found)]

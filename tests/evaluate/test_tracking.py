@@ -29,7 +29,8 @@ CORNERS = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.06, 0.0], [0.03, 0
 
 def tracked(p: Float, q: Float | None = None, step_s: float = 0.01) -> Tracked:
     n = len(p)
-    return Tracked(step_s * np.arange(n), p, p, np.zeros((n, 3)), np.zeros((n, 6)) if q is None else q)
+    time_s: Float = step_s * np.arange(n, dtype=np.float64)
+    return Tracked(time_s, p, p, np.zeros((n, 3)), np.zeros((n, 6)) if q is None else q)
 
 
 @QUICK

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import polars
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -121,6 +122,10 @@ def test_the_error_of_a_path_comes_back_with_what_was_taken_and_what_was_seen(tm
         np.testing.assert_allclose(getattr(found, name), getattr(one, name), atol=1e-15)
     np.testing.assert_array_equal(found.seen, one.seen)
     assert (about["job"], about["part"]) == ("correct", number)
+    stored = polars.read_parquet(tmp_path / "error.parquet")
+    for name, values in (("taken", taken), ("error", error), ("sigma", np.abs(sigma))):
+        for k, axis in enumerate("xyz"):
+            np.testing.assert_allclose(stored[f"{name}_{axis}_um"].to_numpy(), 1e6 * values[:, k], atol=1e-9)
 
 
 @pytest.mark.parametrize("text", ["time_s,x_mm,y_mm\n0,1,2\n1,1,2\n", "time_s,x_mm,y_mm,z_mm,x_um\n0,1,2,3,4\n"])

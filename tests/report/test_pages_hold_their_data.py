@@ -82,7 +82,7 @@ def test_what_remains_is_drawn_over_the_way_where_it_cuts(number: int, predicted
     bent, line = rng.normal(size=(n, 3)) * 1e-4, np.sort(rng.integers(1, 9, n))
     errors: dict[str, Any] = {"error_before_m": before, "error_after_m": after} if predicted else {}
     data = PredictionData(
-        title="", subtitle="", created="", time_s=np.arange(n) * 0.1, p_part_tcp=p, deflection_m=bent,
+        title="", subtitle="", created="", time_s=np.linspace(0.0, 1.0, n), p_part_tcp=p, deflection_m=bent,
         correction_m=none, force_n=np.zeros(n), facts=(), assumptions=(), timing=(), versions={}, notes=(),
         cutting=cutting, line=line, **errors,
     )  # fmt: skip

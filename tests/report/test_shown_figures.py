@@ -168,7 +168,7 @@ def measured_path(number: int, scale_m: float) -> MeasuredPath:
     """A straight path in x with deviations at random; it cuts all the way, its first and last fifth are entry, exit."""
     rng, n = np.random.default_rng(number), 50
     left, up, along = rng.normal(size=(3, n)) * scale_m
-    x, none = np.arange(n) * MM, np.zeros(n)
+    x, none = np.linspace(0.0, (n - 1) * MM, n), np.zeros(n)
     nominal, yes = np.column_stack([x, none, none]), np.ones(n, np.bool_)
     place = np.arange(n) / n
     deviation = PathDeviation(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.runtime.axis_gains import AxisGains
-from counterflex.runtime.design.axis_pid import design, radius, step_error, worst_margins
+from counterflex.runtime.design.axis_pid import design, radius, robots, step_error, worst_margins
 from counterflex.runtime.design.tracker import DesignGoals
 from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.settings import OnlineSettings, Output, TrackerMode, require_for_held_part
@@ -67,6 +67,23 @@ def test_the_design_keeps_its_goals_and_is_quicker() -> None:
     y = followed(PLANT, FOUND.gains, 250)
     assert np.sum(np.abs(1.0 - y)) * T == pytest.approx(FOUND.late_s, rel=1e-9)
     assert y.max() < 1.15
+
+
+def test_margins_are_those_of_the_worst_robot_each_looked_at_by_itself() -> None:
+    """With the mode as it is known, off on both sides, and unseen by the encoder; lag and dead time likewise."""
+    goals, gains = DesignGoals(), FOUND.gains
+    plants = robots(PLANT, goals)
+    each = [worst_margins((one,), gains)[0] for one in plants]
+    whole, largest = worst_margins(plants, gains)
+    assert whole == FOUND.margins
+    assert whole.phase_rad == min(one.phase_rad for one in each)
+    assert whole.gain == min(one.gain for one in each)
+    assert whole.sensitivity == max(one.sensitivity for one in each)
+    assert largest == FOUND.radius == max(radius(one, gains) for one in plants)
+    seen = {(round(one.mode_per_s / PLANT.mode_per_s, 9), round(one.delay_s / PLANT.delay_s, 9)) for one in plants}
+    factors = [[0.0, 1.0 - goals.mode_off, 1.0, 1.0 + goals.mode_off], [1.0 - goals.lag_off, 1.0, 1.0 + goals.lag_off]]
+    assert seen == {(round(mode, 9), round(late, 9)) for mode in factors[0] for late in factors[1]}
+    assert len(plants) == len(seen)
 
 
 @settings(max_examples=40, deadline=None)

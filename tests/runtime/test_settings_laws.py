@@ -21,10 +21,13 @@ from counterflex.runtime.loop_constants import pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.override_plan import slowed_time
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
+from counterflex.runtime.monitoring.settings import low_chatter_time
+from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.record_ring import CYCLE, MOST, ROWS, WIDTH, RecordRing
 from counterflex.runtime.replay import Replay
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode, force_delay
 from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.state.doubts import LIMITS
 from counterflex.signals.ahead import Ahead
 from counterflex.signals.limiter import MotionLimit
 from counterflex.signals.preview import Mode, Shaping
@@ -88,7 +91,7 @@ def test_a_controller_with_a_single_gain_is_not_idle(which: int, size: float) ->
     """Whichever it is: only what answers no error at all does nothing."""
     gains = [0.0, 0.0, 0.0]
     gains[which] = size
-    one = AxisGains(*gains, 0.01, 1.0)
+    one = AxisGains(gains[0], gains[1], gains[2], 0.01, 1.0)
     answer = one.response(np.array([0.5, 3.0, 20.0]), 4e-3)
     assert one.idle == (not np.any(answer)) == (size == 0.0)
 
@@ -129,6 +132,65 @@ def test_what_a_tracker_shows_is_looked_up_as_late_as_it_is(
     assert (found.nominal_back, found.reported_back) == (follow + tracker, follow)
     ahead = settings.lead_s if force == ForceMode.SCALE else -force_delay(settings)
     assert found.deflection_back == max(0, round(ahead / T + tracker))
+
+
+@QUICK
+@given(
+    st.sampled_from([ForceMode.PILOT, ForceMode.SCALE]), st.floats(0.0, 0.1) | st.none(), st.booleans(), st.booleans()
+)
+def test_a_plan_that_is_shaped_is_read_in_place_and_any_other_ahead(
+    force: ForceMode, lead_s: float | None, shaped: bool, planned: bool
+) -> None:
+    """A lead that is stated is kept; shaping has the delays in it already."""
+    settings = OnlineSettings(force=force, pilot=Pilot(lead_s=lead_s))
+    n = 4
+    made = LoopPlan(np.eye(4)[:, :3], np.arange(float(n)), np.zeros((n, 6)), np.ones(n), np.zeros((n, 6)))
+    made = replace(made, w_ahead_part=np.zeros((n, 6)) if shaped else None)
+    found = packed(settings, made if planned else None)
+    in_place = shaped and planned and lead_s is None
+    assert found.reads_ahead == in_place
+    assert found.lead == (0.0 if in_place else settings.lead_s)
+    assert found.preview == (settings.delays.correction_s if in_place else settings.lead_s)
+    assert found.has_plan == planned
+    assert found.reference_late == (0.0 if planned else force_delay(settings))
+
+
+CYCLES = {
+    "answer_cycles": "answer_s", "answer_late": "answer_late_s", "early_cycles": "early_s",
+    "early_late": "early_late_s", "residual_cycles": "residual_s", "return_samples": "return_s",
+    "direction_cycles": "direction_s",
+    "idle_cycles": "idle_s", "share_samples": "rejected_s", "silent_cycles": "silent_s", "step_back": "step_back_s",
+}  # fmt: skip
+
+
+@QUICK
+@given(seed, st.sampled_from([1e-3, 4e-3, 12e-3]), st.floats(2.0, 30.0), st.floats(0.01, 0.5))
+def test_every_time_limit_is_counted_in_cycles_of_its_own(
+    number: int, period: float, hz: float, damping: float
+) -> None:
+    """Each by its own time, never none; what settles is waited for twice; a swing fades by its damping."""
+    rng = np.random.default_rng(number)
+    times = {name: float(v) for name, v in zip(CYCLES.values(), rng.uniform(1e-4, 2.0, len(CYCLES)), strict=True)}
+    settle = float(rng.uniform(0.05, 1.0))
+    out = records(LIMITS, 1)[0]
+    Plausibility(**times, settle_s=settle).pack(out, period, (hz, damping))
+    for name, time in CYCLES.items():
+        assert out[name] == max(1, round(times[time] / period))
+    assert out.settle_cycles == max(1, round(2.0 * settle / period))
+    assert out.settle_gain == pytest.approx(1.0 - math.exp(-period / settle))
+    assert out.step_fade == pytest.approx(math.exp(-damping * 2.0 * math.pi * hz * period))
+    assert out.step_memory == pytest.approx(math.exp(-0.5 * hz * period))
+    Plausibility().pack(out, period, None)
+    assert (out.step_fade, out.step_memory, out.sign_samples) == (0.0, 0.0, 0)
+
+
+@QUICK
+@given(st.floats(0.0, 3.0), st.floats(1.0, 20.0))
+def test_a_ring_up_to_twenty_times_the_limit_is_no_slow_vibration(ring_s: float, times: float) -> None:
+    """``A exp(-t / ring)`` has fallen below the limit before it counts; 0.6 s of vibration always counts last."""
+    found = low_chatter_time(ring_s)
+    assert found >= max(0.6, ring_s * math.log(times))
+    assert found <= max(0.6, ring_s * math.log(20.5))
 
 
 def plan(points: Float, contained: Float) -> LoopPlan:

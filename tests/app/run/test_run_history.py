@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from counterflex.app.panel.figures import FeedFrame
 from counterflex.app.run_history.history import history, log_folders
-from counterflex.app.run_history.logged_run import one_run, read_runs
+from counterflex.app.run_history.logged_run import _share, one_run, read_runs
 from counterflex.app.run_history.pages import compare, page
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.records import records
@@ -55,6 +59,14 @@ def test_directions_are_those_of_the_panel_on_a_circle() -> None:
     assert np.allclose(ours[inside], theirs[inside], atol=0.01)  # they look back one cycle: 3 mrad
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     assert np.allclose(ours[inside, 0, :2], -outward[inside], atol=1e-6)  # left of a way against the clock: inwards
+
+
+@given(st.lists(st.floats(0.0, 2.0), min_size=1), st.floats(2.0, 9.0))
+def test_the_share_of_a_path_is_what_was_reached_wherever_the_run_ended(places: list[float], length: float) -> None:
+    """A tool that goes back, or a loop that follows nothing any more, takes nothing away."""
+    curves: Any = SimpleNamespace(length_m=np.array(places))
+    most = max(places)
+    assert _share(curves, length) == (pytest.approx(100.0 * most / length, abs=0.0051) if most > 0.0 else None)
 
 
 def test_a_trend_is_the_line_and_the_interval_of_scipy() -> None:

@@ -17,7 +17,7 @@ from counterflex.identify.solver.correlated import long_run, with_correlation
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import GROSS, Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.intervals import covariance_si, coverage_factor, intervals, of_linear
-from counterflex.identify.solver.jackknife import parts_of_groups
+from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve
@@ -51,8 +51,7 @@ class Line:
 
 
 def line(rng: np.random.Generator, n: int, scale: float = 1.0, noise: float = 1.0) -> Line:
-    t = rng.uniform(-1.0, 2.0, n)
-    sigma = np.full((n, 1), 1e-3 * scale)
+    t, sigma = rng.uniform(-1.0, 2.0, n), np.full((n, 1), 1e-3 * scale)
     return Line(t, 2.0 + 3.0 * t + noise * sigma[:, 0] * rng.standard_normal(n), sigma, np.arange(n))
 
 
@@ -123,7 +122,7 @@ def test_gross_rows_are_those_that_both_models_miss_beside_their_own_block(numbe
     rng = np.random.default_rng(number)
     blocks = [replace(line(rng, n), name=name) for n, name in ((7, "fine"), (15, "coarse"), (4, "few"))]
     scale = {"fine": 1.0, "coarse": coarse, "few": rng.uniform(0.1, 10.0)}
-    made = {
+    made: dict[str, Float] = {
         b.name: scale[b.name]
         * rng.uniform(0.5, 1.5, (2, len(b.t)))
         * np.where(rng.random((2, len(b.t))) < 0.3, GROSS * rng.uniform(0.6, 2.0), 1.0)
@@ -133,7 +132,8 @@ def test_gross_rows_are_those_that_both_models_miss_beside_their_own_block(numbe
 
     def error(block: Residuals, x: Float) -> Float:
         assert isinstance(block, Line)
-        return made[block.name][int(np.array_equal(x, known))]
+        out: Float = made[block.name][int(np.array_equal(x, known))]
+        return out
 
     found = score_separate(parameters(), [line(rng, 9)], blocks, error=error)
     expected = []
@@ -307,6 +307,40 @@ def test_parts_keep_groups_whole_whatever_their_size(sizes: list[int]) -> None:
     assert max(in_part) - min(in_part) <= 1
 
 
+@QUICK
+@given(seed, st.integers(5, 12), st.integers(1, 4))
+def test_the_jackknife_of_a_level_is_the_scatter_of_its_parts(number: int, count: int, rows: int) -> None:
+    """Of K means: ``sum (mean_k - mean)^2 / (K (K - 3))``, wider than Student's own for what K parts can tell."""
+    rng = np.random.default_rng(number)
+    group = np.repeat(np.arange(count), rows)
+    y = 2.0 + np.repeat(rng.normal(size=count), rows) + 1e-3 * rng.standard_normal(count * rows)
+    block = Line(np.zeros(len(y)), y, np.full((len(y), 1), 1e-3), group)
+    fit = solve(parameters(free=False), [block], robust=False)
+    found = with_jackknife(fit, [block], [group])
+    means = y.reshape(count, rows).mean(axis=1)
+    expected = np.sqrt(np.sum((means - means.mean()) ** 2) / (count * (count - 3)))
+    assert found.sigma[0] == pytest.approx(max(expected, fit.sigma[0]), rel=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance_si(found)))[0], found.sigma[0], rtol=1e-9)
+    assert found.sigma[1] == 0.0
+    few = [np.minimum(group, 3)]
+    assert with_jackknife(fit, [block], few) is fit  # four parts say nothing of their spread
+
+
+@QUICK
+@given(seed, st.integers(2, 4), st.integers(2, 6))
+def test_copies_of_a_few_rows_count_once(number: int, count: int, copies: int) -> None:
+    """A row that is there several times is one: the standard deviation of their mean, however often each is written."""
+    rng = np.random.default_rng(number)
+    level = 2.0 + rng.normal(size=count)
+    group = np.repeat(np.arange(count), copies)
+    block = Line(np.zeros(len(group)), level[group], np.full((len(group), 1), 1e-3), group)
+    fit = solve(parameters(free=False), [block], robust=False)
+    found = with_groups_once(fit, [block])
+    assert found.sigma[0] == pytest.approx(np.std(level, ddof=1) / np.sqrt(count), rel=1e-3)
+    once = replace(block, group=np.arange(len(group)))
+    assert with_groups_once(fit, [once]) is fit
+
+
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_value_far_off_what_was_known_is_named_on_either_side(sign: float) -> None:
     fit = solve(parameters(prior=0.1, nominal=3.0 + sign * 0.9), [line(np.random.default_rng(2), 30)])
@@ -315,6 +349,19 @@ def test_a_value_far_off_what_was_known_is_named_on_either_side(sign: float) -> 
     assert size == pytest.approx(9.0, rel=0.01)
     near = solve(parameters(prior=0.1, nominal=3.0 + sign * 0.1), [line(np.random.default_rng(2), 30)])
     assert contradicted(near) == ()
+
+
+@QUICK
+@given(seed, st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))
+def test_values_far_off_are_named_farthest_first(number: int, a_off: float, b_off: float) -> None:
+    """By their own standard deviations, and only those beyond four of them."""
+    items = [Parameter("a", "m", 2.0 + 0.1 * a_off, 0.1), Parameter("b", "m", 3.0 + b_off, 1.0)]
+    fit = solve(Parameters.of(items), [line(np.random.default_rng(number), 40)], robust=False)
+    off = {"a": abs(fit.values[0] - items[0].nominal) / 0.1, "b": abs(fit.values[1] - items[1].nominal)}
+    expected = sorted((name for name in off if off[name] > 4.0), key=lambda name: -off[name])
+    found = contradicted(fit)
+    assert [name for name, _ in found] == expected
+    assert [size for _, size in found] == pytest.approx([off[name] for name in expected])
 
 
 @pytest.mark.parametrize(("prior", "seen"), [(1.0, "determined"), (0.7e-3, "partly"), (1e-4, "prior")])
