@@ -15,9 +15,10 @@ from counterflex.runtime.monitoring.wear import add_ratio, force_class, normal_o
 from counterflex.runtime.state.given import GIVEN
 
 PEAK_S: Final = 0.4
-"""How long a force counts for the vibration that comes from it. Behind an exit the notches of neighbouring lines ring on
-in each other, longer than one alone: at 15 000 rpm and three teeth, 0.15 s reported that ring as chatter in 2 of 24
-sound cuts. With 1 s, chatter that a notch had taken for a line is not seen behind the cut any more (tuning seeds 1000-1029)."""
+"""How long a force counts for the vibration that comes from it. Behind an exit the notches of neighbouring lines ring
+on in each other, longer than one alone: at 15 000 rpm and three teeth, 0.15 s reported that ring as chatter in 2 of 24
+sound cuts. With 1 s, chatter that a notch took for a line is not seen behind the cut any more (seeds 1000 to 1029).
+"""
 LEVEL_S: Final = 0.16
 """Memory of the mean about which a force vibrates slowly: what is below 1 Hz is none."""
 SLOW_S: Final = 0.12
