@@ -14,7 +14,8 @@ beside the probabilities that were printed. Levels:
 
 Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/headline.py --out out/headline``: 60 plans, about 20 minutes on an idle
 core; it goes on where it was. ``--levels`` picks some, ``--store`` writes rows and table into
-``benchmarks/results/headline.json`` and docs/benchmarks.md; ``--quick`` is a smoke run.
+``benchmarks/results/headline.json`` and docs/benchmarks.md, where levels that were not run stay with the commit that
+they were measured at; ``--quick`` is a smoke run.
 """
 
 from __future__ import annotations
@@ -142,8 +143,8 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
     """Lines of the table, Markdown."""
     lines = [
         "| planner knows | plans | headline within its range | model alone within it | simulated cell within it | "
-        "probability of worse, mean | made worse |",
-        "|---|---|---|---|---|---|---|",
+        "probability of worse, mean | made worse | at commit |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     levels = [level for level in LEVELS if any(row["level"] == level for row in rows)]
     for level in [*levels, "all"]:
@@ -154,8 +155,18 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
             counts.append(f"{sum(held)} of {len(held)}")
         worse = 100.0 * float(np.mean([row["probability_of_worse"] for row in mine]))
         became = sum(row["cell_mm"][1] > row["cell_mm"][0] for row in mine)
-        lines.append(f"| {level} | {len(mine)} | {' | '.join(counts)} | {worse:.1f} % | {became} of {len(mine)} |")
+        made = "" if level == "all" else ", ".join(sorted({row.get("commit", "not kept") for row in mine}))
+        words = f"{' | '.join(counts)} | {worse:.1f} % | {became} of {len(mine)} | {made}"
+        lines.append(f"| {level} | {len(mine)} | {words} |")
     return lines
+
+
+def with_stored(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Stored rows with those of the levels that were run in their place."""
+    stored = json.loads(STORED.read_text(encoding="utf-8"))["rows"] if STORED.is_file() else []
+    levels = {row["level"] for row in rows}
+    kept = [row for row in stored if row["level"] not in levels]
+    return sorted([*kept, *rows], key=lambda row: LEVELS.index(row["level"]))
 
 
 def with_block(text: str, rows: list[dict[str, Any]]) -> str:
@@ -190,7 +201,7 @@ def main() -> int:
         for what in plans(levels, chosen.quick):
             if what in done:
                 continue
-            row = one(*what, out, before)
+            row = one(*what, out, before) | {"commit": accuracy.commit()}
             rows.append(row)
             with log.open("a") as file:
                 file.write(json.dumps(row) + "\n")
@@ -200,6 +211,7 @@ def main() -> int:
                 file=sys.stderr,
             )
     if chosen.store:
+        rows = with_stored(rows)
         lines = ",\n".join(json.dumps(row, sort_keys=True) for row in rows)
         atomic.write_text(STORED, f'{{"rows": [\n{lines}\n]}}\n')
         atomic.write_text(PAGE, with_block(PAGE.read_text(encoding="utf-8"), rows))

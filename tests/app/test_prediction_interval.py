@@ -15,11 +15,18 @@ from counterflex.app.compensation.prediction import figures
 from counterflex.app.cut_points import points_of_plan
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.lowest_mode import at_largest_force
-from counterflex.app.prediction_interval import Foreseen, expected_deflection, foreseen, worse_text
+from counterflex.app.prediction_interval import (
+    Foreseen,
+    expected_deflection,
+    foreseen,
+    sharp_corners,
+    worse_text,
+)
 from counterflex.app.unknown_stiffness import Expected
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
+from counterflex.path.toolpath import FEED, RAPID
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan, across
 
@@ -227,3 +234,19 @@ def test_a_pass_that_cuts_what_the_bent_tool_left_counts(cell: Cell, tmp_path: P
     assert told["max_mm"] == pytest.approx(size[made.cutting | made.recut].max() / MM, abs=1e-4)
     assert size[again].max() > size[made.cutting].max()
     assert intervals(made, cell)["compensated"].median_m > 0.9 * np.quantile(size[again], 0.95)
+
+
+def test_corners_that_the_range_does_not_cover_are_counted(cell: Cell, plan: Plan) -> None:
+    """Straight cuts have none; of a square path in the cut each turn of 90 degrees is one, of 20 degrees none."""
+    assert sharp_corners(plan) == 0
+    for turn_deg, expected in ((90.0, 1), (29.0, 0), (31.0, 1), (180.0, 1)):
+        n, half = len(plan.path), len(plan.path) // 2
+        heading = np.radians(turn_deg) * (np.arange(n) > half)
+        p = np.cumsum(np.stack([np.cos(heading), np.sin(heading), 0.0 * heading], axis=1), axis=0)
+        path = replace(plan.path, p_part_tcp=p, kind=np.full(n, FEED))
+        made = replace(plan, path=path, volume_m3=np.ones(n))
+        assert sharp_corners(made) == expected
+        assert sharp_corners(replace(made, volume_m3=1.0 * (np.arange(n) > half))) == 0  # entered at the corner
+        cut_off = path.kind.copy()
+        cut_off[half] = RAPID
+        assert sharp_corners(replace(made, path=replace(path, kind=cut_off))) == 0

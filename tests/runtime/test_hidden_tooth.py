@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.hidden_tooth import SLIPS, hidden_teeth, hidden_tooth, is_hidden
+from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.runtime.monitoring.spindle_lines import CLEAR, NOTCH_S, RESOLVED, is_apart
-from counterflex.validation.monitor_trial import EXPONENT, Cut, Incident, run_trial
+from counterflex.validation.monitor_trial import EXPONENT, Cut, Incident, run_trial, trial_plan
 
 speeds = st.floats(20.0, 480.0)
 teeth_of = st.integers(2, 8)
@@ -91,7 +92,9 @@ def test_each_speed_and_tool_is_reported_once_and_unknown_ones_not_at_all() -> N
 def test_a_broken_tooth_shows_at_the_proposed_speed_and_seldom_before(rpm: int, teeth: int) -> None:
     """Trials tooth by tooth, whose signal knows nothing of the closed form."""
     found = hidden_tooth(rpm / 60.0, teeth, 1.0 / RATE)
-    assert found is not None and found.mostly and found.seen_rpm is not None
+    assert found is not None
+    assert found.mostly
+    assert found.seen_rpm is not None
     settings = MonitorSettings(force_limit_n=2000.0, exponent=EXPONENT)
     cut = Cut(speed_rpm=float(rpm), teeth=teeth)
 
@@ -101,6 +104,14 @@ def test_a_broken_tooth_shows_at_the_proposed_speed_and_seldom_before(rpm: int, 
         return sum(Event.BREAKAGE in trial.events for trial in trials)
 
     assert seen(replace(cut, speed_rpm=found.seen_rpm)) >= 3 > seen(cut)
+
+
+@pytest.mark.parametrize(("rpm", "hidden"), [(15_000.0, [15_000.0]), (13_000.0, [])])
+def test_the_monitor_reports_the_cuts_of_its_plan(rpm: float, hidden: list[float]) -> None:
+    settings = MonitorSettings(force_limit_n=2000.0, exponent=EXPONENT)
+    plan = trial_plan(0.05, Cut(speed_rpm=rpm))
+    monitor = Monitor(settings, None, plan.packed(), plan.watched(settings), 5e-3, 2e-3)
+    assert [one.speed_rpm for one in monitor.hidden_teeth()] == hidden
 
 
 def _at_a_limit(turn_per_s: float, order: int, teeth: int) -> bool:

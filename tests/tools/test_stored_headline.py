@@ -55,7 +55,17 @@ def test_a_figure_outside_its_range_is_counted(bench: ModuleType) -> None:
     assert bench.within(row, "headline") == [True, True]
     assert bench.within(row, "model_mm") == [True, False]
     assert bench.within(row, "cell_mm") == [False, True]
-    assert "| exact | 1 | 2 of 2 | 1 of 2 | 1 of 2 | 25.0 % | 0 of 1 |" in bench.table([row])
+    assert "| exact | 1 | 2 of 2 | 1 of 2 | 1 of 2 | 25.0 % | 0 of 1 | not kept |" in bench.table([row])
+    assert "| 25.0 % | 0 of 1 | 12ab |" in "".join(bench.table([row | {"commit": "12ab"}]))
+
+
+def test_levels_that_were_not_run_stay(bench: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stored = tmp_path / "headline.json"
+    monkeypatch.setattr(bench, "STORED", stored)
+    old, new = ({"level": level, "commit": "old"} for level in ("exact", "class")), {"level": "class", "commit": "new"}
+    assert bench.with_stored([new]) == [new]
+    stored.write_text(json.dumps({"rows": list(old)}))
+    assert bench.with_stored([new]) == [new, {"level": "exact", "commit": "old"}]
 
 
 def test_who_knows_the_truth_expects_less_and_more_narrowly(bench: ModuleType) -> None:

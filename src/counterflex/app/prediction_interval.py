@@ -13,6 +13,9 @@ What the predicted tool swings is larger or smaller by a factor of its own (:dat
 Of each draw the figure is taken as of the plan: 99.7 % of the path in the cut stay below it, square to the feed. Passes
 that cut again what an earlier pass left belong to it (``Plan.judged``): at high feed they swing most. The
 interval is of a plan's own figures, so it holds no error of the program, of the tool or of the part's clamping.
+
+Sharp corners in the cut are not covered (:func:`sharp_corners`): the model brakes as the feed and the acceleration of
+the cell file say, a controller by rules of its own.
 """
 
 from __future__ import annotations
@@ -28,9 +31,10 @@ from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, expected
 from counterflex.app.unknowns import sources
 from counterflex.core.arrays import Float
-from counterflex.core.units import MM
+from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.external_axes import ExternalPlaces
+from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import lasting
 from counterflex.plan.plan import Plan
 from counterflex.robot.elasticity.compliance import shares
@@ -44,6 +48,8 @@ SWING: Final = 0.4
 Damping within :data:`counterflex.plan.damping.DAMPING_INTERVAL` gives 0.2 of it, masses off by 15 % 0.1, the speeds
 of the controller at corners the rest. With exact constants the swings of 24 tuning cells (`wide`, seeds 1 to 12, helix
 and groove) had 0.55 to 1.8 times the predicted size; 0.4 leaves no helix above its range, 0.3 one in twelve."""
+SHARP_RAD: Final = 30.0 * DEG
+"""Turn of the path from which on a controller slows down or stops by rules of its own."""
 _CHANGE_S: Final = 0.3
 """So long before and after a row its force is compared with."""
 _CHANGED: Final = 0.3
@@ -112,8 +118,8 @@ def with_intervals(
 
     Returns:
         The same with ``headline`` in front (``before_mm`` and ``after_mm``: median, lower and upper end of the 90 %
-        interval; ``probability_of_worse``), the interval ``p997_90_mm`` and the median ``p997_median_mm`` in each
-        predicted error, and the lowest mode that was taken.
+        interval; ``probability_of_worse``; ``sharp_corners`` that it does not cover), the interval ``p997_90_mm`` and
+        the median ``p997_median_mm`` in each predicted error, and the lowest mode that was taken.
     """
     out = dict(figures) | {"lowest_mode": at_largest_force(cell, plan).shown}
     errors = foreseen(plan, cell, places)
@@ -125,7 +131,20 @@ def with_intervals(
         headline[key] = [median, low, high]
         error = {"p997_median_mm": median, "p997_90_mm": [low, high]}
         out[f"predicted_{name}"] = figures[f"predicted_{name}"] | error
-    return {"headline": headline | {"probability_of_worse": round(errors.worse_share, 4)}, **out}
+    headline |= {"probability_of_worse": round(errors.worse_share, 4), "sharp_corners": sharp_corners(plan)}
+    return {"headline": headline, **out}
+
+
+def sharp_corners(plan: Plan) -> int:
+    """Return how often the path turns by :data:`SHARP_RAD` or more in the cut: the speed there is not drawn."""
+    step = np.diff(plan.path.p_part_tcp, axis=0, prepend=plan.path.p_part_tcp[:1])
+    length = np.linalg.norm(step, axis=1)
+    moves = np.flatnonzero((plan.path.kind == FEED) & (length > 0.0))
+    first, second = moves[:-1], moves[1:]
+    cosine = np.sum(step[first] * step[second], axis=1) / (length[first] * length[second])
+    run = np.cumsum(plan.path.kind != FEED)
+    at = (cosine <= np.cos(SHARP_RAD)) & (run[first] == run[second]) & plan.cutting[first] & plan.cutting[second]
+    return int(np.count_nonzero(at))
 
 
 def expected_deflection(cell: Cell, points: CutPoints) -> Expected:

@@ -176,7 +176,7 @@ def prediction(before: float, after: float, low: float, high: float) -> dict[str
         "predicted_nominal": {"max_mm": 2 * before, "p997_mm": before, "rms_mm": 0.5 * before},
         "predicted_compensated": {"max_mm": 2 * after, "p997_mm": after, "rms_mm": 0.5 * after},
         "headline": {"before_mm": [before, low, high], "after_mm": [after, 0.5 * low, 0.5 * high],
-                     "probability_of_worse": 0.1},
+                     "probability_of_worse": 0.1, "sharp_corners": 3},
     }  # fmt: skip
 
 
@@ -191,6 +191,9 @@ def test_before_and_after_of_a_plan_stand_in_their_places(before: float, after: 
     assert rows["Model without its unknowns, before"] == f"{before:.3f} mm, largest {2 * before:.3f} mm"
     assert rows["Model without its unknowns, after"] == f"{after:.3f} mm, largest {2 * after:.3f} mm"
     assert rows["Expected path error before"] != rows["Expected path error after"]
+    assert rows["Sharp corners in the cut"] == "3"
+    del one["headline"]["sharp_corners"]  # a summary of before
+    assert "Sharp corners in the cut" not in {name for name, _, _ in error_rows(one)}
 
 
 def test_a_lowered_feed_is_told_by_its_least_and_its_whole_length() -> None:

@@ -21,7 +21,7 @@ def test_recorder_and_permission_to_arm_do_not_wait_for_the_beat_without_lock(
     control = np.zeros(CONTROL, dtype=np.int64)
     told: list[object] = []
     seen: list[tuple[int, bool]] = []
-    words = iter([(("127.0.0.1", 49152), "hash", (), []), 1])
+    words = iter([(("127.0.0.1", 49152), "hash", (), ["feed"], ["tooth"]), 1])
     for name, stand_in in {
         "OneRun": lambda _: None,
         "Beat": lambda *_: SimpleNamespace(unlock=lambda _: None),
@@ -51,6 +51,8 @@ def test_recorder_and_permission_to_arm_do_not_wait_for_the_beat_without_lock(
         recorder=process,
         control=control,
     )
-    online.Supervised.begin(cast("online.Supervised", run))
+    _, lines = online.Supervised.begin(cast("online.Supervised", run))
+    assert lines == ["feed", "tooth"]
+    assert run._about["not_looked_at"] == ["tooth"]  # and so in the log
     assert seen == [(1, True)]
     assert control[Life.MAY_ARM] == 1

@@ -59,6 +59,9 @@ def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         ]
         worse = worse_text(headline["probability_of_worse"])
         rows.append(("Probability that compensation makes it worse", worse, "by all that is not known of the cell"))
+        if headline.get("sharp_corners"):
+            remark = "not looked at: the range does not hold the speed that the controller chooses there"
+            rows.append(("Sharp corners in the cut", str(headline["sharp_corners"]), remark))
     for name, what in (("nominal", "before"), ("compensated", "after")):
         error = predicted[f"predicted_{name}"]
         text = f"{error['p997_mm']:.3f} mm, largest {error['max_mm']:.3f} mm"

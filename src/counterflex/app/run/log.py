@@ -122,6 +122,7 @@ def _facts(about: dict[str, Any]) -> dict[str, Any]:
         "files": about.get("files", {}),
         "sha256": about.get("sha256", {}),
         "compensated": bool(about.get("compensated", True)),
+        "not_looked_at": about.get("not_looked_at", []),
     }
 
 

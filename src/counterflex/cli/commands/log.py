@@ -173,7 +173,9 @@ def _show_incidents(incidents: list[dict[str, Any]], total: int) -> None:
 
 
 def show_process(figures: dict[str, Any]) -> None:
-    """Print what process monitoring found."""
+    """Print what process monitoring found, and what it cannot see."""
+    for line in figures.get("not_looked_at", []):
+        typer.echo(line)
     events = figures["events"]
     if events:
         print_table(

@@ -135,7 +135,7 @@ HAZARDS: Final = (
     Hazard("cutting speed", "largest and smallest cutting speed at the diameter", "the key",
            ("tools.cutting_speed_m_min!",), "warning"),
     Hazard("broken tooth in the force signal",
-           "slips of the spindle (0 to 0.8 %) at which the lines of a broken tooth fold on the tooth passing or on 0 Hz",
+           "spindle slips (0 to 0.8 %) at which the lines of a broken tooth fold on the tooth passing or on 0 Hz",
            "none", ("monitor!",),
            "not looked at from half of them on, else a warning; with the nearest speed that shows it"),
     Hazard("chip thickness",

@@ -37,7 +37,7 @@ _ANGLES = 24
 _RINGS = 6
 _TWO_PI = 2.0 * math.pi
 _ASIDE = 1e-6
-"""Way square to the axis by the descent, up to which a motion is a plunge: its direction is rounding, and not square."""
+"""Way square to the axis by the descent, up to which a motion is a plunge: its direction is rounding."""
 
 
 @kernel(
