@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -95,7 +96,7 @@ def test_a_compensated_program_is_read_back_where_it_was_planned(said: dict[str,
     assert said["written_off_m"] < 1e-7
 
 
-def test_its_spindle_statements_are_read_by_the_table_of_the_cell_file(said: dict[str, dict[str, list[float]]]) -> None:
+def test_its_spindle_statements_are_read_by_the_table_of_the_cell_file(said: dict[str, Any]) -> None:
     assert said["written"]["dialect"] == "melfa"
     assert max(said["written"]["speeds"]) > 0.0
 
