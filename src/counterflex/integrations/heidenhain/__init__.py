@@ -1,0 +1,1 @@
+"""Heidenhain TNC 640: programs in Klartext."""

@@ -1,0 +1,1 @@
+"""Read Klartext, evaluate it, edit it in place and write it."""
