@@ -14,7 +14,6 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.schema import read_toml
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.robot_writer.machine_functions import only_said
-from counterflex.programs.robot_writer.statement_forms import Dialect
 
 KRL = {
     "clockwise": ["$ANOUT[1]={s}/24000.0", "$OUT[17]=TRUE"],
@@ -29,7 +28,7 @@ KRL = {
 RAPID = {"clockwise": ["SetAO aoSpeed,{s};"], "off": ["SetDO doSpindle,0;"], "ready": "diReady=1", "tool_change": []}
 
 
-def lines(folder: Path, text: str, language: Dialect, **tables: Any) -> list[list[str]]:
+def lines(folder: Path, text: str, language: str, **tables: Any) -> list[list[str]]:
     """What each block of a program gives that does not only move."""
     (folder / "cell.toml").write_text(examples.text("cell.toml"), encoding="utf-8")
     data = read_toml(folder / "cell.toml")

@@ -265,8 +265,11 @@ def test_a_law_that_is_none_is_refused(
     ],
 )
 def test_a_writer_names_its_own_files_only(package: Callable[[str, str, str], None], result: str, said: str) -> None:
-    source = "from counterflex.app.compensation.languages import LanguageKind\n"
-    package("counterflex.languages", "odd = added:WAY", source + f"WAY = LanguageKind('odd', lambda order: ({result}))")
+    source = f"""
+from counterflex.programs.language import Language
+WAY = Language(title="odd", write=lambda order: ({result}))
+"""
+    package("counterflex.languages", "odd = added:WAY", source)
     program = ROOT / "examples" / "programs" / "groove.ngc"
     with pytest.raises(OutputError, match=said):
         compensate(program, read_cell(CELL), language="odd", predict=False)

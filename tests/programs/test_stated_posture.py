@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from counterflex.app.preflight import check
-from counterflex.app.robot_axes import fanuc_configuration, val3_configuration
 from counterflex.files.cell.cell import read_cell
+from counterflex.integrations.fanuc.job import configuration as fanuc_configuration
+from counterflex.integrations.staubli.job import configuration as val3_configuration
 from counterflex.programs.fanuc.read.reader import read_fanuc
 from counterflex.programs.krl.read.reader import read_krl
 from counterflex.programs.program import Program

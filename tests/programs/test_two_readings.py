@@ -14,7 +14,7 @@ from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.twincat.reader import read_twincat
 from counterflex.programs.program import Program
 from counterflex.programs.stated.diameters import diameters_of
-from counterflex.programs.stated.offsets import OffsetReader
+from counterflex.programs.stated.offsets import offset_reader
 from counterflex.programs.stated.two_readings import doubtful_readings
 
 UNKNOWN_MACHINE = MillingMachine(known=False)
@@ -125,7 +125,7 @@ def test_offsets_that_an_earlier_program_left_are_not_known(body: str, what: str
 @pytest.mark.parametrize(("words", "name"), [("G54 P7", "G54.1 P7"), ("G154 P5", "G54.1 P5"), ("G115", "G54.1 P6")])
 def test_further_offsets_are_followed_by_name(words: str, name: str) -> None:
     program = read_gcode(f"G21 G90\n{words}\nG0 X0 Y0 Z1\nM2\n", machine=MillingMachine(known=False))
-    reader = OffsetReader("linuxcnc")
+    reader = offset_reader("linuxcnc")
     for block in program.blocks:
         reader.take(block)
     assert reader.offset == name

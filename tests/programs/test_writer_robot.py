@@ -19,8 +19,8 @@ from counterflex.core.errors import InputError
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
+from counterflex.programs.krl import LIMITS as KRL
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
-from counterflex.programs.limits import KRL
 from counterflex.programs.program import Program
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions

@@ -18,7 +18,6 @@ from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-from counterflex.programs.robot_writer.statement_forms import Dialect
 
 START = (0.0, -1.5, 1.6, 0.1, 0.5, -0.2)
 SAID = {3: "ON {s}", 4: "BACK {s}", 5: "OFF", 6: "CHANGE {t}", 7: "MIST", 8: "FLOOD", 9: "DRY"}
@@ -66,7 +65,7 @@ def expected(words: list[str]) -> tuple[str, list[tuple[State, int]], State]:
     return "\n".join([*lines, "M2", ""]), moves, state
 
 
-def seen(text: str, language: Dialect) -> tuple[list[tuple[State, int]], State, list[tuple[str, str]]]:
+def seen(text: str, language: str) -> tuple[list[tuple[State, int]], State, list[tuple[str, str]]]:
     """The same, from a robot program; and each start of the spindle with the direction in which it turned before."""
     program = read_gcode(text, name="part.ngc")
     path = tool_path(program, step_m=1e-3)
@@ -135,7 +134,7 @@ def _in_order(files: dict[str, str], suffix: str) -> list[str]:
 @example(words=["M3 S500", "move", "M4 S700", "move M0", "T0 M6", "move", "T2 M6"])
 @settings(max_examples=60, deadline=None)
 @given(words=st.lists(st.sampled_from(WORDS), min_size=1, max_size=14))
-def test_every_move_is_made_in_the_state_of_rs274(language: Dialect, words: list[str]) -> None:
+def test_every_move_is_made_in_the_state_of_rs274(language: str, words: list[str]) -> None:
     # A word before each move keeps moves apart: two in line with nothing between them may become one.
     apart = [item for word in words for item in (["M8", word] if word.startswith("move") else [word])]
     text, moves, last = expected(apart)

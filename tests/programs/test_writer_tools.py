@@ -18,7 +18,6 @@ from counterflex.programs.program import Program
 from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.robot_writer.points import RobotText
-from counterflex.programs.robot_writer.statement_forms import Dialect
 
 START = (0.0, -1.5, 1.6, 0.1, 0.5, -0.2)
 KRL = {
@@ -55,7 +54,7 @@ def job(text: str) -> tuple[Program, ToolPath, Float]:
     return program, path, CompensatedPath.nominal(path).poses(down)
 
 
-def written(language: Dialect, text: str = TWO_TOOLS, mapped: dict[int, tuple[str, ...]] | None = None) -> RobotText:
+def written(language: str, text: str = TWO_TOOLS, mapped: dict[int, tuple[str, ...]] | None = None) -> RobotText:
     program, path, poses = job(text)
     statements = mapped if mapped is not None else KRL if language == "krl" else RAPID
     lines = MachineFunctions(language, statements).lines
@@ -104,7 +103,7 @@ def test_each_tool_runs_with_its_own_tooldata() -> None:
 
 
 @pytest.mark.parametrize(("language", "suffix"), [("krl", "src"), ("rapid", "mod")])
-def test_behind_a_change_the_tip_goes_back_to_where_it_was(language: Dialect, suffix: str) -> None:
+def test_behind_a_change_the_tip_goes_back_to_where_it_was(language: str, suffix: str) -> None:
     """A routine that changes the tool may leave the robot anywhere; the next point is not approached from there."""
     lines = in_order(written(language), suffix)
     starts = ("LIN", "MoveL")
@@ -118,7 +117,7 @@ def test_behind_a_change_the_tip_goes_back_to_where_it_was(language: Dialect, su
 
 
 @pytest.mark.parametrize(("language", "suffix"), [("krl", "src"), ("rapid", "mod")])
-def test_one_tool_stays_one_file(language: Dialect, suffix: str) -> None:
+def test_one_tool_stays_one_file(language: str, suffix: str) -> None:
     text = TWO_TOOLS.replace("T2 M6\nM3 S12000\n", "")
     result = written(language, text)
     assert [name for name in result.files if name.endswith(suffix)] == [f"part.{suffix}"]
@@ -146,7 +145,7 @@ def test_nothing_is_stopped_twice() -> None:
 
 @pytest.mark.parametrize(("language", "suffix"), [("krl", "src"), ("rapid", "mod")])
 @pytest.mark.parametrize("last", ["G0 Z20 M9 M5", "G0 Z20 M5 M9", "G0 Z20\nM30", "G0 Z20\nM5 M9"])
-def test_coolant_goes_before_a_person_is_asked_to_stop_the_spindle(language: Dialect, suffix: str, last: str) -> None:
+def test_coolant_goes_before_a_person_is_asked_to_stop_the_spindle(language: str, suffix: str, last: str) -> None:
     """And the tool is out of the cut by then: what a block stops, it stops behind its motion (DIN 66025-2)."""
     mapped: dict[int, tuple[str, ...]] = {3: (), 5: (), 8: ("FLOOD( )",), 9: ("DRY( )",)}
     text = f"G21 G90\nM3 S800 M8\nG0 X0 Y0 Z20\nG1 Z-1 F600\nG1 X40\n{last}\n"
@@ -201,7 +200,7 @@ def test_a_boring_cycle_backs_out_with_the_spindle_stopped() -> None:
         *(("M9", "coolant_off"), ("T1 M6", "tool_change"), ("M61 Q1", r"m_codes\.M61"), ("M62 P1", r"m_codes\.M62")),
     ],
 )
-def test_what_is_not_mapped_is_no_comment(language: Dialect, line: str, key: str) -> None:
+def test_what_is_not_mapped_is_no_comment(language: str, line: str, key: str) -> None:
     with pytest.raises(ProgramError, match=rf"controller\.spindle\.{language}\.{key}") as caught:
         written(language, f"G21 G90\nG0 X0 Y0 Z5\n{line}\nG1 X5 F100\nM2\n", {})
     assert caught.value.where == "line 3"

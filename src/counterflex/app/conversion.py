@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from counterflex.app.compensation.languages import held_axes, payload
+from counterflex.app.compensation.languages import held_axes
 from counterflex.app.compensation.robot_program import (
     omissions,
     refuse_change_in_cut,
     refuse_other_height,
     refuse_unmapped,
     routine_name,
-    tool_data,
 )
 from counterflex.app.inputs import AS_IT_IS, Reading, machine_of
-from counterflex.app.robot_axes import fanuc_configuration, in_world, part_in_world, remarks, val3_configuration
-from counterflex.app.robot_programs import refuse_held_part, robot_cell
+from counterflex.app.robot_axes import remarks
+from counterflex.app.robot_programs import robot_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -27,31 +26,16 @@ from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.convert.check import refuse_other_path
-from counterflex.programs.convert.emitter import Emitter, Written
-from counterflex.programs.convert.fanuc import FanucEmitter
-from counterflex.programs.convert.machine_languages import AptEmitter, GcodeEmitter, SinumerikEmitter, TwincatEmitter
-from counterflex.programs.convert.robot_languages import KrlEmitter, RapidEmitter
+from counterflex.programs.convert.emitter import Conversion, Emitter, Written
 from counterflex.programs.convert.rotary import with_tool_vectors
 from counterflex.programs.convert.steps import steps
-from counterflex.programs.convert.val3 import Val3Emitter
-from counterflex.programs.fanuc.writer import FanucSettings
-from counterflex.programs.krl.writer import KrlSettings
-from counterflex.programs.limits import LANGUAGE_NAMES
-from counterflex.programs.program import ROBOT_DIALECTS, TOOL_VECTOR, Program
-from counterflex.programs.rapid.writer import RapidSettings
+from counterflex.programs.language import LANGUAGES, dialect_at, found, is_robot
+from counterflex.programs.program import TOOL_VECTOR, Program
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.rotary.fitted import turns
 from counterflex.programs.stated.posture import other_postures
 from counterflex.programs.stated.two_readings import doubtful_readings
-from counterflex.programs.val3.application import Val3Settings
-
-_MACHINES: Final[dict[str, type[Emitter]]] = {
-    "gcode": GcodeEmitter,
-    "sinumerik": SinumerikEmitter,
-    "twincat": TwincatEmitter,
-    "apt": AptEmitter,
-}
 
 
 def run(
@@ -70,7 +54,7 @@ def run(
         program_file: The program.
         cell_file: The cell that frames, process words and the free rotation about the tool are taken from.
         out: Folder; made when missing.
-        language: One of :data:`~counterflex.programs.limits.LANGUAGE_NAMES`.
+        language: Name at the prompt, see :func:`~counterflex.programs.language.at_prompt`.
         reading: How the program is read.
         tolerance_m: Largest distance of straight pieces from a helix, for languages without one.
         points_per_file: Most motions of a file of a robot language; None takes the limit of the language.
@@ -85,14 +69,14 @@ def run(
     """
     cell = read_cell(cell_file)
     program = reading.program(program_file, cell)
-    dialect = LANGUAGE_NAMES[language]
+    dialect = dialect_at(language, "convert")
     loops = isinstance(program, RobotProgram) and not program.straight
     if dialect == program.dialect and not loops:  # one with loops and routines is written out, each motion once
         raise InputError(
             "the program is in that language already", where=Path(program.name).name, value=language,
             hint="Copy it, or name another language with --to",
         )  # fmt: skip
-    to_robot = dialect in ROBOT_DIALECTS
+    to_robot = is_robot(dialect)
     if (isinstance(program, RobotProgram) and program.external) or any(a.moves for a in cell.tables.external_axes):
         raise InputError(
             "external axes move between the operations of the program, and convert writes one place",
@@ -108,7 +92,9 @@ def run(
         warnings += [*remarks(cell, dialect), *other_postures(program, cell.tables.posture.branch)]
     program = _without_rotary_words(program, cell, tolerance_m)
     sequence = list(steps(program, orientations(program, cell), to_robot=to_robot))
-    written = _emitter(program, cell, language, tolerance_m, points_per_file).write(sequence)
+    order = Conversion(program, Path(program.name).stem, tolerance_m, cell, points_per_file)
+    emitter: Emitter = found(LANGUAGES[dialect].convert)(order)
+    written = emitter.write(sequence)
     with atomic.atomic_folder(out) as staging:
         for name, text in written.files.items():
             atomic.write_bytes(staging / name, text.encode("ascii", errors="replace"))
@@ -150,59 +136,22 @@ def orientations(program: Program, cell: Cell) -> Callable[[int], Float]:
 
 def _read_back(written: Written, dialect: str, cell: Cell, staging: Path) -> Program:
     """Read what was written by the reader of its language, parts with the program that calls them."""
-    robot = robot_cell(cell, dialect) if dialect in ROBOT_DIALECTS else None
+    robot = robot_cell(cell, dialect) if is_robot(dialect) else None
     return read_program_file(staging / next(iter(written.files)), dialect=dialect, cell=robot)
 
 
-def _emitter(program: Program, cell: Cell, language: str, tolerance_m: float, points_per_file: int | None) -> Emitter:
-    stem = Path(program.name).stem
-    if language in _MACHINES:
-        return _MACHINES[language](program.name, stem, tolerance_m)
-    controller, name = cell.tables.controller, routine_name(stem)
-    common: dict[str, Any] = {
-        "name": name, "start_axes_rad": [0.0] * 6, "rapid_m_s": controller.rapid_m_s, "cycle_s": controller.cycle_s,
-        "external_axes": held_axes(cell),
-        **({} if points_per_file is None else {"points_per_file": points_per_file}),
+def emitter_settings(order: Conversion) -> dict[str, Any]:
+    """Return what every :class:`~counterflex.programs.robot_writer.writer.RobotSettings` of a conversion needs."""
+    controller = order.cell.tables.controller
+    return {
+        "name": routine_name(order.stem), "start_axes_rad": [0.0] * 6, "rapid_m_s": controller.rapid_m_s,
+        "cycle_s": controller.cycle_s, "external_axes": held_axes(order.cell),
+        **({} if order.points_per_file is None else {"points_per_file": order.points_per_file}),
     }  # fmt: skip
-    if language == "krl":
-        data = tool_data(program, cell, "krl")
-        settings = KrlSettings(
-            **common, tool=controller.tool_number, base=controller.base_number,
-            acc_m_s2=controller.acceleration_m_s2, blend_m=controller.blending_m, fixed_tool=cell.holds_part,
-            tool_data={tool: int(value) for tool, value in data.items()},
-        )  # fmt: skip
-        return KrlEmitter(program, settings, cell.machine_functions("krl"), tolerance_m)
-    if language == "fanuc":
-        refuse_held_part(cell, "FANUC")
-        data = tool_data(program, cell, "fanuc")
-        fanuc = FanucSettings(
-            **common, configuration=fanuc_configuration(cell.tables.posture.branch),
-            tool=controller.tool_number, base=controller.base_number,
-            tool_data={tool: int(value) for tool, value in data.items()},
-        )  # fmt: skip
-        return FanucEmitter(program, fanuc, cell.machine_functions("fanuc"), tolerance_m)
-    if language == "val3":
-        refuse_held_part(cell, "VAL3")
-        val3 = Val3Settings(
-            **common, configuration=val3_configuration(cell.tables.posture.branch),
-            T_flange_tcp=cell.controller_chain.T_flange_tcp, T_world_part=part_in_world(cell, "val3"),
-            blend_m=controller.blending_m, tool_data=tool_data(program, cell, "val3"),
-        )  # fmt: skip
-        val3.check()
-        return Val3Emitter(program, val3, cell.machine_functions("val3"), tolerance_m)
-    mass, com = payload(cell)
-    rapid = RapidSettings(
-        **common, T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_base_part=part_in_world(cell, "rapid"),
-        T_base_tcp=None if cell.T_base_tcp is None else in_world(cell, "rapid", cell.T_base_tcp), tool_mass_kg=mass,
-        p_flange_cog=com, tool_data=tool_data(program, cell, "rapid"),
-        work_object=controller.work_object or "",
-    )  # fmt: skip
-    return RapidEmitter(program, rapid, cell.machine_functions("rapid"), tolerance_m)
 
 
 def _free_rotation(program: Program, language: str) -> list[str]:
-    if not isinstance(program, RobotProgram) or LANGUAGE_NAMES[language] in ROBOT_DIALECTS:
+    if not isinstance(program, RobotProgram) or is_robot(dialect_at(language, "convert")):
         return []
     return [
         "the rotation about the tool axis has no word there: posture.rotation_about_tool_deg of the cell file has it"

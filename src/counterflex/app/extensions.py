@@ -5,20 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.core.errors import CounterflexError
 from counterflex.core.registry import Registry
 from counterflex.cutting.force_laws import FORCE_LAWS
 from counterflex.cutting.material import OTHER_MATERIALS
 from counterflex.identify.recipes import RECIPES
+from counterflex.programs.language import LANGUAGES
 from counterflex.protocols.force.sensors import FORCE_SENSORS
 from counterflex.robot.model.catalog import OTHER_ROBOTS
+from counterflex.robot.model.controller_axes import MAKERS
 
 REGISTRIES: Final[tuple[Registry[Any], ...]] = (
     RECIPES,
     FORCE_LAWS,
     FORCE_SENSORS,
     LANGUAGES,
+    MAKERS,
     OTHER_ROBOTS,
     OTHER_MATERIALS,
 )

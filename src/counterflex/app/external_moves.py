@@ -21,7 +21,8 @@ from counterflex.path.turning import TurnedPath
 from counterflex.plan.inputs import Setting
 from counterflex.plan.preflight.external_moves import external_row
 from counterflex.plan.preflight.process.cut_rows import cutter_or_none
-from counterflex.programs.program import ROBOT_DIALECTS, Program
+from counterflex.programs.language import is_robot
+from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 
 _CUT_M3: Final = 1e-12
@@ -175,7 +176,7 @@ def require_frames(places: ExternalPlaces | None, cell: Cell, language: str) -> 
 
 def unsaid_moves(places: ExternalPlaces | None, cell: Cell, language: str) -> list[str]:
     """Return a sentence where the language of a program has no word for the moves that it was planned with."""
-    if places is None or language in ROBOT_DIALECTS:
+    if places is None or is_robot(language):
         return []
     moves = np.ptp(places.values, axis=0) > 0.0
     names = ", ".join(axis.name for axis, moved in zip(cell.tables.external_axes, moves, strict=True) if moved)

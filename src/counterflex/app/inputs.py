@@ -31,12 +31,11 @@ from counterflex.plan.feed_schedule import FeedGroups
 from counterflex.plan.inputs import Setting, with_settling
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine, read_parameter_file
-from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.language import BY_ENDING, LANGUAGES
 from counterflex.programs.motion_rows import single_straight
-from counterflex.programs.program import ROBOT_DIALECTS, Program
+from counterflex.programs.program import Program
 from counterflex.programs.reading import dialect_of, read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_writer.statement_forms import FORMS
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
 from counterflex.programs.rotary.poses import Words, turned_path
@@ -86,7 +85,7 @@ class Reading:
     """How a program is read.
 
     Attributes:
-        dialect: Language, one of :data:`~counterflex.programs.limits.DIALECTS`.
+        dialect: Language, one of :func:`~counterflex.programs.language.dialects`.
         parameters: LinuxCNC parameter file of the machine that the program was written for, or None.
         complete: Refuse a program that stops without M2, M30 or a closing ``%``.
         listed: Keep motions to and from places that are not known, marked: for a list of the motions.
@@ -115,7 +114,7 @@ class Reading:
 
     def _read(self, file: str | Path, cell: Cell | None) -> Program:
         language = dialect_of(file, self.dialect)
-        if cell is not None and language in ROBOT_DIALECTS:
+        if cell is not None and LANGUAGES[language].robot:
             program = read_program_file(file, dialect=language, complete=self.complete, cell=robot_cell(cell, language))
             return with_spindle(program, cell) if isinstance(program, RobotProgram) else program
         machine = MillingMachine(known=False) if self.parameters is None else read_parameter_file(self.parameters)
@@ -128,7 +127,7 @@ class Reading:
                 )  # fmt: skip
         machine = replace(machine, listed=self.listed)
         program = read_program_file(file, dialect=self.dialect, complete=self.complete, machine=machine)
-        return program if cell is None or language not in _TOOL_STAYS else with_only_tool(program, cell)
+        return program if cell is None or not LANGUAGES[language].tool_stays else with_only_tool(program, cell)
 
 
 def with_only_tool(program: Program, cell: Cell) -> Program:
@@ -145,8 +144,6 @@ def with_only_tool(program: Program, cell: Cell) -> Program:
     return replace(program, motions=motions, tool_taken=number)
 
 
-_TOOL_STAYS: Final = ("sinumerik",)
-"""Languages in which a program is run with the tool that is active, where it names none."""
 AS_IT_IS: Final = Reading()
 """A whole program that says all by itself."""
 
@@ -327,7 +324,7 @@ def _feeds(program: Program, path: ToolPath) -> FeedGroups:
 
 
 def _check_tools(program: Program, cell: Cell) -> None:
-    known = {tool.number for tool in cell.tables.tools}
+    known, forms = {tool.number for tool in cell.tables.tools}, LANGUAGES[program.dialect].forms
     for motion in program.motions:
         if motion.kind in ("feed", "arc") and motion.tool not in known:
             raise ProgramError(
@@ -337,9 +334,9 @@ def _check_tools(program: Program, cell: Cell) -> None:
                 limit=", ".join(f"T{number}" for number in sorted(known)),
                 hint=f"Add a [[tools]] table with number = {motion.tool} to {cell.path}"
                 if motion.tool
-                else f"Say which tool it is: tools.{FORMS[program.dialect].data_key}, or a statement of tool_change in "
+                else f"Say which tool it is: tools.{forms.data_key}, or a statement of tool_change in "
                 f"[controller.spindle.{program.dialect}]"
-                if program.dialect in FORMS
+                if forms is not None
                 else "Select a tool before the first cut: M6 T...",
             )
 

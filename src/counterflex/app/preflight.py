@@ -134,7 +134,7 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
     """
     remarks, program = stated(job.program, known_offsets), job.program
     silent_spindle = remarks.robot and not any(motion.spindle_rad_s for motion in program.motions)
-    wired = remarks.robot and bool(getattr(cell.tables.controller.spindle, program.dialect).clockwise)
+    wired = remarks.robot and bool(cell.tables.controller.spindle.of_language(program.dialect).clockwise)
     end = int(np.flatnonzero(job.path.motion == job.path.motion[0])[-1])
     known = bool(np.all(job.path.p_part_tcp[end, 2] == job.sampled.p_part_tcp[end, 2]))
     return AsWritten(

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
+from counterflex.programs.gcode.write.written_line import number
 from counterflex.robot.elasticity.chain import forward
-from counterflex.robot.model.controller_axes import MAKERS, ControllerAxes, in_language, wrapped
-from counterflex.robot.model.opw import TURN
+from counterflex.robot.model.controller_axes import MAKERS, ControllerAxes, in_language, turns_zyx, wrapped
 
 
 def axes_in(cell: Cell, language: str) -> tuple[ControllerAxes, tuple[str, ...]]:
@@ -28,7 +27,7 @@ def axes_in(cell: Cell, language: str) -> tuple[ControllerAxes, tuple[str, ...]]
 def other_maker(cell: Cell, language: str) -> str:
     """Return why the controller of the cell's robot does not run a language of robots; empty where it may."""
     maker = cell.nominal_robot.axes.maker
-    title = next((one.title for one in MAKERS.values() if one.language == language), "")
+    title = next((one.title for _, one in MAKERS.items() if one.language == language), "")
     if not title or maker is None or MAKERS[maker].language == language:
         return ""
     return f"the program is for a controller of {title}, the robot is of {MAKERS[maker].title}"
@@ -71,34 +70,10 @@ def in_world(cell: Cell, language: str, T_base_a: Float) -> Float:
     """
     stands = cell.tables.controller.robot_in_world
     T_world_root = np.eye(4) if stands is None else stands.matrix()
-    floor = all(maker.world == "floor" for maker in MAKERS.values() if maker.language == language)
+    floor = all(maker.world == "floor" for _, maker in MAKERS.items() if maker.language == language)
     T_root_a = T_base_a if floor else axes_in(cell, language)[0].in_world(T_base_a)
     out: Float = T_world_root @ T_root_a
     return out
-
-
-def fanuc_configuration(branch: str, axes_rad: Sequence[float] | None = None) -> str:
-    """CONFIG of FANUC positions in a posture: wrist N F, elbow U D, arm T B, turns of J1, J4 and J6.
-
-    Args:
-        branch: Such as ``front up noflip``.
-        axes_rad: (6,) axes as the controller shows them; None is no turn.
-    """
-    arm, elbow, wrist = branch.split()
-    letters = ("N" if wrist == "noflip" else "F", "U" if elbow == "up" else "D", "T" if arm == "front" else "B")
-    turns = [0, 0, 0] if axes_rad is None else [round(axes_rad[axis] / TURN) for axis in (0, 3, 5)]
-    return f"{' '.join(letters)}, {', '.join(str(turn) for turn in turns)}"
-
-
-def val3_configuration(branch: str) -> tuple[str, str, str]:
-    """Shoulder, elbow and wrist of VAL3 points in a posture: by the side of the arm and the signs of J3 and J5."""
-    arm, elbow, wrist = branch.split()
-    bent = (elbow == "up") == (arm == "front")
-    return (
-        "righty" if arm == "front" else "lefty",
-        "epositive" if bent else "enegative",
-        "wpositive" if wrist == "noflip" else "wnegative",
-    )
 
 
 def tcp_of_axes(cell: Cell, language: str, axes_rad: Float) -> Float:
@@ -118,3 +93,10 @@ def tcp_of_axes(cell: Cell, language: str, axes_rad: Float) -> Float:
 def part_in_world(cell: Cell, language: str) -> Float:
     """(4, 4) m, the part frame as the controller gives it; identity where the robot holds the part."""
     return pose.make() if cell.holds_part else in_world(cell, language, cell.T_frame_part)
+
+
+def pose_text(T_a_b: Float) -> str:
+    """``X .., Y .., Z .., A .., B .., C ..`` of a pose (4, 4) m: mm, and deg about z, y', x''."""
+    lengths = {c: number(float(v), 4) for c, v in zip("XYZ", T_a_b[:3, 3] / MM, strict=True)}
+    angles = {c[0]: number(float(v), 5) for c, v in turns_zyx(T_a_b[:3, :3]).items()}
+    return ",".join(f"{c} {text}" for c, text in (lengths | angles).items())

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.robot.model import catalog
-from counterflex.robot.model.controller_axes import MAKERS, shown_limits
+from counterflex.robot.model.controller_axes import MAKERS, shown_limits, turns_zyx
 from counterflex.robot.model.description import Robot
-
-_AXIS: Final = {"kuka": "A", "fanuc": "J", "staubli": "J"}
 
 
 def robots() -> list[dict[str, Any]]:
@@ -58,7 +55,7 @@ def data_sheet(robot: Robot) -> dict[str, Any]:
     """
     axes = robot.axes
     maker = None if axes.maker is None else MAKERS[axes.maker]
-    letter = _AXIS.get(axes.maker or "", "axis ")
+    letter = "axis " if maker is None else maker.letter
     limits = shown_limits(axes, robot.joint_limits_rad) / DEG
     speeds = robot.joint_speeds_rad_s
     return {
@@ -113,20 +110,7 @@ def _at_zero(robot: Robot) -> dict[str, float]:
     from counterflex.robot.elasticity.chain import ElasticChain, flange
 
     T = robot.axes.in_world(flange(ElasticChain.build(robot), robot.axes.model(np.zeros(6))))
+    maker = robot.axes.maker
+    words = turns_zyx(T[:3, :3]) if maker is None else MAKERS[maker].orientation(T[:3, :3])
     place = {f"{name} mm": value / MM for name, value in zip("XYZ", T[:3, 3], strict=True)}
-    return {name: round(float(value), 4) + 0.0 for name, value in (place | _turned(robot, T[:3, :3])).items()}
-
-
-def _turned(robot: Robot, R: Float) -> dict[str, float]:
-    """Orientation in the words of the controller."""
-    from counterflex.geometry import rotation
-    from counterflex.programs.fanuc.program import wpr_of
-    from counterflex.programs.val3.program import rotations_of
-
-    if robot.axes.maker == "abb":
-        return dict(zip(("q1", "q2", "q3", "q4"), rotation.quat_wxyz(R), strict=True))
-    if robot.axes.maker == "fanuc":
-        return dict(zip(("W deg", "P deg", "R deg"), wpr_of(R), strict=True))
-    if robot.axes.maker == "staubli":
-        return dict(zip(("rx deg", "ry deg", "rz deg"), rotations_of(R), strict=True))
-    return dict(zip(("A deg", "B deg", "C deg"), rotation.to_zyx(R) / DEG, strict=True))
+    return {name: round(float(value), 4) + 0.0 for name, value in (place | words).items()}

@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.robot_axes import axes_in, in_world, part_in_world, tcp_of_axes
+from counterflex.app.robot_axes import axes_in, part_in_world, tcp_of_axes
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM, RPM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
-from counterflex.programs.fanuc.read.frames import FanucCell
-from counterflex.programs.fanuc.read.routine import job_files as fanuc_job_files
-from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.reader import job_files as krl_job_files
-from counterflex.programs.limits import ENDINGS
-from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, RAPID_DIALECT, VAL3_DIALECT, Program
-from counterflex.programs.rapid.read.frames import RapidCell
-from counterflex.programs.rapid.read.job_files import companion_modules
+from counterflex.programs.language import LANGUAGES, found
+from counterflex.programs.program import Program
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_writer.statement_forms import Dialect
-from counterflex.programs.stated.turns import TURNING, stated_turns
-from counterflex.programs.val3.read.application import job_files as val3_job_files
-from counterflex.programs.val3.read.motions import Val3Cell
+from counterflex.programs.robot_text.stated import TURNING
 from counterflex.robot.kinematics.joint_path import ByAxes, Turns
 
 _SAME_DEG: Final = 0.01
@@ -38,11 +29,10 @@ _APART_M: Final = 1e-6
 
 def companions(file: Path) -> tuple[Path, ...]:
     """Return the files that are read with a program: those of its job."""
-    jobs: dict[str, Callable[[Path], tuple[Path, ...]]] = {
-        KRL_DIALECT: krl_job_files, RAPID_DIALECT: companion_modules, FANUC_DIALECT: fanuc_job_files,
-        VAL3_DIALECT: val3_job_files,
-    }  # fmt: skip
-    return next((files(file) for name, files in jobs.items() if file.suffix.lower() in ENDINGS[name]), ())
+    ending = file.suffix.lower()
+    place = next((one.files for _, one in LANGUAGES.items() if ending in one.endings and one.files is not None), None)
+    files: tuple[Path, ...] = () if place is None else found(place)(file)
+    return files
 
 
 def with_spindle(program: RobotProgram, cell: Cell) -> RobotProgram:
@@ -60,74 +50,18 @@ def with_spindle(program: RobotProgram, cell: Cell) -> RobotProgram:
     return replace(program, motions=motions)
 
 
-def krl_cell(cell: Cell) -> KrlCell:
-    """What a KRL program is held against.
-
-    Raises:
-        InputError: The robot holds the part: KRL programs for such cells are not read.
-    """
-    refuse_held_part(cell, "KRL")
-    controller, tools = cell.tables.controller, cell.tables.tools
-    return KrlCell(
-        **_shared(cell, "krl"),
-        tool_number=controller.tool_number,
-        base_number=controller.base_number,
-        tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
-    )
-
-
-def rapid_cell(cell: Cell) -> RapidCell:
-    """What a RAPID program is held against."""
-    tools = cell.tables.tools
-    return RapidCell(
-        **_shared(cell, "rapid"),
-        tool_of_data={tool.tooldata.upper(): tool.number for tool in tools if tool.tooldata is not None},
-        work_object=cell.tables.controller.work_object or "",
-        T_base_tcp=None if cell.T_base_tcp is None else in_world(cell, "rapid", cell.T_base_tcp),
-    )
-
-
-def fanuc_cell(cell: Cell) -> FanucCell:
-    """What a FANUC program is held against.
-
-    Raises:
-        InputError: The robot holds the part: such programs (remote TCP) are not read.
-    """
-    refuse_held_part(cell, "FANUC")
-    controller, tools = cell.tables.controller, cell.tables.tools
-    return FanucCell(
-        **_shared(cell, "fanuc"),
-        tool_number=controller.tool_number,
-        base_number=controller.base_number,
-        tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
-    )
-
-
-def val3_cell(cell: Cell) -> Val3Cell:
-    """What a VAL3 program is held against.
-
-    Raises:
-        InputError: The robot holds the part: such programs are not read.
-    """
-    refuse_held_part(cell, "VAL3")
-    tools = cell.tables.tools
-    return Val3Cell(
-        **_shared(cell, "val3"),
-        tool_of_data={tool.tooldata: tool.number for tool in tools if tool.tooldata is not None},
-    )
-
-
 def robot_cell(cell: Cell, dialect: str) -> RobotCell:
     """What a robot program in a language is held against.
 
     Args:
         cell: The cell.
-        dialect: One of :data:`~counterflex.programs.program.ROBOT_DIALECTS`.
+        dialect: One of :func:`~counterflex.programs.language.robot_dialects`.
 
     Raises:
-        InputError: As :func:`krl_cell`.
+        InputError: Programs of the language are not read for a robot that holds the part, and it does.
     """
-    return _CELLS[dialect](cell)
+    against: RobotCell = found(LANGUAGES[dialect].cell)(cell)
+    return against
 
 
 def refuse_held_part(cell: Cell, language: str) -> None:
@@ -146,7 +80,7 @@ def refuse_held_part(cell: Cell, language: str) -> None:
         )
 
 
-def _shared(cell: Cell, language: Dialect) -> dict[str, Any]:
+def shared_facts(cell: Cell, language: str) -> dict[str, Any]:
     """What every language needs of a cell, see :class:`~counterflex.programs.robot_text.cell.RobotTextCell`."""
     return {
         "where": str(cell.path),
@@ -187,7 +121,7 @@ def by_axes_of(program: Program, cell: Cell) -> ByAxes:
 
 def _turns_of(program: RobotProgram, cell: Cell) -> dict[int, Turns]:
     """Turns that the program states at the ends of its motions by axes; none where no one says how axes are counted."""
-    given = {motion: one for motion, one in stated_turns(program).items() if motion in program.by_axes}
+    given = {motion: one for motion, one in program.turns().items() if motion in program.by_axes}
     if not given:
         return {}
     try:
@@ -198,11 +132,6 @@ def _turns_of(program: RobotProgram, cell: Cell) -> dict[int, Turns]:
         motion: Turns(axes, TURNING, np.array(one.low_deg) * DEG, np.array(one.high_deg) * DEG, one.words)
         for motion, one in given.items()
     }
-
-
-_CELLS: Final[dict[str, Callable[[Cell], RobotCell]]] = {
-    KRL_DIALECT: krl_cell, RAPID_DIALECT: rapid_cell, FANUC_DIALECT: fanuc_cell, VAL3_DIALECT: val3_cell,
-}  # fmt: skip
 
 
 def held_as_programmed(program: Program, cell: Cell) -> Cell:

@@ -13,7 +13,7 @@ from counterflex.core import atomic, file_content
 from counterflex.core.errors import ProgramError
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.files.summary_file import write_folder_summary
-from counterflex.programs.limits import LANGUAGE_NAMES
+from counterflex.programs.language import LANGUAGES
 from counterflex.programs.reading import dialect_of
 
 FOLDER: Final = "written-out"
@@ -49,7 +49,7 @@ def run(
             raise
         place = fault.where
     dialect = dialect_of(program, reading.dialect)
-    language = next(name for name, known in LANGUAGE_NAMES.items() if known == dialect)
+    language = LANGUAGES[dialect].prompt or dialect
     with tempfile.TemporaryDirectory() as folder, atomic.atomic_folder(out) as staging:
         files = conversion.run(program, cell_file, folder, language, reading=reading)["files"]
         again = share_of(progress, 0.5, 1.0)

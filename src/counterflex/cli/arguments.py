@@ -314,17 +314,22 @@ def positive_range(param: Param, value: Any) -> Any:
     return value
 
 
-def one_of(names: Iterable[object], what: str = "value", *more: str) -> Callable[[Param, Any], Any]:
+def one_of(
+    names: Iterable[object] | Callable[[], Iterable[object]], what: str = "value", *more: str
+) -> Callable[[Param, Any], Any]:
     """Check of a name, or of several, out of a list.
 
     Args:
-        names: Allowed ones.
+        names: Allowed ones, or a function that returns them.
         what: What they are, for the message.
         more: Further ones.
     """
 
     def check(param: Param, value: Any) -> Any:
-        allowed = [*(str(name) for name in names), *more]  # what other packages bring is looked up when it is needed
+        allowed = [
+            *map(str, names() if callable(names) else names),
+            *more,
+        ]  # what other packages bring is looked up when it is needed
         for item in [] if value is None else value if isinstance(value, (list, tuple)) else [value]:
             if str(item) not in allowed:
                 close = close_to(str(item), allowed, 1)

@@ -1,8 +1,9 @@
 """Named things of counterflex and of other packages: recipes, force laws, protocols, languages, robots, materials.
 
 A package adds one by the line ``name = "module:object"`` below ``[project.entry-points."GROUP"]`` in its
-``pyproject.toml``. Our own stand in a table of the same form. Nothing is imported before it is asked for by its name:
-a broken package stops only the commands that use it.
+``pyproject.toml``. Each folder of ``counterflex.integrations`` states its own in the same form, ``ENTRY_POINTS`` of its
+``__init__``; what belongs to no maker stands in the table of the registry. Nothing else is imported before it is asked
+for by its name: a broken package stops only the commands that use it.
 """
 
 from __future__ import annotations
@@ -10,13 +11,16 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.metadata
+import pkgutil
 from collections.abc import Iterator, Mapping
-from typing import Any, Generic, TypeVar
+from types import MappingProxyType
+from typing import Any, Final, Generic, TypeVar
 
 from counterflex.core.errors import InputError
 from counterflex.core.similar import close_to
 
 T = TypeVar("T")
+_MAKERS: Final = "counterflex.integrations"
 
 
 @functools.cache
@@ -32,7 +36,19 @@ def _package(point: importlib.metadata.EntryPoint) -> str:
     return "an unknown package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
 
 
-def _imported(place: str) -> Any:
+@functools.cache
+def _of_makers() -> Mapping[str, Mapping[str, str]]:
+    """``module:object`` by group and name, of all folders of makers in alphabetical order."""
+    results: dict[str, dict[str, str]] = {}
+    for folder in pkgutil.iter_modules(importlib.import_module(_MAKERS).__path__):
+        points = importlib.import_module(f"{_MAKERS}.{folder.name}").ENTRY_POINTS
+        for group, places in points.items():
+            results.setdefault(group, {}).update(places)
+    return results
+
+
+def imported(place: str) -> Any:
+    """Return the object at ``module:object``, imported now."""
     module, _, attribute = place.partition(":")
     return getattr(importlib.import_module(module), attribute)
 
@@ -44,11 +60,16 @@ class Registry(Generic[T]):
         group: Of the entry points, for example ``counterflex.force_laws``.
         what: What they are, for messages: ``force law``.
         kind: Type that a registered object must be an instance of, ``module:class``; imported with the first object.
-        own: Those of counterflex: ``module:object`` by name.
+        own: Those of counterflex that belong to no maker: ``module:object`` by name.
     """
 
-    def __init__(self, group: str, what: str, kind: str, own: Mapping[str, str]) -> None:
-        self.group, self.what, self.kind, self.own = group, what, kind, dict(own)
+    def __init__(self, group: str, what: str, kind: str, own: Mapping[str, str] = MappingProxyType({})) -> None:
+        self.group, self.what, self.kind, self._standard = group, what, kind, own
+
+    @functools.cached_property
+    def own(self) -> dict[str, str]:
+        """``module:object`` by name, of counterflex: what belongs to no maker first."""
+        return {**self._standard, **_of_makers().get(self.group, {})}
 
     def __iter__(self) -> Iterator[str]:
         """Names, our own first."""
@@ -72,7 +93,7 @@ class Registry(Generic[T]):
                 hint="Remove one of the packages, or have it rename the entry point",
             )
         if name in self.own:
-            result: T = _imported(self.own[name])
+            result: T = imported(self.own[name])
             return result
         if not points:
             close = close_to(name, list(self), 1)
@@ -83,6 +104,15 @@ class Registry(Generic[T]):
                 hint=f"Did you mean '{close[0]}'?" if close else None,
             )
         return self._of_package(points[0])
+
+    def items(self) -> Iterator[tuple[str, T]]:
+        """Names and things, our own first; without those of packages that cannot be loaded."""
+        for name in self:
+            try:
+                thing = self[name]
+            except InputError:
+                continue
+            yield name, thing
 
     def _of_package(self, point: importlib.metadata.EntryPoint) -> T:
         where = f"{_package(point)}: entry point {point.name} = {point.value} of {self.group}"
@@ -95,7 +125,7 @@ class Registry(Generic[T]):
                 where=where,
                 hint=hint,
             ) from fault
-        if not isinstance(result, _imported(self.kind)):
+        if not isinstance(result, imported(self.kind)):
             raise InputError(
                 f"the {self.what} of another package is of the wrong type",
                 where=where,

@@ -12,14 +12,14 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import close_to, missing_file
 from counterflex.files import fault_file
 from counterflex.files.fault_file import FaultTable
 from counterflex.files.schema import Table, Versioned, check_header, parse, read_toml
-from counterflex.programs.limits import BY_ENDING, ProgramDialect
+from counterflex.programs.language import BY_ENDING, dialects
 
 KIND: Final = "counterflex-scenario"
 VERSION: Final = 1
@@ -33,10 +33,16 @@ Rate = Annotated[int, Field(ge=1, le=7000)]
 _ZERO: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+def _known_dialect(name: str) -> str:
+    if name not in (known := list(dialects())):
+        raise ValueError(f"no known language of programs: {name}; expected {', '.join(known)}")
+    return name
+
+
 class CompensationTable(Table):
     """How ``compensate`` corrects."""
 
-    dialect: ProgramDialect = BY_ENDING
+    dialect: Annotated[str, AfterValidator(_known_dialect)] = BY_ENDING
     tolerance_um: Annotated[float, Field(ge=0.1, le=1000.0)] = 5.0
     normal_only: bool = False
     feed_for_tolerance_um: Annotated[float, Field(ge=0.1, le=10000.0)] | None = None

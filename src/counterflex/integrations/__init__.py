@@ -1,1 +1,1 @@
-"""All that knows a maker of controllers, robots or instruments; nothing else does."""
+"""All that knows a maker of controllers, robots or instruments: a folder each, found by its ``ENTRY_POINTS``."""

@@ -8,22 +8,15 @@ Staubli VAL3 reference (``leave`` and ``reach`` of an mdesc in mm).
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.units import MM
-from counterflex.programs.fanuc.program import FanucProgram
-from counterflex.programs.krl.program import KrlProgram
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.val3.program import Val3Program
+from counterflex.programs.robot_text.program import RobotProgram
 
-_NUMBER: Final = r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
-_DISTANCE: Final = re.compile(rf"C[DR]\s*{_NUMBER}", re.IGNORECASE)
 _EXACT_MODES: Final = frozenset((60.0, 61.0, 61.1))
 _CONTINUOUS_MODES: Final = frozenset((64.0, 641.0, 642.0, 643.0, 644.0, 645.0))
 _EXACT_ONCE: Final = 9.0
@@ -38,39 +31,8 @@ def approximation_m(program: Program) -> Float:
     Returns:
         (motions,) m; 0 is an exact stop, NaN where the program leaves it to the controller or names no distance.
     """
-    if isinstance(program, KrlProgram):
-        values = _krl(program)
-    elif isinstance(program, RapidProgram):
-        values = [0.0 if move.exact else move.rounding_m for move in program.moves]
-    elif isinstance(program, FanucProgram):
-        values = [0.0 if move.exact else _millimetres(_DISTANCE.search(move.termination)) for move in program.moves]
-    elif isinstance(program, Val3Program):
-        values = [0.0 if move.exact else _mdesc(move.speed) for move in program.moves]
-    else:
-        values = _machine(program)
+    values = program.roundings_m() if isinstance(program, RobotProgram) else _machine(program)
     return np.array(values, dtype=np.float64)
-
-
-def _millimetres(match: re.Match[str] | None) -> float:
-    return float("nan") if match is None else float(match[1]) * MM
-
-
-def _krl(program: KrlProgram) -> list[float]:
-    """``C_DIS`` with the $APO.CDIS that is active; a spline goes through its points."""
-    out = []
-    for move in program.moves:
-        words = move.approximation.upper()
-        if not words and not move.in_spline:
-            out.append(0.0)
-        else:
-            out.append(move.distance_m if "C_DIS" in words else float("nan"))
-    return out
-
-
-def _mdesc(attributes: Mapping[str, str]) -> float:
-    """The shorter one of ``leave`` and ``reach``."""
-    numbers = [re.fullmatch(_NUMBER, attributes.get(name, "").strip()) for name in ("leave", "reach")]
-    return min((_millimetres(match) for match in numbers), key=lambda one: np.inf if np.isnan(one) else one)
 
 
 def _machine(program: Program) -> list[float]:

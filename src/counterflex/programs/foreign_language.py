@@ -5,10 +5,13 @@ Only asked when a text could not be read as G-code, so a program that can be rea
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
+
+from counterflex.programs.language import LANGUAGES, Signs
 
 _LOOKED_AT: Final = 120
 """Lines that are not empty, from the first one on."""
@@ -34,140 +37,74 @@ class Foreign:
     hint: str
 
 
-@dataclass(frozen=True)
-class _Signs:
-    """What tells a language: one ``sure`` line is enough, ``likely`` ones must be two of different form."""
-
-    name: str
-    hint: str
-    sure: tuple[str, ...]
-    likely: tuple[str, ...] = ()
-
-
 def _robot(name: str) -> str:
     return f"Give the G-code that it was made from, or post the tool path as G-code. {name} is not read"
 
 
-_LANGUAGES: Final = (
-    _Signs(
+_UNREAD: Final = (
+    Signs(
         "a cell file of counterflex",
-        "Give the program first and the cell file with --cell",
         (r'^format\s*=\s*"counterflex-',),
+        (),
+        "Give the program first and the cell file with --cell",
     ),
-    _Signs(
-        "KUKA KRL",
-        "KRL is read by its suffix: name the file NAME.src, with NAME.dat beside it",
-        (
-            r"^&(ACCESS|REL|PARAM|COMMENT)\b",
-            r"^;FOLD\b",
-            r"^(GLOBAL\s+)?DEF\s+\w+$",
-            r"^(GLOBAL\s+)?DEF(FCT|DAT)\s+\w+",
-            r"^S?(PTP|LIN|CIRC)(_REL)?\s+[{A-Z]\w*",
-            r"^\$(VEL|ACC|APO|TOOL|BASE|OV_PRO|IPO_MODE)\b",
-            r"^BAS\s*\(",
-        ),
-        (r"^DECL\s+\w+", r"^HALT$", r"^WAIT (SEC|FOR)\b", r"^END$"),
-    ),
-    _Signs(
-        "ABB RAPID",
-        "RAPID is read by its suffix: name the file NAME.mod",
-        (
-            r"^%%%",
-            r"^MODULE\s+\w+",
-            r"^(LOCAL\s+)?PROC\s+\w+$",
-            r"^Move(L|J|C|AbsJ)\s+[\[\w*]",
-            r"^(LOCAL\s+|TASK\s+)?(PERS|CONST|VAR)\s+\w+\s+\w+",
-        ),
-        (r"^ENDPROC$", r"^ENDMODULE$", r"^WaitTime\b", r"^Set(DO|AO)\b"),
-    ),
-    _Signs(
-        "a FANUC robot program (LS)",
-        _LANGUAGE.format("fanuc", ".ls"),
-        (r"^/(PROG|ATTR|APPL|MN|POS)\b",),
-        (r"^\d+:\s*[JLC]\s+P\[",),
-    ),
-    _Signs("Yaskawa INFORM", _robot("It"), (r"^/JOB$", r"^//(NAME|POS|INST)\b"), (r"^MOV[JLC]\s+C\d+", r"^NOP$")),
-    _Signs(
-        "Staubli VAL 3",
-        _LANGUAGE.format("val3", ".pgx"),
-        (r"staubli\.com/robotics/VAL3", r"^(movel|movej|movec)\s*\(\s*\w+\s*,\s*\w+\s*,\s*\w+\s*\)"),
-        (r"^begin$", r"^waitEndMove\b"),
-    ),
-    _Signs(
+    Signs("Yaskawa INFORM", (r"^/JOB$", r"^//(NAME|POS|INST)\b"), (r"^MOV[JLC]\s+C\d+", r"^NOP$"), _robot("It")),
+    Signs(
         "Universal Robots script",
-        _robot("It"),
         (r"^def\s+\w+\s*:$", r"^move[lpjc]\s*\(?\s*p\["),
         (r"^move[lpjc]$", r"^end$"),
+        _robot("It"),
     ),
-    _Signs(
-        "Kawasaki AS or Adept V+", _robot("It"), (r"^\.PROGRAM\b", r"^\.(TRANS|JOINTS|REALS)$"), (r"^L(MOVE|APPRO)\b",)
+    Signs(
+        "Kawasaki AS or Adept V+", (r"^\.PROGRAM\b", r"^\.(TRANS|JOINTS|REALS)$"), (r"^L(MOVE|APPRO)\b",), _robot("It")
     ),
-    _Signs("Comau PDL2", _robot("It"), (r"^PROGRAM\s+\w+", r"^MOVE\s+(LINEAR|JOINT|CIRCULAR)\b"), (r"^ROUTINE\s+\w+",)),
-    _Signs("Mitsubishi MELFA BASIC", _robot("It"), (r"^(\d+\s+)?Mv[scr]\s+P", r"^(\d+\s+)?(Ovrd|Spd|Servo)\s+\w+")),
-    _Signs(
+    Signs("Comau PDL2", (r"^PROGRAM\s+\w+", r"^MOVE\s+(LINEAR|JOINT|CIRCULAR)\b"), (r"^ROUTINE\s+\w+",), _robot("It")),
+    Signs("Mitsubishi MELFA BASIC", (r"^(\d+\s+)?Mv[scr]\s+P", r"^(\d+\s+)?(Ovrd|Spd|Servo)\s+\w+"), (), _robot("It")),
+    Signs(
         "Heidenhain conversational",
-        _POST,
         (r"^(\d+\s+)?(BEGIN|END) PGM\b", r"^\d+\s+(TOOL CALL|TOOL DEF|BLK FORM|CYCL DEF|CALL LBL|LBL)\b"),
         (r"^(\d+\s+)?L\s+[XYZ][+-]", r"^(\d+\s+)?CC\s+[XYZ]", r"\bFMAX\b", r"\bFN\s*\d+:"),
+        _POST,
     ),
-    _Signs("Heidenhain ISO", _POST, (r"^%\S+\s+G7[01]\s*\*$",), (r"^N\d+\s.*\*$", r"\bG99\s+T\d", r"\bG7[01]\s*\*$")),
-    _Signs(
+    Signs("Heidenhain ISO", (r"^%\S+\s+G7[01]\s*\*$",), (r"^N\d+\s.*\*$", r"\bG99\s+T\d", r"\bG7[01]\s*\*$"), _POST),
+    Signs(
         "Okuma OSP",
-        _UNROLL,
         (r"^\$\S+\.(MIN|SSB|SUB|LIB)%?$", r"\bVC\d+\s*=", r"\bVZOF", r"\bG15\s*H\d", r"\bNCYL\b", r"\bG116\s*T\d"),
         (r"\bCALL\s+O\w+", r"\bGOTO\s+N\w+", r"^(N\d+\s*)?IF\s*\[", r"\bRTS\b", r"\bMODIN\b", r"\bG56\s*H\d"),
+        _UNROLL,
     ),
-    _Signs(
-        "Sinumerik",
-        _LANGUAGE.format("sinumerik", ".mpf"),
-        (
-            r"^;\$PATH=",
-            r"^%_N_",
-            r"\bCYCLE\d{2,4}\b",
-            r"\bT\s*=\s*\"",
-            r"\b(TRAORI|TRANSMIT|TRACYL|TRAFOOF|SUPA|STOPRE|FFWON|COMPCAD|COMPCURV)\b",
-            r"\bWORKPIECE\b",
-            r"^(N\d+\s*)?A?(TRANS|ROT|MIRROR|SCALE)(\s|$)",
-            r"^(N\d+\s*)?DEF\s+(REAL|INT|BOOL|STRING|AXIS|CHAR|FRAME)\b",
-            r"^(N\d+\s*)?MSG$",
-            r"\bCR\s*=",
-            r"^(N\d+\s*)?PROC\s+\w+.*(SAVE|DISPLOF|SBLOF)",
-        ),
-        (
-            r"\b[XYZABCIJKFSR]\s*=",
-            r"\bR\d+\s*=",
-            r"\bGOTO[FB]\b",
-            r"^(N\d+\s*)?(IF|ENDIF|ELSE|FOR|ENDFOR|WHILE|ENDWHILE)\b",
-        ),
+    Signs(
+        "Fagor", (r"^%\w+\s*,\s*MX", r"^#(TSAFE|HSC|TANGCTRL|RTCP|CS|ACS)\b", r"^\$(IF|WHILE|FOR|GOTO)\b"), (), _UNROLL
     ),
-    _Signs("Fagor", _UNROLL, (r"^%\w+\s*,\s*MX", r"^#(TSAFE|HSC|TANGCTRL|RTCP|CS|ACS)\b", r"^\$(IF|WHILE|FOR|GOTO)\b")),
-    _Signs("NUM", _UNROLL, (r"\bG7[79]\s*[NH]\d", r"\bG997\b"), (r"\bL\d+\s*=", r"\bE\d{5}\s*=")),
-    _Signs(
-        "an APT or CL file of a CAM system",
-        _LANGUAGE.format("apt", ".apt"),
-        (
-            r"^(PARTNO|PPRINT|MACHIN|FEDRAT|CUTTER|LOADTL|SPINDL|COOLNT|MULTAX|TOOL PATH|TLDATA|CUTCOM|UNITS|CATIA0)"
-            r"(\s*/|\s|$)",
-            r"^(GOTO|RAPID|CIRCLE|GODLTA|FROM)\s*/",
-            r"^\$\$",
-        ),
-        (r"^RAPID$", r"^FINI$", r"^END-OF-PATH$"),
-    ),
-    _Signs("STEP (ISO 10303-21)", _POST, (r"^ISO-10303-21",)),
-    _Signs("a drawing (DXF)", _POST, (r"^SECTION$",), (r"^HEADER$", r"^ENTITIES$", r"^EOF$")),
-    _Signs("a mesh (STL)", _POST, (r"^solid(\s|$)",), (r"^facet normal\b", r"^outer loop$")),
-    _Signs("HPGL", _POST, (r"^IN;.*(SP|PU|PA)\d",)),
-    _Signs("a web page or XML", "Give the file itself, not a page that shows it", (r"^<(\?xml|!DOCTYPE|html)\b",)),
+    Signs("NUM", (r"\bG7[79]\s*[NH]\d", r"\bG997\b"), (r"\bL\d+\s*=", r"\bE\d{5}\s*="), _UNROLL),
+    Signs("STEP (ISO 10303-21)", (r"^ISO-10303-21",), (), _POST),
+    Signs("a drawing (DXF)", (r"^SECTION$",), (r"^HEADER$", r"^ENTITIES$", r"^EOF$"), _POST),
+    Signs("a mesh (STL)", (r"^solid(\s|$)",), (r"^facet normal\b", r"^outer loop$"), _POST),
+    Signs("HPGL", (r"^IN;.*(SP|PU|PA)\d",), (), _POST),
+    Signs("a web page or XML", (r"^<(\?xml|!DOCTYPE|html)\b",), (), "Give the file itself, not a page that shows it"),
 )
+"""Languages that are not read."""
 _COMMENT: Final = re.compile(r"\([^()]*\)")
-_COMPILED: Final = tuple(
-    (
-        signs,
-        tuple(re.compile(sign, re.IGNORECASE) for sign in signs.sure),
-        tuple(re.compile(sign, re.IGNORECASE) for sign in signs.likely),
+
+
+@functools.cache
+def _compiled() -> tuple[tuple[Signs, tuple[re.Pattern[str], ...], tuple[re.Pattern[str], ...]], ...]:
+    """Signs of robots' languages, of those that are not read, and of machines' languages, whose words are of many."""
+    known: dict[bool, list[Signs]] = {True: [], False: []}
+    for name, one in LANGUAGES.items():
+        if one.signs is not None:
+            hint = one.signs.hint or _LANGUAGE.format(name, next(iter(one.endings), "of its language"))
+            known[one.robot].append(replace(one.signs, hint=hint))
+    read = {signs.name for group in known.values() for signs in group}
+    unread = [signs for signs in _UNREAD if signs.name not in read]
+    return tuple(
+        (
+            signs,
+            tuple(re.compile(sign, re.IGNORECASE) for sign in signs.sure),
+            tuple(re.compile(sign, re.IGNORECASE) for sign in signs.likely),
+        )
+        for signs in (*known[True], *unread, *known[False])
     )
-    for signs in _LANGUAGES
-)
 
 
 def foreign_language(lines: Sequence[str]) -> Foreign | None:
@@ -180,7 +117,7 @@ def foreign_language(lines: Sequence[str]) -> Foreign | None:
         The language, or None where nothing tells it.
     """
     shown = list(_shown(lines))
-    for signs, sure, likely in _COMPILED:
+    for signs, sure, likely in _compiled():
         for number, text in shown:
             if any(sign.search(text) for sign in sure):
                 return Foreign(signs.name, number, text[:60], signs.hint)

@@ -1,4 +1,4 @@
-"""What is read and what controllers accept: dialects of G-code; decimals, lines, names, sizes, each with its source.
+"""Limits of controllers: decimals, lines, names, sizes, each with its source.
 
 ``measured`` marks what was tried with the program named; ``manual`` what vendors' manuals state; ``cautious`` a
 setting of ours that stays far below what is known to work, because no binding figure is published.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final
 
 from counterflex.core.errors import InputError
 
@@ -34,25 +34,6 @@ class Limits:
     source: str
 
 
-ProgramDialect = Literal["ending", "linuxcnc", "sinumerik", "twincat", "apt", "krl", "rapid", "fanuc", "val3"]
-DIALECTS: Final[tuple[ProgramDialect, ...]] = get_args(ProgramDialect)
-"""Languages of programs that can be read; the first is taken where none is named: that of the file's ending."""
-BY_ENDING: Final = DIALECTS[0]
-LANGUAGE_NAMES: Final[dict[str, str]] = {
-    "krl": "krl", "rapid": "rapid", "fanuc": "fanuc", "val3": "val3",
-    "gcode": "linuxcnc", "sinumerik": "sinumerik", "twincat": "twincat", "apt": "apt",
-}  # fmt: skip
-"""What a program is converted to, by the name at the prompt: the dialect that it is read in."""
-ENDINGS: Final[dict[str, tuple[str, ...]]] = {
-    "sinumerik": (".mpf", ".spf"),
-    "apt": (".apt", ".aptsource", ".cls", ".cl", ".ncl"),
-    "krl": (".src",),
-    "rapid": (".mod", ".modx", ".prg", ".sys", ".sysx", ".pgf"),
-    "fanuc": (".ls",),
-    "val3": (".pgx",),
-}
-"""Endings of the files of each language, lower case, the usual one first; any other file is ``linuxcnc``."""
-
 LINUXCNC: Final = Limits(
     line_characters=252,
     name_characters=255,
@@ -61,49 +42,6 @@ LINUXCNC: Final = Limits(
     angle_decimals=5,
     source="line length, comments included: the RS274/NGC interpreter refuses 253 as too long (measured); number of "
     "lines: none known (cautious)",
-)
-SINUMERIK: Final = Limits(
-    line_characters=512,
-    name_characters=24,
-    points_per_file=10_000_000,
-    position_decimals=4,
-    angle_decimals=5,
-    source="block length 512 characters, program names 24 (SINUMERIK 840D sl, Programming Manual Fundamentals)",
-)
-KRL: Final = Limits(
-    line_characters=255,
-    name_characters=24,
-    points_per_file=5_000,
-    position_decimals=4,
-    angle_decimals=5,
-    source="names: 24 characters (KUKA KRL manual); points per file: no published figure, long programs are split in "
-    "practice (cautious)",
-)
-RAPID: Final = Limits(
-    line_characters=255,
-    name_characters=32,
-    points_per_file=5_000,
-    position_decimals=4,
-    angle_decimals=8,
-    source="identifiers: 32 characters (ABB RAPID manual); points per module: limited by program memory only "
-    "(cautious)",
-)
-FANUC: Final = Limits(
-    line_characters=255,
-    name_characters=36,
-    points_per_file=1_400,
-    position_decimals=4,
-    angle_decimals=5,
-    source="names: 36 characters (FANUC R-30iB, Operator's manual; 8 before R-30iA); position numbers of a program: "
-    "1 to 1500 (there)",
-)
-VAL3: Final = Limits(
-    line_characters=255,
-    name_characters=24,
-    points_per_file=3_000,
-    position_decimals=4,
-    angle_decimals=5,
-    source="no published figures for names and sizes: memory of the controller (cautious)",
 )
 
 LINUXCNC_RADIUS_ABSOLUTE_M: Final = 5e-6

@@ -18,18 +18,6 @@ TOOL_CENTRE: Final = 434
 TOOL_VECTOR: Final = 435
 """The same with the tool axis in the part as I J K: G43.5."""
 
-KRL_DIALECT: Final = "krl"
-"""Dialect of a program in KUKA KRL, see :class:`counterflex.programs.krl.program.KrlProgram`."""
-RAPID_DIALECT: Final = "rapid"
-"""Dialect of a program in ABB RAPID, see :class:`counterflex.programs.rapid.program.RapidProgram`."""
-FANUC_DIALECT: Final = "fanuc"
-"""Dialect of a FANUC TP listing, see :class:`counterflex.programs.fanuc.program.FanucProgram`."""
-VAL3_DIALECT: Final = "val3"
-"""Dialect of a Staubli VAL3 program, see :class:`counterflex.programs.val3.program.Val3Program`."""
-ROBOT_DIALECTS: Final = (KRL_DIALECT, RAPID_DIALECT, FANUC_DIALECT, VAL3_DIALECT)
-"""Dialects of programs that state the orientation of the tool, see
-:class:`counterflex.programs.robot_text.program.RobotProgram`."""
-
 MotionKind = Literal["rapid", "feed", "arc", "dwell"]
 
 
@@ -174,7 +162,7 @@ class Program:
 
     Attributes:
         name: File name.
-        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`.
+        dialect: Name of its language, see :data:`counterflex.programs.language.LANGUAGES`.
         lines: The source, without line ends.
         newline: Line end of the source.
         blocks: Executed blocks in order (comment and empty lines included where they are passed).

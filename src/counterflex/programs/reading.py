@@ -1,53 +1,21 @@
-"""Which language a program file is in, and its reader: the one place where a language to read is added.
-
-A language has a name in :data:`~counterflex.programs.limits.DIALECTS`, the endings of its files in
-:data:`~counterflex.programs.limits.ENDINGS`, and a line in :data:`_READERS`, or in :data:`_ROBOT_READERS`.
-"""
+"""Read a program file in its language, told by the ending of the file or by the first lines of it."""
 
 from __future__ import annotations
 
-import importlib
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
 
-from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.errors import CounterflexError, InputError, ProgramError
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
-from counterflex.programs.limits import BY_ENDING, DIALECTS, ENDINGS
+from counterflex.programs.language import BY_ENDING, GCODE, LANGUAGES, Language, dialects, found
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.cell import RobotTextCell
+from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.statement_table import StatementTable
 
-LINUXCNC: Final = "linuxcnc"
 RobotCell = RobotTextCell
 """What a robot program is held against: of the language that it is in."""
-_READERS: Final[dict[str, str]] = {
-    LINUXCNC: "counterflex.programs.gcode.read.reader:read_gcode_file",
-    "sinumerik": "counterflex.programs.gcode.sinumerik.reader:read_sinumerik_file",
-    "twincat": "counterflex.programs.gcode.twincat.reader:read_twincat_file",
-    "apt": "counterflex.programs.apt.reader:read_apt_file",
-}
-"""``module:function`` of each language; the function takes the file and, by name, ``machine`` and ``complete``."""
-_ROBOT_READERS: Final[dict[str, str]] = {
-    "krl": "counterflex.programs.krl.read.reader:read_krl_file",
-    "rapid": "counterflex.programs.rapid.read.reader:read_rapid_file",
-    "fanuc": "counterflex.programs.fanuc.read.reader:read_fanuc_file",
-    "val3": "counterflex.programs.val3.read.reader:read_val3_file",
-}
-"""The same for languages of robots; the function takes ``cell`` in place of ``machine``."""
-_STATEMENT_TABLES: Final[dict[str, str]] = {
-    "krl": "counterflex.programs.krl.read.table:TABLE",
-    "rapid": "counterflex.programs.rapid.table:TABLE",
-    "fanuc": "counterflex.programs.fanuc.read.table:TABLE",
-    "val3": "counterflex.programs.val3.read.table:TABLE",
-    LINUXCNC: "counterflex.programs.gcode.read.code_table:TABLE",
-    "sinumerik": "counterflex.programs.gcode.sinumerik.word_table:TABLE",
-    "twincat": "counterflex.programs.gcode.twincat.word_table:TABLE",
-    "apt": "counterflex.programs.apt.word_table:TABLE",
-}
-"""``module:name`` of each language's :class:`~counterflex.programs.statement_table.StatementTable`."""
 
 
 def dialect_of(file: str | os.PathLike[str], dialect: str = BY_ENDING) -> str:
@@ -55,21 +23,23 @@ def dialect_of(file: str | os.PathLike[str], dialect: str = BY_ENDING) -> str:
 
     Args:
         file: The program.
-        dialect: One of :data:`~counterflex.programs.limits.DIALECTS`; :data:`~counterflex.programs.limits.BY_ENDING`
-            takes the language of the file's ending, and G-code as LinuxCNC reads it where the ending tells none.
+        dialect: A name of :data:`~counterflex.programs.language.LANGUAGES` that is read;
+            :data:`~counterflex.programs.language.BY_ENDING` takes the language of the file's ending, and G-code as
+            LinuxCNC reads it where the ending tells none.
 
     Raises:
         InputError: There is no such language.
     """
-    if dialect not in DIALECTS:
-        raise InputError("an unknown language of programs", value=dialect, limit=" ".join(DIALECTS))
     if dialect != BY_ENDING:
+        known = list(dialects())
+        if dialect not in known:
+            raise InputError("an unknown language of programs", value=dialect, limit=" ".join(known))
         return dialect
     path = Path(file)
     if path.suffix[1:].isdecimal():  # Creo numbers its versions: part.ncl.1
         path = path.with_suffix("")
     ending = path.suffix.lower()
-    return next((name for name, endings in ENDINGS.items() if ending in endings), LINUXCNC)
+    return next((name for name, one in LANGUAGES.items() if ending in one.endings and one.read is not None), GCODE)
 
 
 def read_program_file(
@@ -96,25 +66,37 @@ def read_program_file(
         ProgramError: It cannot be read exactly.
         InputError: There is no such language.
     """
-    language = dialect_of(file, dialect)
-    if language in _ROBOT_READERS:
-        return _reader(_ROBOT_READERS[language])(file, cell=cell, complete=complete)
-    return _reader(_READERS[language])(file, machine=machine, complete=complete)
+    name = dialect_of(file, dialect)
+    language = LANGUAGES[name]
+    against = {"cell": cell} if language.robot else {"machine": machine}
+    if name in LANGUAGES.own:
+        program: Program = found(language.read)(file, **against, complete=complete)
+        return program
+    return _by_package(name, language, Path(file), **against, complete=complete)
+
+
+def _by_package(name: str, language: Language, file: Path, **settings: object) -> Program:
+    """Read by another package, whose faults are its own."""
+    try:
+        program = found(language.read)(file, **settings)
+    except CounterflexError:
+        raise
+    except Exception as fault:
+        raise ProgramError(
+            f"the reader of another package fails: {type(fault).__name__}: {fault}", where=file.name,
+            value=LANGUAGES.package(name), hint="Report it to its author",
+        ) from fault  # fmt: skip
+    if not isinstance(program, RobotProgram if language.robot else Program) or program.dialect != name:
+        raise ProgramError(
+            "the reader of another package gives no program of its language", where=file.name,
+            value=LANGUAGES.package(name), hint="Report it to its author",
+        )  # fmt: skip
+    return program
 
 
 def statement_tables() -> dict[str, StatementTable]:
     """Return the table of statements of each language that has one."""
-    return {language: _named(place) for language, place in _STATEMENT_TABLES.items()}
-
-
-def _reader(place: str) -> Callable[..., Program]:
-    read: Callable[..., Program] = _named(place)
-    return read
-
-
-def _named(place: str) -> Any:
-    module, _, name = place.partition(":")
-    return getattr(importlib.import_module(module), name)
+    return {name: found(one.table) for name, one in LANGUAGES.items() if one.table is not None}
 
 
 def require_linuxcnc(program: Program, command: str) -> None:
@@ -131,11 +113,11 @@ def require_linuxcnc(program: Program, command: str) -> None:
             value=turned.text.strip()[:40],
             hint="Post it without G68, G51.1 and G16",
         )
-    if program.dialect != LINUXCNC:
+    if program.dialect != GCODE:
         raise ProgramError(
             f"{command} writes G-code as LinuxCNC reads it",
             where=Path(program.name).name,
             value=program.dialect,
-            limit=LINUXCNC,
+            limit=GCODE,
             hint="Post the tool path for LinuxCNC",
         )

@@ -18,7 +18,6 @@ from counterflex.files.cell.cell import Cell, resolve
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
 from counterflex.programs.rapid.writer import RapidSettings
-from counterflex.programs.robot_writer.statement_forms import Dialect
 
 CELL = Path(__file__).resolve().parents[2] / "data" / "cells" / "small.toml"
 MAPPED: dict[str, list[str]] = {"clockwise": [], "off": [], "tool_change": [], "flood": [], "coolant_off": []}
@@ -42,7 +41,7 @@ def program(folder: Path, text: str = TWO) -> Path:
 
 
 @pytest.mark.parametrize(("language", "key"), [("krl", "tool_data"), ("rapid", "tooldata")])
-def test_a_tool_without_a_frame_is_refused_before_planning(tmp_path: Path, language: Dialect, key: str) -> None:
+def test_a_tool_without_a_frame_is_refused_before_planning(tmp_path: Path, language: str, key: str) -> None:
     """It would run with the other one's length."""
     job_cell = cell({"tool_data": 3, "tooldata": "tOne"}, {}, krl=MAPPED, rapid=MAPPED)
     with pytest.raises(ProgramError, match=rf"T2; expected tools\.{key} of T2") as caught:
@@ -58,7 +57,7 @@ def test_one_tool_needs_no_frame_of_its_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("language", ["krl", "rapid"])
-def test_what_is_not_mapped_names_file_line_and_key(tmp_path: Path, language: Dialect) -> None:
+def test_what_is_not_mapped_names_file_line_and_key(tmp_path: Path, language: str) -> None:
     job_cell = cell({"tool_data": 3, "tooldata": "tOne"}, {"tool_data": 4, "tooldata": "tTwo"})
     with pytest.raises(ProgramError, match=rf"controller\.spindle\.{language}\.tool_change") as caught:
         check_machine(read_job(program(tmp_path), job_cell), job_cell, language)
@@ -66,7 +65,7 @@ def test_what_is_not_mapped_names_file_line_and_key(tmp_path: Path, language: Di
 
 
 @pytest.mark.parametrize("language", ["krl", "rapid"])
-def test_everything_that_is_not_mapped_is_named_at_once(tmp_path: Path, language: Dialect) -> None:
+def test_everything_that_is_not_mapped_is_named_at_once(tmp_path: Path, language: str) -> None:
     """Else a shop mends its cell file line by line, and starts anew for each."""
     job_cell = cell({"tool_data": 3, "tooldata": "tOne"}, {"tool_data": 4, "tooldata": "tTwo"})
     text = TWO.replace("M30", "M51\nM30")

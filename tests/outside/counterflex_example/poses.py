@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from counterflex.app.compensation.languages import LanguageKind, WritingOrder, Written
+from counterflex.app.compensation.languages import WritingOrder, Written
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
+from counterflex.programs.language import Language
 
 
 def write(order: WritingOrder) -> Written:
@@ -21,4 +22,4 @@ def write(order: WritingOrder) -> Written:
     return {name: "\n".join(lines) + "\n"}, {"points": len(lines)}
 
 
-LANGUAGE = LanguageKind("a table of poses", write)
+LANGUAGE = Language(title="a table of poses", write=write)

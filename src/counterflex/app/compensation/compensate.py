@@ -15,7 +15,6 @@ from typing import Any
 from counterflex import __version__
 from counterflex.app.compensation.feed_for_tolerance import lowered_plan, shown_feed
 from counterflex.app.compensation.feed_limits import limited_feed, shown_limits
-from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.app.compensation.languages import own_language, require_tolerance, write
 from counterflex.app.compensation.prediction import calm_feed, prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
@@ -36,6 +35,7 @@ from counterflex.plan.feed_for_tolerance import FeedTolerance
 from counterflex.plan.feed_limits import LimitedFeed
 from counterflex.plan.plan import Plan
 from counterflex.programs.compensated import refuse_compensated
+from counterflex.programs.language import LANGUAGES, dialect_at
 
 READING, PLANNING, WRITING = "reading the program", "planning", "writing the program"
 WORK = {READING: 1.5, PLANNING: 35.0, WRITING: 1.5}
@@ -84,7 +84,7 @@ def compensate(
     Args:
         program: G-code or KRL file.
         cell: The cell.
-        language: Of the output, one of :data:`counterflex.app.compensation.language_names.LANGUAGES`; None is that of
+        language: Of the output, one of :func:`counterflex.programs.language.at_prompt`; None is that of
             the program.
         reading: How the program is read.
         tolerance_m: Largest distance between the written path and the planned one.
@@ -107,9 +107,10 @@ def compensate(
     refuse_compensated(job.program)
     own = own_language(job.program)
     language = own if language is None else language
-    kind = LANGUAGES[language]
-    if kind.dialect is not None and language != own:
-        check_machine(job, cell, kind.dialect)
+    dialect = job.program.dialect if language == own else dialect_at(language, "write")
+    kind = LANGUAGES[dialect]
+    if kind.robot and language != own:
+        check_machine(job, cell, dialect)
     require_stiffness_for(job, cell, parts[PLANNING])
     setting = setting_of(
         cell, job, normal_only=normal_only, orientation=kind.orientation or job.words is not None, part_may_be_held=True

@@ -1,7 +1,4 @@
-"""Program languages by name: what ``compensate --as`` may say, and what each writes.
-
-Another package adds one with an entry point of the group ``counterflex.languages`` (docs/extend.md).
-"""
+"""Write a plan in a program language: ``compensate --as``, and what the writers of robots' languages share."""
 
 from __future__ import annotations
 
@@ -13,20 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.compensation.language_names import LANGUAGES
-from counterflex.app.compensation.robot_program import omissions, other_lengths, routine_name, tool_data
+from counterflex.app.compensation.robot_program import omissions, other_lengths, routine_name
 from counterflex.app.external_moves import written_places
 from counterflex.app.inputs import Job
-from counterflex.app.robot_axes import (
-    axes_in,
-    axes_of_posture,
-    fanuc_configuration,
-    in_world,
-    other_maker,
-    part_in_world,
-    val3_configuration,
-)
-from counterflex.app.robot_programs import refuse_held_part
+from counterflex.app.robot_axes import axes_in, axes_of_posture, other_maker
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError, OutputError
 from counterflex.core.units import DEG, UM
@@ -36,26 +23,10 @@ from counterflex.path.toolpath import tool_orientation
 from counterflex.path.turning import TurnedPath
 from counterflex.plan.feed_schedule import at_feed, share_between
 from counterflex.plan.plan import Plan, job_hash
-from counterflex.programs.apt.writer import write_apt
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.fanuc.in_place import write_fanuc_in_place
-from counterflex.programs.fanuc.program import FanucProgram
-from counterflex.programs.fanuc.writer import FanucSettings, FanucWriter
-from counterflex.programs.gcode.write.writer import write_gcode
-from counterflex.programs.krl.in_place import write_krl_in_place
-from counterflex.programs.krl.program import KrlProgram
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
-from counterflex.programs.program import ROBOT_DIALECTS, Program
-from counterflex.programs.rapid.in_place import write_rapid_in_place
-from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
-from counterflex.programs.robot_writer.statement_forms import Dialect
+from counterflex.programs.language import GCODE, LANGUAGES, dialect_at, found
+from counterflex.programs.program import Program
 from counterflex.programs.rotary.poses import commanded_words
-from counterflex.programs.val3.application import Val3Settings
-from counterflex.programs.val3.in_place import write_val3_in_place
-from counterflex.programs.val3.program import Val3Program
-from counterflex.programs.val3.writer import Val3Writer
-from counterflex.robot.kinematics.inverse_seeds import branch_of
 
 RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
 """What stands beside the program files."""
@@ -99,35 +70,28 @@ class WritingOrder:
         return (correction, rotvec) if R is None else (correction @ R.T, rotvec @ R.T)
 
 
-@dataclass(frozen=True)
-class LanguageKind:
-    """A language that a program can be written in.
-
-    Attributes:
-        title: One line for help.
-        write: Makes the files. Raises a CounterflexError where the language cannot say what is asked for.
-        orientation: The language states the orientation of the tool, so that it can be corrected.
-        dialect: Of the machine functions in ``[controller.spindle]``, or None where the program keeps its own words.
-    """
-
-    title: str
-    write: Callable[[WritingOrder], Written]
-    orientation: bool = True
-    dialect: Dialect | None = None
-
-
 def written(name: str, order: WritingOrder) -> Written:
-    """The program in a language.
+    """Return the program in a language: its own with other targets, or another one.
+
+    Args:
+        name: At the prompt, see :func:`counterflex.programs.language.at_prompt`.
+        order: What is written.
 
     Raises:
         InputError: There is no such language.
         OutputError: The writer of another package fails, or names a file that it must not.
     """
-    kind: LanguageKind = LANGUAGES[name]
-    if name in LANGUAGES.own:
-        return kind.write(order)
+    dialect = order.job.program.dialect if name == own_language(order.job.program) else dialect_at(name, "write")
+    language = LANGUAGES[dialect]
+    if dialect == order.job.program.dialect and language.in_place is not None:
+        write = _robot_in_place if language.robot else _machine_in_place
+    else:
+        write = found(language.write)
+    if dialect in LANGUAGES.own:
+        result: Written = write(order)
+        return result
     try:
-        files, details = kind.write(order)
+        files, details = write(order)
         texts = {str(file): str(text) for file, text in files.items()}
         facts = dict(details)
     except CounterflexError:
@@ -142,27 +106,34 @@ def written(name: str, order: WritingOrder) -> Written:
     return texts, facts
 
 
-def _gcode(order: WritingOrder) -> Written:
-    job, plan = order.job, order.plan
-    if own_language(job.program) != "gcode":
-        raise InputError(
-            "a robot program is not written as G-code",
-            where=Path(job.program.name).name,
-            value="gcode",
-            limit=own_language(job.program),
-            hint="Leave --as out: the same language comes out",
-        )
+def refuse_robot_program(order: WritingOrder) -> Written:
+    """Refuse a robot program that is asked for as G-code.
+
+    Raises:
+        InputError: Always.
+    """
+    raise InputError(
+        "a robot program is not written as G-code",
+        where=Path(order.job.program.name).name,
+        value=LANGUAGES[GCODE].prompt,
+        limit=own_language(order.job.program),
+        hint="Leave --as out: the same language comes out",
+    )
+
+
+def _machine_in_place(order: WritingOrder) -> Written:
+    job = order.job
     correction, rotvec = order.corrections
     commanded = CompensatedPath.from_correction(job.sampled, correction, rotvec)
     words = None
     if job.turned is not None and job.words is not None:
         words = commanded_words(job.turned, job.words, correction, rotvec)
-    text = (write_apt if job.program.dialect == "apt" else write_gcode)(
+    text = found(LANGUAGES[job.program.dialect].in_place)(
         job.program,
         commanded,
         tolerance_m=order.tolerance_m,
         cell=order.cell.label,
-        job=job_hash(plan),
+        job=job_hash(order.plan),
         words=words,
     )
     facts = {key: value for key, value in dataclasses.asdict(text).items() if key != "text"}
@@ -171,12 +142,13 @@ def _gcode(order: WritingOrder) -> Written:
 
 def own_language(program: Program) -> str:
     """Name of the language that a program is written in: what it is written back in unless another one is asked for."""
-    return program.dialect if program.dialect in ROBOT_DIALECTS else "gcode"
+    language = LANGUAGES[program.dialect]
+    return language.prompt or program.dialect if language.robot else LANGUAGES[GCODE].prompt
 
 
-def _in_place(write: Callable[..., Any], order: WritingOrder) -> Written:
+def _robot_in_place(order: WritingOrder) -> Written:
     correction, rotvec = order.corrections
-    text = write(
+    text = found(LANGUAGES[order.job.program.dialect].in_place)(
         order.job.program,
         CompensatedPath.from_correction(order.job.sampled, correction, rotvec),
         tolerance_m=order.tolerance_m,
@@ -191,29 +163,6 @@ def _in_place(write: Callable[..., Any], order: WritingOrder) -> Written:
     return text.files, facts
 
 
-def _krl(order: WritingOrder) -> Written:
-    if isinstance(order.job.program, KrlProgram):
-        return _in_place(write_krl_in_place, order)
-    job, plan, cell = order.job, order.plan, order.cell
-    controller, data = cell.tables.controller, tool_data(order.job.program, order.cell, "krl")
-    settings = KrlSettings(
-        name=routine_name(Path(job.program.name).stem),
-        start_axes_rad=axes_of_posture(cell, "krl", plan.q[0]),
-        tool=controller.tool_number,
-        base=controller.base_number,
-        rapid_m_s=controller.rapid_m_s,
-        acc_m_s2=controller.acceleration_m_s2,
-        blend_m=controller.blending_m,
-        cycle_s=controller.cycle_s,
-        cell=cell.label,
-        job=job_hash(plan),
-        **external(order, "krl"),
-        tool_data={tool: int(value) for tool, value in data.items()},
-        fixed_tool=cell.holds_part,
-    )
-    return _robot_text(order, KrlWriter, settings, "krl")
-
-
 def held_axes(cell: Cell) -> dict[int, float]:
     """Value of each external axis by its number, mm or deg."""
     return {int(axis.name[1:]): axis.shown for axis in cell.tables.external_axes}
@@ -224,87 +173,37 @@ def turning_axes(cell: Cell) -> frozenset[int]:
     return frozenset(int(axis.name[1:]) for axis in cell.tables.external_axes if axis.kind == "turning")
 
 
-def external(order: WritingOrder, language: Dialect) -> dict[str, Any]:
-    """Return what a writer needs of the external axes: where they begin, and the places that they take."""
-    cell, places = order.cell, order.job.places
-    taken = [] if language == "val3" else written_places(places, cell, language)
-    return {"external_axes": held_axes(cell), "places": taken, "turning_axes": turning_axes(cell)}
+def writer_settings(order: WritingOrder, dialect: str, *, moving: bool = True) -> dict[str, Any]:
+    """Return what every :class:`~counterflex.programs.robot_writer.writer.RobotSettings` needs, by field.
+
+    Args:
+        order: What is written.
+        dialect: Of the robot.
+        moving: The writer has words for external axes that move along the program.
+    """
+    job, cell = order.job, order.cell
+    return {
+        "name": routine_name(Path(job.program.name).stem),
+        "start_axes_rad": axes_of_posture(cell, dialect, order.plan.q[0]),
+        "rapid_m_s": cell.tables.controller.rapid_m_s,
+        "cycle_s": cell.tables.controller.cycle_s,
+        "cell": cell.label,
+        "job": job_hash(order.plan),
+        "external_axes": held_axes(cell),
+        "places": written_places(job.places, cell, dialect) if moving else [],
+        "turning_axes": turning_axes(cell),
+    }
 
 
-def _rapid(order: WritingOrder) -> Written:
-    if isinstance(order.job.program, RapidProgram):
-        return _in_place(write_rapid_in_place, order)
-    job, plan, cell = order.job, order.plan, order.cell
-    controller = cell.tables.controller
-    mass, com = payload(cell)
-    settings = RapidSettings(
-        name=routine_name(Path(job.program.name).stem),
-        start_axes_rad=axes_of_posture(cell, "rapid", plan.q[0]),
-        T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_base_part=part_in_world(cell, "rapid"),
-        work_object=controller.work_object or "",
-        T_base_tcp=None if cell.T_base_tcp is None else in_world(cell, "rapid", cell.T_base_tcp),
-        tool_mass_kg=mass,
-        p_flange_cog=com,
-        rapid_m_s=controller.rapid_m_s,
-        cycle_s=controller.cycle_s,
-        cell=cell.label,
-        job=job_hash(plan),
-        **external(order, "rapid"),
-        tool_data=tool_data(job.program, cell, "rapid"),
-    )
-    return _robot_text(order, RapidWriter, settings, "rapid")
+def robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, dialect: str) -> Written:
+    """Write a path as a robot program, with what stays out of it as warnings.
 
-
-def _fanuc(order: WritingOrder) -> Written:
-    if isinstance(order.job.program, FanucProgram):
-        return _in_place(write_fanuc_in_place, order)
-    job, plan, cell = order.job, order.plan, order.cell
-    refuse_held_part(cell, "FANUC")
-    controller, data = cell.tables.controller, tool_data(job.program, cell, "fanuc")
-    start = axes_of_posture(cell, "fanuc", plan.q[0])
-    settings = FanucSettings(
-        name=routine_name(Path(job.program.name).stem),
-        start_axes_rad=start,
-        configuration=fanuc_configuration(branch_of(cell.controller_chain, plan.q[0]), start),
-        T_world_part=part_in_world(cell, "fanuc"),
-        T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        tool=controller.tool_number,
-        base=controller.base_number,
-        rapid_m_s=controller.rapid_m_s,
-        cycle_s=controller.cycle_s,
-        cell=cell.label,
-        job=job_hash(plan),
-        **external(order, "fanuc"),
-        tool_data={tool: int(value) for tool, value in data.items()},
-    )
-    return _robot_text(order, FanucWriter, settings, "fanuc")
-
-
-def _val3(order: WritingOrder) -> Written:
-    if isinstance(order.job.program, Val3Program):
-        return _in_place(write_val3_in_place, order)
-    job, plan, cell = order.job, order.plan, order.cell
-    refuse_held_part(cell, "VAL3")
-    controller = cell.tables.controller
-    settings = Val3Settings(
-        name=routine_name(Path(job.program.name).stem),
-        start_axes_rad=axes_of_posture(cell, "val3", plan.q[0]),
-        T_flange_tcp=cell.controller_chain.T_flange_tcp,
-        T_world_part=part_in_world(cell, "val3"),
-        configuration=val3_configuration(branch_of(cell.controller_chain, plan.q[0])),
-        blend_m=controller.blending_m,
-        rapid_m_s=controller.rapid_m_s,
-        cycle_s=controller.cycle_s,
-        cell=cell.label,
-        job=job_hash(plan),
-        **external(order, "val3"),
-        tool_data=tool_data(job.program, cell, "val3"),
-    )
-    return _robot_text(order, Val3Writer, settings, "val3")
-
-
-def _robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, dialect: Dialect) -> Written:
+    Args:
+        order: What is written.
+        writer: A :class:`~counterflex.programs.robot_writer.writer.RobotWriter`.
+        settings: Of that writer.
+        dialect: Of the machine functions.
+    """
     job = order.job
     lines = order.cell.machine_functions(dialect).lines
     text = writer(
@@ -325,13 +224,6 @@ def payload(cell: Cell) -> tuple[float, list[float]]:
     if total == 0.0:
         return 1.0, [0.0, 0.0, 0.001]
     return total, [float(value) for value in moment / total]
-
-
-GCODE: Final = LanguageKind("the language of the program itself", _gcode, orientation=False)
-KRL: Final = LanguageKind("KUKA KRL", _krl, dialect="krl")
-RAPID: Final = LanguageKind("ABB RAPID", _rapid, dialect="rapid")
-FANUC: Final = LanguageKind("FANUC TP listings", _fanuc, dialect="fanuc")
-VAL3: Final = LanguageKind("Staubli VAL3", _val3, dialect="val3")
 
 
 def require_tolerance(tolerance_m: float) -> None:

@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from counterflex.app.robot_axes import fanuc_configuration, part_in_world
+from counterflex.app.robot_axes import part_in_world, pose_text
 from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.files.cell.cell import Cell
-from counterflex.programs.fanuc.spelling import values_text
-from counterflex.programs.krl.writer import krl_pose
-from counterflex.programs.program import ROBOT_DIALECTS
-from counterflex.programs.robot_writer.statement_forms import Dialect
+from counterflex.programs.language import LANGUAGES, dialect_at, found, is_robot
 from counterflex.report.data import Fact
 
 _ENOUGH: Final = 0.8
@@ -38,66 +35,56 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
         cell: The cell it was planned for.
         tools: Numbers of the tools that cut.
     """
-    controller, language = cell.tables.controller, summary["language"]
-    files = ", ".join(summary["files"])
+    files, dialect = ", ".join(summary["files"]), dialect_at(summary["language"], "write")
+    load = LANGUAGES[dialect].load
+    if load is not None:
+        facts: tuple[Fact, ...] = found(load)(files, cell, tools)
+        return facts
     if cell.T_base_tcp is not None:
-        return _against_fixed_tool(files, language, cell, krl_pose(cell.T_base_tcp))
-    T_flange_tcp = cell.controller_chain.T_flange_tcp
-    tool = krl_pose(T_flange_tcp)
-    T_world_part = part_in_world(cell, language) if language in ROBOT_DIALECTS else cell.T_base_part
-    frame = krl_pose(T_world_part)
-    if language == "krl":
-        return (
-            Fact("Copy", files, "", "to KRC:\\R1\\Program, all of them"),
-            Fact(f"BASE_DATA[{controller.base_number}]", frame, "mm, deg", "the part frame that was planned with"),
-            *_tool_frames(cell, "krl", tools, tool, f"TOOL_DATA[{controller.tool_number}]"),
-        )
-    if language == "fanuc":
-        part, tip = (values_text(T).replace("\n\t", " ").strip() for T in (T_world_part, T_flange_tcp))
-        letters = fanuc_configuration(cell.tables.posture.branch).partition(",")[0]
-        return (
-            Fact("Load", files, "", "as ASCII listings, all of them"),
-            Fact(f"UFRAME[{controller.base_number}]", part, "mm, deg", "the part frame that was planned with"),
-            *_tool_frames(cell, "fanuc", tools, tip, f"UTOOL[{controller.tool_number}]"),
-            Fact("CONFIG", letters, "", "of every position, by [posture]; the turns behind it are those of the start"),
-        )
-    if language == "val3":
-        return (
-            Fact("Load", files, "", "as an application; it brings its frame, and its tool unless the cell names one"),
-            *_tool_frames(cell, "val3", tools, tool, ""),
-        )
-    if language == "rapid":
-        return (
-            Fact(
-                "Load", files, "", "as a program module; it brings its wobjdata, and tooldata unless the cell names one"
-            ),
-            Fact("Part frame", frame, "mm, deg about z, y', x''", "in the world of the controller, as planned"),
-            *_tool_frames(cell, "rapid", tools, tool, ""),
-        )
+        return against_fixed_tool(files, cell)
+    frame = part_in_world(cell, dialect) if is_robot(dialect) else cell.T_base_part
+    words = "mm, deg about z, y', x''"
     return (
         Fact("Load", files, "", "in place of the original, under the same name"),
-        Fact("Part frame", frame, "mm, deg about z, y', x''", "program zero in the robot's base, as planned"),
-        Fact("Tool", tool, "mm, deg about z, y', x''", "tip in the flange, as planned"),
+        Fact("Part frame", pose_text(frame), words, "program zero in the robot's base, as planned"),
+        Fact("Tool", pose_text(cell.controller_chain.T_flange_tcp), words, "tip in the flange, as planned"),
     )
 
 
-def _against_fixed_tool(files: str, language: str, cell: Cell, tool: str) -> tuple[Fact, ...]:
-    """The same where the robot holds the part against a spindle that stands."""
-    controller, part = cell.tables.controller, krl_pose(cell.controller_chain.T_flange_tcp)
-    names = ("Tool that stands", "Part in the flange")
-    if language == "krl":
-        names = f"BASE_DATA[{controller.base_number}]", f"TOOL_DATA[{controller.tool_number}]"
+def against_fixed_tool(
+    files: str, cell: Cell, names: tuple[str, str] = ("Tool that stands", "Part in the flange"), remark: str = ""
+) -> tuple[Fact, ...]:
+    """Return what must be set where the robot holds the part against a spindle that stands.
+
+    Args:
+        files: Names of the files.
+        cell: The cell.
+        names: What the controller calls the frame of the tool, and that of the part.
+        remark: What is said of the files.
+    """
     return (
-        Fact("Load", files, "", "all of them; rapid modules bring their frames" if language == "rapid" else ""),
-        Fact(names[0], tool, "mm, deg", "the spindle's tool frame in the robot's base (external tool)"),
-        Fact(names[1], part, "mm, deg", "the part frame in the flange, as planned"),
-    )
+        Fact("Load", files, "", remark),
+        Fact(names[0], pose_text(cell.T_base_tcp), "mm, deg", "the spindle's tool frame in the robot's base (external "
+             "tool)"),
+        Fact(names[1], pose_text(cell.controller_chain.T_flange_tcp), "mm, deg", "the part frame in the flange, as "
+             "planned"),
+    )  # fmt: skip
 
 
-def _tool_frames(cell: Cell, language: Dialect, tools: Sequence[int], frame: str, other: str) -> list[Fact]:
-    """Tool frames that a robot program uses by name: of the tools that have one, else ``other`` (empty: none)."""
+def tool_frames(
+    cell: Cell, language: str, tools: Sequence[int], *, frame: str, other: str = "", form: str = "{}"
+) -> list[Fact]:
+    """Return the tool frames that a robot program uses by name: of the tools that have one, else of another one.
+
+    Args:
+        cell: The cell.
+        language: Dialect.
+        tools: Numbers of the tools that cut.
+        frame: The frame as the controller shows it.
+        other: Name of the frame where a tool has none; empty where there is none.
+        form: Of the names.
+    """
     named = cell.machine_functions(language).tool_data
-    form = {"krl": "TOOL_DATA[{}]", "fanuc": "UTOOL[{}]"}.get(language, "{}")
     names = {number: form.format(named[number]) for number in named}
     own = [(names.get(number, other), number) for number in tools]
     if len(tools) > 1:

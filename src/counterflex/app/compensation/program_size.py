@@ -17,15 +17,13 @@ from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
 from counterflex.plan.preflight.size import ProgramSize
-from counterflex.programs.limits import FANUC, KRL, LINUXCNC, RAPID, SINUMERIK, VAL3, Limits
-from counterflex.programs.program import ROBOT_DIALECTS, Block
+from counterflex.programs.language import LANGUAGES, is_robot, robot_dialects
+from counterflex.programs.limits import Limits
+from counterflex.programs.program import Block
 from counterflex.programs.robot_writer.parts import robot_parts
 from counterflex.programs.robot_writer.points import choose_points, event_motions
 from counterflex.robot.model.controller_axes import MAKERS
 
-LIMITS: Final[dict[str, Limits]] = {"krl": KRL, "rapid": RAPID, "fanuc": FANUC, "val3": VAL3, "sinumerik": SINUMERIK}
-"""Of a language; those of LinuxCNC for all others."""
-TITLES: Final = {"krl": "KRL", "rapid": "RAPID", "fanuc": "FANUC TP", "val3": "VAL3", "sinumerik": "Sinumerik"}
 TOLERANCE_M: Final = 5.0 * UM
 """Of the points, as ``compensate`` has it."""
 _TOLERANCE_RAD: Final = 1e-4
@@ -59,13 +57,13 @@ def language_of(job: Job, cell: Cell) -> str:
     Returns:
         A dialect; ``linuxcnc`` and the like where the robot's language is not known: the program as it stands.
     """
-    if job.program.dialect in ROBOT_DIALECTS:
+    if is_robot(job.program.dialect):
         return job.program.dialect
     robot, maker = cell.tables.robot, cell.nominal_robot.axes.maker
     stated = robot.controller_axes is not None and robot.controller_axes.maker is not None
     if maker is not None and (stated or robot.catalog is not None):
         return MAKERS[maker].language
-    tables = cell.tables.controller.spindle.model_fields_set & set(ROBOT_DIALECTS)
+    tables = cell.tables.controller.spindle.model_fields_set & set(robot_dialects())
     return tables.pop() if len(tables) == 1 else job.program.dialect
 
 
@@ -78,26 +76,26 @@ def program_size(job: Job, cell: Cell, language: str | None = None) -> ProgramSi
     Args:
         job: The program.
         cell: The cell.
-        language: Of the robot, one of :data:`~counterflex.programs.program.ROBOT_DIALECTS`; None: :func:`language_of`.
+        language: Of the robot, one of :func:`~counterflex.programs.language.robot_dialects`; None: :func:`language_of`.
 
     Raises:
         InputError: The program is in the language of another robot.
     """
     own = job.program.dialect
-    if language is not None and own in ROBOT_DIALECTS and own != language:
+    if language is not None and is_robot(own) and own != language:
         raise InputError(
             "the program is in the language of another robot", where=Path(job.program.name).name, value=own,
             limit=language, hint="Convert it first: counterflex convert, and check what comes out",
         )  # fmt: skip
     language = language or language_of(job, cell)
-    limits = LIMITS.get(language, LINUXCNC)
+    limits = LANGUAGES[language].limits
     stem = Path(job.program.name).stem
     if language != job.program.dialect:
         points, parts = _written(job, cell, limits)
         name = routine_name(stem)
         names = (name, *(f"{name}_{number:03d}" for number in range(1, parts + 1))) if parts > 1 else (name,)
         return ProgramSize(
-            TITLES[language],
+            LANGUAGES[language].short,
             limits.source,
             points,
             limits.points_per_file,
@@ -109,7 +107,7 @@ def program_size(job: Job, cell: Cell, language: str | None = None) -> ProgramSi
     lengths = [len(line) for line in job.program.lines]
     longest = int(np.argmax(lengths)) if lengths else 0
     return ProgramSize(
-        TITLES.get(language, "G-code"), limits.source,
+        LANGUAGES[language].short, limits.source,
         sum(motion.kind != "dwell" for motion in job.program.motions), limits.points_per_file,
         (stem,), limits.name_characters, written=False, line=max(lengths, default=0),
         line_limit=limits.line_characters, line_number=longest + 1, line_point=_row_of_line(job, longest + 1),

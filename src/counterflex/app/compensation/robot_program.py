@@ -12,12 +12,12 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.programs.gcode.read.motion import UNKNOWN_PLACE
+from counterflex.programs.language import forms_of
 from counterflex.programs.limits import RESERVED
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.parts import changes_tool
-from counterflex.programs.robot_writer.statement_forms import FORMS, Dialect
 
 _HOMING: Final = frozenset((28.0, 30.0, 53.0))
 _NAME_CHARACTERS: Final = 20
@@ -25,7 +25,7 @@ _SHOWN: Final = 4
 _SAME_PLACE_M: Final = 1e-7
 
 
-def check_machine(job: Job, cell: Cell, language: Dialect) -> None:
+def check_machine(job: Job, cell: Cell, language: str) -> None:
     """Refuse, before anything is planned, a program whose spindle, coolant or tools the robot cannot be told.
 
     Raises:
@@ -171,7 +171,7 @@ def other_lengths(program: Program) -> list[str]:
     return list(lengths.values())
 
 
-def tool_data(program: Program, cell: Cell, language: Dialect) -> dict[int, str]:
+def tool_data(program: Program, cell: Cell, language: str) -> dict[int, str]:
     """What the controller calls the tool frame, for each tool that the program uses.
 
     Empty where it uses one tool that has no name of its own: that one is ``controller.tool_number`` (KRL), or the
@@ -187,7 +187,7 @@ def tool_data(program: Program, cell: Cell, language: Dialect) -> dict[int, str]
             used.setdefault(motion.tool, motion.block)
     unnamed = [tool for tool in used if tool not in named]
     if unnamed and len(used) > 1:
-        key, tools = FORMS[language].data_key, ", ".join(f"T{tool}" for tool in unnamed)
+        key, tools = forms_of(language).data_key, ", ".join(f"T{tool}" for tool in unnamed)
         raise ProgramError(
             "the program changes tools, and the cell file does not say which frame "
             + ("one of them has" if len(unnamed) == 1 else f"{len(unnamed)} of them have"),

@@ -29,7 +29,7 @@ from counterflex.files.run_file import write_run
 from counterflex.files.schema import write_toml
 from counterflex.files.summary_file import write_folder_summary
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.programs.limits import ENDINGS
+from counterflex.programs.language import LANGUAGES
 from counterflex.programs.reading import dialect_of
 from counterflex.twin.plant.controller import Controller, controller_of
 from counterflex.twin.plant.record import Record
@@ -223,7 +223,7 @@ def keep_inputs(
     if reading.parameters is not None:
         atomic.write_bytes(folder / PARAMETERS, _source(reading.parameters))
     for name, source in ((PROGRAM, Path(program)), (ORIGINAL, Path(original))):
-        ending = ENDINGS.get(dialect_of(source, reading.dialect), (_GCODE,))[0]
+        ending = next(iter(LANGUAGES[dialect_of(source, reading.dialect)].endings), _GCODE)
         files = companions(source)
         parts = [file for file in files if file.stem.upper() != source.stem.upper()]
         inside = folder / name if parts else folder
@@ -245,7 +245,7 @@ def kept(folder: Path, name: str) -> Path:
 
     A program of several files has a folder of its own there, in which its parts have the names by which it calls them.
     """
-    endings = [ending for own in ENDINGS.values() for ending in own[:1]]
+    endings = [ending for _, one in LANGUAGES.items() for ending in one.endings[:1]]
     files = (inside / f"{name}{ending}" for inside in (folder, folder / name) for ending in endings)
     return next((file for file in files if file.is_file()), folder / f"{name}{_GCODE}")
 

@@ -10,7 +10,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, warn
 from counterflex.core.units import UM
-from counterflex.programs.limits import BY_ENDING, LANGUAGE_NAMES
+from counterflex.programs.language import BY_ENDING, at_prompt
 
 
 def register(app: typer.Typer) -> None:
@@ -26,8 +26,8 @@ def convert(
         str,
         typer.Option(
             "--to",
-            help=f"Language to write: {', '.join(LANGUAGE_NAMES)}.",
-            callback=arguments.one_of(LANGUAGE_NAMES, "language"),
+            help=f"Language to write: {', '.join(at_prompt('convert'))}.",
+            callback=arguments.one_of(lambda: at_prompt("convert"), "language"),
         ),
     ],
     tolerance_um: Annotated[

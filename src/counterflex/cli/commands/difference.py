@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.commands.program import Dialect, WithoutEnd
 from counterflex.cli.output import print_json, print_table
-from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.language import BY_ENDING
 
 _ORDERS = ("change", "line")
 

@@ -11,8 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.remarks import shown
-from counterflex.programs.limits import BY_ENDING
-from counterflex.programs.robot_writer.statement_forms import FORMS
+from counterflex.programs.language import BY_ENDING, robot_dialects
 
 _ORDER: Final = ("fail", "warning", "ok")
 
@@ -38,9 +37,9 @@ def preflight(
         str | None,
         typer.Option(
             "--as",
-            help=f"Language that the robot gets the program in, for its size: {', '.join(FORMS)} (that of the "
-            "program, of the robot's maker).",
-            callback=arguments.one_of(FORMS, "language"),
+            help=f"Language that the robot gets the program in, for its size: {', '.join(robot_dialects())} (that of "
+            "the program, of the robot's maker).",
+            callback=arguments.one_of(robot_dialects, "language"),
         ),
     ] = None,
     dialect: Dialect = BY_ENDING,

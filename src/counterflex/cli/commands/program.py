@@ -8,13 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
-from counterflex.app.compensation.language_names import LANGUAGES
 from counterflex.cli import arguments
 from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written, warn
 from counterflex.cli.predicted import MODEL
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
-from counterflex.programs.limits import BY_ENDING, DIALECTS
+from counterflex.programs.language import BY_ENDING, at_prompt, dialects
 
 Program = Annotated[
     Path,
@@ -35,8 +34,8 @@ Dialect = Annotated[
     str,
     typer.Option(
         "--dialect",
-        help=f"Language of the program: {', '.join(DIALECTS)} (that of the file's ending).",
-        callback=arguments.one_of(DIALECTS, "dialect"),
+        help=f"Language of the program: {', '.join(dialects())} (that of the file's ending).",
+        callback=arguments.one_of(dialects, "dialect"),
     ),
 ]
 Parameters = Annotated[
@@ -127,9 +126,9 @@ def compensate(
         str | None,
         typer.Option(
             "--as",
-            help=f"Language of the output: {', '.join(LANGUAGES.own)}, or one of another package (`counterflex "
-            "extensions`); without it that of the program.",
-            callback=arguments.one_of(LANGUAGES, "language"),
+            help=f"Language of the output: {', '.join(at_prompt('write', own=True))}, or one of another package "
+            "(`counterflex extensions`); without it that of the program.",
+            callback=arguments.one_of(lambda: at_prompt("write"), "language"),
         ),
     ] = None,
     parameters: Parameters = None,

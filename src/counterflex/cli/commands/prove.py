@@ -23,7 +23,7 @@ from counterflex.cli.output import (
     warn,
 )
 from counterflex.core.units import UM
-from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.language import BY_ENDING
 from counterflex.twin.truth.family import FAMILIES
 
 Seeds = Annotated[

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM, MS
 from counterflex.files.schema import PoseTable, Table
+from counterflex.programs.language import LANGUAGES
 from counterflex.programs.robot_writer.machine_functions import (
     DATA,
     ELSEWHERE,
@@ -19,7 +20,6 @@ from counterflex.programs.robot_writer.machine_functions import (
     WORDS,
     MachineFunctions,
 )
-from counterflex.programs.robot_writer.statement_forms import Dialect
 
 _PLACEHOLDER: Final = re.compile(r"\{[A-Za-z_]*\}")
 _M_CODE: Final = re.compile(r"M(\d{1,3})")
@@ -41,6 +41,10 @@ def _line(text: str) -> str:
 Statement = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_line)]
 Statements = Annotated[tuple[Statement, ...], Field(max_length=20)]
 Condition = Annotated[str, Field(max_length=200), AfterValidator(_line)]
+
+
+_SIGNS: Final = {";": "a semicolon"}
+"""Names of the ends of statements, for messages."""
 
 
 class StatementsTable(Table):
@@ -79,33 +83,48 @@ class StatementsTable(Table):
         return {code: lines for code, lines in results.items() if lines is not None} | own
 
 
-class RapidStatementsTable(StatementsTable):
-    """Statements of RAPID: each ends in a semicolon, conditions do not."""
+def _statements_table(name: str, end: str) -> type[StatementsTable]:
+    """Table of a language whose statements all end in the same, and whose conditions do not."""
 
-    @model_validator(mode="after")
-    def _ended(self) -> RapidStatementsTable:
-        for lines in self.by_code().values():
+    def ended(table: StatementsTable) -> StatementsTable:
+        for lines in table.by_code().values():
             for line in lines:
-                if not line.rstrip().endswith(";"):
-                    raise ValueError(f"a RAPID statement ends in a semicolon: {line}")
+                if not line.rstrip().endswith(end):
+                    raise ValueError(f"a {name} statement ends in {_SIGNS.get(end, end)}: {line}")
         for key in ("ready", "standing"):
-            if ";" in getattr(self, key):
-                raise ValueError(f"{key} is a condition, for example diSpindleReady=1; without a semicolon")
-        return self
+            if end in getattr(table, key):
+                raise ValueError(f"{key} is a condition, for example diSpindleReady=1; without {_SIGNS.get(end, end)}")
+        return table
+
+    if not end:
+        return StatementsTable
+    validators: dict[str, Any] = {"ended": model_validator(mode="after")(ended)}
+    return create_model(f"{name}StatementsTable", __base__=StatementsTable, __validators__=validators)
 
 
-class SpindleTable(Table):
-    """Spindle, coolant and tool change, for each robot language that programs are written in."""
-
+class _SpindleTimes(Table):
     wait_s: Annotated[float, Field(ge=0.1, le=600.0)] = 20.0
     pause_s: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
-    krl: StatementsTable = StatementsTable()
-    rapid: RapidStatementsTable = RapidStatementsTable()
-    fanuc: StatementsTable = StatementsTable()
-    val3: StatementsTable = StatementsTable()
+
+
+_TABLES: Final[dict[str, Any]] = {
+    name: (table := _statements_table(one.short, one.forms.end), table())
+    for name, one in LANGUAGES.items()
+    if one.forms is not None
+}
+_SpindleLanguages: Any = create_model("SpindleLanguages", __base__=_SpindleTimes, **_TABLES)
+
+
+class SpindleTable(_SpindleLanguages):  # type: ignore[misc]
+    """Spindle, coolant and tool change, with a table for each robot language that is registered."""
+
+    def of_language(self, language: str) -> StatementsTable:
+        """Statements of a robot language."""
+        table: StatementsTable = getattr(self, language)
+        return table
 
     def functions(
-        self, language: Dialect, tool_data: dict[int, str] | None = None, where: str = "the cell file"
+        self, language: str, tool_data: dict[int, str] | None = None, where: str = "the cell file"
     ) -> MachineFunctions:
         """What the writer of a language calls for every block.
 
@@ -114,10 +133,7 @@ class SpindleTable(Table):
             tool_data: What the controller calls the tool frame, by number of the tool.
             where: Path of the cell file, for messages.
         """
-        tables: dict[Dialect, StatementsTable] = {
-            "krl": self.krl, "rapid": self.rapid, "fanuc": self.fanuc, "val3": self.val3,
-        }  # fmt: skip
-        table = tables[language]
+        table = self.of_language(language)
         return MachineFunctions(
             language,
             table.by_code(),

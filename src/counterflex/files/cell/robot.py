@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MRAD, URAD
@@ -17,10 +17,9 @@ from counterflex.robot.elasticity.axis_sag import AxisSag
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors
 from counterflex.robot.model.controller_axes import (
-    MAKER_NAMES,
+    MAKERS,
     Axis3,
     ControllerAxes,
-    MakerName,
     from_geometry,
     from_signs,
     maker_of,
@@ -176,10 +175,19 @@ SixSigns = tuple[Sign, Sign, Sign, Sign, Sign, Sign]
 SixAngles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 
 
+def _known_maker(name: str) -> str:
+    if name not in MAKERS:
+        raise ValueError(f"no known maker of controllers: {name}; expected {', '.join(MAKERS)}")
+    return name
+
+
+KnownMaker = Annotated[str, AfterValidator(_known_maker)]
+
+
 class ControllerAxesTable(Table):
     """Axis convention of the controller, for a robot that the cell file describes itself."""
 
-    maker: MakerName | None = None
+    maker: KnownMaker | None = None
     axis_3_from: Axis3 | None = None
     axis_3_to_upper_arm_deg: tuple[Angle, Angle] | None = None
     world_z_mm: Length | None = None
@@ -197,7 +205,7 @@ class ControllerAxesTable(Table):
         if maker is None and opw is not None and not own:
             maker = maker_of(opw.signs, opw.offsets_rad)
         if maker is None:
-            raise InputError("whose controller it is, is not known", value="maker", limit=", ".join(MAKER_NAMES),
+            raise InputError("whose controller it is, is not known", value="maker", limit=", ".join(MAKERS),
                              hint="Give maker")  # fmt: skip
         if opw is not None and not own:
             axes = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, self.axis_3_from)

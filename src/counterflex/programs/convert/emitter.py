@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -17,9 +17,29 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG
 from counterflex.geometry import rotation
 from counterflex.programs.convert.steps import Move, Process, Step
+from counterflex.programs.program import Program
 
 UPRIGHT: Final = 5e-5
 _SAME_M: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """A program that is to be written in another language.
+
+    Attributes:
+        program: As read.
+        stem: Name of what is written, without ending.
+        tolerance_m: Largest distance of straight pieces from a circle that the language does not have.
+        cell: The :class:`~counterflex.files.cell.cell.Cell`.
+        points_per_file: Most motions of a file; None takes the limit of the language.
+    """
+
+    program: Program
+    stem: str
+    tolerance_m: float
+    cell: Any
+    points_per_file: int | None = None
 
 
 @dataclass

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,28 +12,16 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.programs.fanuc.program import FanucProgram
-from counterflex.programs.krl.program import KrlProgram
+from counterflex.programs.language import LANGUAGES
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word
-from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.machine_functions import BEHIND
-from counterflex.programs.val3.program import Val3Program
 
 ENDS: Final = frozenset((2, 17, 30, 60, 97, 98, 99))
 _ORDER: Final = (6, 3, 4, 7, 8, 9, 5)
 _NO_EFFECT: Final = frozenset((48, 49))
 _TOGETHER: Final = frozenset("SPQER")
-_REMARK: Final = {
-    "linuxcnc": re.compile(r"\(([^()]*)\)|;(.*)"),
-    "twincat": re.compile(r"\(([^()]*)\)"),
-    "sinumerik": re.compile(r";(?!\$PATH)(.*)"),
-    "apt": re.compile(r"\$\$(.*)"),
-    "fanuc": re.compile(r"^[\s\d]*:\s*!([^;]*)"),
-    "val3": re.compile(r"^\s*//(.*)"),
-    "krl": re.compile(r"^\s*;(?!\s*(?:END)?FOLD|FOLD|ENDFOLD)(.*)", re.IGNORECASE),
-}
 
 
 @dataclass(frozen=True)
@@ -137,6 +124,7 @@ def steps(
     """
     implied = implied_stops(program)
     machine = not isinstance(program, RobotProgram)
+    stops = program.stops() if isinstance(program, RobotProgram) else frozenset()
     named = set() if machine else set("XYZ")
     for number, block in enumerate(program.blocks):
         whole = machine and (to_robot or block.motion_count > 1)
@@ -151,14 +139,14 @@ def steps(
         for index in range(block.first_motion, block.first_motion + block.motion_count):
             if whole and index in implied.within:
                 yield from _process(implied.within[index])
-            yield _move(program, index, R_part_tcp, "".join(sorted(named)))
+            yield _move(program, index, R_part_tcp, "".join(sorted(named)), stops)
         yield from (step for step in codes if step.code in BEHIND)
         if whole:
             for extra in implied.behind.get(number, ()):
                 yield from _process(extra)
 
 
-def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], named: str) -> Move:
+def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], named: str, stops: frozenset[int]) -> Move:
     motion = program.motions[index]
     block = program.blocks[motion.block]
     if block.modal.tool_centre != TOOL_VECTOR and any(motion.abc_end):
@@ -170,12 +158,7 @@ def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], name
         )  # fmt: skip
     R = R_part_tcp(index)
     before = R if index == 0 else R_part_tcp(index - 1)
-    exact = False
-    if isinstance(program, KrlProgram):
-        exact = not program.moves[index].approximation and not program.moves[index].in_spline
-    elif isinstance(program, (RapidProgram, FanucProgram, Val3Program)):
-        exact = program.moves[index].exact
-    return Move(index, motion, R, before, named, exact, block.line)
+    return Move(index, motion, R, before, named, index in stops, block.line)
 
 
 def _process(block: Block) -> Iterator[Process]:
@@ -198,7 +181,7 @@ def _process(block: Block) -> Iterator[Process]:
 
 def _remark(program: Program, block: Block) -> str:
     """Comment of a block, as plain text."""
-    pattern = _REMARK.get(program.dialect)
+    pattern = LANGUAGES[program.dialect].comment
     match = None if pattern is None else pattern.search(block.text)
     text = "" if match is None else next((part for part in match.groups() if part), "")
     plain = "".join(c if 32 <= ord(c) < 127 and c not in "()" else " " for c in text)

@@ -12,6 +12,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, MM_PER_S
 from counterflex.geometry import pose
 from counterflex.programs.compensated import CompensatedPath, mark
+from counterflex.programs.fanuc import LIMITS
 from counterflex.programs.fanuc.program import (
     LETTERS,
     FanucListing,
@@ -23,13 +24,12 @@ from counterflex.programs.fanuc.program import (
 )
 from counterflex.programs.fanuc.spelling import remarks, short, values_text
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import FANUC
 from counterflex.programs.robot_text.circle_fit import FittedCircle
 from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
 from counterflex.programs.robot_text.spans import Spans
 
-_DECIMAL_MM = 10.0**-FANUC.position_decimals
-_DECIMAL_DEG = 10.0**-FANUC.angle_decimals
+_DECIMAL_MM = 10.0**-LIMITS.position_decimals
+_DECIMAL_DEG = 10.0**-LIMITS.angle_decimals
 _ADDED_TERMINATION = "CNT100"
 _CONVERT = "counterflex convert writes the program out, one instruction for each motion: compensate that one"
 
@@ -126,7 +126,7 @@ class _InPlace(InPlace):
 
     def rounded(self, p: Float) -> Float:
         """(3,) m, as positions are written."""
-        out: Float = np.round(p / MM, FANUC.position_decimals) * MM
+        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
         return out
 
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
@@ -283,9 +283,9 @@ class _InPlace(InPlace):
         out = []
         for letter in LETTERS:
             decimals, half = (
-                (FANUC.position_decimals, 0.5 * _DECIMAL_MM)
+                (LIMITS.position_decimals, 0.5 * _DECIMAL_MM)
                 if letter in "XYZ"
-                else (FANUC.angle_decimals, 0.5 * _DECIMAL_DEG)
+                else (LIMITS.angle_decimals, 0.5 * _DECIMAL_DEG)
             )
             if letter in values and abs(values[letter] - position.values[letter]) > half:
                 out.append((*position.numbers[letter], number(values[letter], decimals)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -12,8 +13,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_text.stated import Stated, StatedPosture, StatedTurns, turn_ranges
 
 LETTERS: Final = "XYZWPR"
+_CONFIG: Final = re.compile(r"\s*([NF])\s*([UD])\s*([TB])\b", re.IGNORECASE)
+_CONFIG_TURNS: Final = re.compile(r"[NF]\s*[UD]\s*[TB]\s*,\s*(-?\d)\s*,\s*(-?\d)\s*,\s*(-?\d)", re.IGNORECASE)
+_DISTANCE: Final = re.compile(r"C[DR]\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)", re.IGNORECASE)
 _UPRIGHT_DEG: Final = 1e-6
 Span = tuple[int, int]
 """Index of the first character, and the one behind the last."""
@@ -158,3 +163,40 @@ class FanucProgram(RobotProgram):
 
     listings: Mapping[str, FanucListing] = field(default_factory=dict)
     moves: tuple[FanucMotion, ...] = ()
+
+    def stops(self) -> frozenset[int]:
+        """Motions with FINE."""
+        return frozenset(index for index, move in enumerate(self.moves) if move.exact)
+
+    def roundings_m(self) -> list[float]:
+        """``CD`` and ``CR``, mm; what ``CNT`` makes depends on speed and acceleration and has no distance."""
+        found = [_DISTANCE.search(move.termination) for move in self.moves]
+        return [
+            0.0 if move.exact else float("nan") if match is None else float(match[1]) * MM
+            for move, match in zip(self.moves, found, strict=True)
+        ]
+
+    def postures(self) -> dict[int, Stated]:
+        """CONFIG."""
+        return {index: one for index, move in enumerate(self.moves) if (one := _posture(move.config)) is not None}
+
+    def turns(self) -> dict[int, StatedTurns]:
+        """The numbers behind CONFIG."""
+        return {index: one for index, move in enumerate(self.moves) if (one := _turns(move)) is not None}
+
+
+def _posture(text: str) -> Stated | None:
+    match = _CONFIG.match(text)
+    if match is None:
+        return None
+    wrist, elbow, arm = match[1].upper(), match[2].upper(), match[3].upper()
+    front = arm == "T"
+    return StatedPosture(front, (elbow == "U") == front, wrist == "N"), f"CONFIG '{wrist} {elbow} {arm}'"
+
+
+def _turns(move: FanucMotion) -> StatedTurns | None:
+    match = _CONFIG_TURNS.search(move.config) if move.word == "J" else None
+    if match is None:
+        return None
+    turns = [int(number) for number in match.groups()]
+    return turn_ranges(turns, 360.0, -180.0, f"CONFIG turns {', '.join(map(str, turns))}")

@@ -10,9 +10,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
+from counterflex.programs.fanuc import LIMITS
 from counterflex.programs.fanuc.program import wpr_of
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import FANUC
 
 REMARK: Final = 32
 """Characters of a remark (FANUC Operator's manual, "Remark"): the mark of a job fits exactly."""
@@ -32,7 +32,7 @@ def short(value: float) -> str:
 def values_text(T_user_tool: Float) -> str:
     """X Y Z in mm and W P R in deg of a pose (4, 4) m, as they stand in an entry of /POS."""
     p = T_user_tool[:3, 3] / MM
-    texts = [f"{c} = {number(float(v), FANUC.position_decimals)} mm" for c, v in zip("XYZ", p, strict=True)]
+    texts = [f"{c} = {number(float(v), LIMITS.position_decimals)} mm" for c, v in zip("XYZ", p, strict=True)]
     angles = np.array(wpr_of(T_user_tool[:3, :3]))
-    turns = [f"{c} = {number(float(v), FANUC.angle_decimals)} deg" for c, v in zip("WPR", angles, strict=True)]
+    turns = [f"{c} = {number(float(v), LIMITS.angle_decimals)} deg" for c, v in zip("WPR", angles, strict=True)]
     return f"\t{', '.join(texts)},\n\t{', '.join(turns)}"

@@ -10,10 +10,11 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S
+from counterflex.programs.fanuc import LIMITS
 from counterflex.programs.fanuc.program import wpr_of
 from counterflex.programs.fanuc.spelling import remarks, short, values_text
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import FANUC, check_name
+from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
 
 _CONFIG: Final = re.compile(r"[NF] [UD] [TB], -?\d, -?\d, -?\d")
@@ -44,7 +45,7 @@ class FanucSettings(RobotSettings):
     blend: int = 100
     axis_percent: int = 10
     cycle_s: float = 0.008
-    points_per_file: int = FANUC.points_per_file
+    points_per_file: int = LIMITS.points_per_file
     tool_data: Mapping[int, int] = field(default_factory=dict)
     T_world_part: Float | None = None
     T_flange_tcp: Float | None = None
@@ -55,7 +56,7 @@ class FanucSettings(RobotSettings):
         Raises:
             InputError: A setting is out of range.
         """
-        check_name(self.name, FANUC, "FANUC")
+        check_name(self.name, LIMITS, "FANUC")
         super().check()
         if not _CONFIG.fullmatch(self.configuration):
             raise InputError("no CONFIG", value=self.configuration, limit="N U T, 0, 0, 0")
@@ -98,7 +99,7 @@ def fanuc_motion(
 def fanuc_joint_motion(settings: FanucSettings, tool: int) -> str:
     """The motion to the start posture, by axes."""
     axes = enumerate(settings.start_axes_rad, start=1)
-    values = ",\n".join(f"\tJ{i} = {number(angle / DEG, FANUC.angle_decimals)} deg" for i, angle in axes)
+    values = ",\n".join(f"\tJ{i} = {number(angle / DEG, LIMITS.angle_decimals)} deg" for i, angle in axes)
     frames = f"\tUF : {settings.base}, UT : {settings.tool_of(tool)},\n"
     return f"J P[#] {settings.axis_percent}% FINE{_POSE}{frames}{values}{_external(settings, settings.external_axes)}"
 
@@ -143,7 +144,7 @@ def _remarks_cut(lines: Sequence[str]) -> Iterator[str]:
 class FanucWriter(RobotWriter[FanucSettings]):
     """The words of FANUC TP: every point is an ``L`` with a position of its own in the user frame."""
 
-    dialect, limits, suffix = "fanuc", FANUC, "ls"
+    dialect, limits, suffix = "fanuc", LIMITS, "ls"
     comment, stop, wait = "!", "PAUSE", "WAIT {}(sec)"
 
     def point(self, index: int) -> list[str]:
@@ -188,7 +189,7 @@ class FanucWriter(RobotWriter[FanucSettings]):
 
     def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
         """The listing of a part."""
-        check_name(name, FANUC, "FANUC")
+        check_name(name, LIMITS, "FANUC")
         return {f"{name}.ls": fanuc_program(name, body)}
 
     def _move(self, index: int, speed_m_s: float, termination: str) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from counterflex.programs.gcode.write.written_line import number
+from counterflex.programs.krl import LIMITS
 from counterflex.programs.krl.program import LETTERS, Target
-from counterflex.programs.limits import KRL
 
 Values = dict[str, float]
 """X Y Z in mm, A B C in deg."""
@@ -52,7 +52,7 @@ class Edits:
 
 def spelled(letter: str, value: float) -> str:
     """A component as it is written."""
-    return number(value, KRL.position_decimals if letter in "XYZ" else KRL.angle_decimals)
+    return number(value, LIMITS.position_decimals if letter in "XYZ" else LIMITS.angle_decimals)
 
 
 def target_edits(target: Target, values: Values, active: Values, *, turned: bool) -> list[Edit]:
@@ -69,7 +69,7 @@ def target_edits(target: Target, values: Values, active: Values, *, turned: bool
     for letter in LETTERS:
         if letter in "ABC" and not turned and letter in target.components:
             continue
-        half = 0.5 * 10.0 ** -(KRL.position_decimals if letter in "XYZ" else KRL.angle_decimals)
+        half = 0.5 * 10.0 ** -(LIMITS.position_decimals if letter in "XYZ" else LIMITS.angle_decimals)
         component = target.components.get(letter)
         if component is None:
             if abs(values[letter] - active[letter]) > half:

@@ -11,17 +11,17 @@ from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.written_line import number
+from counterflex.programs.krl import LIMITS
 from counterflex.programs.krl.edits import Edits, Values, spelled, target_edits, target_text
 from counterflex.programs.krl.program import LETTERS, KrlMotion, KrlProgram, Target
 from counterflex.programs.krl.read import statements as form
 from counterflex.programs.krl.read.literals import code_of
 from counterflex.programs.krl.written_values import WrittenValues
-from counterflex.programs.limits import KRL
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, MotionRows
 from counterflex.programs.robot_text.circle_fit import FittedCircle
 from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
 
-_DECIMAL_M = 10.0**-KRL.position_decimals * MM
+_DECIMAL_M = 10.0**-LIMITS.position_decimals * MM
 
 
 def write_krl_in_place(
@@ -98,7 +98,7 @@ class _InPlace(InPlace):
 
     def rounded(self, p: Float) -> Float:
         """(3,) m, four decimals of a millimetre."""
-        out: Float = np.round(p / MM, KRL.position_decimals) * MM
+        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
         return out
 
     def fixed_turn(self, index: int) -> bool:

@@ -6,9 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+import numpy as np
+
 from counterflex.core.arrays import Float
 from counterflex.programs.krl.with_clause import WithClause
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_text.stated import TURNING, Stated, StatedPosture, StatedTurns
 
 LETTERS: Final = "XYZABC"
 
@@ -149,3 +152,45 @@ class KrlProgram(RobotProgram):
     extra: str = ""
     loose_triggers: Mapping[tuple[str, int], int] = field(default_factory=dict)
     reads_position: bool = False
+
+    def stops(self) -> frozenset[int]:
+        """Motions without C_DIS and the like; a spline goes through its points."""
+        return frozenset(
+            index for index, move in enumerate(self.moves) if not move.approximation and not move.in_spline
+        )
+
+    def roundings_m(self) -> list[float]:
+        """``C_DIS`` with the $APO.CDIS that is active."""
+        stops = self.stops()
+        return [
+            0.0 if index in stops else move.distance_m if "C_DIS" in move.approximation.upper() else float("nan")
+            for index, move in enumerate(self.moves)
+        ]
+
+    def postures(self) -> dict[int, Stated]:
+        """S of a PTP."""
+        return {index: one for index, move in enumerate(self.moves) if (one := _posture(move)) is not None}
+
+    def turns(self) -> dict[int, StatedTurns]:
+        """T of a PTP."""
+        return {index: one for index, move in enumerate(self.moves) if (one := _turns(move)) is not None}
+
+
+def _posture(move: KrlMotion) -> Stated | None:
+    """S of a PTP; in other motions the controller ignores it."""
+    status = None if move.target is None else move.target.components.get("S")
+    if status is None or move.word not in ("PTP", "SPTP"):
+        return None
+    bits = round(status.value)
+    return StatedPosture(not bits & 1, bool(bits & 2), not bits & 4), f"S {bits}"
+
+
+def _turns(move: KrlMotion) -> StatedTurns | None:
+    """T of a PTP; in other motions the controller ignores it."""
+    turn = None if move.target is None else move.target.components.get("T")
+    if turn is None or move.word not in ("PTP", "SPTP"):
+        return None
+    bits = round(turn.value)
+    negative = [bool(bits >> axis & 1) for axis in TURNING]
+    low, high = ([end if one else other for one in negative] for end, other in ((-np.inf, 0.0), (0.0, np.inf)))
+    return StatedTurns(tuple(low), tuple(high), f"T {bits}")

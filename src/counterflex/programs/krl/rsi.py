@@ -8,6 +8,7 @@ from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.compensated import job_number, marks
+from counterflex.programs.krl import LIMITS
 from counterflex.programs.krl.rsi_switching import (
     _DECLARED,
     _INI,
@@ -19,7 +20,7 @@ from counterflex.programs.krl.rsi_switching import (
     _output,
     _routines,
 )
-from counterflex.programs.limits import KRL, check_name
+from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.machine_functions import refuse_only_said, stop_under_correction
 
 _ROUTINE: Final = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*\(\s*\)\s*$", re.IGNORECASE)
@@ -167,7 +168,7 @@ def check_main(text: str, name: str, where: str) -> None:
         ProgramError: They differ.
         InputError: The name is too long or holds other characters than letters, digits and underscores.
     """
-    check_name(name, KRL, "KRL")
+    check_name(name, LIMITS, "KRL")
     routine = next((match[1] for line in text.splitlines() if (match := _ROUTINE.match(_code(line)))), None)
     if routine is not None and routine.lower() != name.lower():
         raise ProgramError(
@@ -285,7 +286,7 @@ def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, secon
     Raises:
         InputError: The name or the time cannot be used.
     """
-    check_name(name, KRL, "KRL")
+    check_name(name, LIMITS, "KRL")
     if not 1 <= seconds <= 3600:
         raise InputError("time of the link test", value=seconds, limit="1 .. 3600 s")
     body = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from counterflex.programs.robot_writer.statement_forms import krl_wait
+from counterflex.programs.krl import krl_wait
 
 _INTERRUPT: Final = 21
 

@@ -12,7 +12,8 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import KRL, check_name
+from counterflex.programs.krl import LIMITS
+from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
 
 
@@ -43,7 +44,7 @@ class KrlSettings(RobotSettings):
     blend_m: float = 0.5e-3
     axis_percent: int = 10
     cycle_s: float = 0.012
-    points_per_file: int = KRL.points_per_file
+    points_per_file: int = LIMITS.points_per_file
     tool_data: Mapping[int, int] = field(default_factory=dict)
     fixed_tool: bool = False
 
@@ -53,7 +54,7 @@ class KrlSettings(RobotSettings):
         Raises:
             InputError: A setting is out of range.
         """
-        check_name(self.name, KRL, "KRL")
+        check_name(self.name, LIMITS, "KRL")
         super().check()
         as_positive("acc_m_s2", self.acc_m_s2)
         as_positive("blend_m", self.blend_m, zero=True)
@@ -74,15 +75,15 @@ def krl_pose(T_a_b: Float) -> str:
     """
     p = T_a_b[:3, 3] / MM
     angles = rotation.to_zyx(T_a_b[:3, :3]) / DEG
-    words = [f"{c} {number(float(v), KRL.position_decimals)}" for c, v in zip("XYZ", p, strict=True)]
-    words += [f"{c} {number(float(v), KRL.angle_decimals)}" for c, v in zip("ABC", angles, strict=True)]
+    words = [f"{c} {number(float(v), LIMITS.position_decimals)}" for c, v in zip("XYZ", p, strict=True)]
+    words += [f"{c} {number(float(v), LIMITS.angle_decimals)}" for c, v in zip("ABC", angles, strict=True)]
     return ",".join(words)
 
 
 class KrlWriter(RobotWriter[KrlSettings]):
     """The words of KRL: every point is ``LIN {X,Y,Z,A,B,C} C_DIS`` in KUKA's BASE; $VEL.CP is set where it changes."""
 
-    dialect, limits, suffix = "krl", KRL, "src"
+    dialect, limits, suffix = "krl", LIMITS, "src"
     comment, stop, wait = ";", "HALT", "WAIT SEC {}"
 
     def point(self, index: int) -> list[str]:
@@ -120,13 +121,13 @@ class KrlWriter(RobotWriter[KrlSettings]):
 
     def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
         """``.src`` and ``.dat`` of a part."""
-        check_name(name, KRL, "KRL")
+        check_name(name, LIMITS, "KRL")
         return {f"{name}.src": krl_source(name, body), f"{name}.dat": krl_data(name, [])}
 
     def data(self) -> dict[str, str]:
         """The main ``.dat``: the start posture."""
         angles = enumerate(self.settings.start_axes_rad, start=1)
-        axes = ",".join(f"A{i} {number(a / DEG, KRL.angle_decimals)}" for i, a in angles)
+        axes = ",".join(f"A{i} {number(a / DEG, LIMITS.angle_decimals)}" for i, a in angles)
         axes += krl_external(self.settings.external_axes)
         name = self.settings.name
         return {f"{name}.dat": krl_data(name, [f"DECL E6AXIS XSTART={{{axes}}}"])}
@@ -134,7 +135,7 @@ class KrlWriter(RobotWriter[KrlSettings]):
 
 def krl_external(values: Mapping[int, float]) -> str:
     """``,E1 ..`` of external axes by number, mm or deg; empty where there are none."""
-    return "".join(f",E{axis} {number(value, KRL.position_decimals)}" for axis, value in sorted(values.items()))
+    return "".join(f",E{axis} {number(value, LIMITS.position_decimals)}" for axis, value in sorted(values.items()))
 
 
 def krl_frames(settings: KrlSettings, tool: int) -> list[str]:

@@ -7,7 +7,7 @@ import re
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.next_command import next_command
-from counterflex.programs.limits import RAPID
+from counterflex.programs.rapid import LIMITS
 from counterflex.programs.rapid.program import RapidProgram, RoutineCall
 from counterflex.programs.robot_text.spans import Spans
 
@@ -85,7 +85,7 @@ class Copies:
 
     def _name(self, routine: str) -> str:
         for count in itertools.count(2):
-            name = f"{routine[: RAPID.name_characters - 4]}_{count}"
+            name = f"{routine[: LIMITS.name_characters - 4]}_{count}"
             if name.upper() not in self._taken:
                 break
         self._taken.add(name.upper())

@@ -6,7 +6,8 @@ import re
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.limits import RAPID, RESERVED
+from counterflex.programs.limits import RESERVED
+from counterflex.programs.rapid import LIMITS
 from counterflex.programs.rapid.egm_switching import EgmSwitching
 from counterflex.programs.robot_writer.machine_functions import refuse_only_said, stop_under_correction
 
@@ -166,12 +167,12 @@ def _check_names(lines: list[str], where: str) -> None:
         moves = _LINEAR.match(code) or _JOINT.match(code)
         names = (named[1],) if named else (_frames(line) or ()) if moves else ()
         for name in names:
-            if len(name) > RAPID.name_characters or name.upper() in RESERVED:
+            if len(name) > LIMITS.name_characters or name.upper() in RESERVED:
                 raise ProgramError(
                     "RAPID cannot use this name",
                     where=f"{where}:{number}",
                     value=name,
-                    limit=f"no word of the language, {RAPID.name_characters} characters at most",
+                    limit=f"no word of the language, {LIMITS.name_characters} characters at most",
                 )
 
 

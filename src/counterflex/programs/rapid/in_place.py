@@ -14,7 +14,7 @@ from counterflex.core.units import MM, MM_PER_S
 from counterflex.geometry import pose, rotation
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import RAPID
+from counterflex.programs.rapid import LIMITS
 from counterflex.programs.rapid.copies import Copies
 from counterflex.programs.rapid.program import RapidMotion, RapidProgram, RapidTarget
 from counterflex.programs.rapid.table import FORMS
@@ -22,8 +22,8 @@ from counterflex.programs.robot_text.circle_fit import FittedCircle
 from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
 from counterflex.programs.robot_text.spans import Spans
 
-_DECIMAL_MM = 10.0**-RAPID.position_decimals
-_DECIMAL_Q = 10.0**-RAPID.angle_decimals
+_DECIMAL_MM = 10.0**-LIMITS.position_decimals
+_DECIMAL_Q = 10.0**-LIMITS.angle_decimals
 _ADDED_ZONE = "z0"
 
 
@@ -125,7 +125,7 @@ class _InPlace(InPlace):
 
     def rounded(self, p: Float) -> Float:
         """(3,) m, four decimals of a millimetre."""
-        out: Float = np.round(p / MM, RAPID.position_decimals) * MM
+        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
         return out
 
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
@@ -239,10 +239,10 @@ class _InPlace(InPlace):
         if stays:
             return self._in_part(move, unchanged)
         if target.offsets and q is None:
-            values = np.round(np.array(target.offsets_mm) + shift, RAPID.position_decimals)
+            values = np.round(np.array(target.offsets_mm) + shift, LIMITS.position_decimals)
             for place, value, old in zip(target.offsets, values, target.offsets_mm, strict=True):
                 if abs(value - old) > 0.5 * _DECIMAL_MM:
-                    edits.replace(*place, number(float(value), RAPID.position_decimals))
+                    edits.replace(*place, number(float(value), LIMITS.position_decimals))
             written: Float = unchanged + (values - np.array(target.offsets_mm)) * MM
             return self._in_part(move, written)
         if not target.offsets and not target.turned and not target.shared:
@@ -261,10 +261,10 @@ class _InPlace(InPlace):
         text = self.program.text
         for (start, end), value in zip(target.numbers[:3], p / MM, strict=True):
             if abs(float(text[start:end]) - value) > 0.5 * _DECIMAL_MM:
-                out.append((start, end, number(float(value), RAPID.position_decimals)))
+                out.append((start, end, number(float(value), LIMITS.position_decimals)))
         for (start, end), part in zip(target.numbers[3:], q or (), strict=q is not None):
             if abs(float(text[start:end]) - part) > 0.5 * _DECIMAL_Q:
-                out.append((start, end, number(part, RAPID.angle_decimals)))
+                out.append((start, end, number(part, LIMITS.angle_decimals)))
         return out
 
     def _literal(self, move: RapidMotion, target: RapidTarget, p_part: Float, q: tuple[float, ...]) -> str:
@@ -281,8 +281,8 @@ class _InPlace(InPlace):
                     where=self.program.place(target.start), value=self.program.text[target.start : target.end][:60],
                     limit="a robconf with numbers", hint="Write the configuration into the target",
                 )  # fmt: skip
-            place = ",".join(number(float(value), RAPID.position_decimals) for value in p / MM)
-            return f"[[{place}],[{','.join(number(part, RAPID.angle_decimals) for part in q)}],{target.rest}]"
+            place = ",".join(number(float(value), LIMITS.position_decimals) for value in p / MM)
+            return f"[[{place}],[{','.join(number(part, LIMITS.angle_decimals) for part in q)}],{target.rest}]"
         spans = Spans()
         for edit in self._numbers(target, p, q):
             spans.replace(*edit)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_text.stated import Stated, StatedPosture, StatedTurns, turn_ranges
 
+_OFF: Final = re.compile(r"^(?:[^!\"]|\"[^\"]*\")*?\bConf([JL])\s*\\\s*Off\b", re.IGNORECASE)
+_QUARTER_DEG: Final = 90.0
 _LINE_END = re.compile(r"\r\n|\n|\r")
 Span = tuple[int, int]
 """Index of the first character, and the one behind the last."""
@@ -144,3 +148,47 @@ class RapidProgram(RobotProgram):
         """Return ``file:line`` of an index of the text."""
         name, start, _ = next((file for file in reversed(self.files) if file[1] <= at), (self.name, 0, 0))
         return f"{name}:{len(_LINE_END.findall(self.text[start:at])) + 1}"
+
+    def stops(self) -> frozenset[int]:
+        """Motions with the zone fine."""
+        return frozenset(index for index, move in enumerate(self.moves) if move.exact)
+
+    def roundings_m(self) -> list[float]:
+        """Size of the zone (``pzone_tcp``)."""
+        return [0.0 if move.exact else move.rounding_m for move in self.moves]
+
+    def supervised_words(self) -> set[str]:
+        """Return which of MoveJ (``J``) and MoveL (``L``) hold their configuration all along the program."""
+        off = {match[1].upper() for line in self.lines if (match := _OFF.match(line)) is not None}
+        return {"J", "L"} - off
+
+    def postures(self) -> dict[int, Stated]:
+        """``cfx`` while ConfJ or ConfL is on."""
+        on = self.supervised_words()
+        found = {
+            index: _posture(move)
+            for index, move in enumerate(self.moves)
+            if ("J" if move.word.upper().startswith("MOVEJ") else "L") in on
+        }
+        return {index: one for index, one in found.items() if one is not None}
+
+    def turns(self) -> dict[int, StatedTurns]:
+        """``cf1``, ``cf4`` and ``cf6`` while ConfJ is on."""
+        if "J" not in self.supervised_words():
+            return {}
+        return {index: one for index, move in enumerate(self.moves) if (one := _turns(move)) is not None}
+
+
+def _posture(move: RapidMotion) -> Stated | None:
+    number = None if move.target is None else move.target.cfx
+    if number is None or number not in range(8):
+        return None
+    front, behind, negative = number < 4, bool(number & 2), bool(number & 1)
+    return StatedPosture(front, not behind if front else None, not negative), f"cfx {number}"
+
+
+def _turns(move: RapidMotion) -> StatedTurns | None:
+    quarters = None if move.target is None or move.word.upper() != "MOVEJ" else move.target.quarters
+    if quarters is None:
+        return None
+    return turn_ranges(quarters, _QUARTER_DEG, 0.0, f"cf1, cf4, cf6 {', '.join(map(str, quarters))}")

@@ -15,7 +15,8 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S
 from counterflex.geometry import rotation
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import RAPID, check_name
+from counterflex.programs.limits import check_name
+from counterflex.programs.rapid import LIMITS
 from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
 
 _NO_EXTERNAL = "9E9"
@@ -52,7 +53,7 @@ class RapidSettings(RobotSettings):
     zone: str = "z0"
     start_m_s: float = 0.1
     cycle_s: float = 0.024
-    points_per_file: int = RAPID.points_per_file
+    points_per_file: int = LIMITS.points_per_file
     tool_data: Mapping[int, str] = field(default_factory=dict)
     T_base_tcp: Float | None = None
     work_object: str = ""
@@ -63,7 +64,7 @@ class RapidSettings(RobotSettings):
         Raises:
             InputError: A setting is out of range.
         """
-        check_name(f"{self.name}_m", RAPID, "RAPID")
+        check_name(f"{self.name}_m", LIMITS, "RAPID")
         for tool, name in self.tool_data.items():
             self._check_theirs(name, f"tooldata of T{tool}", "tools.tooldata")
         if self.work_object:
@@ -81,7 +82,7 @@ class RapidSettings(RobotSettings):
 
     def _check_theirs(self, name: str, what: str, key: str) -> None:
         """Refuse a name of the controller that the program declares itself."""
-        check_name(name, RAPID, "RAPID")
+        check_name(name, LIMITS, "RAPID")
         own = rf"{self.name}(_m|_\d{{3}}(_m)?)?|[tw]_{self.name[:30]}|v_{self.name[:24]}_\d+|cf[A-Z]\w*"
         if re.fullmatch(own, name, re.IGNORECASE):
             raise InputError(
@@ -100,9 +101,9 @@ def rapid_pose(T_a_b: Float, quat_wxyz: Float | None = None) -> str:
     Returns:
         The two aggregates, comma between.
     """
-    p = ",".join(number(float(v), RAPID.position_decimals) for v in T_a_b[:3, 3] / MM)
+    p = ",".join(number(float(v), LIMITS.position_decimals) for v in T_a_b[:3, 3] / MM)
     values = rotation.quat_wxyz(T_a_b[:3, :3]) if quat_wxyz is None else quat_wxyz
-    q = ",".join(number(float(v), RAPID.angle_decimals) for v in values)
+    q = ",".join(number(float(v), LIMITS.angle_decimals) for v in values)
     return f"[{p}],[{q}]"
 
 
@@ -122,7 +123,7 @@ class SteadyQuaternions:
 class RapidWriter(RobotWriter[RapidSettings]):
     """The words of RAPID: every point is a ``MoveL`` in the work object (the part frame) with a declared speeddata."""
 
-    dialect, limits, suffix, indent = "rapid", RAPID, "mod", "    "
+    dialect, limits, suffix, indent = "rapid", LIMITS, "mod", "    "
     comment, stop, wait = "!", "Stop;", "WaitTime {};"
 
     @cached_property
@@ -185,7 +186,7 @@ class RapidWriter(RobotWriter[RapidSettings]):
 
     def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
         """The module of a part."""
-        check_name(f"{name}_m", RAPID, "RAPID")
+        check_name(f"{name}_m", LIMITS, "RAPID")
         return {f"{name}.mod": rapid_module(name, [], body)}
 
     def _tool_name(self, tool: int) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from counterflex.core.arrays import Float
 from counterflex.programs.program import Program
+from counterflex.programs.robot_text.stated import Stated, StatedTurns
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,3 +33,20 @@ class RobotProgram(Program):
     def by_axes(self) -> frozenset[int]:
         """Motions behind the first that the controller makes by axes: every one that is no line, arc or wait."""
         return frozenset(k for k, motion in enumerate(self.motions) if k > 0 and motion.kind == "rapid")
+
+    def stops(self) -> frozenset[int]:
+        """Motions at whose end the robot stops exactly, as far as the language says it."""
+        return frozenset()
+
+    def roundings_m(self) -> list[float]:
+        """Distance from its end at which the rounding of each motion begins, m; 0 stops, NaN where it is not said."""
+        stops = self.stops()
+        return [0.0 if index in stops else float("nan") for index in range(len(self.motions))]
+
+    def postures(self) -> dict[int, Stated]:
+        """Posture of the arm that motions ask for, by index of the motion."""
+        return {}
+
+    def turns(self) -> dict[int, StatedTurns]:
+        """Turns of axes 1, 4 and 6 that motions by axes ask for, by index of the motion."""
+        return {}

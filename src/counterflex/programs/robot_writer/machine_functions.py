@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.programs.language import forms_of
 from counterflex.programs.limits import WORDS_OF_M
 from counterflex.programs.program import Block
-from counterflex.programs.robot_writer.statement_forms import FORMS, Dialect
 
 KEYS: Final[dict[int, str]] = {
     3: "clockwise",
@@ -62,7 +62,7 @@ class MachineFunctions:
         where: Place of the table, for messages.
     """
 
-    language: Dialect
+    language: str
     statements: Mapping[int, Sequence[str]] = field(default_factory=dict)
     ready: str = ""
     standing: str = ""
@@ -134,7 +134,7 @@ class MachineFunctions:
                         value=f"{' '.join(where.text.split())[:30]}, {' '.join(block.text.split())[:30]}",
                         limit=f"{' '.join(f'{{{letter.lower()}}}' for letter in letters)} in controller.spindle."
                         f"{self.language}.m_codes.M{code} in {self.where}",
-                        hint=f'Write for example M{code} = ["{FORMS[self.language].output_of_word}"]',
+                        hint=f'Write for example M{code} = ["{forms_of(self.language).output_of_word}"]',
                     )
 
     def _says(self, code: int, key: str) -> bool:
@@ -177,7 +177,7 @@ class MachineFunctions:
                 "the cell file does not name the tool data of a tool",
                 where=f"line {block.line}",
                 value=f"T{tool}",
-                limit=f"tools.{FORMS[self.language].data_key} of T{tool} in {self.where}",
+                limit=f"tools.{forms_of(self.language).data_key} of T{tool} in {self.where}",
             )
         own = _own_words(code, block)
         for key in WORDS:
@@ -199,20 +199,20 @@ class MachineFunctions:
         return out
 
     def _example(self, key: str) -> str:
-        return f'{key} = ["{FORMS[self.language].output}"]'
+        return f'{key} = ["{forms_of(self.language).output}"]'
 
     def _in_place(self) -> list[str]:
         """A controller that runs ahead of the motion waits until the tool is there."""
-        return list(FORMS[self.language].in_place)
+        return list(forms_of(self.language).in_place)
 
     def _stop(self, why: str) -> list[str]:
-        return FORMS[self.language].stop(why)
+        return forms_of(self.language).stop(why)
 
     def _pause(self) -> list[str]:
-        return [] if self.pause_s == 0.0 else [FORMS[self.language].pause.format(f"{self.pause_s:.1f}")]
+        return [] if self.pause_s == 0.0 else [forms_of(self.language).pause.format(f"{self.pause_s:.1f}")]
 
     def _until(self, condition: str, fault: str) -> list[str]:
-        return FORMS[self.language].until(condition, self.wait_s, fault) if condition else []
+        return forms_of(self.language).until(condition, self.wait_s, fault) if condition else []
 
 
 def _codes(block: Block) -> list[int]:

@@ -24,7 +24,6 @@ from counterflex.programs.robot_writer.points import (
     event_motions,
     stops,
 )
-from counterflex.programs.robot_writer.statement_forms import Dialect
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +102,7 @@ class RobotWriter(ABC, Generic[S]):
         ProgramError: A block needs lines that are not known.
     """
 
-    dialect: ClassVar[Dialect]
+    dialect: ClassVar[str]
     limits: ClassVar[Limits]
     suffix: ClassVar[str]
     indent: ClassVar[str] = ""

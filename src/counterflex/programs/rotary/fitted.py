@@ -11,7 +11,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM
-from counterflex.programs.program import ROBOT_DIALECTS, TOOL_CENTRE, TOOL_VECTOR, Block, Motion, Program
+from counterflex.programs.language import is_robot
+from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Block, Motion, Program
 from counterflex.programs.rotary.machine import LETTERS, RotaryMachine
 
 _ZERO: Final = (0.0, 0.0, 0.0)
@@ -97,7 +98,7 @@ def _fault(program: Program, block: Block, what: str, letters: str, **more: str 
 def _check(program: Program, block: Block, motion: Motion, machine: RotaryMachine | None) -> None:
     vector = block.modal.tool_centre == TOOL_VECTOR
     turned = motion.abc_end != _ZERO or motion.abc_start != _ZERO
-    if turned and (motion.kind == "arc" or block.cycle) and program.dialect not in ROBOT_DIALECTS:
+    if turned and (motion.kind == "arc" or block.cycle) and not is_robot(program.dialect):
         raise _fault(
             program, block, "an arc or a canned cycle while the tool is turned is not read", "G",
             value=block.text.strip(), hint="Let the CAM system write straight moves",

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from counterflex.core.units import MM
+from counterflex.programs.language import LANGUAGES, found
 from counterflex.programs.program import Program
 
 _NUMBER: Final = r"(\d+(?:\.\d*)?|\.\d+)"
@@ -23,7 +24,6 @@ _DIAMETER: Final = re.compile(
     rf"{_NUMBER}\s*(MM|IN(?:CH)?\b|\")?",
     re.IGNORECASE,
 )
-_TOOL_DATA: Final = re.compile(rf"\s*(?:CUTTER\s*/|TLDATA\s*/\s*(?:MILL|BALL|DRILL)\w*\s*,)\s*{_NUMBER}", re.IGNORECASE)
 _OF_A_TOOL: Final = re.compile(r"\bTOOL\b", re.IGNORECASE)
 _FEATURE: Final = re.compile(
     r"POCKET|HOLE|BORE|BORING|BOSS|GROOVE|CIRC|RING|HUB|THREAD|SHAFT|PART|BLANK", re.IGNORECASE
@@ -42,7 +42,8 @@ def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
     """
     unit = program.blocks[-1].modal.unit_m if program.blocks else MM
     out: dict[int, tuple[float, int]] = {}
-    for tool, diameter, line in _of_apt(program) if program.dialect == "apt" else ():
+    place = LANGUAGES[program.dialect].diameters
+    for tool, diameter, line in found(place)(program) if place is not None else ():
         if tool != 0 and diameter > 0.0:
             out.setdefault(tool, (diameter * unit, line))
     for line, text, tool in _comments(program):
@@ -57,18 +58,6 @@ def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
             of_text = {"": unit, "MM": MM}.get((match[2] or "").upper(), _INCH_M)
             out.setdefault(number, (float(match[1]) * of_text, line))
     return out
-
-
-def _of_apt(program: Program) -> Iterator[tuple[int, float, int]]:
-    """Tool, diameter in program units and line of each CUTTER and TLDATA: of the next motion's tool."""
-    stated: tuple[float, int] | None = None
-    for block in program.blocks:
-        match = _TOOL_DATA.match(block.text)
-        if match is not None:
-            stated = float(match[1]), block.line
-        elif block.motion_count and stated is not None:
-            yield block.modal.tool, *stated
-            stated = None
 
 
 def _comments(program: Program) -> Iterator[tuple[int, str, int]]:

@@ -7,9 +7,9 @@ NC I (D, G54 to G57).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
+from counterflex.programs.language import LANGUAGES, found
 from counterflex.programs.program import Block
 
 NONE: Final = -1
@@ -18,8 +18,6 @@ OWN: Final = -2
 """The offset belongs to the tool itself: another tool's cannot be meant."""
 UNSAID: Final = -3
 """The language has no word for it."""
-_LINUXCNC: Final = "linuxcnc"
-_SINUMERIK: Final = "sinumerik"
 _OF_TOOL: Final = (43.0, 43.4, 43.5, 44.0)
 _GIVEN: Final = 43.1
 _CANCEL: Final = 49.0
@@ -40,28 +38,24 @@ def _value(block: Block, letter: str) -> int | None:
 
 
 class OffsetReader:
-    """Follows the active offsets from block to block."""
+    """Active offsets, followed from block to block."""
 
-    def __init__(self, dialect: str) -> None:
+    def __init__(self) -> None:
         self.length, self.offset, self.defined = UNSAID, "", set[str]()
-        self._step: Callable[[Block], None] = {
-            _LINUXCNC: self._iso, _SINUMERIK: self._sinumerik, "twincat": self._twincat,
-        }.get(dialect, self._nothing)  # fmt: skip
-        if dialect in (_LINUXCNC, "twincat"):
-            self.length = NONE
-        elif dialect == _SINUMERIK:
-            self.length = OWN
-        if dialect == _LINUXCNC:
-            self.offset = "G54"
+
+    def take(self, block: Block) -> None:
+        """Apply the words of a block; here the language has no offsets of numbers."""
+
+
+class IsoOffsets(OffsetReader):
+    """G43 and G54 as LinuxCNC has them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.length, self.offset = NONE, "G54"
 
     def take(self, block: Block) -> None:
         """Apply the words of a block."""
-        self._step(block)
-
-    def _nothing(self, block: Block) -> None:
-        """The language has no offsets of numbers."""
-
-    def _iso(self, block: Block) -> None:
         codes = codes_of(block, "G")
         if codes & set(_OF_TOOL):
             number = _value(block, "H")
@@ -81,24 +75,43 @@ class OffsetReader:
         if further is not None:
             self.offset = f"G54.1 P{further}"
 
-    def _sinumerik(self, block: Block) -> None:
-        if 6.0 in codes_of(block, "M"):
-            self.length = OWN  # D1 of the new tool, MD20270
+
+class SettableOffsets(OffsetReader):
+    """D, G54 to G57 and G505 to G599."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.length = NONE
+
+    def take(self, block: Block) -> None:
+        """Apply the words of a block."""
         number = _value(block, "D")
         if number is not None:
             self.length = OWN if number else NONE
-        self._settable(block)
-
-    def _twincat(self, block: Block) -> None:
-        number = _value(block, "D")
-        if number is not None:
-            self.length = OWN if number else NONE
-        self._settable(block)
-
-    def _settable(self, block: Block) -> None:
         for code in codes_of(block, "G"):
             if 54 <= code <= 57 or 505 <= code <= 599:
                 self.offset = _named(code)
+
+
+class ToolBoundOffsets(SettableOffsets):
+    """The same where a tool comes with its first offset (D1, MD20270)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.length = OWN
+
+    def take(self, block: Block) -> None:
+        """Apply the words of a block."""
+        if 6.0 in codes_of(block, "M"):
+            self.length = OWN
+        super().take(block)
+
+
+def offset_reader(dialect: str) -> OffsetReader:
+    """Return a reader of the numbered offsets of a language."""
+    place = LANGUAGES[dialect].offsets
+    reader: OffsetReader = OffsetReader() if place is None else found(place)()
+    return reader
 
 
 def _named(code: float) -> str:

@@ -13,25 +13,16 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Int
-from counterflex.programs.program import ROBOT_DIALECTS, Block, Program
+from counterflex.programs.language import LANGUAGES
+from counterflex.programs.program import Block, Program
+from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.stated.diameters import diameters_of
-from counterflex.programs.stated.offsets import UNSAID, OffsetReader, codes_of
+from counterflex.programs.stated.offsets import UNSAID, codes_of, offset_reader
 from counterflex.programs.stated.two_readings import doubtful_readings
 
 _ENDS: Final = (2.0, 30.0, 99.0)
 _COOLANT: Final = {7.0: 1, 8.0: 1, 9.0: 0}
 _STOPS: Final = frozenset({0.0, 1.0, 60.0, 66.0})
-_WAITS: Final = {
-    "krl": re.compile(r"\s*(?:HALT\b|WAIT\s+FOR\b(?!\s*\(?\s*TRUE\s*\)?\s*(?:;|$)))", re.IGNORECASE),
-    "rapid": re.compile(
-        r"\s*(?:\w+\s*:\s*)?(?:Wait(?:DI|DO|GI|GO|AI|AO|Until|SyncTask|Sensor|TestAndSet|Load)\b|(?:Stop|Break)\s*;)",
-        re.IGNORECASE,
-    ),
-    "fanuc": re.compile(r"[\s\d:]*(?:WAIT\b(?!\s*[\d.]+\s*\(\s*sec)|PAUSE\b)", re.IGNORECASE),
-    "val3": re.compile(r"\s*(?:wait|watch|get|popUpMsg)\s*\(", re.IGNORECASE),
-}
-"""Statements that wait for a person or a signal, for a time that nobody knows, by dialect; ``WAIT FOR TRUE`` only stops
-the advance run of KRL."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +67,15 @@ def stated(program: Program, known_offsets: bool = False) -> Stated:
     """
     n = len(program.motions)
     lengths, works, coolants = (np.full(n, UNSAID, dtype=np.int64) for _ in range(3))
-    reader = OffsetReader(program.dialect)
+    waits = LANGUAGES[program.dialect].waits
+    reader = offset_reader(program.dialect)
     coolant, cools = 0, any(codes_of(block, "M") & set(_COOLANT) for block in program.blocks)
     names: list[str] = []
     stops, waits_first = np.zeros(n, dtype=np.bool_), False
     for block in program.blocks:
         reader.take(block)
         behind = block.first_motion + block.motion_count - 1
-        if _waits(block, program.dialect):
+        if _waits(block, waits):
             waits_first = waits_first or behind < 0
             stops[behind : behind + 1] = True  # nothing before the first motion
         coolant = next((_COOLANT[code] for code in codes_of(block, "M") if code in _COOLANT), coolant)
@@ -98,13 +90,12 @@ def stated(program: Program, known_offsets: bool = False) -> Stated:
     last = program.blocks[-1].modal.spindle_rpm if program.blocks else 0.0
     ended = any(codes_of(block, "M") & set(_ENDS) for block in program.blocks)
     return Stated(lengths, works, tuple(names), defined, coolants, last != 0.0 and not ended,
-                  program.dialect in ROBOT_DIALECTS, stops, diameters_of(program),
+                  isinstance(program, RobotProgram), stops, diameters_of(program),
                   tuple(doubtful_readings(program)), waits_first)  # fmt: skip
 
 
-def _waits(block: Block, dialect: str) -> bool:
+def _waits(block: Block, form: re.Pattern[str] | None) -> bool:
     """A person or a signal is waited for."""
     if codes_of(block, "M") & _STOPS:
         return True
-    form = _WAITS.get(dialect)
     return form is not None and form.match(block.text) is not None

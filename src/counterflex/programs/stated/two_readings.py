@@ -7,48 +7,26 @@ Sources: FANUC Series 30i, Operator's Manual, "Decimal point programming" (param
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable
 from typing import Final
 
 from counterflex.core.units import INCH, MINUTE
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.reader import FURTHER_OFFSET
-from counterflex.programs.program import FANUC_DIALECT, KRL_DIALECT, ROBOT_DIALECTS, Block, Program, Word
-from counterflex.programs.stated.offsets import NONE, UNSAID, OffsetReader, codes_of
+from counterflex.programs.language import GCODE, LANGUAGES, found
+from counterflex.programs.program import Block, Program, Word
+from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.stated.offsets import NONE, UNSAID, codes_of, offset_reader
 
-
-@dataclass(frozen=True)
-class _UnitWords:
-    """Words that say the unit of a language: G codes, or the form of a statement."""
-
-    codes: frozenset[float]
-    shown: str
-    form: re.Pattern[str] | None = None
-
-
-_LINUXCNC: Final = "linuxcnc"
-_UNITS: Final = {
-    _LINUXCNC: _UnitWords(frozenset({20.0, 21.0}), "G20, G21"),
-    "sinumerik": _UnitWords(frozenset({70.0, 71.0, 700.0, 710.0}), "G70, G71, G700, G710"),
-    "apt": _UnitWords(
-        frozenset(), "UNITS/MM, UNITS/INCHES",
-        re.compile(r"\s*(?:UNITS?\s*/|(?:MM|INCH|INCHES)\s*$)", re.IGNORECASE),
-    ),
-}  # fmt: skip
-"""Of TwinCAT nothing is in doubt: G71 is active when a program begins."""
 _FANUC: Final = re.compile(
     r"^\s*(?:N\d+\s*)?[O:]\d{1,8}\b(?!\s*(?:sub|call|if|while|do|repeat|end\w*|else\w*|break|continue|return)\b)"
     r"|\bM9[789]\b|\bG(?:65|66|54\.1|154|0?5\.1|1[12]\d|187)\b|\b(?:IF|WHILE)\s*\[.*\]\s*(?:GOTO|THEN|DO)",
     re.IGNORECASE,
 )
 _COMMENT: Final = re.compile(r"\([^()]*\)|;.*")
-_GROUP: Final = re.compile(r"\s*GP([2-9])\s*:", re.IGNORECASE)
 _LENGTHS: Final = frozenset("XYZIJKR")
 _HALF_INCH: Final = 0.5 * INCH
-_OPTIONAL: Final = re.compile(r"\s*OPSKIP\s*/\s*ON\b", re.IGNORECASE)
 _CANCELS: Final = re.compile(r"G49(?![\d.])|[HD]\s*=?\s*0+(?![\d.])", re.IGNORECASE)
-_SENSOR_ON: Final = re.compile(r"\bRSI_ON\s*\(", re.IGNORECASE)
 LONG_S: Final = 60.0
 """Longer than a spindle takes to run up or a chip to break; as milliseconds less than that is next to nothing."""
 _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
@@ -56,44 +34,22 @@ _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 
 def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
-    if program.dialect in ROBOT_DIALECTS:
-        return [*_by_sensor(program), *_further_groups(program)]
-    checks = (
+    of_language = LANGUAGES[program.dialect].doubts
+    own: list[str] = [] if of_language is None else found(of_language)(program)
+    if isinstance(program, RobotProgram):
+        return own
+    checks: tuple[Callable[[Program], list[str]], ...] = (
         _unit,
         _least_increments,
         _dwells,
         _skipped_by_switch,
+        lambda _: own,
         _part_zero,
         _tool_taken,
         _zeros_set_here,
         _without_length,
     )
     return [sentence for check in checks for sentence in check(program)]
-
-
-def _by_sensor(program: Program) -> list[str]:
-    """KRL whose path a sensor corrects."""
-    if program.dialect != KRL_DIALECT:
-        return []
-    block = next((one for one in program.blocks if _SENSOR_ON.search(one.text.split(";")[0])), None)
-    if block is None:
-        return []
-    place = block.where(Path(program.name).name)
-    return [f"{place}: RSI_ON lets a sensor correct the path; what it adds is not looked at"]
-
-
-def _further_groups(program: Program) -> list[str]:
-    """Motion groups of FANUC besides that of the arm: the cell file has no word for them."""
-    if program.dialect != FANUC_DIALECT:
-        return []
-    group = next(((k, m) for k, text in enumerate(program.lines, start=1) if (m := _GROUP.match(text))), None)
-    if group is None:
-        return []
-    line, match = group
-    return [
-        f"line {line}: positions state group {match[1]}, too, at one place; whether part or robot stand there was not "
-        "compared with the cell file"
-    ]
 
 
 def _part_zero(program: Program) -> list[str]:
@@ -125,7 +81,7 @@ def _zeros_set_here(program: Program) -> list[str]:
         if (
             tens
             and words.get("L") == 20.0
-            and program.dialect == _LINUXCNC
+            and program.dialect == GCODE
             and not any(FURTHER_OFFSET.search(line) for line in program.lines)
         ):
             return [
@@ -137,7 +93,7 @@ def _zeros_set_here(program: Program) -> list[str]:
 
 def _dwells(program: Program) -> list[str]:
     """Dwells that may be in milliseconds: above :data:`LONG_S`, or whole numbers in a program for Fanuc or Haas."""
-    if program.dialect != _LINUXCNC:  # elsewhere the unit is beyond doubt
+    if program.dialect != GCODE:  # elsewhere the unit is beyond doubt
         return []
     fanuc = _is_fanuc(program)
     results: dict[tuple[str, float], list[int]] = {}
@@ -160,7 +116,7 @@ def _dwells(program: Program) -> list[str]:
 
 def _unit(program: Program) -> list[str]:
     """Lengths before the program says its unit."""
-    words = _UNITS.get(program.dialect)
+    words = LANGUAGES[program.dialect].units
     if words is None:
         return []
     for block in program.blocks:
@@ -179,7 +135,7 @@ def _unit(program: Program) -> list[str]:
 
 def _is_fanuc(program: Program) -> bool:
     """Return whether the program has a number, or codes that Fanuc and its relatives have alone."""
-    return program.dialect == _LINUXCNC and any(_FANUC.search(_COMMENT.sub("", line)) for line in program.lines)
+    return program.dialect == GCODE and any(_FANUC.search(_COMMENT.sub("", line)) for line in program.lines)
 
 
 def _is_whole(block: Block, word: Word) -> bool:
@@ -215,7 +171,7 @@ def _without_length(program: Program) -> list[str]:
 
     G49 in the line of a safe start cancels nothing: a program without any offset is written for the tool tip.
     """
-    reader, bare, other, cancel = OffsetReader(program.dialect), 0, False, 0
+    reader, bare, other, cancel = offset_reader(program.dialect), 0, False, 0
     moved = False
     for block in program.blocks:
         before = reader.length
@@ -237,10 +193,6 @@ def _without_length(program: Program) -> list[str]:
 def _skipped_by_switch(program: Program) -> list[str]:
     """Lines with motions that begin with a slash."""
     lines = [b.line for b in program.blocks if b.motion_count and b.text.lstrip().startswith("/")]
-    if program.dialect == "apt":
-        switched = next((b for b in program.blocks if _OPTIONAL.match(b.text)), None)
-        if switched is not None:
-            return [f"OPSKIP in line {switched.line}: what the switch for block delete may skip is read as executed"]
     if not lines:
         return []
     more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""

@@ -9,8 +9,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import VAL3, check_name
+from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import RobotSettings
+from counterflex.programs.val3 import LIMITS
 from counterflex.programs.val3.program import LETTERS, rotations_of
 
 _XML = '<?xml version="1.0" encoding="utf-8"?>'
@@ -40,7 +41,7 @@ class Val3Settings(RobotSettings):
     axis_percent: int = 10
     configuration: tuple[str, str, str] = ("righty", "epositive", "wpositive")
     cycle_s: float = 0.004
-    points_per_file: int = VAL3.points_per_file
+    points_per_file: int = LIMITS.points_per_file
     tool_data: Mapping[int, str] = field(default_factory=dict)
 
     def check(self) -> None:
@@ -49,7 +50,7 @@ class Val3Settings(RobotSettings):
         Raises:
             InputError: A setting is out of range, or there are external axes.
         """
-        check_name(self.name, VAL3, "VAL3")
+        check_name(self.name, LIMITS, "VAL3")
         super().check()
         if self.external_axes:
             raise InputError("points of VAL3 have no external axes", where="[[external_axes]]",
@@ -58,8 +59,8 @@ class Val3Settings(RobotSettings):
 
 def pose_text(T: Float) -> str:
     """``x= y= z= rx= ry= rz=`` of a pose (4, 4) m: mm and deg."""
-    places = [number(float(value) / MM, VAL3.position_decimals) for value in T[:3, 3]]
-    angles = [number(angle, VAL3.angle_decimals) for angle in rotations_of(T[:3, :3])]
+    places = [number(float(value) / MM, LIMITS.position_decimals) for value in T[:3, 3]]
+    angles = [number(angle, LIMITS.angle_decimals) for angle in rotations_of(T[:3, :3])]
     return " ".join(f'{name}="{value}"' for name, value in zip(LETTERS, [*places, *angles], strict=True))
 
 
@@ -106,7 +107,7 @@ class Application:
     def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
         """A program file."""
         if name not in _ENTRIES:
-            check_name(name, VAL3, "VAL3")
+            check_name(name, LIMITS, "VAL3")
         code = "".join(f"  {line}\n" for line in lines)
         head = f'{_XML}\n<Programs xmlns="{_SCHEMA}/Program/2">\n  <Program name="{name}">'
         return {
@@ -117,7 +118,7 @@ class Application:
         """Data, ``start.pgx``, ``stop.pgx`` and the project."""
         settings, name = self.settings, self.settings.name
         axes = " ".join(
-            f'j{i}="{number(angle / DEG, VAL3.angle_decimals)}"'
+            f'j{i}="{number(angle / DEG, LIMITS.angle_decimals)}"'
             for i, angle in enumerate(settings.start_axes_rad, start=1)
         )
         variables = [

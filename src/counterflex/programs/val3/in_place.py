@@ -16,10 +16,10 @@ from counterflex.core.units import MM, MM_PER_S
 from counterflex.geometry import pose
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import VAL3
 from counterflex.programs.robot_text.circle_fit import FittedCircle
 from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
 from counterflex.programs.robot_text.spans import Spans
+from counterflex.programs.val3 import LIMITS
 from counterflex.programs.val3.program import (
     LETTERS,
     Key,
@@ -30,8 +30,8 @@ from counterflex.programs.val3.program import (
     rotations_of,
 )
 
-_DECIMAL_MM: Final = 10.0**-VAL3.position_decimals
-_DECIMAL_DEG: Final = 10.0**-VAL3.angle_decimals
+_DECIMAL_MM: Final = 10.0**-LIMITS.position_decimals
+_DECIMAL_DEG: Final = 10.0**-LIMITS.angle_decimals
 POINTS, SPEEDS = "pCounterflex", "mCounterflex"
 """Variables that added points and changed speeds are put in."""
 _CONVERT: Final = "counterflex convert writes the program out, one statement for each motion: compensate that one"
@@ -155,7 +155,7 @@ class _InPlace(InPlace):
 
     def rounded(self, p: Float) -> Float:
         """(3,) m, as points are written."""
-        out: Float = np.round(p / MM, VAL3.position_decimals) * MM
+        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
         return out
 
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
@@ -309,7 +309,7 @@ def _changes(old: Mapping[str, float], p: Float, turns: tuple[float, float, floa
     for letter, value in values.items():
         place = letter in LETTERS[:3]
         if abs(value - old[letter]) > 0.5 * (_DECIMAL_MM if place else _DECIMAL_DEG):
-            out[letter] = number(value, VAL3.position_decimals if place else VAL3.angle_decimals)
+            out[letter] = number(value, LIMITS.position_decimals if place else LIMITS.angle_decimals)
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -12,7 +13,10 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_text.stated import Stated, StatedPosture
 
+_NUMBER: Final = re.compile(r"[0-9]+(?:\.[0-9]*)?|\.[0-9]+")
+_WORDS: Final = (("righty", "lefty"), ("epositive", "enegative"), ("wpositive", "wnegative"))
 LETTERS: Final = ("x", "y", "z", "rx", "ry", "rz")
 Span = tuple[int, int]
 """Index of the first character, and the one behind the last."""
@@ -150,3 +154,31 @@ class Val3Program(RobotProgram):
     mentions: Mapping[Key, int] = field(default_factory=dict)
     datas_end: int = 0
     old: bool = False
+
+    def stops(self) -> frozenset[int]:
+        """Motions with blend off."""
+        return frozenset(index for index, move in enumerate(self.moves) if move.exact)
+
+    def roundings_m(self) -> list[float]:
+        """The shorter one of ``leave`` and ``reach`` of the mdesc, mm."""
+        return [0.0 if move.exact else _rounding_m(move.speed) for move in self.moves]
+
+    def postures(self) -> dict[int, Stated]:
+        """Shoulder, elbow and wrist."""
+        return {index: one for index, move in enumerate(self.moves) if (one := _posture(move.attributes)) is not None}
+
+
+def _rounding_m(attributes: Mapping[str, str]) -> float:
+    found = [_NUMBER.fullmatch(attributes.get(name, "").strip()) for name in ("leave", "reach")]
+    return min((float(match[0]) * MM for match in found if match is not None), default=float("nan"))
+
+
+def _posture(attributes: Mapping[str, str]) -> Stated | None:
+    words = [attributes.get(name, "") for name in ("shoulder", "elbow", "wrist")]
+    front, bent, noflip = (
+        {yes: True, no: False}.get(word)
+        for word, (yes, no) in zip(words, _WORDS, strict=True)
+    )  # fmt: skip
+    if front is None and bent is None and noflip is None:
+        return None
+    return StatedPosture(front, bent, noflip), " ".join(word for word in words if word)

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import VAL3
 from counterflex.programs.robot_writer.writer import RobotWriter
+from counterflex.programs.val3 import LIMITS
 from counterflex.programs.val3.application import Application, Val3Settings
 
 
 class Val3Writer(RobotWriter[Val3Settings]):
     """The words of VAL3: every point is a ``movel`` to an element of ``pPath`` in the part frame."""
 
-    dialect, limits, suffix = "val3", VAL3, "pgx"
+    dialect, limits, suffix = "val3", LIMITS, "pgx"
     comment, stop, wait = "//", "waitEndMove()\n  get()", "delay({})"
 
     def __init__(self, *arguments: Any, **options: Any) -> None:

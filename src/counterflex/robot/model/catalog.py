@@ -26,7 +26,6 @@ from counterflex.core.units import DEG, MM, URAD_PER_KNM
 from counterflex.geometry import pose
 from counterflex.robot.model.controller_axes import (
     AS_MODEL,
-    MAKER_NAMES,
     MAKERS,
     Axis3,
     ControllerAxes,
@@ -305,7 +304,7 @@ def load(name: str) -> Robot:
 
 def _controller_axes(e: CatalogEntry, opw: Opw, limits_rad: Float) -> ControllerAxes:
     title = e.manufacturer.casefold()
-    maker = next((name for name in MAKER_NAMES if MAKERS[name].title.casefold() == title), None)
+    maker = next((name for name, one in MAKERS.items() if one.title.casefold() == title), None)
     maker = maker or maker_of(opw.signs, opw.offsets_rad)
     if maker is None:
         return AS_MODEL

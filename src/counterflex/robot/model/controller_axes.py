@@ -6,7 +6,7 @@ angles ``q`` of the model and the axes ``j`` of the controller (pendant, program
     j = A q + z                                   A: signs, and the coupling of axis 3 to axis 2; z: zeros
     j3 = q3 + k (q2 - q2_upright)                 axis 3 counted from the horizontal, k = sign2 * sign3
 
-The table :data:`MAKERS` holds for each maker the signs and zeros of its six-axis arms, whether axis 3 is counted from
+:data:`MAKERS` finds for each maker the signs and zeros of its six-axis arms, whether axis 3 is counted from
 the horizontal, and where the world frame of its controller lies. Lengths are those of
 :class:`~counterflex.robot.model.description.Opw`; ``theta`` is zero where the arm stands upright.
 """
@@ -14,19 +14,19 @@ the horizontal, and where the world frame of its controller lies. Lengths are th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, Literal, Protocol, get_args
+from typing import Final, Literal, Protocol
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, as_float, frozen
 from counterflex.core.errors import InputError
+from counterflex.core.registry import Registry
 from counterflex.core.units import DEG
-from counterflex.geometry import pose
+from counterflex.geometry import pose, rotation
 
-MakerName = Literal["kuka", "abb", "fanuc", "staubli"]
 Axis3 = Literal["upper_arm", "horizontal"]
-MAKER_NAMES: Final[tuple[MakerName, ...]] = get_args(MakerName)
 _SAME_RAD: Final = 1e-6
 _ROD_LIMIT_RAD: Final = -75.0 * DEG
 """Lower limit of axis 3 that tells ABB arms apart: -70 deg or above with a parallel rod, -100 or below without."""
@@ -65,6 +65,8 @@ class Maker:
         axis_3: What axis 3 is counted from; None where it depends on the arm.
         world: Height of the origin of its world: ``floor`` is the base plate, ``axis 2`` that axis, both on axis 1.
         source: Where the convention is stated.
+        letter: Before the number of an axis.
+        words_of: Words of an orientation (3, 3) as the pendant shows them, with their unit; None: A B C.
     """
 
     title: str
@@ -74,28 +76,22 @@ class Maker:
     axis_3: Axis3 | None
     world: Literal["floor", "axis 2"]
     source: str
+    letter: str = "axis "
+    words_of: Callable[[Float], dict[str, float]] | None = None
+
+    def orientation(self, R: Float) -> dict[str, float]:
+        """Words of an orientation (3, 3) as the pendant shows them."""
+        return turns_zyx(R) if self.words_of is None else self.words_of(R)
 
 
-MAKERS: Final[dict[MakerName, Maker]] = {
-    "kuka": Maker(
-        "KUKA", "krl", (-1, 1, 1, -1, 1, -1), (0.0, -90.0, 0.0, 0.0, 0.0, 0.0), "upper_arm", "floor",
-        "data sheets: A1 0, A2 -90, A3 90 is upper arm upright, forearm level; $ROBROOT on the base plate",
-    ),
-    "abb": Maker(
-        "ABB", "rapid", (1, 1, 1, 1, 1, 1), (0.0, 0.0, -90.0, 0.0, 0.0, 0.0), None, "floor",
-        "product specifications; with a parallel rod axis 3 is the forearm against the horizontal "
-        "(ROS-Industrial abb_driver, J23_coupled: IRB 1400, 2400, 4400, 5400, 6400, 6660; IRB 1410: Malla and "
-        "Shanmugavel 2024; IRB 8700: working range -30 to 132 deg)",
-    ),
-    "fanuc": Maker(
-        "FANUC", "fanuc", (1, 1, -1, -1, -1, -1), (0.0, 0.0, -90.0, 0.0, 0.0, -180.0), "horizontal", "axis 2",
-        "Operator's manual, J2/J3 interaction; world at the crossing of J1 and the height of J2",
-    ),
-    "staubli": Maker(
-        "Staubli", "val3", (1, 1, 1, 1, 1, 1), (0.0,) * 6, "upper_arm", "axis 2",
-        "pose shown on the pendant of an RX160, reached within 0.1 mm (tests/references/controller_arms.py)",
-    ),
-}  # fmt: skip
+def turns_zyx(R: Float) -> dict[str, float]:
+    """A B C of an orientation (3, 3): turns about z, y', x'', deg."""
+    return dict(zip(("A deg", "B deg", "C deg"), rotation.to_zyx(R) / DEG, strict=True))
+
+
+MAKERS: Final[Registry[Maker]] = Registry(
+    "counterflex.controllers", "maker of robot controllers", "counterflex.robot.model.controller_axes:Maker"
+)
 """Conventions by maker."""
 
 
@@ -115,7 +111,7 @@ class ControllerAxes:
             counted from the horizontal.
     """
 
-    maker: MakerName | None = None
+    maker: str | None = None
     matrix: Float | None = None
     zero_rad: Float | None = None
     limits_rad: Float | None = None
@@ -235,7 +231,7 @@ def shown_limits(axes: ControllerAxes, joint_limits_rad: Float) -> Float:
     return np.sort(axes.shown(joint_limits_rad.T).T, axis=1)
 
 
-def maker_of(signs: tuple[int, ...], offsets_rad: tuple[float, ...]) -> MakerName | None:
+def maker_of(signs: tuple[int, ...], offsets_rad: tuple[float, ...]) -> str | None:
     """Maker whose arms have these signs and zeros; None where there is none."""
     for name, maker in MAKERS.items():
         off = np.array(offsets_rad) - np.array(maker.offsets_deg) * DEG
@@ -245,7 +241,7 @@ def maker_of(signs: tuple[int, ...], offsets_rad: tuple[float, ...]) -> MakerNam
 
 
 def from_geometry(
-    maker: MakerName,
+    maker: str,
     signs: tuple[int, ...],
     offsets_rad: tuple[float, ...],
     c1_m: float,
@@ -301,7 +297,7 @@ def wrapped(axes_rad: Float) -> Float:
 
 
 def from_signs(
-    maker: MakerName,
+    maker: str,
     signs: tuple[int, ...],
     zeros_rad: tuple[float, ...],
     axis_2_m: float,
@@ -344,7 +340,7 @@ def in_language(
     Raises:
         InputError: Nothing says how the controller counts the axes of this robot.
     """
-    maker = next(name for name in MAKER_NAMES if MAKERS[name].language == language)
+    maker = next(name for name, one in MAKERS.items() if one.language == language)
     title = MAKERS[maker].title
     if axes.maker == maker:
         if axes.assumed and looks_rodded(shown_limits(axes, limits_rad)):
@@ -362,7 +358,7 @@ def in_language(
     if opw is None or (axes.maker is None and axes.matrix is None and not opw_known(opw)):
         raise InputError(
             f"how the {title} controller counts the axes of this robot is not known",
-            where=f"{where}: robot", value=f"maker {axes.maker or 'not said'}", limit=", ".join(MAKER_NAMES),
+            where=f"{where}: robot", value=f"maker {axes.maker or 'not said'}", limit=", ".join(MAKERS),
             hint=f'Say maker = "{maker}" in [robot.controller_axes], and signs and zeros_deg where they differ',
         )  # fmt: skip
     remark = f"the robot is no {title}" if axes.maker else f"signs and zeros of the robot are not those of {title}"

@@ -11,7 +11,7 @@ from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters,
 from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar
 from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
 from counterflex.core.units import DEG, MM
-from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.language import BY_ENDING
 
 
 def register(app: typer.Typer) -> None:

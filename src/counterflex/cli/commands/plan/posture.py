@@ -11,7 +11,7 @@ from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters,
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG
-from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.language import BY_ENDING
 
 _SURFACES: Final = ("both", "wall", "floor")
 

@@ -12,7 +12,7 @@ from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Par
 from counterflex.cli.output import line_of, print_json, print_table, progress_bar
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG, MM, PERCENT, RPM
-from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.language import BY_ENDING
 
 
 def _range(option: str, what: str) -> Any:

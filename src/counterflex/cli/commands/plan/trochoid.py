@@ -11,7 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.units import DEG, MM
-from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.language import BY_ENDING
 
 _SIDES = ("up", "down")
 

@@ -10,7 +10,7 @@ from counterflex.cli import arguments
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
 from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
-from counterflex.programs.limits import BY_ENDING
+from counterflex.programs.language import BY_ENDING
 
 
 def register(app: typer.Typer) -> None:

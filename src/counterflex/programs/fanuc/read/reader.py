@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -15,9 +17,11 @@ from counterflex.programs.fanuc.read.interpreter import Interpreter
 from counterflex.programs.fanuc.read.listing import Listing
 from counterflex.programs.fanuc.read.routine import Folder, Routine, listings_beside
 from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import FANUC_DIALECT, TOOL_VECTOR
+from counterflex.programs.program import TOOL_VECTOR
 from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import common_encoding, read_text
+
+_GROUP: Final = re.compile(r"\s*GP([2-9])\s*:", re.IGNORECASE)
 
 
 def read_fanuc(
@@ -58,7 +62,7 @@ def read_fanuc(
     leans = tilted(rotations)
     return FanucProgram(
         name=name,
-        dialect=FANUC_DIALECT,
+        dialect="fanuc",
         lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
         newline=line_end(text),
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
@@ -100,3 +104,15 @@ def read_fanuc_file(
         name: (routine.listing.text, routine.encoding) for name, routine in folder.routines.items()
     }
     return replace(program, encoding=common_encoding(texts))
+
+
+def further_groups(program: FanucProgram) -> list[str]:
+    """Return one sentence where positions state motion groups besides that of the arm."""
+    group = next(((k, m) for k, text in enumerate(program.lines, start=1) if (m := _GROUP.match(text))), None)
+    if group is None:
+        return []
+    line, match = group
+    return [
+        f"line {line}: positions state group {match[1]}, too, at one place; whether part or robot stand there was not "
+        "compared with the cell file"
+    ]

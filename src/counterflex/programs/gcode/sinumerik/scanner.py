@@ -9,9 +9,9 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.programs.expression import ExpressionError
 from counterflex.programs.gcode.read.scanner import error_at
+from counterflex.programs.gcode.sinumerik import LIMITS
 from counterflex.programs.gcode.sinumerik.expressions import Variables
 from counterflex.programs.gcode.sinumerik.words import AXES, REFUSED, ROTARY
-from counterflex.programs.limits import SINUMERIK
 from counterflex.programs.unknown import Unknown, known
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[+-]?\d+)?"
@@ -98,9 +98,9 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
     Raises:
         ProgramError: With file, line and column of the first thing that is none of the dialect, or is not known.
     """
-    if len(text) > SINUMERIK.line_characters:
+    if len(text) > LIMITS.line_characters:
         raise error_at(
-            name, line, "the block is longer than Sinumerik takes", SINUMERIK.line_characters, f"{len(text)} characters"
+            name, line, "the block is longer than Sinumerik takes", LIMITS.line_characters, f"{len(text)} characters"
         )
     addresses: list[Address] = []
     names: list[Name] = []

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH
-from counterflex.programs.gcode.write.spelling import SPELLINGS, Spell
+from counterflex.programs.gcode.write.spelling import Spell, spelling_of
 from counterflex.programs.gcode.write.turn_words import TurnWords
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, number
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, MotionRows
@@ -62,7 +62,7 @@ class WrittenMachine:
         self.arcs_kept = self.arcs_split = self.arcs_as_lines = self.radius_replaced = 0
         self.completed_blocks = self.cycles_expanded = 0
         self.feed_written = 1.0
-        self.spelling = SPELLINGS[program.dialect]
+        self.spelling = spelling_of(program.dialect)
         self.turns = TurnWords(rows.angles, decimals, self.spelling.vector_word)
 
     # ---- positions and numbers -------------------------------------------------------------------------------

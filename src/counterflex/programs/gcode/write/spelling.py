@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from counterflex.programs.limits import LINUXCNC, SINUMERIK
+from counterflex.programs.language import LANGUAGES, found
+from counterflex.programs.limits import LINUXCNC
 
 Spell = Callable[[str, str], str]
 """Letter (the role of a word) and value to the word as written."""
@@ -48,12 +49,11 @@ class Spelling:
         return next((index for index, line in enumerate(lines) if not self.head.match(line)), len(lines))
 
 
-SPELLINGS: Final[dict[str, Spelling]] = {
-    "linuxcnc": Spelling("R", ("I", "J", "K"), ("(", ")"), LINUXCNC.line_characters, re.compile(r"\s*%\s*$")),
-    "sinumerik": Spelling(
-        "CR=", ("A3=", "B3=", "C3="), ("; ", ""), SINUMERIK.line_characters,
-        re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE),
-    ),
-    "twincat": Spelling("U", ("I", "J", "K"), ("(", ")"), LINUXCNC.line_characters, re.compile(r"\s*%")),
-}  # fmt: skip
-"""By :attr:`~counterflex.programs.program.Program.dialect`."""
+def spelling_of(dialect: str) -> Spelling:
+    """Return the spelling of a dialect of G-code, :attr:`~counterflex.programs.language.Language.spelling`."""
+    result: Spelling = found(LANGUAGES[dialect].spelling)
+    return result
+
+
+RS274: Final = Spelling("R", ("I", "J", "K"), ("(", ")"), LINUXCNC.line_characters, re.compile(r"\s*%\s*$"))
+"""As LinuxCNC reads it."""

@@ -12,7 +12,7 @@ from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.gcode.write.emit import Emitter
-from counterflex.programs.gcode.write.spelling import SPELLINGS
+from counterflex.programs.gcode.write.spelling import spelling_of
 from counterflex.programs.gcode.write.written_line import without_comments
 from counterflex.programs.motion_rows import MotionRows, motion_rows, written_error
 from counterflex.programs.program import Program
@@ -135,7 +135,7 @@ def write_gcode(
             largest_dropped_rotation_rad=dropped,
         )
     _refuse_unsaid(program, rows)
-    spelling = SPELLINGS[program.dialect]
+    spelling = spelling_of(program.dialect)
     emitter = Emitter(program, rows, tolerance_m, decimals)
     lines = [part for line in emitter.run() for part in _short_enough(line, program)]
     if header:
@@ -195,7 +195,7 @@ def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
 
 def _short_enough(line: str, program: Program) -> list[str]:
     """A line that added words made too long for the interpreter, with its comments on lines of their own before it."""
-    most = SPELLINGS[program.dialect].line_characters
+    most = spelling_of(program.dialect).line_characters
     if len(line) <= most or line in program.lines:
         return [line]
     code, comments = without_comments(line)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from counterflex.programs.gcode.read.codes import TAKEN_BY_G
-from counterflex.programs.gcode.write.spelling import SPELLINGS, Spell
+from counterflex.programs.gcode.write.spelling import RS274, Spell
 from counterflex.programs.limits import WORDS_OF_M
 from counterflex.programs.program import Block, Word
 
@@ -33,7 +33,7 @@ class WrittenLine:
         spell: Spells a word that is put in.
     """
 
-    def __init__(self, text: str, words: Sequence[Word], spell: Spell = SPELLINGS["linuxcnc"].word) -> None:
+    def __init__(self, text: str, words: Sequence[Word], spell: Spell = RS274.word) -> None:
         self.text = text
         self._spell = spell
         self.words = words

@@ -16,10 +16,11 @@ from counterflex.programs.krl.read.frames import KrlCell
 from counterflex.programs.krl.read.interpreter import Interpreter, orientations
 from counterflex.programs.krl.read.job import Job, text_in
 from counterflex.programs.krl.read.variables import kept_of
-from counterflex.programs.program import KRL_DIALECT, TOOL_VECTOR, same_motions
+from counterflex.programs.program import TOOL_VECTOR, same_motions
 from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import read_text
 
+_SENSOR_ON: Final = re.compile(r"\bRSI_ON\s*\(", re.IGNORECASE)
 _SUFFIXES: Final = (".src", ".dat")
 _WORD: Final = re.compile(r"[A-Za-z_$]\w*")
 _PUBLIC: Final = re.compile(
@@ -74,7 +75,7 @@ def read_krl(
     external = interpreter.targets.external.changes(interpreter.motions)
     return KrlProgram(
         name=name,
-        dialect=KRL_DIALECT,
+        dialect="krl",
         lines=main.lines,
         newline=main.newline,
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
@@ -236,3 +237,12 @@ def _decoded(file: Path) -> tuple[str, str]:
             hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
         )  # fmt: skip
     return text, encoding
+
+
+def corrected_by_sensor(program: KrlProgram) -> list[str]:
+    """Return one sentence where a sensor corrects the path."""
+    block = next((one for one in program.blocks if _SENSOR_ON.search(one.text.split(";")[0])), None)
+    if block is None:
+        return []
+    place = block.where(Path(program.name).name)
+    return [f"{place}: RSI_ON lets a sensor correct the path; what it adds is not looked at"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import RAPID_DIALECT, TOOL_VECTOR, same_motions
+from counterflex.programs.program import TOOL_VECTOR, same_motions
 from counterflex.programs.rapid.program import RapidProgram
 from counterflex.programs.rapid.read.frames import RapidCell
 from counterflex.programs.rapid.read.interpreter import Interpreter, replaced
@@ -60,7 +60,7 @@ def read_rapid(
     main = text[: source.parts[0].end]
     return RapidProgram(
         name=name,
-        dialect=RAPID_DIALECT,
+        dialect="rapid",
         lines=(*split_lines(main), "") if main.endswith(("\n", "\r")) else split_lines(main),
         newline=line_end(main),
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),

@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import TOOL_VECTOR, VAL3_DIALECT
+from counterflex.programs.program import TOOL_VECTOR
 from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import common_encoding, read_text
 from counterflex.programs.val3.program import Val3Program, Val3Source
@@ -63,7 +63,7 @@ def read_val3(
     sources = {name: routine, **{one.name: one for one in folder.routines.values()}}
     return Val3Program(
         name=name,
-        dialect=VAL3_DIALECT,
+        dialect="val3",
         lines=(*routine.lines, "") if text.endswith(("\n", "\r")) else tuple(routine.lines),
         newline=line_end(text),
         blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),

@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-import math
-from typing import ClassVar, Final
+from typing import ClassVar
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose
-from counterflex.programs.convert.emitter import turn_deg
 from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
+from counterflex.programs.fanuc import LIMITS
 from counterflex.programs.fanuc.writer import FanucSettings, fanuc_frames, fanuc_motion, fanuc_program, speed_text
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import FANUC, Limits, check_name
-
-_FLAT_M: Final = 1e-7
-_HALF_DEG: Final = 180.0
+from counterflex.programs.limits import Limits, check_name
 
 
 class FanucEmitter(RobotEmitter[FanucSettings]):
     """FANUC TP: J, L, C."""
 
     language: ClassVar[str] = "fanuc"
-    limits: ClassVar[Limits] = FANUC
+    limits: ClassVar[Limits] = LIMITS
     stop: ClassVar[str] = "PAUSE"
     sign: ClassVar[str] = "!"
 
     def program(self, name: str, lines: list[str]) -> dict[str, str]:
         """One listing."""
-        check_name(name, FANUC, "FANUC")
+        check_name(name, LIMITS, "FANUC")
         return {f"{name}.ls": fanuc_program(name, lines)}
 
     def call(self, part: str) -> str:
@@ -54,10 +50,7 @@ class FanucEmitter(RobotEmitter[FanucSettings]):
 
     def arc_shares(self, move: Move) -> list[float] | None:
         """Halves at most: C goes less than a turn; a helix becomes straight moves."""
-        if abs(move.rise_m) > _FLAT_M:
-            return None
-        count = max(1, math.ceil(turn_deg(move) / _HALF_DEG - 1e-6))
-        return [k / count for k in range(1, count + 1)]
+        return self.halves(move)
 
     def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """C through the middle of a piece."""

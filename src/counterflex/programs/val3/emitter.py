@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from typing import ClassVar, Final
+from typing import ClassVar
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose
-from counterflex.programs.convert.emitter import turn_deg
 from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import VAL3, Limits
+from counterflex.programs.limits import Limits
 from counterflex.programs.program import Program
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+from counterflex.programs.val3 import LIMITS
 from counterflex.programs.val3.application import Application, Val3Settings
-
-_FLAT_M: Final = 1e-7
-_HALF_DEG: Final = 180.0
 
 
 class Val3Emitter(RobotEmitter[Val3Settings]):
@@ -31,7 +27,7 @@ class Val3Emitter(RobotEmitter[Val3Settings]):
     """
 
     language: ClassVar[str] = "val3"
-    limits: ClassVar[Limits] = VAL3
+    limits: ClassVar[Limits] = LIMITS
     stop: ClassVar[str] = "waitEndMove()\n  get()"
     sign: ClassVar[str] = "//"
 
@@ -72,10 +68,7 @@ class Val3Emitter(RobotEmitter[Val3Settings]):
 
     def arc_shares(self, move: Move) -> list[float] | None:
         """Halves at most: movec goes less than a turn; a helix becomes straight moves."""
-        if abs(move.rise_m) > _FLAT_M:
-            return None
-        count = max(1, math.ceil(turn_deg(move) / _HALF_DEG - 1e-6))
-        return [k / count for k in range(1, count + 1)]
+        return self.halves(move)
 
     def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """Movec through the middle of a piece."""

@@ -1,0 +1,9 @@
+"""ABB: RAPID, EGM."""
+
+from typing import Final
+
+ENTRY_POINTS: Final = {
+    "counterflex.languages": {"rapid": "counterflex.programs.rapid:LANGUAGE"},
+    "counterflex.controllers": {"abb": "counterflex.integrations.abb.axes:AXES"},
+}
+"""``module:object`` by group and name; a group is a kind of thing, as for packages of others."""

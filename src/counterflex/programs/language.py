@@ -1,0 +1,184 @@
+"""Languages of programs by name: what a language is for every command, and the registry in which makers put theirs.
+
+A :class:`Language` states in one place all that counterflex has for a language. It is light: what reads, writes and
+converts stands as ``module:object``, so that a command imports the parts of one language only.
+
+Another package adds one with an entry point of the group ``counterflex.languages`` (docs/extend.md).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from counterflex.core.errors import InputError
+from counterflex.core.registry import Registry, imported
+from counterflex.core.similar import close_to
+from counterflex.programs.limits import LINUXCNC, Limits
+from counterflex.programs.statement_forms import StatementForms
+
+BY_ENDING: Final = "ending"
+"""In place of a dialect: that of the ending of the file."""
+GCODE: Final = "linuxcnc"
+"""Dialect of a file whose ending tells none."""
+Place = str | Callable[..., Any] | None
+"""``module:object``, or the object itself; None where the language has none."""
+
+
+@dataclass(frozen=True)
+class Signs:
+    """What tells a language in the first lines of a text.
+
+    Attributes:
+        name: As people call the language.
+        sure: Regular expressions; a line that matches one is enough.
+        likely: Two lines are needed that match different ones.
+        hint: What to do with such a file; empty names dialect and ending.
+    """
+
+    name: str
+    sure: tuple[str, ...]
+    likely: tuple[str, ...] = ()
+    hint: str = ""
+
+
+@dataclass(frozen=True)
+class UnitWords:
+    """Words that say the unit of a program: G codes, or the form of a statement, as people write them."""
+
+    codes: frozenset[float]
+    shown: str
+    form: re.Pattern[str] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Language:
+    """A language of programs.
+
+    Attributes:
+        title: One line for help.
+        short: Name in sentences.
+        prompt: Name at the prompt (``--as``, ``--to``) where it is not that of the dialect.
+        endings: Of its files, lower case, the usual one first.
+        signs: What tells it in a file with another ending.
+        limits: Of its controller.
+        forms: Statements that writers add themselves: a language of robots has them, one of machines has none.
+        waits: Statement that waits for a person or a signal, for a time that nobody knows.
+        comment: Comment in the text of a block; the first group that matches is its text.
+        tool_stays: A program that names no tool runs with the one that is active.
+        orientation: What is written states the orientation of the tool, so that it can be corrected.
+        read: ``(file, *, machine, complete) -> Program``; of a robot ``cell`` in place of ``machine``.
+        files: ``(file) -> tuple[Path, ...]``, files that are read with a program, of languages with jobs of several.
+        table: The :class:`~counterflex.programs.statement_table.StatementTable`.
+        doubts: ``(program) -> list[str]``, readings of the language that are in doubt, one sentence each.
+        units: Words that say the unit, of a language that may leave it unsaid.
+        offsets: Class of :mod:`counterflex.programs.stated.offsets` that follows numbered offsets.
+        diameters: ``(program) -> Iterator[(tool, diameter, line)]``, in program units, stated by statements.
+        cell: ``(Cell) -> RobotTextCell``, what a robot program is held against.
+        spelling: The :class:`~counterflex.programs.gcode.write.spelling.Spelling` of a dialect of G-code.
+        in_place: ``(program, CompensatedPath, **settings)``: the program with other targets, all else as it was; see
+            :func:`counterflex.app.compensation.languages.written`.
+        write: ``(WritingOrder) -> Written``: a program of another language, compensated, in this one.
+        convert: ``(Conversion) -> Emitter``: the same without a correction; see :mod:`counterflex.app.conversion`.
+        load: ``(Loading) -> tuple[Fact, ...]``: what the controller must have set, see
+            :func:`counterflex.app.compensation.next_steps.to_load`.
+    """
+
+    title: str
+    short: str = "G-code"
+    prompt: str = ""
+    endings: tuple[str, ...] = ()
+    signs: Signs | None = None
+    limits: Limits = LINUXCNC
+    forms: StatementForms | None = None
+    waits: re.Pattern[str] | None = None
+    comment: re.Pattern[str] | None = None
+    tool_stays: bool = False
+    orientation: bool = True
+    read: Place = None
+    files: Place = None
+    table: Place = None
+    doubts: Place = None
+    units: UnitWords | None = None
+    offsets: Place = None
+    diameters: Place = None
+    cell: Place = None
+    spelling: Place = None
+    in_place: Place = None
+    write: Place = None
+    convert: Place = None
+    load: Place = None
+
+    @property
+    def robot(self) -> bool:
+        """The language of a robot: its programs state the orientation of the tool."""
+        return self.forms is not None
+
+
+def found(place: Place) -> Any:
+    """Return the object at a place of a language, imported now."""
+    return imported(place) if isinstance(place, str) else place
+
+
+LANGUAGES: Final[Registry[Language]] = Registry(
+    "counterflex.languages",
+    "language of programs",
+    "counterflex.programs.language:Language",
+    {GCODE: "counterflex.programs.gcode:LANGUAGE", "apt": "counterflex.programs.apt:LANGUAGE"},
+)
+"""By dialect."""
+
+
+def dialects() -> Iterator[str]:
+    """Names that a program can be read in, :data:`BY_ENDING` first."""
+    yield BY_ENDING
+    yield from (name for name, one in LANGUAGES.items() if one.read is not None)
+
+
+def robot_dialects() -> Iterator[str]:
+    """Dialects of robots."""
+    return (name for name, one in LANGUAGES.items() if one.robot)
+
+
+def is_robot(dialect: str) -> bool:
+    """Return whether a dialect is that of a robot; False for one that is not registered."""
+    return dialect in LANGUAGES and LANGUAGES[dialect].robot
+
+
+def forms_of(dialect: str) -> StatementForms:
+    """Statements that writers of a robot's language add themselves."""
+    forms = LANGUAGES[dialect].forms
+    assert forms is not None, dialect
+    return forms
+
+
+def at_prompt(part: str, *, own: bool = False) -> dict[str, str]:
+    """Dialect by name at the prompt, of the languages that have a part: ``write`` or ``convert``.
+
+    Args:
+        part: Field of :class:`Language`.
+        own: Without those of other packages.
+    """
+    return {
+        one.prompt or name: name
+        for name, one in LANGUAGES.items()
+        if getattr(one, part) is not None and (name in LANGUAGES.own or not own)
+    }
+
+
+def dialect_at(prompt: str, part: str) -> str:
+    """Dialect of a name at the prompt.
+
+    Raises:
+        InputError: No language of this name has the part; close names are given.
+    """
+    known = at_prompt(part)
+    if prompt not in known:
+        close = close_to(prompt, list(known), 1)
+        raise InputError(
+            "there is no such output language", value=prompt, limit=", ".join(known),
+            hint=f"Did you mean '{close[0]}'?" if close else None,
+        )  # fmt: skip
+    return known[prompt]
