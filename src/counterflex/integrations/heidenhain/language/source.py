@@ -56,8 +56,8 @@ class Statement:
                             hint=hint or None)  # fmt: skip
 
 
-def _code_of(line: str) -> str:
-    """A line with blanks in place of its number, comment and sign of continuation."""
+def code_of(line: str) -> str:
+    """Return a line with blanks in place of its number, comment and sign of continuation."""
     number = _NUMBER.match(line)
     end = number.end() if number is not None else 0
     code = " " * end + line[end:]
@@ -79,15 +79,15 @@ def _statements(lines: tuple[str, ...]) -> Iterator[Statement]:
             at += 1
             parts.append(lines[at])
         at += 1
-        cycle = _CYCLE_LINE.match(_code_of(parts[0]))
+        cycle = _CYCLE_LINE.match(code_of(parts[0]))
         if cycle is not None and int(cycle[2]) == 0:
             while at < len(lines):
-                following = _CYCLE_LINE.match(_code_of(lines[at]))
+                following = _CYCLE_LINE.match(code_of(lines[at]))
                 if following is None or following[1] != cycle[1] or int(following[2]) == 0:
                     break
                 parts.append(lines[at])
                 at += 1
-        yield Statement(first + 1, "\n".join(parts), " ".join(_code_of(part) for part in parts))
+        yield Statement(first + 1, "\n".join(parts), " ".join(code_of(part) for part in parts))
 
 
 @dataclass
