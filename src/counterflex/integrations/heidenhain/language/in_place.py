@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, as_positive
+from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.core.units import DEG, INCH, MINUTE
-from counterflex.integrations.heidenhain.language import LIMITS, VECTOR_DECIMALS
-from counterflex.integrations.heidenhain.language.emitter import dwell_lines, feed_text, signed
-from counterflex.integrations.heidenhain.language.written import PathLine, function_of, spelled
+from counterflex.integrations.heidenhain.language import LIMITS
+from counterflex.integrations.heidenhain.language.arcs_in_place import ArcWriter
+from counterflex.integrations.heidenhain.language.emitter import dwell_lines
+from counterflex.integrations.heidenhain.language.written import PathLine, function_of
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode.write.arc_fit import arc_error, radius_centre, written_turn
-from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
 from counterflex.programs.gcode.write.writer import GcodeText, header_lines
-from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, feed_factor, motion_rows, written_error
-from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Block, Modal, Motion, Program
+from counterflex.programs.motion_rows import feed_factor, written_error
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
 from counterflex.programs.rotary.poses import CommandedWords
 
-_ROUNDINGS: Final = 3.0
-_LARGEST_TURN: Final = 2.0 * math.pi - 1e-6
-_POLAR: Final = frozenset(("C", "CP", "LP"))
 _FLOW: Final = re.compile(
     r"\s*(?:LBL\b|CALL\b|FN\s*\d|Q[LRS]?\d+\s*=|BEGIN\s+PGM\b|END\s+PGM\b|M\s*(?:2|30)\s*$)", re.IGNORECASE
 )
@@ -114,40 +108,8 @@ def _refuse_unsaid(program: Program) -> None:
             )  # fmt: skip
 
 
-class _Writer:
+class _Writer(ArcWriter):
     """Walks through the statements of a program."""
-
-    def __init__(
-        self,
-        program: Program,
-        compensated: CompensatedPath,
-        tolerance_m: float,
-        decimals: int,
-        words: CommandedWords | None,
-    ) -> None:
-        angles = None
-        if words is not None:
-            compensated = CompensatedPath(words.path, words.p_command, np.zeros_like(words.p_command))
-            angles = (words.angle_rad, words.angle_command_rad)
-        self.program, self.tolerance_m, self._angles = program, tolerance_m, angles
-        self.rows = motion_rows(program, compensated, tolerance_m, angles)
-        units = {block.modal.unit_m for block in program.blocks if block.motion_count}
-        self._unit_m = min(units, default=1e-3)
-        self._digits = decimals + (self._unit_m == INCH)
-        self.resolution_m = self._unit_m * 10.0**-self._digits
-        self.lines: list[str] = []
-        self.written: Float = np.full((len(self.rows.way), 3), np.nan)
-        self.checked: Bool = np.zeros(len(self.rows.way), dtype=np.bool_)
-        self.arc_error_m = self.dropped_rad = 0.0
-        self.split_motions = self.vertices_added = self.completed_blocks = self.cycles_expanded = 0
-        self.arcs_kept = self.arcs_split = self.arcs_as_lines = 0
-        self._here: Float = np.array(program.motions[0].p_start if program.motions else np.zeros(3))
-        self._nominal: Float = self._here.copy()
-        self._feed: float | None = None
-        self._pole: tuple[float, float] | None = None
-        self._pole_block: Block | None = None
-        self._pole_written = True
-        self._forced = self._chained()
 
     def _chained(self) -> set[int]:
         """Motions that must be written because they share a corner (RND) with a corrected one."""
@@ -160,11 +122,10 @@ class _Writer:
                     out |= pair
         return out
 
-    # ---- walk --------------------------------------------------------------------------------------------------
-
     def run(self) -> list[str]:
         """All lines of the written program."""
         straight, source, at = self.program.straight, self.program.lines, 0
+        self._forced = self._chained()
         if len(self.written):
             self.written[0] = self.rows.nominal[0]
         if not straight:
@@ -216,33 +177,6 @@ class _Writer:
         else:
             self._straight(block, index, motion)
 
-    def _stand(self, p: Float, index: int) -> None:
-        """Take the offset along where the program jumps to the start of a motion."""
-        self._here = self._here + (np.asarray(p) - self._nominal)
-        self._nominal = np.array(p)
-        start = int(self.rows.first[index]) - 1
-        if self.rows.last[index] >= 0 and math.isnan(self.written[start, 0]):
-            self.written[start] = self._here
-
-    def _arrive(self, index: int, motion: Motion) -> None:
-        self._nominal = np.array(motion.p_end)
-        last = int(self.rows.last[index])
-        if last >= 0:
-            self.written[last], self.checked[last] = self._here, True
-
-    def _follows(self) -> bool:
-        """The written position differs from that of the source by more than rounding."""
-        return bool(np.any(np.abs(self._here - self._nominal) > 0.5 * self.resolution_m))
-
-    def _copy(self, block: Block) -> None:
-        self.lines.extend(block.text.split("\n"))
-
-    def _flush(self) -> None:
-        """Write the CC that waits for its arc."""
-        if self._pole_block is not None:
-            self._copy(self._pole_block)
-            self._pole_block, self._pole_written = None, True
-
     def _still(self, block: Block) -> None:
         self._flush()
         feed = next((word for word in block.words if word.letter == "F"), None)
@@ -272,106 +206,6 @@ class _Writer:
         else:
             self._copy(block)
 
-    # ---- words -------------------------------------------------------------------------------------------------
-
-    @staticmethod
-    def _work(modal: Modal, p: Float) -> Float:
-        """A point in programmed axes, m."""
-        away = np.asarray(p) - np.array(modal.p_part_origin)
-        out: Float = away if modal.R_part_work is None else away @ np.array(modal.R_part_work)
-        return out
-
-    @staticmethod
-    def _part(modal: Modal, p: Float) -> Float:
-        turned = p if modal.R_part_work is None else np.array(modal.R_part_work) @ p
-        out: Float = np.array(modal.p_part_origin) + turned
-        return out
-
-    def _rounded(self, modal: Modal, value_m: float) -> float:
-        return round(value_m / modal.unit_m, self._digits)
-
-    def _centre(self, block: Block, pole: tuple[float, float]) -> str:
-        """A CC with both coordinates; the line of a CC keeps its number and comment."""
-        values = [self._rounded(block.modal, value) for value in pole]
-        coordinates = f"X{signed(values[0], self._digits)} Y{signed(values[1], self._digits)}"
-        if function_of(block) != "CC":
-            return f"CC {coordinates}"
-        line = PathLine(block)
-        line.become("CC", coordinates)
-        return line.render()
-
-    def _go(self, line: PathLine | None, modal: Modal, p: Float, *, every: bool = False) -> str:
-        """Let a line lead to a point, or return the coordinates of a new one; the written position is there then."""
-        goal, at = self._work(modal, p), self._work(modal, self._here)
-        half = 0.5000001 * modal.unit_m * 10.0**-self._digits
-        out = []
-        for axis, letter in enumerate("XYZ"):
-            word = None if line is None else line.find(letter)
-            if (
-                word is not None
-                and word.absolute
-                and word.literal
-                and abs(word.value * modal.unit_m - goal[axis]) <= half
-            ):
-                at[axis] = word.value * modal.unit_m
-                continue
-            if word is None and not every and abs(goal[axis] - at[axis]) <= half:
-                continue
-            value = self._rounded(modal, float(goal[axis]))
-            text = spelled(letter, value, self._digits)
-            at[axis] = value * modal.unit_m
-            if line is not None:
-                line.set(letter, text)
-            out.append(text)
-        self._here = self._part(modal, at)
-        return " ".join(out)
-
-    def _turn(self, line: PathLine | None, block: Block, row: int) -> str:
-        """Let a line have the rotary words or tool vector of a row; of a new line these words."""
-        if self._angles is None:
-            return ""
-        nominal, command = self._angles[0][row], self._angles[1][row]
-        mode = block.modal.tool_centre
-        if mode == TOOL_CENTRE:
-            texts = [(c, spelled(c, round(float(v) / DEG, 4), 4)) for c, v in zip("ABC", command, strict=True)]
-            for letter, text in texts if line is not None else ():
-                if line is not None and line.find(letter) is not None:
-                    line.set(letter, text)
-            return " ".join(text for letter, text in texts if any(w.letter == letter for w in block.words))
-        if mode == TOOL_VECTOR and function_of(block) == "LN":
-            size = float(np.linalg.norm(command)) or 1.0
-            vector = command / size if block.modal.R_part_work is None else command / size @ np.array(
-                block.modal.R_part_work)  # fmt: skip
-            vectors = [f"T{c}{signed(float(v), VECTOR_DECIMALS)}" for c, v in zip("XYZ", vector, strict=True)]
-            if line is not None:
-                line.set_vector(vectors)
-            return " ".join(vectors)
-        self.dropped_rad = max(self.dropped_rad, float(np.linalg.norm(command - nominal)))
-        return ""
-
-    def _f(self, block: Block, motion: Motion, factor: float, line: PathLine | None, *, local: bool = False) -> str:
-        """F of a piece where it differs from the one in force; it is put into the line."""
-        if block.modal.feed_mode != 94 or motion.feed_m_s <= 0.0 or motion.kind == "rapid":
-            return ""
-        nominal = motion.feed_m_s * MINUTE / block.modal.unit_of_feed_m
-        requested = nominal * factor
-        own = line is not None and line.has_feed
-        current = nominal if own else self._feed
-        if current is not None and abs(requested / current - 1.0) <= (LEAST_FEED_CHANGE if factor != 1.0 else 1e-6):
-            self._feed = self._feed if local else current
-            return ""
-        if current is None and factor == 1.0:
-            self._feed = nominal
-            return ""
-        text = feed_text(requested)
-        if not local:
-            self._feed = float(text[1:])
-        if line is not None:
-            line.set_feed(text)
-        return f" {text}"
-
-    # ---- straight ----------------------------------------------------------------------------------------------
-
     def _straight(self, block: Block, index: int, motion: Motion) -> None:
         rows = self.rows
         first, last = int(rows.first[index]), int(rows.last[index])
@@ -381,11 +215,7 @@ class _Writer:
         line = PathLine(block)
         relative = function == "LP" or any(w.absolute is False for w in line.words if w.letter in "XYZ")
         if not corrected and not (follows and (relative or self._leaves_out(block))):
-            self._restore_pole(function)
-            self._f(block, motion, 1.0, line)
-            self._here = np.array(motion.p_end)
-            self.lines.append(line.render())
-            self._arrive(index, motion)
+            self._keep(block, index, motion, 1.0, function)
             return
         if not corrected:
             self.completed_blocks += 1
@@ -444,13 +274,6 @@ class _Writer:
         text = re.sub(r"(?<=[LN]) (?= |$)", "", line.render())
         return PathLine(replace(block, text=text, words=()))
 
-    def _restore_pole(self, function: str) -> None:
-        """Write the pole of the source where a statement that stays counts from it."""
-        if function in _POLAR and not self._pole_written and self._pole is not None:
-            x, y = (value / self._unit_m for value in self._pole)
-            self.lines.append(f"CC X{signed(x, self._digits)} Y{signed(y, self._digits)}")
-            self._pole_written = True
-
     def _relieve(self, block: Block, index: int) -> None:
         """Before a dwell, go to where it is planned, along the tool axis."""
         first, last = int(self.rows.first[index]), int(self.rows.last[index])
@@ -460,165 +283,6 @@ class _Writer:
             if coordinates:
                 self.lines.append(f"L {coordinates}")
                 self.vertices_added += 1
-
-    # ---- arcs --------------------------------------------------------------------------------------------------
-
-    def _arc(self, block: Block, index: int, motion: Motion) -> None:
-        rows, modal, function = self.rows, block.modal, function_of(block)
-        first, last = int(rows.first[index]), int(rows.last[index])
-        corrected = bool(rows.moved[index]) or index in self._forced or not self.program.straight
-        line = PathLine(block)
-        if not corrected and not self._follows():
-            self._flush()
-            self._restore_pole(function)
-            self._f(block, motion, rows.share_of(first, last), line, local=function == "RND")
-            self._here = np.array(motion.p_end)
-            self.lines.append(line.render())
-            self._arrive(index, motion)
-            return
-        self.completed_blocks += not corrected
-        assert motion.p_centre is not None
-        nominal = self._work(modal, np.vstack([motion.p_start, rows.nominal[first : last + 1]]))
-        command = np.ascontiguousarray(self._work(modal, np.vstack([self._here, rows.command[first : last + 1]])))
-        share = nominal_share(nominal, self._work(modal, motion.p_centre), motion.turn_rad)
-        waiting = arc_pieces(command, share, motion.turn_rad, self.tolerance_m)[::-1]
-        pending, self._pole_block = self._pole_block, None
-        single = len(waiting) == 1 and waiting[0].centre is not None
-        if pending is not None and not (single and function == "C"):
-            self._copy(pending)
-            pending, self._pole_written = None, True
-        arcs = lines = 0
-        tail = ""
-        while waiting:
-            piece = waiting.pop()
-            row = first - 1 + piece.last
-            fitted = None if piece.centre is None else self._fitted(modal, piece, command, share)
-            if piece.centre is not None and fitted is None:
-                waiting += straight_pieces(command, share, piece.first, piece.last, self.tolerance_m)[::-1]
-                if pending is not None:
-                    self._copy(pending)
-                    pending, self._pole_written = None, True
-                continue
-            head = line if arcs + lines == 0 else None
-            if head is not None and waiting:
-                tail = PathLine(block).take_last()
-            ends = "" if waiting else tail
-            factor = rows.share_of(first, last)
-            if fitted is not None:
-                self._write_arc(block, motion, head, fitted, rows.command[row], (pending, factor, ends))
-                pending = None
-                arcs += 1
-            else:
-                self._write_chord(block, motion, head, rows.command[row], (factor, ends))
-                self.checked[first + piece.first : row + 1] = True
-                lines += 1
-            self.written[row] = self._here
-        self._arrive(index, motion)
-        self.arcs_kept += arcs == 1 and lines == 0
-        self.arcs_split += arcs + lines > 1 and arcs > 0
-        self.arcs_as_lines += arcs == 0
-        self.split_motions += arcs + lines > 1
-        self.vertices_added += arcs + lines - 1
-
-    def _write_chord(
-        self, block: Block, motion: Motion, line: PathLine | None, p: Float, rest: tuple[float, str]
-    ) -> None:
-        factor, tail = rest
-        coordinates = self._go(None, block.modal, p, every=line is not None)
-        feed = self._f(block, motion, factor, line)
-        if line is None:
-            self.lines.append(f"L {coordinates}{feed}{tail}")
-            return
-        self._finish(line, "L", coordinates, feed, tail)
-
-    def _finish(self, line: PathLine, function: str, coordinates: str, feed: str, tail: str) -> None:
-        """Write the source's own line with another function and coordinates."""
-        line.become(function, coordinates)
-        if feed:
-            line.set_feed(feed.strip())
-        if tail:
-            line.take_last()
-        self.lines.append(line.render() + tail)
-
-    def _fitted(
-        self, modal: Modal, piece: ArcPiece, points: Float, share: Float
-    ) -> tuple[float, float, float, float] | None:
-        """Centre (u, v), angle and rise as they are written; None where rounding breaks the arc."""
-        assert piece.centre is not None
-        part = points[piece.first : piece.last + 1].copy()
-        part[0] = self._work(modal, self._here)
-        u, v = (self._rounded(modal, value) * modal.unit_m for value in piece.centre)
-        rise = self._rounded(modal, float(part[-1][2] - part[0][2])) * modal.unit_m
-        helix = rise != 0.0 or abs(piece.turn_rad) > _LARGEST_TURN
-        if helix:
-            turn = round(piece.turn_rad / DEG, 4) * DEG
-            spoke = part[0][:2] - (u, v)
-            c, s = math.cos(turn), math.sin(turn)
-            part[-1] = [u + c * spoke[0] - s * spoke[1], v + s * spoke[0] + c * spoke[1], part[0][2] + rise]
-            if float(np.linalg.norm(part[-1] - points[piece.last])) > self.tolerance_m:
-                return None
-        else:
-            part[-1] = [self._rounded(modal, float(value)) * modal.unit_m for value in part[-1]]
-            part[-1][2] = part[0][2]
-            turn = written_turn(part[0], part[-1], (u, v), math.copysign(1.0, piece.turn_rad), 1)
-        at = share[piece.first : piece.last + 1]
-        error = arc_error(part, (at - at[0]) / (at[-1] - at[0]), (u, v), turn)
-        if error > self.tolerance_m + _ROUNDINGS * self.resolution_m:
-            return None
-        self.arc_error_m = max(self.arc_error_m, error)
-        return u, v, turn, rise
-
-    def _write_arc(
-        self,
-        block: Block,
-        motion: Motion,
-        line: PathLine | None,
-        fitted: tuple[float, float, float, float],
-        p: Float,
-        rest: tuple[Block | None, float, str],
-    ) -> None:
-        """Write an arc about a centre: the CC of the source edited, or one of its own; CR keeps its radius form."""
-        (u, v, turn, rise), (pending, factor, tail), modal = fitted, rest, block.modal
-        sense = "DR+" if turn > 0.0 else "DR-"
-        start = self._work(modal, self._here)
-        helix = rise != 0.0 or abs(turn) > _LARGEST_TURN
-        if helix:
-            words = f"IPA{signed(turn / DEG, 4)} IZ{signed(rise / modal.unit_m, self._digits)} {sense}"
-            c, s = math.cos(turn), math.sin(turn)
-            spoke = start[:2] - (u, v)
-            end = np.array([u + c * spoke[0] - s * spoke[1], v + s * spoke[0] + c * spoke[1], start[2] + rise])
-            function = "CP"
-        else:
-            values = [self._rounded(modal, float(value)) for value in self._work(modal, p)[:2]]
-            end = np.array([values[0] * modal.unit_m, values[1] * modal.unit_m, start[2]])
-            words, function = f"X{signed(values[0], self._digits)} Y{signed(values[1], self._digits)} {sense}", "C"
-        radius = self._radius(modal, start, end, (u, v), turn) if function_of(block) == "CR" and not helix else None
-        feed = self._f(block, motion, factor, line, local=function_of(block) == "RND" and line is not None
-                       and line.has_feed)  # fmt: skip
-        if radius is not None:
-            function, words = "CR", words[: -len(sense)] + f"R{signed(radius, self._digits)} {sense}"
-        else:
-            if pending is not None and function == "C":
-                self.lines.append(self._centre(pending, (u, v)))
-            else:
-                self.lines.append(self._centre(block, (u, v)))
-            self._pole_written = False
-        self._here = self._part(modal, end)
-        if line is None:
-            self.lines.append(f"{function} {words}{feed}{tail}")
-        else:
-            self._finish(line, function, words, feed, tail)
-
-    def _radius(self, modal: Modal, start: Float, end: Float, centre: tuple[float, float], turn: float) -> float | None:
-        """R, in program units, that gives an arc of this centre within a tenth of the tolerance; None: none does."""
-        size = self._rounded(modal, float(np.hypot(start[0] - centre[0], start[1] - centre[1])))
-        radius = -size if abs(turn) > math.pi else size
-        made = radius_centre(start, end, radius * modal.unit_m, math.copysign(1.0, turn))
-        if made is None or math.dist(made, centre) > 0.1 * self.tolerance_m:
-            return None
-        return radius
-
-    # ---- cycles ------------------------------------------------------------------------------------------------
 
     def _cycle(self, block: Block) -> None:
         """A block with a drilling cycle: as it is where nothing of it is corrected, else as single moves."""
