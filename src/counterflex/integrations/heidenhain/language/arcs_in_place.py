@@ -56,7 +56,7 @@ class ArcWriter(WrittenPosition):
                 continue
             head = line if arcs + lines == 0 else None
             if head is not None and waiting:
-                tail = PathLine(block).take_last()
+                tail = line.take_last()
             ends = "" if waiting else tail
             factor = rows.share_of(first, last)
             if fitted is not None:
@@ -84,15 +84,11 @@ class ArcWriter(WrittenPosition):
         if line is None:
             self.lines.append(f"L {coordinates}{feed}{tail}")
             return
-        self._finish(line, "L", coordinates, feed, tail)
+        self._finish(line, "L", coordinates, tail)
 
-    def _finish(self, line: PathLine, function: str, coordinates: str, feed: str, tail: str) -> None:
+    def _finish(self, line: PathLine, function: str, coordinates: str, tail: str) -> None:
         """Write the source's own line with another function and coordinates."""
         line.become(function, coordinates)
-        if feed:
-            line.set_feed(feed.strip())
-        if tail:
-            line.take_last()
         self.lines.append(line.render() + tail)
 
     def _fitted(
@@ -153,16 +149,13 @@ class ArcWriter(WrittenPosition):
         if radius is not None:
             function, words = "CR", words[: -len(sense)] + f"R{signed(radius, self._digits)} {sense}"
         else:
-            if pending is not None and function == "C":
-                self.lines.append(self._centre(pending, (u, v)))
-            else:
-                self.lines.append(self._centre(block, (u, v)))
+            self.lines.append(self._centre(block if pending is None else pending, (u, v)))
             self._pole_written = False
         self._here = self._part(modal, end)
         if line is None:
             self.lines.append(f"{function} {words}{feed}{tail}")
         else:
-            self._finish(line, function, words, feed, tail)
+            self._finish(line, function, words, tail)
 
     def _radius(self, modal: Modal, start: Float, end: Float, centre: tuple[float, float], turn: float) -> float | None:
         """R, in program units, that gives an arc of this centre within a tenth of the tolerance; None: none does."""

@@ -36,6 +36,7 @@ _IF: Final = re.compile(
 )
 _WORD: Final = re.compile(r"\s*([A-Z]+)", re.IGNORECASE)
 _FUNCTION: Final = re.compile(r"\s*FN\s*(\d+)", re.IGNORECASE)
+_READ: Final = re.compile(r"(?:SYSREAD|TABREAD)\s*(Q[LRS]?\d+)\s*=", re.IGNORECASE)
 _DEEPEST: Final = 19
 """Nesting of subprograms and of program section repeats (TNC 640, "Nesting")."""
 _COMPARE: Final[dict[str, Callable[[float, float], bool]]] = {
@@ -156,7 +157,7 @@ class Run(Control):
         if assignment is not None and (assignment[1] is None or is_arithmetic(int(assignment[1]))):
             self._assign(part, assignment)
         elif (number := _FUNCTION.match(code)) is not None:
-            self._function(part, int(number[1]), assignment)
+            self._function(part, int(number[1]))
         else:
             words = self._worded(part, code)
         self._append(part, words, first)
@@ -278,7 +279,7 @@ class Run(Control):
                               "Q1 = Q2 * SIN (Q3)") from fault  # fmt: skip
         self.values.set(match[2], value)
 
-    def _function(self, part: Statement, number: int, assignment: re.Match[str] | None) -> None:
+    def _function(self, part: Statement, number: int) -> None:
         """FN of flow, of unknown values and without effect."""
         if number in _OPERATOR:
             match = _IF.match(part.code)
@@ -291,8 +292,9 @@ class Run(Control):
             if _COMPARE[match[3].upper()](a, b):
                 self._index = target
             return
-        if number in (18, 28) and assignment is not None:
-            self.values.set(assignment[2], Unknown(f"the control gives it (FN {number})",
+        read = _READ.search(part.code)
+        if number in (18, 28) and read is not None:
+            self.values.set(read[1], Unknown(f"the control gives it (FN {number})",
                                                    f"{self._source.name}:{part.line}"))  # fmt: skip
             return
         for word in (f"FN {number}", "FN"):

@@ -83,9 +83,7 @@ class PathLine:
 
     def become(self, function: str, coordinates: str) -> None:
         """Let the line have another path function and other coordinates."""
-        self._edits = [
-            (match.start(), match.end(), "") for match in _GEOMETRY.finditer(self._code, self._head)
-        ]  # fmt: skip
+        self._edits += [(*match.span(), "") for match in _GEOMETRY.finditer(self._code, self._head)]
         self._edits.append((*self._function, f"{function} {coordinates}"))
 
     def take_last(self) -> str:
