@@ -1,0 +1,15 @@
+0 BEGIN PGM GROOVE MM
+1 ;One groove, 6 mm deep, through a blank of 60 x 60 x 40 mm
+2 ;T1: end mill D16, 3 flutes; 13000 rpm, 25 mm/s
+3 BLK FORM 0.1 Z X+0 Y+0 Z+0
+4 BLK FORM 0.2 X+60 Y+60 Z+40
+5 TOOL CALL 1 Z S13000
+6 L Z+60 R0 FMAX M3
+7 L X-12 Y+15 R0 FMAX
+8 L Z+42 R0 FMAX
+9 L Z+34 R0 F3000
+10 L X+72 F1500 ;the groove
+11 L Z+60 R0 FMAX
+12 M5
+13 M30
+14 END PGM GROOVE MM

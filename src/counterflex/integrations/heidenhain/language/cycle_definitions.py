@@ -1,0 +1,116 @@
+"""Cycles that change coordinates: 7, 8, 10, 11, 19 and 26."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.errors import ProgramError
+from counterflex.integrations.heidenhain.language.frames import FrameFault, spatial
+from counterflex.integrations.heidenhain.language.source import Statement
+from counterflex.integrations.heidenhain.language.state import State
+from counterflex.integrations.heidenhain.language.values import VALUE, Values, required
+from counterflex.programs.gcode.read.motion import FARTHEST_M
+
+_LINE: Final = re.compile(r"CYCL\s+DEF\s+\d+\.(\d+)", re.IGNORECASE)
+_WORD: Final = re.compile(
+    rf"\s*(?:(I?ROT|SCL|ABST|DIST|CC[XYZ]|I?[XYZ]|[ABC]|F\s*MAX|F)\s*({VALUE})?|(#)\s*(\d+))", re.IGNORECASE
+)
+_SMALLEST, _LARGEST = 1e-6, 100.0
+
+
+def _words(part: Statement, values: Values, name: str) -> dict[str, tuple[float | None, int]]:
+    """Words of the lines behind the first, with their values and places."""
+    out: dict[str, tuple[float | None, int]] = {}
+    lines = list(_LINE.finditer(part.code))
+    for match, after in zip(lines, [*lines[1:], None], strict=True):
+        at, end = match.end(), len(part.code) if after is None else after.start()
+        while int(match[1]) > 0 and part.code[at:end].strip():
+            word = _WORD.match(part.code, at, end)
+            column = at + len(part.code[at:end]) - len(part.code[at:end].lstrip())
+            if word is None or word.end() == at:
+                raise part.fault(name, "an unknown word of the cycle", column, part.code[column:end].split()[0][:20])
+            key = "#" if word[3] else "".join(word[1].upper().split())
+            if key in out:
+                raise part.fault(name, "the word appears twice in the cycle", column, word[0].strip())
+            text = word[4] if word[3] else word[2]
+            value = None if text is None else required(values.number(text), f"{key} of the cycle",
+                                                       part.place(name, column), part.code)  # fmt: skip
+            out[key], at = (value, column), word.end()
+    return out
+
+
+def define_frame(part: Statement, number: int, state: State, values: Values, name: str) -> bool:
+    """Execute a cycle that changes coordinates; whether it tilts the working plane.
+
+    Args:
+        part: All its lines.
+        number: Of the cycle.
+        state: Changed.
+        values: Parameters.
+        name: Of the program, for errors.
+
+    Raises:
+        ProgramError: It cannot be executed exactly.
+    """
+    words = _words(part, values, name)
+    allowed = {
+        7: ("X", "Y", "Z", "IX", "IY", "IZ", "#"), 8: ("X", "Y", "Z"), 10: ("ROT", "IROT"), 11: ("SCL",),
+        19: ("A", "B", "C", "F", "FMAX", "ABST", "DIST"), 26: ("X", "Y", "Z", "CCX", "CCY", "CCZ"),
+    }[number]  # fmt: skip
+    for word, (value, column) in words.items():
+        bare = number == 8 or word == "FMAX"
+        if word not in allowed or (value is None) != bare:
+            raise part.fault(name, f"cycle {number} does not take this word", column, word, " ".join(allowed))
+    numbers = {word: (0.0 if value is None else value) for word, (value, _) in words.items()}
+    try:
+        return _define(part, number, state, numbers, name)
+    except FrameFault as fault:
+        raise part.fault(name, fault.what, None, None, fault.hint) from fault
+
+
+def _define(part: Statement, number: int, state: State, numbers: dict[str, float], name: str) -> bool:
+    frames, unit = state.frames, state.unit_m
+    if number == 7:
+        if "#" in numbers:
+            raise part.fault(name, "a datum of the datum table of the control is not known", None, None,
+                             "Write the shift itself: CYCL DEF 7.1 X+10")  # fmt: skip
+        given = {"XYZ".index(word[-1]): (value * unit, word.startswith("I")) for word, value in numbers.items()}
+        if any(not abs(value) <= FARTHEST_M for value, _ in given.values()):
+            raise part.fault(name, "the datum shift is beyond any machine", None, None, "At most 1000 m")
+        frames.set_shift(given)
+    elif number == 8:
+        frames.set_mirror(frozenset("XYZ".index(word) for word in numbers))
+    elif number == 10:
+        if len(numbers) != 1:
+            raise part.fault(name, "cycle 10 needs one angle", None, None, "CYCL DEF 10.1 ROT+30")
+        ((word, angle),) = numbers.items()
+        frames.set_rotation(angle, word == "IROT")
+    elif number == 11:
+        if numbers.get("SCL") != 1.0:
+            raise part.fault(name, "whether cycle 11 scales the tool axis depends on a machine parameter", None, None,
+                             "Write cycle 26 with X, Y and Z")  # fmt: skip
+    elif number == 26:
+        factors = np.array([numbers.get(axis, 1.0) for axis in "XYZ"])
+        if not np.all((factors >= _SMALLEST) & (factors < _LARGEST)):
+            raise part.fault(name, "a scale is out of range", None, None, "0.000001 to 99.999999")
+        frames.set_scale(factors, np.array([numbers.get(f"CC{axis}", 0.0) for axis in "XYZ"]) * unit)
+    else:
+        return _tilt(part, state, numbers, name)
+    return False
+
+
+def _tilt(part: Statement, state: State, numbers: dict[str, float], name: str) -> bool:
+    angles = [numbers.get(axis, 0.0) for axis in "ABC"]
+    if sum(angle != 0.0 for angle in angles) > 1:
+        raise _ambiguous(part, name)
+    before = state.frames.A
+    state.frames.set_plane(spatial(*angles))
+    return bool(np.any(before != state.frames.A))
+
+
+def _ambiguous(part: Statement, name: str) -> ProgramError:
+    return part.fault(name, "a machine parameter decides whether the angles of cycle 19 are spatial or those of axes",
+                      None, None, "Write PLANE SPATIAL")  # fmt: skip

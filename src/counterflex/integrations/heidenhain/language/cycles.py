@@ -1,0 +1,131 @@
+"""Drilling cycles of Klartext as the moves they stand for: 200 and 201.
+
+Source: HEIDENHAIN TNC 640 (34059x-05), User's Manual Cycle Programming, "DRILLING (Cycle 200)", "REAMING (Cycle 201)":
+parameters and sequence of motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.core.errors import ProgramError
+
+DRILLING: Final = {200: "DRILLING", 201: "REAMING"}
+_RAPID: Final = 99_999.0
+_MOST: Final = 10_000
+_LONGEST_S: Final = 3600.0
+NEEDED: Final = {
+    200: ("Q200", "Q201", "Q206", "Q202", "Q210", "Q203", "Q204", "Q211"),
+    201: ("Q200", "Q201", "Q206", "Q211", "Q208", "Q203", "Q204"),
+}
+
+
+@dataclass(frozen=True)
+class Plunge:
+    """One move along the tool axis.
+
+    Attributes:
+        kind: ``rapid``, ``feed`` or ``dwell``.
+        height_m: Target in programmed axes.
+        value: F of a feed, seconds of a dwell.
+    """
+
+    kind: str
+    height_m: float = 0.0
+    value: float = 0.0
+
+
+@dataclass(frozen=True)
+class Drilling:
+    """A drilling cycle with its heights in programmed axes, m.
+
+    Attributes:
+        number: 200 or 201.
+        surface_m: Q203.
+        clear_m: Height from which it feeds (Q203 + Q200).
+        retract_m: Height at the end: 2nd set-up clearance where that is higher.
+        bottom_m: Q203 + Q201.
+        stroke_m: Q202.
+        feed: Q206.
+        feed_out: Q208 of cycle 201; 0: as ``feed``.
+        above_s: Q210.
+        bottom_s: Q211.
+    """
+
+    number: int
+    surface_m: float
+    clear_m: float
+    retract_m: float
+    bottom_m: float
+    stroke_m: float
+    feed: float
+    feed_out: float
+    above_s: float
+    bottom_s: float
+
+    def moves(self) -> Iterator[Plunge]:
+        """Yield the moves from any height; none where the depth is zero."""
+        if self.bottom_m == self.surface_m:
+            return
+        yield Plunge("rapid", self.clear_m)
+        depth, clearance = self.surface_m, self.clear_m - self.surface_m
+        while True:
+            depth = max(depth - self.stroke_m, self.bottom_m)
+            yield _fed(depth, self.feed)
+            if depth <= self.bottom_m:
+                break
+            yield Plunge("rapid", self.clear_m)
+            if self.above_s > 0.0:
+                yield Plunge("dwell", self.clear_m, self.above_s)
+            yield Plunge("rapid", min(depth + clearance, self.clear_m))
+        if self.bottom_s > 0.0:
+            yield Plunge("dwell", depth, self.bottom_s)
+        if self.number == 201:
+            yield _fed(self.clear_m, self.feed_out or self.feed)
+        yield Plunge("rapid", self.retract_m)
+
+
+def _fed(height_m: float, feed: float) -> Plunge:
+    return Plunge("rapid", height_m) if feed >= _RAPID else Plunge("feed", height_m, feed)
+
+
+def drilling(
+    number: int, q: dict[str, float], unit_m: float, fault: Callable[[str, str, str], ProgramError]
+) -> Drilling:
+    """Return a drilling cycle from its parameters.
+
+    Args:
+        number: 200 or 201.
+        q: Parameters by name.
+        unit_m: Length of a unit.
+        fault: Makes the error of a message, a parameter and a hint.
+
+    Raises:
+        ProgramError: One is missing or out of range, or the control decides what it means.
+    """
+    for name in NEEDED[number]:
+        if name not in q:
+            raise fault(f"cycle {number} without {name}", "", f"It needs {' '.join(NEEDED[number])}")
+    if q.get("Q395", 0.0) != 0.0:
+        raise fault("a depth that refers to the diameter needs the tip angle of the tool table", "Q395", "Q395=0")
+    if q["Q201"] > 0.0:
+        raise fault("a positive depth: a machine parameter decides whether the control refuses it", "Q201",
+                    "Give the depth a negative sign")  # fmt: skip
+    if q["Q200"] < 0.0 or q["Q204"] < 0.0 or not 0.0 < q["Q206"] <= 1e6 or not 0.0 <= q.get("Q208", 0.0) <= 1e6:
+        raise fault("a clearance or feed of the cycle is out of range", "", "Q200, Q204 >= 0, Q206 > 0")
+    depth, stroke = -q["Q201"], q.get("Q202", 0.0) if number == 200 else -q["Q201"]
+    if depth > 0.0 and (stroke <= 0.0 or depth / stroke > _MOST):
+        raise fault("the plunging depth of the cycle is out of range", "Q202", "Above zero, at most 10000 strokes")
+    above, bottom = q.get("Q210", 0.0), q["Q211"]
+    if not 0.0 <= above <= _LONGEST_S or not 0.0 <= bottom <= _LONGEST_S:
+        raise fault("a dwell of the cycle is out of range", "Q211", "0 to 3600 s")
+    if stroke < depth and bottom > 0.0:
+        raise fault("whether Q211 acts at every plunging depth or at the bottom only depends on the software of the "
+                    "control", "Q211", "Q211=0, or Q202 as deep as the hole")  # fmt: skip
+    surface = q["Q203"] * unit_m
+    return Drilling(
+        number, surface, surface + q["Q200"] * unit_m, surface + max(q["Q200"], q["Q204"]) * unit_m,
+        surface - depth * unit_m, stroke * unit_m, q["Q206"], q.get("Q208", 0.0), above, bottom,
+    )  # fmt: skip

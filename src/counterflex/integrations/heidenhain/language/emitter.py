@@ -1,0 +1,144 @@
+"""Write Klartext: steps of another language, and how numbers are spelled."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import ClassVar, Final
+
+import numpy as np
+
+from counterflex.core.units import MM
+from counterflex.integrations.heidenhain.language import LIMITS, VECTOR_DECIMALS
+from counterflex.programs.convert.emitter import Conversion
+from counterflex.programs.convert.machine_languages import OWN_CODES, MachineEmitter
+from counterflex.programs.convert.steps import Move, Process
+from counterflex.programs.gcode.write.written_line import number
+
+_MOST_DEG: Final = 5400.0
+"""Largest angle of CP (TNC 640, "Input format and unit of TNC functions")."""
+
+
+def signed(value: float, decimals: int = LIMITS.position_decimals) -> str:
+    """Return a number with its sign, as Klartext has it."""
+    text = number(value, decimals)
+    return text if text.startswith("-") else f"+{text}"
+
+
+def feed_text(value: float) -> str:
+    """Return F with up to three decimals."""
+    text = number(value, 3)
+    return f"F{text.rstrip('0').rstrip('.')}"
+
+
+class HeidenhainEmitter(MachineEmitter):
+    """Klartext; the tool axis as LN with TX TY TZ under M128."""
+
+    language: ClassVar[str] = "heidenhain"
+
+    def begin(self) -> None:
+        """Head."""
+        plain = re.sub(r"[^A-Za-z0-9_-]", "_", self.name)
+        self._program = plain[: LIMITS.name_characters]
+        self._rpm, self._spindle = -1.0, 0
+        self.lines.append(f"BEGIN PGM {self._program.upper()} MM")
+        self.comment(self.origin())
+        if plain != self.name or len(plain) > LIMITS.name_characters:
+            self.warnings.append(f"the control does not take the name {self.name}: {self._program}")
+        if self.turning:
+            self.lines.append("M128")
+
+    def end(self) -> dict[str, str]:
+        """One file with numbered blocks."""
+        tail = [*(["M129"] if self.turning else []), "M30", f"END PGM {self._program.upper()} MM"]
+        lines = [f"{index} {line}" for index, line in enumerate([*self.lines, *tail])]
+        return {f"{self._program}.h": "\n".join([*lines, ""])}
+
+    def comment(self, text: str) -> None:
+        """Behind a semicolon."""
+        self.lines.append(f";{text.replace('~', '-')}")
+
+    def process(self, step: Process) -> None:
+        """TOOL CALL and M functions; a speed is a TOOL CALL without a tool."""
+        if step.code not in OWN_CODES or any(letter in "PQER" for letter, _ in step.words):
+            raise self.refuse(
+                step.line, " ".join(f"{letter}{value:g}" for letter, value in step.words),
+                "this machine function is not known there", "Leave it out of the program, and write it by hand",
+            )  # fmt: skip
+        if step.code == 6:
+            self.lines.append(f"TOOL CALL {step.block.modal.tool} Z")
+            self._spindle = 0
+            return
+        if step.code in (3, 4):
+            rpm, sense = abs(step.block.modal.spindle_rpm), 1 if step.code == 3 else -1
+            runs = self._spindle == sense
+            if rpm != self._rpm:
+                if self._spindle == -sense:
+                    raise self.refuse(step.line, f"M{step.code}", "the spindle is reversed at another speed",
+                                      "Write M5 before")  # fmt: skip
+                self.lines.append(f"TOOL CALL Z S{number(rpm, 3).rstrip('0').rstrip('.')}")
+                self._rpm = rpm
+                if runs:
+                    return
+            self._spindle = sense
+        elif step.code == 5:
+            self._spindle = 0
+        self.lines.append(f"M{step.code}")
+
+    def dwell(self, move: Move) -> None:
+        """Cycle 9."""
+        self.lines += dwell_lines(move.motion.duration_s)
+
+    def straight(self, move: Move, share: float) -> None:
+        """L, or LN with the tool axis."""
+        p = move.at(share) / MM
+        words = [f"{c}{signed(float(v))}" for c, v in zip("XYZ", p, strict=True) if c in move.named]
+        if self.turning:
+            words += [f"T{c}{signed(float(v), VECTOR_DECIMALS)}" for c, v in zip("XYZ", move.axis, strict=True)]
+        rapid = move.motion.kind == "rapid"
+        head = "LN" if self.turning else "L"
+        self.lines.append(" ".join([head, *words, "R0"]) + (" FMAX" if rapid else self._feed(move)))
+
+    def _feed(self, move: Move) -> str:
+        feed = feed_text(float(self.feed_of(move)))
+        if feed == self.feed:
+            return ""
+        self.feed = feed
+        return f" {feed}"
+
+    def arc_shares(self, move: Move) -> list[float] | None:
+        """As one in the plane of X and Y; straight moves in others, and with a tilted tool."""
+        if (
+            self.turning
+            or move.motion.normal is None
+            or abs(abs(float(np.asarray(move.motion.normal)[2])) - 1.0) > 1e-9
+        ):
+            return None
+        turns = max(1, math.ceil(abs(math.degrees(move.motion.turn_rad)) / _MOST_DEG))
+        return [k / turns for k in range(1, turns + 1)]
+
+    def arc(self, move: Move, start_share: float, end_share: float) -> None:
+        """CC with C, or CP of a helix and of several turns."""
+        motion = move.motion
+        assert motion.normal is not None
+        centre = np.asarray(motion.p_centre) / MM
+        self.lines.append(f"CC X{signed(float(centre[0]))} Y{signed(float(centre[1]))}")
+        turn = motion.turn_rad * (end_share - start_share) * float(np.sign(np.asarray(motion.normal)[2]))
+        sense = "DR+" if turn > 0.0 else "DR-"
+        end = move.at(end_share) / MM
+        rise = float(end[2]) - float(move.at(start_share)[2]) / MM
+        if abs(turn) > 2.0 * math.pi + 1e-6 or abs(rise) > 0.5e-4:
+            words = f"CP IPA{signed(math.degrees(turn))} Z{signed(float(end[2]))} {sense}"
+        else:
+            words = f"C X{signed(float(end[0]))} Y{signed(float(end[1]))} {sense}"
+        self.lines.append(words + self._feed(move))
+
+
+def dwell_lines(time_s: float) -> list[str]:
+    """Return the lines of cycle 9."""
+    return ["CYCL DEF 9.0 DWELL TIME", f"CYCL DEF 9.1 DWELL {number(time_s, 3)}"]
+
+
+def convert(order: Conversion) -> HeidenhainEmitter:
+    """Return the writer of a conversion."""
+    return HeidenhainEmitter(order.program.name, order.stem, order.tolerance_m)

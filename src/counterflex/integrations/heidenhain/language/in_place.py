@@ -1,0 +1,315 @@
+"""The same Klartext program back with only its targets replaced."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_positive
+from counterflex.core.errors import InputError, ProgramError
+from counterflex.integrations.heidenhain.language import LIMITS
+from counterflex.integrations.heidenhain.language.arcs_in_place import ArcWriter
+from counterflex.integrations.heidenhain.language.emitter import dwell_lines
+from counterflex.integrations.heidenhain.language.written import PathLine, function_of
+from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.gcode.write.writer import GcodeText, header_lines
+from counterflex.programs.motion_rows import feed_factor, written_error
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
+from counterflex.programs.rotary.poses import CommandedWords
+
+_FLOW: Final = re.compile(
+    r"\s*(?:LBL\b|CALL\b|FN\s*\d|Q[LRS]?\d+\s*=|BEGIN\s+PGM\b|END\s+PGM\b|M\s*(?:2|30)\s*$)", re.IGNORECASE
+)
+_PARAMETER: Final = re.compile(r"(?<![A-Z0-9])(?:[A-Z]{0,6}[+-]?\s*)Q[LR]?\d+(?!\d*\s*=)", re.IGNORECASE)
+
+
+def write_heidenhain(
+    program: Program,
+    compensated: CompensatedPath,
+    *,
+    tolerance_m: float = 5e-6,
+    decimals: int = LIMITS.position_decimals,
+    cell: str = "",
+    header: bool = True,
+    job: str = "",
+    words: CommandedWords | None = None,
+) -> GcodeText:
+    """Write a program back with its targets replaced by the commanded ones.
+
+    Statements whose motions are not corrected stay byte for byte, but for coordinates that they would inherit from a
+    corrected position: these are written. A corrected L gets its coordinates edited in place and further L behind it
+    where one straight line is not enough (these have no block number: the control numbers blocks itself). A corrected
+    arc stays one about a CC of its own, or becomes several, or L, within the tolerance. RND whose lines are corrected
+    becomes an arc. A drilling cycle that is corrected is written out as L. F is written before pieces whose feed
+    changes. A program with labels and calls is written in the order of execution.
+
+    Args:
+        program: As read.
+        compensated: Commanded rows for the path sampled from ``program``.
+        tolerance_m: Largest distance of a commanded sample from the written path at the same place, > 0, m.
+        decimals: Of written coordinates in mm, 2 to 6; inch programs get one more.
+        cell: Name of the cell, for the comment at the head.
+        header: Write comments that say what made the program; never where nothing changed.
+        job: Hash of the plan, for the comment.
+        words: Of a program that turns the tool, what to command; ``compensated`` is not asked then.
+
+    Returns:
+        Text and counts.
+
+    Raises:
+        InputError: Path and program do not belong together, or an option is out of range.
+        ProgramError: A corrected motion cannot be written.
+    """
+    as_positive("tolerance_m", tolerance_m)
+    if not 2 <= decimals <= 6:
+        raise InputError("decimals is out of range", value=decimals, limit="2 .. 6")
+    writer = _Writer(program, compensated, tolerance_m, decimals, words)
+    rows = writer.rows
+    changed = bool(rows.moved.any() or np.any(rows.share != 1.0))
+    if changed:
+        _refuse_unsaid(program)
+    lines = writer.run() if changed else list(program.lines)
+    if changed and header:
+        place = 1 + next((k for k, line in enumerate(lines) if "BEGIN PGM" in line.upper()), -1)
+        lines[place:place] = [f";{text}" for text in header_lines(program, tolerance_m, cell, job)]
+    dropped = float(np.max(np.linalg.norm(compensated.rotvec_part_command, axis=1), initial=0.0))
+    return GcodeText(
+        text=program.newline.join(lines),
+        moved_motions=int(rows.moved.sum()) if changed else 0,
+        split_motions=writer.split_motions,
+        vertices_added=writer.vertices_added,
+        arcs_kept=writer.arcs_kept,
+        arcs_split=writer.arcs_split,
+        arcs_as_lines=writer.arcs_as_lines,
+        radius_replaced=0,
+        completed_blocks=writer.completed_blocks,
+        cycles_expanded=writer.cycles_expanded,
+        unrolled=not program.straight,
+        tolerance_m=tolerance_m,
+        resolution_m=writer.resolution_m,
+        largest_written_error_m=max(written_error(rows, writer.written, writer.checked), writer.arc_error_m)
+        if changed else 0.0,
+        largest_dwell_error_m=rows.dwell_error_m,
+        largest_dropped_rotation_rad=max(writer.dropped_rad, dropped if words is None else words.dropped_rad),
+    )  # fmt: skip
+
+
+def _refuse_unsaid(program: Program) -> None:
+    """Refuse frames that the writer cannot go back through."""
+    for block in program.blocks:
+        if block.modal.not_written and block.motion_count:
+            raise ProgramError(
+                f"{block.modal.not_written} is not written back with other targets",
+                where=block.where(program.name), value=block.text.strip()[:60],
+                hint="Post the moves without it, or write another language (--as, convert)",
+            )  # fmt: skip
+
+
+class _Writer(ArcWriter):
+    """Walks through the statements of a program."""
+
+    def _chained(self) -> set[int]:
+        """Motions that must be written because they share a corner (RND) with a corrected one."""
+        out: set[int] = set()
+        for number, block in enumerate(self.program.blocks):
+            if block.motion_count == 1 and function_of(block) == "RND":
+                index = block.first_motion
+                pair = {index - 1, index}
+                if any(bool(self.rows.moved[k]) for k in pair) or not self.program.blocks[number].single:
+                    out |= pair
+        return out
+
+    def run(self) -> list[str]:
+        """All lines of the written program."""
+        straight, source, at = self.program.straight, self.program.lines, 0
+        self._forced = self._chained()
+        if len(self.written):
+            self.written[0] = self.rows.nominal[0]
+        if not straight:
+            self.lines.append(next(line for line in source if "BEGIN PGM" in line.upper()))
+        for block in self.program.blocks:
+            if straight:
+                at = block.line - 1 + len(block.text.split("\n"))
+            elif self._is_flow(block):
+                continue
+            self._block(block)
+        if straight:
+            self._flush()
+            self.lines.extend(source[at:])
+        else:
+            end = next((line for line in reversed(source) if "END PGM" in line.upper()), "END PGM")
+            self.lines += ["M30", re.sub(r"^\s*\d+\s+", "", end), ""]
+        return self.lines
+
+    def _is_flow(self, block: Block) -> bool:
+        """Whether a block of a program that is written out says nothing but flow."""
+        code = PathLine(block).text if "\n" in block.text else re.sub(r"^\s*/?\s*\d+\s+", "", block.text)
+        code = code.split(";")[0]
+        if _FLOW.match(code):
+            return True
+        if not block.motion_count and function_of(block) != "CC" and _PARAMETER.search(code):
+            raise ProgramError(
+                "a frame, tool or cycle with parameters in a program with labels is not written back",
+                where=block.where(self.program.name), value=block.text.split("\n")[0].strip()[:60],
+                hint="Write the values themselves, or write another language (--as, convert)",
+            )  # fmt: skip
+        return False
+
+    def _block(self, block: Block) -> None:
+        if block.motion_count == 0:
+            self._still(block)
+            return
+        index = block.first_motion
+        motion = self.program.motions[index]
+        self._stand(motion.p_start, index)
+        if block.cycle or block.motion_count > 1:
+            self._cycle(block)
+        elif motion.kind == "dwell":
+            self._flush()
+            self._relieve(block, index)
+            self._copy(block)
+            self._arrive(index, motion)
+        elif motion.kind == "arc":
+            self._arc(block, index, motion)
+        else:
+            self._straight(block, index, motion)
+
+    def _still(self, block: Block) -> None:
+        self._flush()
+        feed = next((word for word in block.words if word.letter == "F"), None)
+        match = re.search(r"TOOL\s+CALL.*?\bF\s*([\d.]+)", block.text, re.IGNORECASE)
+        if feed is not None or match is not None:
+            self._feed = feed.value if feed is not None else float(match[1]) if match is not None else None
+        if function_of(block) != "CC":
+            self._copy(block)
+            return
+        here = self._work(block.modal, self._nominal)
+        given = {word.letter: word for word in block.words if word.letter in "XY"}
+        before = self._pole
+        pole = [float(here[0]), float(here[1])]
+        for axis, letter in enumerate("XY"):
+            word = given.get(letter)
+            if word is not None:
+                pole[axis] = word.value * block.modal.unit_m + (0.0 if word.absolute else pole[axis])
+            elif given and before is not None:
+                pole[axis] = before[axis]
+        self._pole = (pole[0], pole[1])
+        own = len(given) == 2 and all(word.absolute and word.literal for word in given.values())
+        if own:
+            self._pole_block = block
+        elif self._follows() or not self._pole_written or not self.program.straight:
+            self.lines.append(self._centre(block, self._pole))
+            self._pole_written = True
+        else:
+            self._copy(block)
+
+    def _straight(self, block: Block, index: int, motion: Motion) -> None:
+        rows = self.rows
+        first, last = int(rows.first[index]), int(rows.last[index])
+        corrected = bool(rows.moved[index]) or index in self._forced or not self.program.straight
+        follows, function = self._follows(), function_of(block)
+        self._flush()
+        line = PathLine(block)
+        relative = function == "LP" or any(w.absolute is False for w in line.words if w.letter in "XYZ")
+        if not corrected and not (follows and (relative or self._leaves_out(block))):
+            self._keep(block, index, motion, 1.0, function)
+            return
+        if not corrected:
+            self.completed_blocks += 1
+        inner = [int(row) for row in np.flatnonzero(rows.vertex[first:last]) + first] if (
+            motion.kind == "feed" and last > first) else []  # fmt: skip
+        tail = line.take_last() if inner else ""
+        if relative:
+            line = self._absolute(block, function)
+            tail = line.take_last() if inner else ""
+        before = first - 1
+        steps = [*inner, last] if last >= 0 else [last]
+        for number, row in enumerate(steps):
+            p = rows.command[row] if row >= 0 else np.asarray(motion.p_end)
+            factor = 1.0
+            if motion.kind == "feed" and row >= 0:
+                step = float(np.linalg.norm(rows.command[row] - rows.command[before])) if before >= 0 else 0.0
+                way = float(rows.way[row] - rows.way[before]) if before >= 0 else 0.0
+                factor = float(feed_factor(np.array([way]), np.array([step]))[0]) * rows.share_of(before + 1, row)
+            self._piece(block, motion, line if number == 0 else None, p, row, factor, tail if row == last else "")
+            before = row
+            if row >= 0:
+                self.written[row] = self._here
+        self._arrive(index, motion)
+        if motion.kind == "feed" and last >= first:
+            self.checked[first : last + 1] = True
+        self.split_motions += bool(inner)
+        self.vertices_added += len(inner)
+
+    def _piece(
+        self, block: Block, motion: Motion, line: PathLine | None, p: Float, row: int, factor: float, tail: str
+    ) -> None:
+        """Write the line of one straight piece."""
+        coordinates = self._go(line, block.modal, p)
+        turned = self._turn(line, block, row) if row >= 0 else ""
+        feed = self._f(block, motion, factor, line)
+        if line is not None:
+            self.lines.append(line.render() + tail)
+            return
+        head = "LN" if turned and block.modal.tool_centre == TOOL_VECTOR else "L"
+        text = " ".join(part for part in (head, coordinates, turned) if part)
+        self.lines.append(text + feed + tail)
+
+    def _leaves_out(self, block: Block) -> bool:
+        """An L that leaves out an axis inherits what was corrected before."""
+        named = {word.letter for word in block.words if word.letter in "XYZ" and word.absolute}
+        off = self._work(block.modal, self._here) - self._work(block.modal, self._nominal)
+        return any(
+            abs(off[axis]) > 0.5 * self.resolution_m and letter not in named for axis, letter in enumerate("XYZ")
+        )
+
+    @staticmethod
+    def _absolute(block: Block, function: str) -> PathLine:
+        """The line of an incremental or polar motion without its coordinates; absolute ones are put in later."""
+        line = PathLine(block)
+        line.become("L" if function == "LP" else function, "")
+        text = re.sub(r"(?<=[LN]) (?= |$)", "", line.render())
+        return PathLine(replace(block, text=text, words=()))
+
+    def _relieve(self, block: Block, index: int) -> None:
+        """Before a dwell, go to where it is planned, along the tool axis."""
+        first, last = int(self.rows.first[index]), int(self.rows.last[index])
+        planned = self.rows.command[last] if last >= first >= 1 else None
+        if planned is not None and float(np.linalg.norm(planned - self.rows.command[first - 1])) > 0.0:
+            coordinates = self._go(None, block.modal, planned)
+            if coordinates:
+                self.lines.append(f"L {coordinates}")
+                self.vertices_added += 1
+
+    def _cycle(self, block: Block) -> None:
+        """A block with a drilling cycle: as it is where nothing of it is corrected, else as single moves."""
+        self._flush()
+        indices = range(block.first_motion, block.first_motion + block.motion_count)
+        motions = [self.program.motions[k] for k in indices]
+        if not any(bool(self.rows.moved[k]) for k in indices) and not self._follows() and self.program.straight:
+            self._copy(block)
+            for k, motion in zip(indices, motions, strict=True):
+                self._here = np.array(motion.p_end)
+                self._arrive(k, motion)
+            return
+        self.cycles_expanded += 1
+        for k, motion in zip(indices, motions, strict=True):
+            last = int(self.rows.last[k])
+            p = self.rows.command[last] if last >= 0 else np.asarray(motion.p_end)
+            self._stand(motion.p_start, k)
+            if motion.kind == "dwell":
+                self.lines += dwell_lines(motion.duration_s)
+            elif k == indices.start and function_of(block) in ("L", "LN"):
+                line = PathLine(block)
+                line.take(99)
+                self._go(line, block.modal, p)
+                self._f(block, motion, 1.0, line)
+                self.lines.append(line.render())
+            else:
+                coordinates = self._go(None, block.modal, p, every=True)
+                feed = " FMAX" if motion.kind == "rapid" else self._f(block, motion, 1.0, None)
+                self.lines.append(f"L {coordinates} R0{feed}")
+            self._arrive(k, motion)

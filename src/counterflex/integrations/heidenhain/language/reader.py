@@ -1,0 +1,91 @@
+"""Read Klartext programs: executed statement by statement, with labels, calls, parameters and cycles."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from counterflex.core.errors import ProgramError
+from counterflex.integrations.heidenhain.language.run import Run
+from counterflex.integrations.heidenhain.language.source import Library, Source
+from counterflex.programs.gcode.read.flow import line_end, split_lines
+from counterflex.programs.gcode.read.parameter_file import MillingMachine
+from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
+from counterflex.programs.program import Program
+from counterflex.programs.source_text import read_text
+
+
+def read_heidenhain(
+    text: str,
+    *,
+    name: str = "program",
+    complete: bool = False,
+    machine: MillingMachine = COORDINATES_OF_THE_PART,
+    folder: Path | None = None,
+) -> Program:
+    """Execute a program's text and return the statements passed and the motions made.
+
+    The active preset is the zero of the part, tool lengths are compensated by the control. Where the program tilts the
+    working plane (PLANE, cycle 19) or gives tool vectors (LN with TX TY TZ), the tool axis of each motion is given as
+    I J K of :data:`~counterflex.programs.program.TOOL_VECTOR`; M128 with A B C is
+    :data:`~counterflex.programs.program.TOOL_CENTRE`.
+
+    Args:
+        text: The program.
+        name: Its name, for errors.
+        complete: Refuse a text that stops without END PGM, M2 or M30: it may have been cut off.
+        machine: Tools by name. ``known``: the tool starts at zero; else where it stands is not known before the
+            program names its axes.
+        folder: Where programs of CALL PGM are.
+
+    Returns:
+        The program as executed, a block for each statement.
+
+    Raises:
+        ProgramError: With ``name:line:column``, at the first thing that is unknown, refused or contradictory.
+
+    Source: HEIDENHAIN TNC 640 (34059x-05), User's Manual Conversational Programming.
+    """
+    lines = split_lines(text)
+    if not any(line.strip() for line in lines):
+        raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a file with a Klartext program")
+    source = Source(name, lines)
+    run = Run(source, machine, Library(folder))
+    ended = run.run()
+    if complete and not ended:
+        raise source.statements[-1].fault(
+            name, "the program stops without END PGM, M2 or M30", None, None,
+            "The file may be truncated. If it is complete, add --without-end",
+        )  # fmt: skip
+    blocks = run.finished_blocks()
+    return Program(
+        name=name,
+        dialect="heidenhain",
+        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
+        newline=line_end(text),
+        blocks=blocks,
+        motions=tuple(run.maker.motions),
+        straight=all(block.single for block in blocks),
+    )
+
+
+def read_heidenhain_file(
+    file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True
+) -> Program:
+    """Read a program from a file; programs that it calls are in its folder.
+
+    Args:
+        file: UTF-8 or Latin-1.
+        machine: See :func:`read_heidenhain`; a parameter file of LinuxCNC says nothing about this control.
+        complete: See :func:`read_heidenhain`.
+
+    Raises:
+        ProgramError: The file cannot be read, or is no program that can be executed exactly.
+    """
+    if machine.part_at_g54:
+        raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for Klartext", where=str(file))
+    path = Path(file)
+    text, encoding = read_text(path)
+    program = read_heidenhain(text, name=path.name, complete=complete, machine=machine, folder=path.parent)
+    return replace(program, encoding=encoding)
