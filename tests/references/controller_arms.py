@@ -104,6 +104,21 @@ def fanuc(arm: Arm, axes: Matrix) -> Matrix:
     )  # fmt: skip
 
 
+def yaskawa(arm: Arm, axes: Matrix) -> Matrix:
+    """Flange in the world of a Yaskawa controller: on axis S at the height of axis L.
+
+    Zero is upper arm upright, forearm level, x of the flange up. S turns counter-clockwise from above, L forward and
+    down, U lifts the forearm against the upper arm, R and T are negative about the forearm's forward x, B lifts the
+    hand (urdf of GP25, ROS-Industrial).
+    """
+    s, low, u, r, b, t = axes
+    return (
+        turn("z", s) @ shift(arm.reach, arm.side) @ turn("y", low) @ shift(z=arm.upper) @ turn("y", -u)
+        @ shift(z=arm.rise) @ turn("x", -r) @ shift(x=arm.fore) @ turn("y", -b) @ turn("x", -t) @ shift(x=arm.hand)
+        @ fixed_xyz(180.0, -90.0, 0.0)
+    )  # fmt: skip
+
+
 def staubli(arm: Arm, axes: Matrix) -> Matrix:
     """Flange in the world of a Staubli controller: on axis 1 at the height of axis 2. Zero is the arm upright.
 

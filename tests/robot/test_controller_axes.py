@@ -32,6 +32,10 @@ def offsets_of(maker: str) -> tuple[float, ...]:
     return tuple(value * DEG for value in MAKERS[maker].offsets_deg)  # type: ignore[index]
 
 
+HIGH = ("fanuc", "staubli", "yaskawa")
+"""Makers whose world lies at the height of axis 2."""
+
+
 def opw_of(maker: str) -> Opw:
     rule = MAKERS[maker]  # type: ignore[index]
     return Opw(0.3, -0.1, 0.0, 0.6, 1.0, 1.1, 0.2, offsets_of(maker), rule.signs)
@@ -94,7 +98,7 @@ def test_catalogue_robots_are_counted_as_their_makers_do(name: str) -> None:
     assert robot.axes.maker == maker_of(robot.opw.signs, robot.opw.offsets_rad)
     assert robot.axes.matrix is None
     assert not robot.axes.coupled
-    high = robot.axes.maker in ("fanuc", "staubli")
+    high = robot.axes.maker in HIGH
     assert robot.axes.world_m == (robot.opw.c1_m if high else 0.0)
 
 
@@ -123,13 +127,13 @@ def test_any_arm_on_any_controller_points_where_the_judge_says(maker: str, of: s
     chain = ElasticChain.build(from_opw("arm", opw, LIMITS))
     robot_axes = from_geometry(of, opw.signs, opw.offsets_rad, opw.c1_m, "upper_arm" if of == "abb" else None)  # type: ignore[arg-type]
     axes, _ = in_language(robot_axes, opw, LIMITS, MAKERS[maker].language, "cell")  # type: ignore[index]
-    both = maker in ("fanuc", "staubli") and of in ("fanuc", "staubli")
+    both = maker in HIGH and of in HIGH
     assert axes.world_m == (opw.c1_m if both else 0.0)
-    forward = {"kuka": judge.kuka, "abb": judge.abb, "fanuc": judge.fanuc, "staubli": judge.staubli}[maker]
+    forward = getattr(judge, maker)
     arm = Arm(600, 300, 0, 1000, 100, 1100, 200)
     for q in np.random.default_rng(3).uniform(-2.0, 2.0, (20, 6)):
         T = flange(chain, q)
-        T[2, 3] -= opw.c1_m if maker in ("fanuc", "staubli") else 0.0
+        T[2, 3] -= opw.c1_m if maker in HIGH else 0.0
         T[:3, 3] *= 1e3
         np.testing.assert_allclose(forward(arm, axes.shown(q) / DEG), T, atol=1e-9)
 

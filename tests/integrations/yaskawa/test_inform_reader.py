@@ -299,7 +299,7 @@ def test_what_cannot_be_known_is_refused_in_one_line_with_its_place(name: str) -
     assert re.match(r"part\.jbi:\d+(:\d+)?:", str(caught.value))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.data())
 def test_any_text_is_read_or_refused_with_a_column(data: st.DataObject) -> None:
     """Valid jobs with characters, lines and numbers damaged, and lines of the language in any order."""

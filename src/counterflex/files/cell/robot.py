@@ -173,6 +173,8 @@ class ServoTable(Table):
 Sign = Literal[-1, 1]
 SixSigns = tuple[Sign, Sign, Sign, Sign, Sign, Sign]
 SixAngles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
+Ratio = Annotated[float, Field(ge=1.0, le=1e6)]
+SixRatios = tuple[Ratio, Ratio, Ratio, Ratio, Ratio, Ratio]
 
 
 def _known_maker(name: str) -> str:
@@ -193,6 +195,7 @@ class ControllerAxesTable(Table):
     world_z_mm: Length | None = None
     signs: SixSigns | None = None
     zeros_deg: SixAngles | None = None
+    pulses_per_deg: SixRatios | None = None
 
     def axes(self, robot: Robot) -> ControllerAxes:
         """The axes of a robot, without limits of their own.

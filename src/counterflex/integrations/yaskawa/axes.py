@@ -41,5 +41,10 @@ def rconf(branch: str, axes_rad: Sequence[float]) -> str:
     arm, elbow, _ = branch.split()
     s, r, t = axes_rad[0], axes_rad[3], axes_rad[5]
     near = r - 2.0 * math.pi * round(r / (2.0 * math.pi))
-    flags = (not -_QUARTER < near <= _QUARTER, elbow != "up", arm != "front", *(not -_HALF < a <= _HALF for a in (r, t, s)))
+    flags = (
+        not -_QUARTER < near <= _QUARTER,
+        elbow != "up",
+        arm != "front",
+        *(not -_HALF < a <= _HALF for a in (r, t, s)),
+    )
     return ",".join(str(int(flag)) for flag in flags)

@@ -51,6 +51,12 @@ class InformEmitter(RobotEmitter[InformSettings]):
         super().__init__(program, settings, functions, tolerance_m)
         self._in_arc = False
 
+    def _count(self) -> None:
+        """A job begins with no arc to go on with."""
+        cuts = len(self._cuts)
+        super()._count()
+        self._in_arc = self._in_arc and len(self._cuts) == cuts
+
     def program(self, name: str, lines: list[str]) -> dict[str, str]:
         """One job."""
         check_name(name, LIMITS, "INFORM")

@@ -13,6 +13,7 @@ from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
+from counterflex.integrations.yaskawa.language import LIMITS
 from counterflex.integrations.yaskawa.language.program import (
     PULSE,
     Header,
@@ -23,7 +24,6 @@ from counterflex.integrations.yaskawa.language.program import (
     Position,
     angles_of,
 )
-from counterflex.integrations.yaskawa.language import LIMITS
 from counterflex.integrations.yaskawa.language.spelling import comments, entry_text, numbers_text, speed_text
 from counterflex.programs.compensated import CompensatedPath, mark
 from counterflex.programs.robot_text.circle_fit import FittedCircle
@@ -340,6 +340,6 @@ def _near(angles: Float, old: Float) -> Float:
     x, y, z = angles
     ways = [np.array([x, y, z]), np.array([x + 180.0, 180.0 - y, z + 180.0])]
     ways = [way - 360.0 * np.round((way - old) / 360.0) for way in ways]
-    best = min(ways, key=lambda way: float(np.abs(way - old).max()))
+    best = np.round(min(ways, key=lambda way: float(np.abs(way - old).max())), LIMITS.angle_decimals)
     out: Float = np.where(np.abs(best) > 180.0, best - 360.0 * np.sign(best), best)
     return out

@@ -41,7 +41,6 @@ _EVALUATED: Final = frozenset(
 )  # fmt: skip
 _TIMER_UNIT_S: Final = 0.01
 _QUIET: Final = ("*", "'", "//", "NOP")
-_COMMENT: Final = re.compile(r"(?:'|//)\s*(.*)")
 
 
 class Interpreter(Flow):

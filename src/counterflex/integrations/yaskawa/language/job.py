@@ -34,6 +34,7 @@ _NAMED: Final = re.compile(r"(?<![\w#$])C(\d+)\b", re.IGNORECASE)
 _CALLED: Final = re.compile(r"\bJOB:([^\s(]+)", re.IGNORECASE)
 _TYPES: Final = (PULSE, *WORLD, USER, "TOOL", "MTOOL", "MASTER")
 _MOST_VALUES: Final = 8
+_REMARKS: Final = ("'", "//")
 _LARGEST_MM: Final = 100_000.0
 _DAMAGED: Final = "The file may be damaged: post it again"
 _IGNORED: Final = frozenset({"DATE", "COMM", "ATTR", "LVARS", "LVARSNAME", "ENDVARS", "VERSION", "EDITLOCK"})
@@ -70,7 +71,7 @@ class Job:
     Attributes:
         positions: Entries by kind and number.
         statements: Instructions behind NOP, comments and empty lines included.
-        codes: Their code, empty of comments.
+        codes: Their code.
         labels: Index of the instruction by name of its label.
         partner: Index of the end by that of the beginning of a block, and the other way round.
         branches: Of a block the indices of its ELSEIFEXP, ELSE, CASE and DEFAULT.
@@ -92,7 +93,7 @@ class Job:
         self._behind: tuple[int, Header] | None = None
         self._part, self._ended = "", False
         self._read(complete)
-        self.codes = ["" if one.code.startswith("'") else one.code for one in self.statements]
+        self.codes = [one.code for one in self.statements]
         self._match_blocks()
 
     # ---- places --------------------------------------------------------------------------------------------
@@ -118,7 +119,7 @@ class Job:
         """Return what a program keeps of it."""
         mentions: dict[int, int] = {}
         for code in self.codes:
-            for match in _NAMED.finditer(code):
+            for match in _NAMED.finditer("" if code.startswith(_REMARKS) else code):
                 mentions[int(match[1])] = mentions.get(int(match[1]), 0) + 1
         behind, header = self._behind or (self._after_pos, Header())
         followed = any(one.start > behind for one in self.positions.values())
@@ -269,7 +270,7 @@ class Job:
         open_blocks: list[tuple[str, int]] = []
         closed_by = {closing: opening for opening, closing in OPENS.items()}
         for at, code in enumerate(self.codes):
-            word = code.split()[0].upper() if code else ""
+            word = code.split()[0].upper() if code and not code.startswith(_REMARKS) else ""
             here = self.statements[at].start
             if word.startswith("*"):
                 if word in self.labels:

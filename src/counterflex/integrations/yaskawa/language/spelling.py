@@ -15,6 +15,7 @@ from counterflex.programs.gcode.write.written_line import number
 COMMENT: Final = 32
 """Characters of a comment (INFORM language manual): the mark of a job fits exactly."""
 _SPEED_DECIMALS: Final = 4
+_HALF_DEG: Final = 180.0
 _LINES_OF_A_COMMENT: Final = 6
 
 
@@ -38,7 +39,8 @@ def entry_text(kind: str, index: int, T_frame_tool: Float, digits: int = 5) -> s
 def numbers_text(values: Sequence[float]) -> list[str]:
     """X Y Z and Rx Ry Rz as they are written."""
     decimals = [LIMITS.position_decimals] * 3 + [LIMITS.angle_decimals] * 3
-    return [number(float(value), places) for value, places in zip(values, decimals, strict=True)]
+    texts = [number(float(value), places) for value, places in zip(values, decimals, strict=True)]
+    return [text.removeprefix("-") if k > 2 and abs(float(text)) == _HALF_DEG else text for k, text in enumerate(texts)]
 
 
 def job_text(name: str, header: Header, entries: Sequence[tuple[Header, str]], lines: Sequence[str]) -> str:

@@ -8,9 +8,8 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM
-from counterflex.integrations.yaskawa.language.program import USER, Header, angles_of, frame_of, values_of
 from counterflex.integrations.yaskawa.language import LIMITS
+from counterflex.integrations.yaskawa.language.program import USER, Header, frame_of, values_of
 from counterflex.integrations.yaskawa.language.spelling import comments, job_text, numbers_text, speed_text
 from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
@@ -138,9 +137,8 @@ class InformWriter(RobotWriter[InformSettings]):
             (f"TOOL {settings.tool_of(self.first_tool)}", settings.T_flange_tcp),
         ):
             if T is not None:
-                place = " ".join(f"{value:.3f}" for value in T[:3, 3] / MM)
-                turn = " ".join(f"{value:.4f}" for value in angles_of(T[:3, :3]))
-                out += [f"' {name}", f"' X Y Z {place}", f"' RXYZ {turn}"]
+                texts = numbers_text(values_of(T))
+                out += [f"' {name}", f"' X Y Z {' '.join(texts[:3])}", f"' RXYZ {' '.join(texts[3:])}"]
         return out
 
     def call(self, part: str) -> str:
