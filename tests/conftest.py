@@ -88,5 +88,5 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         name, longest = files[room].most_common(1)[0]
         terminalreporter.write_line(f"{seconds:8.1f} s  {room:<12} slowest: {name} {longest:.1f} s")
     terminalreporter.section("ten slowest files")
-    for path, seconds in slowest.most_common(10):
-        terminalreporter.write_line(f"{seconds:8.1f} s  {path}")
+    for file, seconds in slowest.most_common(10):
+        terminalreporter.write_line(f"{seconds:8.1f} s  {file}")
