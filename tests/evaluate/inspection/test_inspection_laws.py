@@ -161,7 +161,7 @@ R = 50.0 * MM
 ANGLE = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
 
 
-@QUICK
+@settings(max_examples=12)
 @given(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0), st.floats(-50.0, 50.0), st.floats(0.0, 10.0))
 def test_a_turn_run_the_other_way_has_the_same_figures(
     x_um: float, y_um: float, off_um: float, lobes_um: float
