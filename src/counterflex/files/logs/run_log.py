@@ -13,7 +13,7 @@ import contextlib
 import errno
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from io import BufferedWriter
 from pathlib import Path
 from typing import Any, Final
@@ -69,6 +69,7 @@ class RunLog:
     Args:
         folder: Made when missing.
         about: What the run is made of; the first thing in every segment, with the number of the run's first segment.
+        opened: Opens a new file to write to.
 
     Attributes:
         written: Records written.
@@ -81,8 +82,14 @@ class RunLog:
         OutputError: The folder cannot be written at the start.
     """
 
-    def __init__(self, folder: str | Path, about: Mapping[str, Any]) -> None:
-        self.folder = Path(folder)
+    def __init__(
+        self,
+        folder: str | Path,
+        about: Mapping[str, Any],
+        *,
+        opened: Callable[[Path], BufferedWriter] = lambda path: path.open("xb"),
+    ) -> None:
+        self.folder, self._opened = Path(folder), opened
         self._about = dict(about)
         self._facts: dict[str, Any] = {}
         self.written = self.lost = 0
@@ -141,7 +148,7 @@ class RunLog:
         while True:
             path = self.folder / f"run-{self._number:03d}.mcap"
             try:
-                return path, path.open("xb")
+                return path, self._opened(path)
             except FileExistsError:
                 self._number += 1
 

@@ -19,7 +19,7 @@ from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.runtime.step.feed_forward import known_ahead
 from counterflex.runtime.step.load import FUSED
-from counterflex.runtime.step.tracker import designed, observe, sum_up
+from counterflex.runtime.step.tracker import compare, designed, observe, sum_up
 
 INTEGRATOR, OBSERVER, DESIGNED = 1, 2, 3
 """TrackerMode."""
@@ -91,7 +91,13 @@ def _delayed_stage(given: Record, settings: Record, state: Record, ring: Records
         return
     then = ring[row_back(here, settings.deflection_back)]
     largest = settings.largest_jump if cycle.active == 1 else math.inf
-    if not observe(cycle, then.deflection[:], settings.noise[:], largest, state) and cycle.soft == 0:
+    only_across = settings.normal_only == 1 and cycle.planned == 1
+    if only_across:  # what was across the feed of another moment may lie along it now: not seen, not corrected
+        across(state.offset[:], 0, plan, cycle.row)
+    compare(cycle, then.deflection[:], state)
+    if only_across:
+        across(cycle.innovation[:], 0, plan, cycle.row)
+    if not observe(cycle, settings.noise[:], largest, state) and cycle.soft == 0:
         cycle.soft = _TRACKER_LOST
 
 

@@ -27,9 +27,9 @@ def sum_up(deviation: Float, gain: float, saturation: Float, state: Record) -> N
         state.tracker_integral[k] -= min(largest, max(-largest, gain * deviation[k]))
 
 
-@kernel("boolean(Cycle, float64[::1], float64[::1], float64, State)", Cycle=CYCLE, State=STATE)
-def observe(cycle: Record, deflection: Float, noise: Float, largest_m: float, state: Record) -> bool:
-    """Kalman update of the offset b in ``deviation = correction in effect + deflection + b``.
+@kernel("void(Cycle, float64[::1], State)", Cycle=CYCLE, State=STATE)
+def compare(cycle: Record, deflection: Float, state: Record) -> None:
+    """Innovation of the observer, whose model is ``deviation = correction in effect + deflection + b``.
 
     The correction in effect is what was sent, delayed and smoothed as the robot does it; so a correction on its way is
     not asked for twice, and the gain may be as high as the noise allows.
@@ -37,6 +37,18 @@ def observe(cycle: Record, deflection: Float, noise: Float, largest_m: float, st
     Args:
         cycle: With the deviation; the innovation is written.
         deflection: (6,) expected at the time of the sample.
+        state: Of the step.
+    """
+    for k in range(6):
+        cycle.innovation[k] = cycle.deviation[k] - state.in_effect[k] - deflection[k] - state.offset[k]
+
+
+@kernel("boolean(Cycle, float64[::1], float64, State)", Cycle=CYCLE, State=STATE)
+def observe(cycle: Record, noise: Float, largest_m: float, state: Record) -> bool:
+    """Kalman update of the offset b by the innovation, see :func:`compare`.
+
+    Args:
+        cycle: With the innovation.
         noise: (2,) variance of a sample, m2 and rad2.
         largest_m: Innovation beyond which the sample is not believed.
         state: Of the step; offset and its variances are changed.
@@ -45,9 +57,8 @@ def observe(cycle: Record, deflection: Float, noise: Float, largest_m: float, st
         Whether the sample was believed.
     """
     innovation, gap = cycle.innovation[:], 0.0
-    for k in range(6):
-        innovation[k] = cycle.deviation[k] - state.in_effect[k] - deflection[k] - state.offset[k]
-        gap += innovation[k] ** 2 if k < 3 else 0.0
+    for k in range(3):
+        gap += innovation[k] ** 2
     if not math.sqrt(gap) <= largest_m:
         return False
     for part in range(2):

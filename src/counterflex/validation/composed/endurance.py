@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import Interrupted
 from counterflex.core.progress import Progress, silent
@@ -110,11 +111,8 @@ class _Table:
             "processor_s": round(time.process_time() - self._begun_s, 1),
         }
         self.rows.append(row)
-        new = not self._file.exists()
-        with self._file.open("a", encoding="utf-8") as file:
-            if new:
-                file.write(",".join(row) + "\n")
-            file.write(",".join(f"{value:.12g}" for value in row.values()) + "\n")
+        lines = [",".join(row), *(",".join(f"{value:.12g}" for value in one.values()) for one in self.rows)]
+        atomic.write_text(self._file, "\n".join(lines) + "\n")
         self._progress(min(1.0, world.now_s / self._length_s), f"{row['hours']:g} h, {row['resident_mb']:g} MB")
 
 
@@ -161,7 +159,6 @@ def run(
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / TABLE).unlink(missing_ok=True)
     length_s = min(MOST_S, hours * 3600.0)
     story = Story(seed, mode, length_s)
     table = _Table(folder, stretch_s, length_s, progress)

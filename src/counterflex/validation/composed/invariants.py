@@ -136,8 +136,13 @@ class Invariants:
 
     def end(self, world: World) -> None:
         """Look at the end of the story."""
-        if world.failed:
-            self._break("no exception", world, world.failed[0])
+        for rule, found in (
+            ("no exception", world.failed),
+            ("what is written can be read", world.unread),
+            ("replays bit for bit", world.differences),
+        ):
+            if found:
+                self._break(rule, world, found[0])
         faults = world.story.faults
         for_ever = any(fault.kind == "plan-deeper" for fault in faults)
         quiet_s = world.story.length_s - max((fault.end_s for fault in faults), default=0.0)
@@ -201,8 +206,8 @@ class Invariants:
             if cause not in self._true(world):
                 kinds = ", ".join(world.active.begun) or "nothing"
                 self._break("the true cause", world, f"{state.name} by {cause.name} after {kinds}")
-            same = state == self._state or (self._state, state) == (State.HOLD, State.RAMP_OUT)
-            if same and int(cause) != self._cause and self._state == state and state != State.FAULT:
+            held = self._cause != int(Cause.PROGRAM)  # the ordinary end of a program is no hold, and may become one
+            if held and int(cause) != self._cause and self._state == state and state != State.FAULT:
                 self._break("one cause", world, f"{Cause(self._cause).name} became {cause.name} in {state.name}")
 
     def _true(self, world: World) -> frozenset[Cause]:

@@ -51,7 +51,7 @@ class Kind:
         size: Least and largest size.
         causes: Those that the loop may name for it.
         weight: How often it is drawn.
-        needs: ``force``, ``tracker``, ``plan`` or nothing: without it there is no such fault.
+        needs: ``force``, ``tracker``, ``plan``, ``disk`` or nothing: without it there is no such fault.
         event: It happens at once and has no duration.
         signed: Its size may be negative.
         before: It is there from the beginning.
@@ -119,6 +119,8 @@ KINDS: Final = {
     "harder": Kind("the stock is harder: force times", (0.3, 4.0), (*_FALSE_FORCE, *_PLAN)),
     # disk and processes
     "disk-full": Kind("the disk is full", (1.0, 1.0), (_C.LOG_LOST,)),
+    "disk-fills": Kind("the disk has room for so many bytes", (1.0, 2e6), (_C.LOG_LOST,), needs="disk"),
+    "log-gone": Kind("the folder of the log is moved away", (1.0, 1.0), (_C.LOG_LOST,), needs="disk"),
     "recorder-stopped": Kind("the recorder stands still", (1.0, 1.0), (_C.LOG_LOST,)),
     "recorder-killed": Kind("the recorder is killed", (1.0, 1.0), (_C.RUN_LOST, _C.LOG_LOST), 0.5, event=True),
     "run-stopped": Kind("the process that started the loop stands still", (1.0, 1.0), (_C.RUN_LOST,)),

@@ -17,6 +17,7 @@ MODES: Final = (
     "measured",
     "measured-plan",
     "pilot",
+    "pilot-observer",
     "scale",
     "measured-axes",
     "measured-integrator",
@@ -74,6 +75,7 @@ class Story:
         tracker_lost: ``fallback`` or ``hold``.
         force_offset: ``tell``, ``plan`` or ``hold``.
         poll_cycles: Cycles between two rounds of the recorder.
+        log: ``memory``, or ``disk``: the real files of the run log, read back at the end.
     """
 
     seed: int
@@ -85,6 +87,7 @@ class Story:
     tracker_lost: str = "hold"
     force_offset: str = "hold"
     poll_cycles: int = 25
+    log: str = "memory"
 
     @property
     def tracked(self) -> bool:
@@ -108,6 +111,7 @@ class Story:
             (needs != "tracker" or self.tracked)
             and (needs != "force" or self.forced)
             and (needs != "plan" or self.planned)
+            and (needs != "disk" or self.log == "disk")
         )
 
 
@@ -126,6 +130,7 @@ def draw(seed: int) -> Story:
         tracker_lost=str(rng.choice(["fallback", "hold"])),
         force_offset=str(rng.choice(["tell", "plan", "hold"])),
         poll_cycles=int(rng.choice([25, 60, 100])),
+        log=str(rng.choice(["memory", "memory", "disk"])),
     )
     kinds = [kind for kind in KINDS if story.has(kind)]
     weights = np.array([KINDS[kind].weight for kind in kinds])

@@ -31,6 +31,7 @@ from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.validation.composed import bench
 from counterflex.validation.composed.cell import JOB, KeptLog, opened
+from counterflex.validation.composed.disk import DiskLog
 from counterflex.validation.composed.line import Line, strange
 from counterflex.validation.composed.people import People
 from counterflex.validation.composed.robot import Robot
@@ -97,6 +98,8 @@ class World:
         misdirected: Answers that went to anybody but the controller.
         compared: Records computed again, of the runs that have ended.
         failed: Exceptions of the loop's program.
+        unread: What the logs of the runs that have ended lack.
+        differences: What came out otherwise when they were computed again.
         runs: How often the loop was started.
         received_at: When the newest telegram reached the loop's buffer.
     """
@@ -119,12 +122,16 @@ class World:
         self.obeyed_other = self._kill = False
         self.misdirected: list[tuple[str, int]] = []
         self.failed: list[str] = []
+        self.unread: list[str] = []
+        self.differences: list[str] = []
         self._events: list[tuple[float, int, int, Any]] = []
         self._tie = itertools.count()
         self._arrived: list[bytes] = []
         self._sent: list[bytes] = []
         self.session: OnlineSession | None = None
-        self.log_of: Callable[[], KeptLog] = lambda: KeptLog(story, self.active)
+        self.log_of: Callable[[], KeptLog] = lambda: (
+            DiskLog(story, self.active, lambda: self.now_s) if story.log == "disk" else KeptLog(story, self.active)
+        )
         self.others = _Others()
         self._push(0.0, _CYCLE, None)
 
@@ -175,7 +182,12 @@ class World:
             if "recorder-stopped" not in self.active.now:
                 self.recorder.take()
             self.recorder.close()
+        self.log.close()
         self.compared += self.log.replay.compared
+        if isinstance(self.log, DiskLog) and self.log.unread:
+            self.unread.append(self.log.unread)
+        if self.log.replay.difference is not None:
+            self.differences.append(str(self.log.replay.difference))
         self.recorder = self.session = None
         self.ring.close()
 
