@@ -23,6 +23,7 @@ from counterflex.app.prediction_interval import (
     worse_text,
 )
 from counterflex.app.unknown_stiffness import Expected
+from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
@@ -246,7 +247,8 @@ def test_corners_that_the_range_does_not_cover_are_counted(cell: Cell, plan: Pla
         path = replace(plan.path, p_part_tcp=p, kind=np.full(n, FEED))
         made = replace(plan, path=path, volume_m3=np.ones(n))
         assert sharp_corners(made) == expected
-        assert sharp_corners(replace(made, volume_m3=1.0 * (np.arange(n) > half))) == 0  # entered at the corner
+        behind: Float = (np.arange(n) > half).astype(np.float64)
+        assert sharp_corners(replace(made, volume_m3=behind)) == 0  # entered at the corner
         cut_off = path.kind.copy()
         cut_off[half] = RAPID
         assert sharp_corners(replace(made, path=replace(path, kind=cut_off))) == 0

@@ -88,8 +88,8 @@ def is_hidden(turn_per_s: float, teeth: int, sample_s: float) -> bool:
         return True
     turn = turn_per_s * sample_s
     passing = any(folded(turn * k * teeth) > VISIBLE_HZ * sample_s for k in range(1, TOOTH_ORDERS + 1))
-    apart = sum(bool(is_apart(turn, order, teeth, sample_s)) for order in range(1, teeth))
-    return not passing or apart < MOST * (teeth - 1)
+    visible = sum(bool(is_apart(turn, order, teeth, sample_s)) for order in range(1, teeth))
+    return not passing or visible < MOST * (teeth - 1)
 
 
 def hidden_tooth(turn_per_s: float, teeth: int, sample_s: float) -> HiddenTooth | None:
@@ -106,10 +106,10 @@ def hidden_tooth(turn_per_s: float, teeth: int, sample_s: float) -> HiddenTooth 
     seen_rpm, rpm = None, turn_per_s * MINUTE
     if sample_s * SLOW_HZ * LEAST_RATE <= 1.0:
         first = round(rpm / STEP_RPM)
-        near = (
+        candidates = (
             STEP_RPM * (first + sign * step) for step in range(1, int(_FARTHEST * rpm / STEP_RPM)) for sign in (-1, 1)
         )
-        seen_rpm = next((one for one in near if not _hidden_slips(one / MINUTE, teeth, sample_s)), None)
+        seen_rpm = next((one for one in candidates if not _hidden_slips(one / MINUTE, teeth, sample_s)), None)
     return HiddenTooth(round(rpm, 3), teeth, sample_s, slips, seen_rpm)
 
 
@@ -122,8 +122,8 @@ def hidden_teeth(cuts: Iterable[tuple[float, int]], sample_s: float) -> list[Hid
         sample_s: Period of the force sensor.
     """
     known = sorted({(turn_per_s, teeth) for turn_per_s, teeth in cuts if turn_per_s > 0.0 and teeth > 0})
-    found = (hidden_tooth(turn_per_s, teeth, sample_s) for turn_per_s, teeth in known)
-    return [one for one in found if one is not None]
+    cuts_hidden = (hidden_tooth(turn_per_s, teeth, sample_s) for turn_per_s, teeth in known)
+    return [one for one in cuts_hidden if one is not None]
 
 
 def _hidden_slips(turn_per_s: float, teeth: int, sample_s: float) -> tuple[float, ...]:

@@ -30,14 +30,14 @@ def tooth_row(path: ToolPath, cuts: Bool, cutter_of: Callable[[int], Cutter], sa
         return Row(BROKEN_TOOTH, NOT_LOOKED_AT, missing=KEY)
     rows = np.flatnonzero(cuts)
     pairs, first = np.unique(np.stack([path.spindle_rad_s[rows], path.tool[rows]], axis=1), axis=0, return_index=True)
-    found = [
+    hidden = [
         (one, int(rows[at]))
         for (speed_rad_s, tool), at in zip(pairs.tolist(), first.tolist(), strict=True)
         if (one := hidden_tooth(speed_rad_s / (2.0 * np.pi), cutter_of(int(tool)).flutes, sample_s)) is not None
     ]
-    if not found:
+    if not hidden:
         return Row(BROKEN_TOOTH, "ok", what="it shows at every spindle speed of the cut" if len(rows) else "no cut")
-    worst, row = max(found, key=lambda pair: len(pair[0].slips))
+    worst, row = max(hidden, key=lambda pair: len(pair[0].slips))
     verdict: Verdict = NOT_LOOKED_AT if worst.mostly else "warning"
     text = "it does not show" if worst.mostly else "it shows, but not"
     return Row(
