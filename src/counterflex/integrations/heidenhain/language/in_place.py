@@ -248,7 +248,9 @@ class _Writer(ArcWriter):
         self, block: Block, motion: Motion, line: PathLine | None, p: Float, row: int, factor: float, tail: str
     ) -> None:
         """Write the line of one straight piece."""
-        coordinates = self._go(line, block.modal, p)
+        joined = any(word.end == word.start for word in block.words if word.letter in "XYZ")
+        whole = joined or (line is None and function_of(block) == "LN")
+        coordinates = self._go(line, block.modal, p, every=whole)
         turned = self._turn(line, block, row) if row >= 0 else ""
         feed = self._f(block, motion, factor, line)
         if line is not None:
