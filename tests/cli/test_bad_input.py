@@ -431,7 +431,7 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
     ),
     "program missing": ("path prt.ngc", ["prt.ngc", "no such file", "Did you mean part.ngc?"]),
     "program is a folder": ("path temporary", ["temporary", "it is a folder"]),
-    "dialect unknown": ("path part.ngc --dialect heidenhain", ["dialect", "heidenhain", "linuxcnc"]),
+    "dialect unknown": ("path part.ngc --dialect okuma", ["dialect", "okuma", "linuxcnc"]),
     "table over the program": ("path part.ngc --csv part.ngc", ["--csv part.ngc", "replace part.ngc"]),
     "table over a folder": ("path part.ngc --csv temporary", ["temporary", "a folder has this name"]),
     "language unknown": (
@@ -439,8 +439,8 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
         ["--as", "sinumerik", "gcode, krl, rapid"],
     ),
     "conversion to an unknown language": (
-        "convert part.ngc --cell cell.toml --out out --to heidenhain",
-        ["--to", "heidenhain", "krl, rapid, fanuc, val3, gcode"],
+        "convert part.ngc --cell cell.toml --out out --to okuma",
+        ["--to", "okuma", "krl, rapid, fanuc, val3, gcode"],
     ),
     "conversion to its own language": (
         "convert part.ngc --cell cell.toml --out out --to gcode",

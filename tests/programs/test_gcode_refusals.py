@@ -139,7 +139,7 @@ def test_empty_text(text: str) -> None:
 
 def test_unknown_dialect() -> None:
     with pytest.raises(InputError, match="language"):
-        read_program_file("part.ngc", dialect="heidenhain")
+        read_program_file("part.ngc", dialect="okuma")
 
 
 @pytest.mark.parametrize(

@@ -267,7 +267,7 @@ def test_an_interrupted_run_writes_nothing(small: Path, program: ProgramFile, tm
 
 def test_unknown_language_is_refused(small: Path, program: ProgramFile) -> None:
     with pytest.raises(InputError, match="gcode, krl, rapid"):
-        compensate(program(), read_cell(small), language="heidenhain")
+        compensate(program(), read_cell(small), language="okuma")
 
 
 def test_a_tool_that_swings_up_is_told_from_one_that_overshoots(small: Path, program: ProgramFile) -> None:

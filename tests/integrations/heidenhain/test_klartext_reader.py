@@ -414,3 +414,11 @@ def test_any_text_is_read_or_refused_in_one_line(lines: list[str]) -> None:
     for motion in program.motions:
         assert np.all(np.isfinite(motion.p_end))
         assert motion.kind in ("rapid", "dwell") or motion.feed_m_s + motion.feed_rad_s > 0.0
+
+
+def test_axes_that_a_new_plane_gets_one_after_the_other_belong_to_its_first_motion() -> None:
+    """What looks for the first block that names an axis must not find a later one."""
+    made = read(*START, "PLANE SPATIAL SPA+0 SPB+15 SPC+0 TURN FMAX", "L X+1 Y+2 R0 FMAX", "L Z+3 FMAX", "L Y+9 F100")
+    first = made.blocks[made.motions[2].block]
+    assert {(word.letter, word.value) for word in first.words} == {("X", 1.0), ("Y", 2.0), ("Z", 3.0)}
+    np.testing.assert_allclose(np.asarray(made.motions[3].p_start)[1] / MM, 2.0)

@@ -16,6 +16,7 @@ from counterflex.integrations.heidenhain.language.in_place import write_heidenha
 from counterflex.integrations.heidenhain.language.reader import read_heidenhain
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.program import Program
+from counterflex.programs.rotary.poses import Words, commanded_words, turned_path
 from robot_corrections import corrected, gap_to_polyline
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "programs"
@@ -190,3 +191,39 @@ def test_inch_programs_get_one_more_decimal() -> None:
     assert re.search(r"X-11\.\d{5} ", written.text)
     back = read_heidenhain(written.text, complete=True)
     np.testing.assert_allclose(back.motions[-1].p_end, compensated.p_part_command[-1], atol=0.3 * UM)
+
+
+def test_a_tilted_plane_is_written_in_its_own_axes() -> None:
+    """The tool stays at right angles to the plane: what the plan would turn is said to be left out."""
+    text = "\n".join([*HEAD, "L Z+50 FMAX", "CYCL DEF 7.0 D", "CYCL DEF 7.1 X+20",
+                      "PLANE SPATIAL SPA+10 SPB-15 SPC+30 TURN", "L X+0 Y-12 R0 FMAX", "L Z+20 FMAX", "L Z-6 F300", "L Y+72 ;cut",
+                      "CC X+5 Y+72", "C X+10 Y+72 DR-", "L Z+20 FMAX", "PLANE RESET TURN FMAX", "END PGM T MM", ""])  # fmt: skip
+    program = read_heidenhain(text, complete=True)
+    words = Words.of(program, None)
+    turned = turned_path(program, words, step_m=0.5 * MM, rapid_speed_m_s=0.5)
+    way = np.linspace(0.0, 1.0, len(turned.path))[:, None]
+    shift = 0.1 * MM * np.sin(3.0 * way) * np.array([0.3, 1.0, 0.6])
+    made = commanded_words(turned, words, shift, 1e-3 * way * np.array([1.0, 0.0, 0.0]))
+    nominal = CompensatedPath.nominal(turned.path)
+    written = write_heidenhain(program, nominal, tolerance_m=TOLERANCE_M, words=made)
+    assert written.largest_dropped_rotation_rad == pytest.approx(1e-3, rel=0.2)
+    back = read_heidenhain(written.text, complete=True)
+    line = turned_path(back, Words.of(back, None), step_m=0.2 * MM, rapid_speed_m_s=0.5).path.p_part_tcp
+    rows = made.p_command[turned.path.kind == 1]
+    assert gap_to_polyline(rows, line) <= TOLERANCE_M + 1.5 * UM
+    assert "PLANE SPATIAL SPA+10 SPB-15 SPC+30 TURN" in written.text
+
+
+def test_tool_vectors_and_rotary_words_are_written_with_their_axis() -> None:
+    text = "\n".join([*HEAD, "M128", "LN X+0 Y+0 Z+5 TX+0 TY+0 TZ+1 R0 F500",
+                      "LN X+10 Y+0 Z+5 TX+0.1 TY+0 TZ+0.9949874",
+                      "M129", "END PGM T MM", ""])  # fmt: skip
+    program = read_heidenhain(text, complete=True)
+    words = Words.of(program, None)
+    turned = turned_path(program, words, step_m=0.5 * MM, rapid_speed_m_s=0.5)
+    turn = np.tile([0.0, 2e-4, 0.0], (len(turned.path), 1))
+    made = commanded_words(turned, words, np.full((len(turned.path), 3), 0.05 * MM), turn)
+    written = write_heidenhain(program, CompensatedPath.nominal(turned.path), tolerance_m=TOLERANCE_M, words=made)
+    back = read_heidenhain(written.text, complete=True)
+    np.testing.assert_allclose(back.motions[-1].abc_end, made.angle_command_rad[-1], atol=1e-7)
+    np.testing.assert_allclose(back.motions[-1].p_end, made.p_command[-1], atol=0.1 * UM)

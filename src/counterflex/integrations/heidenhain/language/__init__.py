@@ -34,6 +34,8 @@ LANGUAGE: Final = Language(
     orientation=False,
     read="counterflex.integrations.heidenhain.language.reader:read_heidenhain_file",
     table="counterflex.integrations.heidenhain.language.table:TABLE",
+    doubts="counterflex.integrations.heidenhain.language.doubts:hidden_blocks",
+    offsets="counterflex.programs.stated.offsets:ToolBoundOffsets",
     in_place="counterflex.integrations.heidenhain.language.in_place:write_heidenhain",
     convert="counterflex.integrations.heidenhain.language.emitter:convert",
 )

@@ -81,7 +81,8 @@ class Control:
         drilled = self._after(words, number, function)
         words.finish()
         self._finish_m(words)
-        return () if machine else words.written(lambda m: M_READ.get(m, ())), drilled
+        joined, self.maker.joined = self.maker.joined, ()
+        return () if machine else (*joined, *words.written(lambda m: M_READ.get(m, ()))), drilled
 
     @staticmethod
     def _refuse_correction(words: PathWords) -> None:

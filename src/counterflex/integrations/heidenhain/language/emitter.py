@@ -25,9 +25,9 @@ def signed(value: float, decimals: int = LIMITS.position_decimals) -> str:
     return text if text.startswith("-") else f"+{text}"
 
 
-def feed_text(value: float) -> str:
-    """Return F with up to three decimals."""
-    text = number(value, 3)
+def feed_text(value: float, decimals: int = 3) -> str:
+    """Return F without trailing zeros."""
+    text = number(value, decimals)
     return f"F{text.rstrip('0').rstrip('.')}"
 
 

@@ -13,6 +13,7 @@ from counterflex.core.errors import InputError, ProgramError
 from counterflex.integrations.heidenhain.language import LIMITS
 from counterflex.integrations.heidenhain.language.arcs_in_place import ArcWriter
 from counterflex.integrations.heidenhain.language.emitter import dwell_lines
+from counterflex.integrations.heidenhain.language.source import code_of
 from counterflex.integrations.heidenhain.language.written import PathLine, function_of
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.writer import GcodeText, header_lines
@@ -146,8 +147,7 @@ class _Writer(ArcWriter):
 
     def _is_flow(self, block: Block) -> bool:
         """Whether a block of a program that is written out says nothing but flow."""
-        code = PathLine(block).text if "\n" in block.text else re.sub(r"^\s*/?\s*\d+\s+", "", block.text)
-        code = code.split(";")[0]
+        code = " ".join(code_of(line) for line in block.text.split("\n"))
         if _FLOW.match(code):
             return True
         if not block.motion_count and function_of(block) != "CC" and _PARAMETER.search(code):
@@ -248,7 +248,9 @@ class _Writer(ArcWriter):
         self, block: Block, motion: Motion, line: PathLine | None, p: Float, row: int, factor: float, tail: str
     ) -> None:
         """Write the line of one straight piece."""
-        coordinates = self._go(line, block.modal, p)
+        joined = any(word.end == word.start for word in block.words if word.letter in "XYZ")
+        whole = joined or (line is None and function_of(block) == "LN")
+        coordinates = self._go(line, block.modal, p, every=whole)
         turned = self._turn(line, block, row) if row >= 0 else ""
         feed = self._f(block, motion, factor, line)
         if line is not None:

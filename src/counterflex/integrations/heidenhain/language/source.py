@@ -16,7 +16,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.source_text import read_text
 
-_NUMBER: Final = re.compile(r"\s*/?\s*(?:\d+(?=\s|$|\*|;))?\s*")
+_NUMBER: Final = re.compile(r"\s*/?\s*(?:\d+(?=\s|$|\*|;|/))?\s*/?\s*")
 _COMMENT: Final = re.compile(r'"[^"]*"|(;.*)')
 _CYCLE_LINE: Final = re.compile(r"\s*CYCL\s+DEF\s+(\d+)\.(\d+)", re.IGNORECASE)
 _BEGIN: Final = re.compile(r"\s*BEGIN\s+PGM\s+(?:(\S.*?)\s+)?(MM|INCH)\s*$", re.IGNORECASE)

@@ -71,7 +71,7 @@ class State:
 
     @property
     def feed_unit_m(self) -> float:
-        """Length of a unit of F per minute, m: mm, or a tenth of an inch."""
+        """Length of a unit of F per minute, m: mm, or a tenth of an inch (posts of CAM systems multiply by 10)."""
         return 0.1 * INCH if self.inch else MM
 
     def to_work(self, p_part: Float) -> Float:

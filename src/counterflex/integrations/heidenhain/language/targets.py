@@ -17,7 +17,7 @@ from counterflex.integrations.heidenhain.language.state import State
 from counterflex.integrations.heidenhain.language.values import TILT_ANGLES
 from counterflex.integrations.heidenhain.language.words import AXES, ROTARY, PathWords
 from counterflex.programs.gcode.read.motion import FARTHEST_M
-from counterflex.programs.program import Motion, MotionKind
+from counterflex.programs.program import Motion, MotionKind, Word
 from counterflex.programs.unknown import Unknown
 
 _SAME_M: Final = 1e-9
@@ -37,6 +37,7 @@ class Targets:
     Attributes:
         motions: Everything made so far.
         away: Where the tool went to a place that is not known (``M91 in line 12``); empty while it is known.
+        joined: Coordinates of blocks before that the last motion reaches too, without a place in its text.
         corner: Rounding radius, m, feed, m/s, block and words of an RND whose second line is still to come.
     """
 
@@ -44,6 +45,7 @@ class Targets:
         self._state, self._listed = state, listed
         self.motions: list[Motion] = []
         self.away = ""
+        self.joined: tuple[Word, ...] = ()
         self.corner: tuple[float, float, int, PathWords] | None = None
 
     # ---- elementary motions ------------------------------------------------------------------------------------
@@ -212,6 +214,11 @@ class Targets:
                 self.require_axes(words, "a feed motion")
             return None
         p_work = np.array([state.partial[axis] for axis in range(3)])
+        self.joined = tuple(
+            Word(AXES[axis], float(p_work[axis]) / state.unit_m, 0, 0, False, True)
+            for axis in range(3)
+            if axis not in given
+        )
         state.partial = None
         return self._reachable(words, state.to_part(p_work))
 

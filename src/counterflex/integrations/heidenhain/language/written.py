@@ -36,7 +36,7 @@ class PathLine:
     """
 
     def __init__(self, block: Block) -> None:
-        self.text, self.words = block.text, block.words
+        self.text, self.words = block.text, tuple(word for word in block.words if word.end > word.start)
         self._edits: list[tuple[int, int, str]] = []
         code = code_of(block.text)
         match = _FUNCTION.match(code)

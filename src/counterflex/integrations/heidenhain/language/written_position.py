@@ -179,7 +179,7 @@ class WrittenPosition:
         if current is None and factor == 1.0:
             self._feed = nominal
             return ""
-        text = feed_text(requested)
+        text = feed_text(requested, 3 if factor == 1.0 else 1)
         if not local:
             self._feed = float(text[1:])
         if line is not None:
