@@ -273,15 +273,15 @@ class Motions(ExecutionByAxes[InformMotion]):
         """Refuse external axes that move."""
         if not form.words:
             return
-        found = []
+        places = []
         for word in form.words.split():
             kind = word[:2].upper()
             position = job.positions.get((kind, int(word[2:]))) if word[2:].isdecimal() else None
             if position is None:
                 raise job.fault(statement.start, f"where {word} is, is not known", "BC or EC of //POS",
                                 "External axes by variables are not read")  # fmt: skip
-            found.append(f"{kind}={','.join(f'{value:g}' for value in position.values)}")
-        text = " ".join(found)
+            places.append(f"{kind}={','.join(f'{value:g}' for value in position.values)}")
+        text = " ".join(places)
         self._others = self._others or text
         if text != self._others:
             raise job.fault(statement.start, "an external axis moves", self._others,
