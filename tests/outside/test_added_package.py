@@ -196,8 +196,8 @@ def test_the_command_lists_what_the_package_brings(installed: Path) -> None:
     added = {
         (row["group"], row["name"]) for row in json.loads(done.stdout) if row["package"] == "counterflex-example 1.0"
     }
-    groups = ("force_laws", "force_sensors", "recipes", "languages", "robots", "materials")
-    names = ("rake", "ascii", "nose", "poses", "example_arm", "example")
+    groups = ("force_laws", "force_sensors", "recipes", "languages", "languages", "controllers", "robots", "materials")
+    names = ("rake", "ascii", "nose", "poses", "melfa", "mitsubishi", "example_arm", "example")
     assert added == {(f"counterflex.{group}", name) for group, name in zip(groups, names, strict=True)}
 
 

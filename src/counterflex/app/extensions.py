@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
+from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.robot_setup.robot_folder import SETUPS
 from counterflex.core.errors import CounterflexError
 from counterflex.core.registry import Registry
 from counterflex.cutting.force_laws import FORCE_LAWS
@@ -21,6 +23,8 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
     FORCE_SENSORS,
     LANGUAGES,
     MAKERS,
+    DATA_KINDS,
+    SETUPS,
     OTHER_ROBOTS,
     OTHER_MATERIALS,
 )

@@ -128,6 +128,12 @@ def foreign_language(lines: Sequence[str]) -> Foreign | None:
     return None
 
 
+def language_among(lines: Sequence[str], dialects: Sequence[str]) -> str | None:
+    """Return the dialect out of several whose signs stand in a text; None where those of none do."""
+    told, signs = foreign_language(lines), {name: LANGUAGES[name].signs for name in dialects}
+    return next((name for name, one in signs.items() if told and one and one.name == told.name), None)
+
+
 def _shown(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
     """First lines that are not empty, each with its number, without what G-code takes for a comment."""
     count = 0

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from counterflex.core.errors import CounterflexError, InputError, ProgramError
+from counterflex.programs.foreign_language import language_among
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
 from counterflex.programs.language import BY_ENDING, GCODE, LANGUAGES, Language, dialects, found
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.cell import RobotTextCell
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.source_text import read_text
 from counterflex.programs.statement_table import StatementTable
 
 RobotCell = RobotTextCell
@@ -39,7 +42,14 @@ def dialect_of(file: str | os.PathLike[str], dialect: str = BY_ENDING) -> str:
     if path.suffix[1:].isdecimal():  # Creo numbers its versions: part.ncl.1
         path = path.with_suffix("")
     ending = path.suffix.lower()
-    return next((name for name, one in LANGUAGES.items() if ending in one.endings and one.read is not None), GCODE)
+    known = [name for name, one in LANGUAGES.items() if ending in one.endings and one.read is not None]
+    return next(iter(known), GCODE) if len(known) < 2 else _by_first_lines(Path(file), known)
+
+
+def _by_first_lines(file: Path, known: Sequence[str]) -> str:
+    """The language of several with one ending whose signs stand first in a file; the first of them where none does."""
+    lines = read_text(file)[0].splitlines() if file.is_file() else []
+    return language_among(lines, known) or known[0]
 
 
 def read_program_file(

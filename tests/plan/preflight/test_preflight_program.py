@@ -22,8 +22,8 @@ from counterflex.path.toolpath import FEED, RAPID, tool_orientation, tool_poses
 from counterflex.plan.preflight.hazards import HAZARDS
 from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
 from counterflex.plan.preflight.rapids import STEP_M, with_points_in_rapids
-from counterflex.programs import krl
 from counterflex.programs.krl.writer import KrlSettings, KrlWriter
+from counterflex.programs.language import LANGUAGES
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.kinematics.inverse import inverse_path
 
@@ -342,7 +342,9 @@ def test_program_of_a_kuka_counts_as_krl_and_is_divided(checked: Any, monkeypatc
     row = checked(CORNERED)["program size"]
     assert row["verdict"] == "ok"
     assert row["what"] == "motions in KRL without corrections: one file, part"
-    monkeypatch.setattr(krl, "LANGUAGE", replace(krl.LANGUAGE, limits=replace(krl.LIMITS, points_per_file=2)))
+    krl = LANGUAGES["krl"]
+    few = replace(krl, limits=replace(krl.limits, points_per_file=2))
+    monkeypatch.setattr(LANGUAGES.own["krl"].replace(":", "."), few)
     divided = checked(CORNERED)["program size"]
     assert divided["value"] == row["value"]
     assert f"part calls {-(-int(row['value']) // 2)} files" in divided["what"]

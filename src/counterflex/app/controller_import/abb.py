@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.app.controller_import.frames import ControllerData, Load
+from counterflex.app.controller_import.kinds import DataKind
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
@@ -24,16 +25,6 @@ _KEY: Final = re.compile(r"-(\w+)\s+(\"[^\"]*\"|[^\s\\-]\S*|-[\d.]\S*)")
 _AXIS: Final = re.compile(r"rob1_([1-6])", re.IGNORECASE)
 _SECTIONS: Final = frozenset(("ROBOT", "ARM"))
 _CALIBRATED: Final = re.compile(r"[\w-]*(?:absacc|abs_acc|_error_|arm_calib)\w*", re.IGNORECASE)
-
-
-def is_configuration(text: str) -> bool:
-    """Whether a text is a ``MOC.cfg``."""
-    return _CFG.match(text) is not None
-
-
-def is_module(text: str) -> bool:
-    """Whether a text is a RAPID module."""
-    return _MODULE.search(text) is not None
 
 
 def read_module(text: str, where: str) -> ControllerData:
@@ -151,3 +142,18 @@ def _number(given: dict[str, str], key: str, default: float, where: str) -> floa
     if not re.fullmatch(NUMBER, text):
         raise FileFormatError(f"{key} is no number", where=where, value=text[:40])
     return float(text)
+
+
+def read_data(text: str, where: str) -> ControllerData | None:
+    """Data of a ``MOC.cfg`` or a module; None of another text.
+
+    Args:
+        text: The file.
+        where: Its name, for errors and notes.
+    """
+    if _CFG.match(text):
+        return read_configuration(text, where)
+    return read_module(text, where) if _MODULE.search(text) else None
+
+
+DATA: Final = DataKind("modules and MOC.cfg (ABB)", read_data, "the base frame is in MOC.cfg")

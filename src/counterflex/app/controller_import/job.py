@@ -9,17 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.controller_import.abb import is_configuration, is_module, read_configuration, read_module
 from counterflex.app.controller_import.frames import ControllerData
-from counterflex.app.controller_import.kuka import is_kuka, read_kuka
-from counterflex.app.controller_import.kuka_machine import (
-    is_kuka_machine,
-    limits_off,
-    other_kuka_data,
-    read_kuka_machine,
-)
+from counterflex.app.controller_import.kinds import DATA_KINDS
 from counterflex.app.controller_import.poses import Residual, read_poses, residuals
-from counterflex.app.controller_import.robodk import read_robodk
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError
@@ -34,7 +26,7 @@ from counterflex.robot.model.controller_axes import shown_limits
 from counterflex.robot.model.description import Robot
 
 _SAME_LENGTH_M: Final = 0.5 * MM
-_KINDS: Final = "$config.dat and $machine.dat (KUKA), modules and MOC.cfg (ABB), a JSON file of a RoboDK station"
+_SAME_RAD: Final = 0.05 * DEG
 
 
 def run(
@@ -98,6 +90,10 @@ def run(
     }  # fmt: skip
 
 
+def _kinds() -> str:
+    return ", ".join(kind.title for _, kind in DATA_KINDS.items())
+
+
 def read_files(files: Sequence[Path]) -> ControllerData:
     """Data of all files of a controller.
 
@@ -108,36 +104,40 @@ def read_files(files: Sequence[Path]) -> ControllerData:
     for file in files:
         if file.suffix.lower() == ".rdk":
             raise FileFormatError(
-                "a RoboDK station (.rdk) is a binary file and is not read", where=str(file), limit=_KINDS,
+                "a RoboDK station (.rdk) is a binary file and is not read", where=str(file), limit=_kinds(),
                 hint="Write its tools and frames as JSON by the script of docs/cell-import.md",
             )  # fmt: skip
         text, _ = read_text(file)
-        if is_kuka(text):
-            out.merge(read_kuka(text, file.name))
-        elif is_kuka_machine(text):
-            out.merge(read_kuka_machine(text, file.name))
-        elif other_kuka_data(text):
-            out.notes.append(f"{file.name} ({other_kuka_data(text)}) holds nothing for a cell file and is not read")
-        elif is_configuration(text):
-            out.merge(read_configuration(text, file.name))
-        elif text.lstrip().startswith("{"):
-            out.merge(read_robodk(text, file.name))
-        elif is_module(text):
-            out.merge(read_module(text, file.name))
-        else:
+        data = next(
+            (found for _, kind in DATA_KINDS.items() if (found := kind.read(text, file.name)) is not None), None
+        )
+        if data is None:
             first = text.strip().splitlines()[0][:60] if text.strip() else "empty"
-            raise FileFormatError("a file of no kind that is read", where=str(file), value=first, limit=_KINDS)
+            raise FileFormatError("a file of no kind that is read", where=str(file), value=first, limit=_kinds())
+        out.merge(data)
     return out
 
 
 def _root_note(data: ControllerData) -> list[str]:
     if data.root_known or not data.bases:
         return []
-    missing = "$ROBROOT is in $machine.dat" if data.kind == "KUKA" else "the base frame is in MOC.cfg"
+    missing = next((kind.root for name, kind in DATA_KINDS.items() if name == data.kind.lower()), "")
     return [
         f"bases of the controller are in its world, and no file says where the robot stands there ({missing}): it is "
         "taken to stand at the origin"
     ]
+
+
+def _limits_off(limits: dict[int, tuple[float, float]], known: Float) -> list[str]:
+    """Notes where software limits of the controller are not those of the catalogue, rad; ``known`` (6, 2)."""
+    out = []
+    for axis, (low, high) in sorted(limits.items()):
+        if abs(low - known[axis, 0]) > _SAME_RAD or abs(high - known[axis, 1]) > _SAME_RAD:
+            out.append(
+                f"software limits of axis {axis + 1} are {low / DEG:g} to {high / DEG:g} deg, the catalogue has "
+                f"{known[axis, 0] / DEG:g} to {known[axis, 1] / DEG:g}: they are not taken over"
+            )
+    return out
 
 
 def machine_notes(data: ControllerData, model: Robot) -> list[str]:
@@ -147,7 +147,7 @@ def machine_notes(data: ControllerData, model: Robot) -> list[str]:
         data: Of the controller.
         model: The robot.
     """
-    out = limits_off(data.limits_rad, shown_limits(model.axes, model.joint_limits_rad))
+    out = _limits_off(data.limits_rad, shown_limits(model.axes, model.joint_limits_rad))
     opw = model.opw
     a1_m = data.lengths_m.get("a1")
     if opw is not None and a1_m is not None and abs(abs(a1_m) - abs(opw.a1_m)) > _SAME_LENGTH_M:

@@ -6,8 +6,8 @@ import re
 from typing import Final
 
 from counterflex.app.controller_import.frames import ControllerData
-from counterflex.app.controller_import.kuka import frame_of_text
-from counterflex.core.arrays import Float
+from counterflex.app.controller_import.kinds import DataKind
+from counterflex.app.controller_import.kuka import frame_of_text, is_kuka, read_kuka
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM
 from counterflex.programs.robot_text.process_words import NUMBER
@@ -86,16 +86,20 @@ def read_kuka_machine(text: str, where: str) -> ControllerData:
 _READ: Final = frozenset(("$ROBROOT", "$SOFTN_END", "$SOFTP_END", "$LENGTH_A", "$TRAFONAME"))
 
 
-def limits_off(limits: dict[int, tuple[float, float]], known: Float) -> list[str]:
-    """Notes where software limits of the controller are not those of the catalogue, rad; ``known`` (6, 2)."""
-    out = []
-    for axis, (low, high) in sorted(limits.items()):
-        if abs(low - known[axis, 0]) > _SAME_RAD or abs(high - known[axis, 1]) > _SAME_RAD:
-            out.append(
-                f"software limits of axis {axis + 1} are {low / DEG:g} to {high / DEG:g} deg, the catalogue has "
-                f"{known[axis, 0] / DEG:g} to {known[axis, 1] / DEG:g}: they are not taken over"
-            )
-    return out
+def read_data(text: str, where: str) -> ControllerData | None:
+    """Data of a ``$config.dat`` or ``$machine.dat``; None of another text.
+
+    Args:
+        text: The file.
+        where: Its name, for errors and notes.
+    """
+    if is_kuka(text):
+        return read_kuka(text, where)
+    if is_kuka_machine(text):
+        return read_kuka_machine(text, where)
+    other = other_kuka_data(text)
+    note = f"{where} ({other}) holds nothing for a cell file and is not read"
+    return ControllerData(notes=[note]) if other else None
 
 
-_SAME_RAD: Final = 0.05 * DEG
+DATA: Final = DataKind("$config.dat and $machine.dat (KUKA)", read_data, "$ROBROOT is in $machine.dat")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.app.controller_import.frames import ControllerData
+from counterflex.app.controller_import.kinds import DataKind
 from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
@@ -52,3 +53,11 @@ def _pose(rows: Any, where: str) -> Float:
     out: Float = T.copy()
     out[:3, 3] *= MM
     return out
+
+
+def read_data(text: str, where: str) -> ControllerData | None:
+    """Data of a station; None of a text that is no JSON object."""
+    return read_robodk(text, where) if text.lstrip().startswith("{") else None
+
+
+DATA: Final = DataKind("a JSON file of a RoboDK station", read_data)

@@ -10,6 +10,7 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.app.robot_setup.egm_readme import readme
 from counterflex.app.robot_setup.robot_folder import (
+    RobotSetup,
     read_program,
     refuse_errors,
     require_other_folder,
@@ -188,3 +189,6 @@ def _together(files: dict[str, str]) -> EgmCalls:
 
 def _rapid(path: Path) -> str:
     return read_program(path, (".mod", ".modx"), "RAPID module", "rapid")
+
+
+SETUP: Final = RobotSetup("ABB EGM", check, lambda out, **given: make(MakeSettings(**given), out))

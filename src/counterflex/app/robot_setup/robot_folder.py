@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,6 +11,7 @@ from counterflex.core import atomic
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.file_content import content
 from counterflex.core.next_command import next_command
+from counterflex.core.registry import Registry
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.finding import Finding
 
@@ -100,3 +102,23 @@ def write_folder(
         for name, text in programs.items():
             atomic.write_bytes(staging / name, text.encode(_ENCODING))
         write_summary(staging / "summary.json", dict(summary))
+
+
+@dataclass(frozen=True)
+class RobotSetup:
+    """Files that connect a controller to the loop.
+
+    Attributes:
+        title: Controller and interface.
+        check: Findings in files that are there, by the settings of ``check``.
+        make: Files for a cell into a folder: the folder, and by name the settings of ``make``.
+    """
+
+    title: str
+    check: Callable[..., tuple[Finding, ...]]
+    make: Callable[..., dict[str, Any]]
+
+
+SETUPS: Final[Registry[RobotSetup]] = Registry(
+    "counterflex.robot_setups", "set-up of a controller", "counterflex.app.robot_setup.robot_folder:RobotSetup"
+)

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.robot_setup.robot_folder import (
+    RobotSetup,
     read_program,
     refuse_errors,
     require_other_folder,
@@ -262,3 +263,10 @@ def _programs(
 
 def _krl(path: Path) -> str:
     return read_program(path, (".src", ".dat"), "KRL program", "krl")
+
+
+SETUP: Final = RobotSetup(
+    "KUKA RSI",
+    lambda **given: check(CheckSettings(**given)),
+    lambda out, **given: make(MakeSettings(**given), out),
+)

@@ -40,9 +40,9 @@ def check(
 
     Example: `counterflex egm check part.mod --cell cell.toml`
     """
-    from counterflex.app.robot_setup import egm as job
+    from counterflex.app.robot_setup.robot_folder import SETUPS
 
-    findings = job.check(program, cell)
+    findings = SETUPS["egm"].check(program, cell)
     errors = sum(item.severity == "error" for item in findings)
     if as_json:
         counts = {"errors": errors, "warnings": len(findings) - errors}
@@ -79,9 +79,9 @@ def make(
     Example: `counterflex egm make --cell cell.toml --program plan/part.mod --out robot`
     """
     keep_inputs(out, cell, program)
-    from counterflex.app.robot_setup import egm as job
+    from counterflex.app.robot_setup.robot_folder import SETUPS
 
-    summary = job.make(job.MakeSettings(cell, program, host), out)
+    summary = SETUPS["egm"].make(out, cell=cell, program=program, host=host)
     if as_json:
         print_json(summary)
         return

@@ -57,11 +57,11 @@ def check(
 
     Example: `counterflex rsi check rsi.xml --cell cell.toml`
     """
-    from counterflex.app.robot_setup import rsi as job
+    from counterflex.app.robot_setup.robot_folder import SETUPS
 
     ports = {"the tracker": tracker, "the force sensor": force_port}
-    settings = job.CheckSettings(file, cell, context, krl, {name: p for name, p in ports.items() if p is not None})
-    findings = job.check(settings)
+    given = {name: p for name, p in ports.items() if p is not None}
+    findings = SETUPS["rsi"].check(config=file, cell=cell, context=context, program=krl, ports=given)
     errors = sum(item.severity == "error" for item in findings)
     if as_json:
         counts = {"errors": errors, "warnings": len(findings) - errors}
@@ -101,9 +101,9 @@ def make(
     Example: `counterflex rsi make --cell cell.toml --out robot`
     """
     keep_inputs(out, cell, *([] if program is None else [program]))
-    from counterflex.app.robot_setup import rsi as job
+    from counterflex.app.robot_setup.robot_folder import SETUPS
 
-    summary = job.make(job.MakeSettings(cell, program, host, port, sentype), out)
+    summary = SETUPS["rsi"].make(out, cell=cell, program=program, host=host, port=port, sentype=sentype)
     if as_json:
         print_json(summary)
         return

@@ -8,7 +8,7 @@ import numpy as np
 
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
-from counterflex.programs.stated.posture import Stated
+from counterflex.programs.robot_text.stated import Stated
 
 CHECK: Final = "posture of the program"
 _WORDS: Final = "S of PTP targets, robconf under ConfJ or ConfL, CONFIG, or shoulder, elbow and wrist"

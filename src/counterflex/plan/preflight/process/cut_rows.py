@@ -25,7 +25,7 @@ from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
 from counterflex.plan.preflight.size import ProgramSize
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.plan.undisturbed_cut import UndisturbedCut
-from counterflex.programs.stated.posture import Stated as StatedPosture
+from counterflex.programs.robot_text.stated import Stated as StatedPosture
 from counterflex.programs.stated.remarks import Stated
 
 _CONTACT_M3: Final = 1e-12

@@ -35,8 +35,8 @@ def read_fanuc(
     """Execute a listing and return the statements passed and the motions made.
 
     Positions are of the tool tip in the user frame, which is the part frame; the tool axis and the rotation about it
-    are those of W P R (:func:`~counterflex.programs.fanuc.program.frame_of`). The first position is approached from
-    wherever the robot is: it counts as reached by a rapid without length.
+    are those of W P R (:func:`~counterflex.programs.fanuc.program.frame_of`).
+    The first position is approached from wherever the robot is: it counts as reached by a rapid without length.
 
     Args:
         text: The listing.

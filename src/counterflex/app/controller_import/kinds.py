@@ -1,0 +1,33 @@
+"""Kinds of files of a controller that are read, by maker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.app.controller_import.frames import ControllerData
+from counterflex.core.registry import Registry
+
+
+@dataclass(frozen=True)
+class DataKind:
+    """Files of a controller.
+
+    Attributes:
+        title: Which files, for messages.
+        read: Data of a text, by its text and name; None where it is none of these files.
+        root: File that says where the robot stands in the world of the controller.
+    """
+
+    title: str
+    read: Callable[[str, str], ControllerData | None]
+    root: str = ""
+
+
+DATA_KINDS: Final[Registry[DataKind]] = Registry(
+    "counterflex.controller_data",
+    "kind of controller data",
+    "counterflex.app.controller_import.kinds:DataKind",
+    {"robodk": "counterflex.app.controller_import.robodk:DATA"},
+)
