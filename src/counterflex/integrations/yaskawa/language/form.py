@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.units import MM
-from counterflex.integrations.yaskawa.language.job import Job, Statement
 from counterflex.integrations.yaskawa.language.program import Span
+from counterflex.integrations.yaskawa.language.source import Job, Statement
 from counterflex.integrations.yaskawa.language.table import OPTION, TABLE
 from counterflex.integrations.yaskawa.language.values import VARIABLE
 from counterflex.programs.robot_text.process_words import NUMBER

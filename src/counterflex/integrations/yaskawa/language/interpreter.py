@@ -13,8 +13,8 @@ from counterflex.core.errors import ProgramError
 from counterflex.integrations.yaskawa.language.flow import JOB, Flow, Step
 from counterflex.integrations.yaskawa.language.form import FRAME, MOTION, form_of
 from counterflex.integrations.yaskawa.language.frames import InformCell
-from counterflex.integrations.yaskawa.language.job import Folder, Job
 from counterflex.integrations.yaskawa.language.program import InformMotion, Point
+from counterflex.integrations.yaskawa.language.source import Folder, Job
 from counterflex.integrations.yaskawa.language.table import ACTING, ASSIGNING, row_of
 from counterflex.integrations.yaskawa.language.values import VARIABLE, PositionValue
 from counterflex.programs.expression import ExpressionError, Value

@@ -21,7 +21,6 @@ from counterflex.geometry import pose, rotation
 from counterflex.geometry.circle import angle_to, circle
 from counterflex.integrations.yaskawa.language.form import Form
 from counterflex.integrations.yaskawa.language.frames import Frames, InformCell
-from counterflex.integrations.yaskawa.language.job import Job, Statement
 from counterflex.integrations.yaskawa.language.program import (
     AXES,
     PULSE,
@@ -31,6 +30,7 @@ from counterflex.integrations.yaskawa.language.program import (
     Position,
     frame_of,
 )
+from counterflex.integrations.yaskawa.language.source import Job, Statement
 from counterflex.integrations.yaskawa.language.values import PositionValue, Values
 from counterflex.programs.expression import Value, is_number
 from counterflex.programs.program import Motion, Word
