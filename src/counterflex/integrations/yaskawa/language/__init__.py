@@ -40,13 +40,13 @@ LANGUAGE: Final = Language(
     waits=re.compile(r"\s*(?:WAIT|PAUSE)\b", re.IGNORECASE),
     comment=re.compile(r"^\s*'(.*)"),
     read="counterflex.integrations.yaskawa.language.reader:read_inform_file",
-    files="counterflex.integrations.yaskawa.language.job:job_files",
+    files="counterflex.integrations.yaskawa.language.source:job_files",
     table="counterflex.integrations.yaskawa.language.table:TABLE",
     doubts="counterflex.integrations.yaskawa.language.program:doubts",
-    cell="counterflex.integrations.yaskawa.job:cell_of",
+    cell="counterflex.integrations.yaskawa.language.job:cell_of",
     in_place="counterflex.integrations.yaskawa.language.in_place:write_inform_in_place",
-    write="counterflex.integrations.yaskawa.job:write",
-    convert="counterflex.integrations.yaskawa.job:convert",
-    load="counterflex.integrations.yaskawa.job:load",
+    write="counterflex.integrations.yaskawa.language.job:write",
+    convert="counterflex.integrations.yaskawa.language.job:convert",
+    load="counterflex.integrations.yaskawa.language.job:load",
 )  # fmt: skip
 """It waits for a condition without a limit: ``controller.spindle.wait_s`` is not in it."""

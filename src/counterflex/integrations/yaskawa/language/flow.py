@@ -8,8 +8,8 @@ from typing import Final, NamedTuple, cast
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.yaskawa.language.form import MOTION
-from counterflex.integrations.yaskawa.language.job import Folder, Job, Statement
 from counterflex.integrations.yaskawa.language.motions import Motions
+from counterflex.integrations.yaskawa.language.source import Folder, Job, Statement
 from counterflex.integrations.yaskawa.language.table import ACTING, ASSIGNING, OPENS, row_of
 from counterflex.integrations.yaskawa.language.values import VARIABLE
 from counterflex.programs.expression import ExpressionError, Value, is_number

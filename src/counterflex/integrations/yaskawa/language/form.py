@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.units import MM
-from counterflex.integrations.yaskawa.language.job import Job, Statement
 from counterflex.integrations.yaskawa.language.program import Span
+from counterflex.integrations.yaskawa.language.source import Job, Statement
 from counterflex.integrations.yaskawa.language.table import OPTION, TABLE
 from counterflex.integrations.yaskawa.language.values import VARIABLE
 from counterflex.programs.robot_text.process_words import NUMBER
@@ -80,7 +80,7 @@ def form_of(job: Job, statement: Statement, match: re.Match[str]) -> Form:
         ProgramError: It is not understood, or has an option that is not read.
     """
     code, at = statement.code, match.end()
-    found: dict[str, re.Match[str]] = {}
+    parts: dict[str, re.Match[str]] = {}
     others: list[str] = []
     tail: list[str] = []
     while at < len(code):
@@ -91,22 +91,22 @@ def form_of(job: Job, statement: Statement, match: re.Match[str]) -> Form:
             others.append(token["other"])
         elif token.lastgroup == "carried":
             tail.append(token[0].strip())
-        elif token.lastgroup in found:
+        elif token.lastgroup in parts:
             raise job.fault(statement.start + at, "a part of a motion is there twice", "once")
         else:
-            found[token.lastgroup] = token
+            parts[token.lastgroup] = token
             if token.lastgroup in ("level", "radius"):
                 tail.append(token[0].strip())
         at = code_end(token)
-    texts = {key: token[key] for key, token in found.items()}
+    texts = {key: token[key] for key, token in parts.items()}
     level = texts.get("level", "")
     if level.isdecimal() and int(level) > 8:
-        raise job.fault(statement.start + found["level"].start(), "there is no such position level", "PL=0 to PL=8")
+        raise job.fault(statement.start + parts["level"].start(), "there is no such position level", "PL=0 to PL=8")
     return Form(
-        match[1].upper(), texts.get("target", ""), _span(found.get("target"), "target", match.end()), " ".join(others),
-        texts.get("speed", ""), _span(found.get("speed"), "speed", match.end()),
+        match[1].upper(), texts.get("target", ""), _span(parts.get("target"), "target", match.end()), " ".join(others),
+        texts.get("speed", ""), _span(parts.get("speed"), "speed", match.end()),
         int(level) if level.isdecimal() else -1, float(texts.get("radius", "nan")) * MM,
-        texts.get("frame", "").upper(), "fpt" in found, " ".join(tail),
+        texts.get("frame", "").upper(), "fpt" in parts, " ".join(tail),
     )  # fmt: skip
 
 

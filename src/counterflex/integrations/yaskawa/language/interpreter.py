@@ -13,8 +13,8 @@ from counterflex.core.errors import ProgramError
 from counterflex.integrations.yaskawa.language.flow import JOB, Flow, Step
 from counterflex.integrations.yaskawa.language.form import FRAME, MOTION, form_of
 from counterflex.integrations.yaskawa.language.frames import InformCell
-from counterflex.integrations.yaskawa.language.job import Folder, Job
 from counterflex.integrations.yaskawa.language.program import InformMotion, Point
+from counterflex.integrations.yaskawa.language.source import Folder, Job
 from counterflex.integrations.yaskawa.language.table import ACTING, ASSIGNING, row_of
 from counterflex.integrations.yaskawa.language.values import VARIABLE, PositionValue
 from counterflex.programs.expression import ExpressionError, Value
@@ -197,12 +197,12 @@ class Interpreter(Flow):
 
     def _speed(self, step: Step) -> int:
         text = step.code[len("SPEED") :].strip()
-        found = {match[1].upper(): match[2] for match in _SPEED.finditer(text)}
-        if not found or _SPEED.sub("", text).strip():
+        speeds = {match[1].upper(): match[2] for match in _SPEED.finditer(text)}
+        if not speeds or _SPEED.sub("", text).strip():
             raise step.job.fault(step.statement.start, "SPEED is not understood", "SPEED VJ=50.00 V=25.0")
-        if "V" in found:
+        if "V" in speeds:
             unit = Unknown("the unit of a speed by a variable is the controller's", self.values.where)
-            self.speed = float(found["V"]) if found["V"][0] in "+-.0123456789" else unit
+            self.speed = float(speeds["V"]) if speeds["V"][0] in "+-.0123456789" else unit
         return step.at + 1
 
     def _shift(self, step: Step) -> int:

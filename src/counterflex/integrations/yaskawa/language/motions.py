@@ -16,12 +16,11 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import MM_PER_S, RPM
-from counterflex.geometry import pose, rotation
-from counterflex.geometry.circle import angle_to, circle
+from counterflex.core.units import MM_PER_S
+from counterflex.geometry import pose
+from counterflex.integrations.yaskawa.language.arcs import ArcPoint, Made, arcs_of, stands_at, straight_to
 from counterflex.integrations.yaskawa.language.form import Form
 from counterflex.integrations.yaskawa.language.frames import Frames, InformCell
-from counterflex.integrations.yaskawa.language.job import Job, Statement
 from counterflex.integrations.yaskawa.language.program import (
     AXES,
     PULSE,
@@ -31,19 +30,15 @@ from counterflex.integrations.yaskawa.language.program import (
     Position,
     frame_of,
 )
+from counterflex.integrations.yaskawa.language.source import Job, Statement
 from counterflex.integrations.yaskawa.language.values import PositionValue, Values
 from counterflex.programs.expression import Value, is_number
-from counterflex.programs.program import Motion, Word
+from counterflex.programs.program import Word
 from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
-from counterflex.programs.robot_text.frame_limits import SAME_RAD
 from counterflex.programs.unknown import Unknown, known
 
 FASTEST_MM_S: Final = 1500.0
 """Largest V of MOVL in mm/s (INFORM language manual); a controller set to cm/min takes up to 9000."""
-_SAME_CIRCLE_M: Final = 5e-6
-_SAME_M: Final = 1e-9
-_SAME_TURN: Final = 1e-9
-_WHOLE: Final = 2.0 * np.pi + 1e-6
 _PULSES: Final = (
     "Post it in the user frame of the part, or say pulses_per_deg in [robot.controller_axes] of the cell file"
 )
@@ -59,28 +54,6 @@ class _Target:
     position: Position | None = None
     computed: str = ""
     unknown: Unknown | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _Node:
-    """A point of a row of MOVC."""
-
-    block: int
-    point: Point
-    T: Float
-    R: Float
-    feed_m_s: float
-    form: Form
-    rpm: float
-    tool: int
-    quiet: bool
-    where: str
-
-    @property
-    def p(self) -> Float:
-        """(3,) m."""
-        out: Float = self.T[:3, 3]
-        return out
 
 
 class Motions(ExecutionByAxes[InformMotion]):
@@ -104,8 +77,8 @@ class Motions(ExecutionByAxes[InformMotion]):
         self.speed: Value = Unknown("no V, and no SPEED before it")
         self.shift: Float | None = None
         self.eventful = False
-        self._row: list[_Node] = []
-        self._rested: _Node | None = None  # last point of a row that a dwell ended
+        self._row: list[ArcPoint] = []
+        self._rested: ArcPoint | None = None  # last point of a row that a dwell ended
         self._resumed = False
         self._others: str | None = None
         self._T_part_end: Float | None = None
@@ -137,7 +110,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         feed = self._feed_m_s(job, statement, form)
         self.arrive(lambda away: self._refuse_away(away, job, statement))
         if form.word == "MOVC":
-            self._take_arc_point(_Node(
+            self._take_arc_point(ArcPoint(
                 len(self._blocks) - 1, point, T, R, feed, form, self._rpm, self.frames.tool, not self.eventful, where
             ))  # fmt: skip
         else:
@@ -273,15 +246,15 @@ class Motions(ExecutionByAxes[InformMotion]):
         """Refuse external axes that move."""
         if not form.words:
             return
-        found = []
+        places = []
         for word in form.words.split():
             kind = word[:2].upper()
             position = job.positions.get((kind, int(word[2:]))) if word[2:].isdecimal() else None
             if position is None:
                 raise job.fault(statement.start, f"where {word} is, is not known", "BC or EC of //POS",
                                 "External axes by variables are not read")  # fmt: skip
-            found.append(f"{kind}={','.join(f'{value:g}' for value in position.values)}")
-        text = " ".join(found)
+            places.append(f"{kind}={','.join(f'{value:g}' for value in position.values)}")
+        text = " ".join(places)
         self._others = self._others or text
         if text != self._others:
             raise job.fault(statement.start, "an external axis moves", self._others,
@@ -315,7 +288,7 @@ class Motions(ExecutionByAxes[InformMotion]):
 
     # ---- arcs ----------------------------------------------------------------------------------------------
 
-    def _take_arc_point(self, node: _Node) -> None:
+    def _take_arc_point(self, node: ArcPoint) -> None:
         if self._rested is not None:
             if not self._rested.form.fpt:
                 raise ProgramError("a dwell stands between the points of an arc", where=node.where, value="MOVC",
@@ -340,22 +313,17 @@ class Motions(ExecutionByAxes[InformMotion]):
             return
         cuts = [0, *(k for k in range(1, len(row) - 1) if row[k].form.fpt), len(row) - 1]
         resumed, self._resumed = self._resumed, False
-        made: dict[int, tuple[Motion, Float, InformMotion]] = {}
+        made: dict[int, Made] = {}
         before = self.motions[-1] if self.motions else None
         start = row[0]
-        stands = before is not None and _same_place(before, self.rotations[-1], start)
+        stands = before is not None and stands_at(before, self.rotations[-1], start)
         if not stands:
-            p_start = start.p if before is None else before.p_end
-            kind, feed = ("rapid", 0.0) if before is None else ("feed", start.feed_m_s)
-            motion = Motion(start.block, "rapid" if kind == "rapid" else "feed", p_start, start.p, feed,
-                            start.rpm * RPM, start.tool)  # fmt: skip
-            move = InformMotion("MOVC", start.point, start.form.exact, start.form.rounding_m)
-            made[start.block] = (motion, start.R, move)
+            made |= straight_to(start, before)
         for first, last in itertools.pairwise(cuts):
-            made |= _arcs(row[first : last + 1], start.point if stands and first == 0 and not resumed else None)
+            made |= arcs_of(row[first : last + 1], start.point if stands and first == 0 and not resumed else None)
         self._insert(row[1 if resumed else 0].block, made)
 
-    def _insert(self, first: int, made: dict[int, tuple[Motion, Float, InformMotion]]) -> None:
+    def _insert(self, first: int, made: dict[int, Made]) -> None:
         """Put motions into the blocks from one on; blocks that follow begin behind them."""
         for index in range(first, len(self._blocks)):
             block = replace(self._blocks[index], first_motion=len(self.motions))
@@ -366,66 +334,3 @@ class Motions(ExecutionByAxes[InformMotion]):
                 self.moves.append(move)
                 block = replace(block, motion_count=1, modal=self.modal(self.motion_code(len(self.motions) - 1)))
             self._blocks[index] = block
-
-
-def _same_place(before: Motion, R: Float, node: _Node) -> bool:
-    near = float(np.abs(np.asarray(before.p_end) - node.p).max()) < _SAME_M
-    return near and float(np.abs(R - node.R).max()) < _SAME_TURN
-
-
-def _arcs(row: Sequence[_Node], start: Point | None) -> dict[int, tuple[Motion, Float, InformMotion]]:
-    """One circle through all points of a row: one motion, or one for each point where they differ in more than place.
-
-    Args:
-        row: Its points, the start first.
-        start: The MOVC at its start, where it moves nothing.
-    """
-    points = [node.p for node in row]
-    if len(row) < 3:
-        raise ProgramError("an arc has fewer than three points", where=row[0].where, value="MOVC",
-                           limit="three MOVC in a row", hint="Write MOVL")  # fmt: skip
-    closed = float(np.linalg.norm(points[0] - points[-1])) < _SAME_CIRCLE_M
-    middle, last = (len(row) // 3, 2 * len(row) // 3) if closed else (len(row) // 2, len(row) - 1)
-    parts = circle(points[0], points[middle], points[last])
-    if parts is None:
-        raise ProgramError("the points of an arc lie on a line", where=row[0].where, value="MOVC", hint="Write MOVL")
-    centre, normal = parts
-    radius = float(np.linalg.norm(points[0] - centre))
-    off = max(max(abs(float(np.linalg.norm(p - centre)) - radius), abs(float((p - centre) @ normal))) for p in points)
-    turns = [angle_to(a, b, centre, normal) for a, b in itertools.pairwise(points)]
-    if off > _SAME_CIRCLE_M or sum(turns) > _WHOLE:
-        raise ProgramError(
-            "the points of an arc lie on no single circle: what is between them is the controller's own",
-            where=row[0].where, value=f"{len(row)} MOVC", limit="one circle, or FPT where it changes",
-            hint="Write FPT at the point at which the arc changes",
-        )  # fmt: skip
-
-    def arc(node: _Node, p_start: Float, turn: float, move: InformMotion) -> tuple[Motion, Float, InformMotion]:
-        motion = Motion(node.block, "arc", p_start, node.p, node.feed_m_s, node.rpm * RPM, node.tool,
-                        p_centre=centre, normal=normal, turn_rad=turn)  # fmt: skip
-        return motion, node.R, move
-
-    end = row[-1]
-    if _is_one(row, turns):
-        through = tuple(node.point for node in row[1:-1])
-        move = InformMotion("MOVC", end.point, end.form.exact, end.form.rounding_m, through, start)
-        return {end.block: arc(end, points[0], sum(turns), move)}
-    return {
-        node.block: arc(node, before.p, turn, InformMotion("MOVC", node.point, node.form.exact, piece=True))
-        for before, node, turn in zip(row[:-1], row[1:], turns, strict=True)
-    }
-
-
-def _is_one(row: Sequence[_Node], turns: Sequence[float]) -> bool:
-    """Return whether speed, spindle and tool are the same all along, and the tool turns evenly."""
-    first, end = row[0], row[-1]
-    same = all(
-        (node.quiet or index == 0) and (node.feed_m_s, node.rpm, node.tool) == (end.feed_m_s, end.rpm, end.tool)
-        for index, node in enumerate(row[1:])
-    )
-    total = rotation.log(first.R.T @ end.R)
-    shares = np.cumsum(turns) / sum(turns)
-    return same and all(
-        float(np.linalg.norm(rotation.log(node.R.T @ first.R @ rotation.exp(share * total)))) < SAME_RAD
-        for node, share in zip(row[1:-1], shares, strict=False)
-    )

@@ -221,8 +221,8 @@ class InformProgram(RobotProgram):
 
     def postures(self) -> dict[int, Stated]:
         """RCONF of the targets: front or rear, upper or lower arm. Flip says where R is, not on which side B is."""
-        found = {index: _posture(move.point) for index, move in enumerate(self.moves)}
-        return {index: stated for index, stated in found.items() if stated is not None}
+        stated = {index: _posture(move.point) for index, move in enumerate(self.moves)}
+        return {index: one for index, one in stated.items() if one is not None}
 
 
 def _posture(point: Point) -> Stated | None:

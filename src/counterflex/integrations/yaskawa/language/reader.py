@@ -12,8 +12,8 @@ import numpy as np
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.yaskawa.language.frames import InformCell
 from counterflex.integrations.yaskawa.language.interpreter import Interpreter
-from counterflex.integrations.yaskawa.language.job import Folder, Job, jobs_beside
 from counterflex.integrations.yaskawa.language.program import DIALECT, InformProgram
+from counterflex.integrations.yaskawa.language.source import Folder, Job, jobs_beside
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.program import TOOL_VECTOR
 from counterflex.programs.robot_text.axes import tilted, with_axes

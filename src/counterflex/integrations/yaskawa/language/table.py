@@ -175,7 +175,7 @@ TABLE: Final = StatementTable(
     (*_MOTIONS, *_OPTIONS, *_VALUES, *_FLOW),
 )
 ACTING: Final = frozenset({"DOUT", "AOUT", "PULSE", "GOUT", "WAIT", "HAND", "HSEN", "TOOLON", "TOOLOF", "SETREG"})
-"""Act on the cell without a word of the cell file's table."""
+"""Act on the cell, and the table of the cell file may not say how."""
 ASSIGNING: Final = frozenset(row.word for row in _VALUES) - {"MFRAME"}
 """Set the variable behind them, or make it unknown."""
 _WORD: Final = re.compile(r"'|//|\*|\+?[A-Za-z]\w*", re.ASCII)

@@ -314,11 +314,12 @@ class Values:
         if isinstance(a, PositionValue) and isinstance(b, PositionValue):
             return _added(a, b, operator)
         try:
-            return cast("Value", GRAMMAR.binary[operator][1](a, b))
+            result: Value = GRAMMAR.binary[operator][1](a, b)
         except ZeroDivisionError:
             raise ExpressionError("a division by zero") from None
         except (TypeError, ValueError, OverflowError) as error:
             raise ExpressionError(f"{operator} does not fit what it stands between") from error
+        return result
 
     def _element_changed(self, word: str, old: Value, element: str, value: Value) -> Value:
         """A position with one element set, or multiplied."""
