@@ -233,9 +233,11 @@ def test_a_way_takes_as_long_in_both_directions(
     rng = np.random.default_rng(number)
     p = np.cumsum(rng.normal(size=(n, 3)) * rng.uniform(0.001, 0.03, (n, 1)), axis=0)
     length = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)
-    path = replace(path_of(rng, n), p_part_tcp=p, motion=np.arange(n), time_s=np.cumsum(length / 0.05))
+    motion = np.cumsum(rng.random(n) < rng.choice([0.0, 0.5, 1.0]))  # within one the path bends without a corner
+    path = replace(path_of(rng, n), p_part_tcp=p, motion=motion, time_s=np.cumsum(length / 0.05))
     bounds = replace(
-        BOUNDS, blending_m=blending_m, joint_accelerations_rad_s2=rng.uniform(0.5, 5.0, 6) if limited else None,
+        BOUNDS, blending_m=blending_m, acceleration_m_s2=10.0 ** rng.uniform(-2.5, 0.0),
+        joint_accelerations_rad_s2=rng.uniform(0.5, 5.0, 6) if limited else None,
         joint_speeds_rad_s=rng.uniform(0.05, 0.5, 6) if slow else None,
     )  # fmt: skip
     here, there = held(path, bounds), held(backwards(path), bounds)
