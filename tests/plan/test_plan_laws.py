@@ -21,7 +21,8 @@ from counterflex.plan.chip_range import outside, uncertainty
 from counterflex.plan.preflight import joints
 from counterflex.plan.preflight.approximation import Corners, corners_of
 from counterflex.plan.preflight.held_speed import Cause, HeldSpeed, held_speed
-from counterflex.plan.preflight.row import Bounds, worst_of_axes
+from counterflex.plan.preflight.preflight import Preflight
+from counterflex.plan.preflight.row import Bounds, Row, Verdict, worst_of_axes
 from counterflex.plan.preflight.spacing import blocks_of
 
 QUICK = settings(max_examples=60)
@@ -250,3 +251,27 @@ def test_a_way_takes_as_long_in_both_directions(
         named = (here.cause == Cause.JOINT_SPEED) & (here.mean_m_s > 0.0)
         own = named & (here.lowest_m_s >= here.length_m / np.maximum(q.max(axis=1), 1e-12) * (1.0 - 1e-9))
         np.testing.assert_array_equal(here.axis[own], q.argmax(axis=1)[own])
+
+
+@QUICK
+@given(seed, st.integers(3, 9))
+def test_a_tool_that_turns_is_slowed_on_its_own_segments(number: int, n: int) -> None:
+    """On a line, without ramps: the smaller of feed and turning speed, each segment by its own turn."""
+    rng = np.random.default_rng(number)
+    way = rng.uniform(0.002, 0.02, n)
+    p = np.cumsum(way)[:, None] * np.array([[0.6, 0.0, 0.8]])
+    path = replace(path_of(rng, n), p_part_tcp=p, motion=np.zeros(n, dtype=np.int64), time_s=np.cumsum(way / 0.05))
+    turned = rng.uniform(0.0, 0.5, n)
+    bounds = replace(BOUNDS, acceleration_m_s2=1e4, orientation_rad_s=1.0)
+    blocks = blocks_of(path)
+    found = held_speed(path, p @ ROBOT, turned, blocks, corners_of(path, blocks, np.array([np.nan]), 0.0), bounds)
+    np.testing.assert_allclose(found.mean_m_s[1:], np.minimum(0.05, way / turned)[1:], rtol=1e-2)
+
+
+@QUICK
+@given(st.lists(st.sampled_from(["ok", "warning", "fail", "not looked at"]), max_size=6))
+def test_one_failed_check_fails_the_whole(verdicts: list[Verdict]) -> None:
+    path = path_of(np.random.default_rng(0), 3)
+    rows = tuple(Row(f"check {k}", verdict) for k, verdict in enumerate(verdicts))
+    whole = Preflight(rows, path, np.zeros((3, 6)), np.zeros((3, 6)), (), None, BOUNDS)
+    assert whole.failed == ("fail" in verdicts)

@@ -15,7 +15,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.robot.model.description import ElasticRegion
-from counterflex.twin.plant.controller import Controller, interpolate, moving_mean
+from counterflex.twin.plant.controller import Controller, as_it_is, interpolate, moving_mean
 from counterflex.twin.plant.friction import play_torque
 from counterflex.twin.plant.gear_curves import gear_torque, wind_up
 from counterflex.twin.plant.hose import Hose
@@ -23,7 +23,7 @@ from counterflex.twin.plant.mjcf import coordinates as coordinates_of
 from counterflex.twin.plant.posture_springs import PostureSprings
 from counterflex.twin.plant.process import as_ground
 from counterflex.twin.plant.slow_changes import SlowChanges
-from counterflex.twin.truth.other import HosePack, OtherPhysics, Thermal, ToolOff
+from counterflex.twin.truth.other import ControllerKind, HosePack, OtherPhysics, Thermal, ToolOff
 from counterflex.twin.truth.truth import Truth
 
 QUICK = settings(max_examples=60)
@@ -83,6 +83,8 @@ def test_a_hose_pulls_when_it_is_taut_and_never_pushes(number: int, distance: fl
     pull = w[:3] - 0.5 * HOSE.mass_kg * GRAVITY
     np.testing.assert_allclose(pull, HOSE.pull_n_m * max(0.0, distance - HOSE.slack_m) * way, atol=1e-9)
     np.testing.assert_allclose(w[3:] @ way, 0.0, atol=1e-12)
+    leaves = T_tool[:3, :3] @ HOSE.tool_exit  # it turns the clamp towards where the hose goes, by the sine of the angle
+    np.testing.assert_allclose(np.cross(w[3:], leaves) @ way, HOSE.bending_nm * (1.0 - (leaves @ way) ** 2), atol=1e-9)
 
 
 def slow(truth: Truth, other: OtherPhysics) -> tuple[SlowChanges, tuple[Float, Float], list[tuple[str, Float, Float]]]:
@@ -203,3 +205,17 @@ def test_a_tool_ground_to_another_diameter_keeps_its_kind(off: float) -> None:
     assert [one.diameter_m for one in made] == pytest.approx([10.0 * MM + off] * 3)
     assert made[0].is_ball
     assert [one.corner_radius_m for one in made[1:]] == [0.0, 1.0 * MM]
+
+
+@QUICK
+@given(st.floats(0.0, 3.0), st.floats(0.0, 0.1))
+def test_a_controller_of_another_kind_blends_by_a_share_of_its_own(
+    controller: Controller, share: float, smoothing_s: float
+) -> None:
+    blending_m = 3.0 * MM
+    made = as_it_is(
+        replace(controller, blending_m=blending_m), ControllerKind(blending_share=share, smoothing_s=smoothing_s)
+    )
+    assert (made.blending_m, made.smoothing_s) == (pytest.approx(share * blending_m), smoothing_s)
+    assert replace(made, blending_m=controller.blending_m, smoothing_s=controller.smoothing_s) == controller
+    assert as_it_is(controller, None) is controller
