@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
+from counterflex.plan import compensate as mending
 from counterflex.plan import cut as cutting
 from counterflex.plan.ahead import arrival
 from counterflex.plan.chip_range import outside, uncertainty
@@ -134,6 +137,34 @@ def test_a_tool_that_is_pushed_back_is_late_by_the_time_of_its_way(number: int, 
         late = -(deflection[k] @ step / length) / (length / passed) if length > 0.0 and passed > 0.0 else 0.0
         latest = max(latest, path.time_s[k] + late)
         assert found[k] == pytest.approx(latest)
+
+
+@QUICK
+@given(seed, st.integers(2, 14))
+def test_a_cut_is_judged_by_what_is_left_across_it_where_it_touches(number: int, n: int) -> None:
+    """From rapid to rapid: the better of two by the fourth power, one that leaves much by the share of its rows."""
+    rng = np.random.default_rng(number)
+    path = path_of(rng, n, np.where(rng.random(n) < 0.7, FEED, RAPID))
+    contact = rng.random(n) < 0.7
+    one, other, bend = rng.normal(size=(3, n, 6)) * np.array([1.0, 1.0, 4.0])[:, None, None]
+    loaded: Any = SimpleNamespace(
+        inputs=SimpleNamespace(path=path), cut=SimpleNamespace(contact=contact), deflection_part=bend
+    )
+
+    def size(d: Float, k: int) -> float:
+        step = path.p_part_tcp[k] - path.p_part_tcp[k - 1] if k else np.zeros(3)
+        along = step / np.linalg.norm(step) if np.any(step != 0.0) else np.zeros(3)
+        return float(np.linalg.norm(d[k, :3] - (d[k, :3] @ along) * along))
+
+    better, much = mending._less_left(loaded, one, other), mending._leaves_much(loaded, one)
+    begin = 0
+    for k in range(n):
+        begin = k if k and path.kind[k] != path.kind[k - 1] else begin
+        end = next((j for j in range(k, n) if path.kind[j] != path.kind[k]), n)
+        rows = [j for j in range(begin, end) if contact[j]]
+        assert better[k] == (sum(size(one, j) ** 4 for j in rows) < sum(size(other, j) ** 4 for j in rows))
+        most = max((size(bend, j) for j in rows), default=0.0)
+        assert much[k] == (sum(size(one, j) > 0.15 * most for j in rows) > 0.02 * len(rows))
 
 
 # ---- axes ----------------------------------------------------------------------------------------------------------
