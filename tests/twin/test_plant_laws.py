@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.robot.model.description import ElasticRegion
@@ -21,10 +22,10 @@ from counterflex.twin.plant.gear_curves import gear_torque, wind_up
 from counterflex.twin.plant.hose import Hose
 from counterflex.twin.plant.mjcf import coordinates as coordinates_of
 from counterflex.twin.plant.posture_springs import PostureSprings
-from counterflex.twin.plant.process import as_ground
+from counterflex.twin.plant.process import LAG_CELLS, Process, as_ground
 from counterflex.twin.plant.slow_changes import SlowChanges
 from counterflex.twin.truth.other import ControllerKind, HosePack, OtherPhysics, Thermal, ToolOff
-from counterflex.twin.truth.truth import Truth
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 QUICK = settings(max_examples=60)
 seed = st.integers(0, 2**31)
@@ -219,3 +220,28 @@ def test_a_controller_of_another_kind_blends_by_a_share_of_its_own(
     assert (made.blending_m, made.smoothing_s) == (pytest.approx(share * blending_m), smoothing_s)
     assert replace(made, blending_m=controller.blending_m, smoothing_s=controller.smoothing_s) == controller
     assert as_it_is(controller, None) is controller
+
+
+@settings(max_examples=15)
+@given(seed)
+def test_material_is_taken_out_a_few_cells_behind_the_tool(cutting: CuttingTruth, number: int) -> None:
+    """Whatever the steps: what is farther behind than the lag is gone, what is nearer is there until the end."""
+    rng, cell = np.random.default_rng(number), 0.5 * MM
+    block = HeightMap.from_box((0.0, 0.0, 0.0), (40.0 * MM, 10.0 * MM, 5.0 * MM), cell)
+    tool = Cutter(diameter_m=4.0 * MM)
+    process = Process(block, tool, cutting, 1e-3, np.eye(4))
+    row, lag = int(np.argmin(np.abs(block.y_m() - 5.0 * MM))), LAG_CELLS * cell
+    x = -3.0 * MM
+    process.restart(np.array([x, 5.0 * MM, 3.0 * MM]))
+    process.advance(np.array([x, 5.0 * MM, 3.0 * MM]))
+    while x < 30.0 * MM:
+        step = rng.uniform(0.05, 1.5) * MM
+        x += step
+        process.advance(np.array([x, 5.0 * MM, 3.0 * MM]))
+        z = process.stock.z[row]
+        gone = block.x_m() < x - lag - 1.6 * MM + tool.radius_m - cell
+        kept = block.x_m() > x - lag + tool.radius_m + cell
+        np.testing.assert_allclose(z[gone], 3.0 * MM, atol=1e-6)
+        np.testing.assert_allclose(z[kept], 5.0 * MM, atol=1e-6)
+    z = process.finish().z[row]
+    np.testing.assert_allclose(z[block.x_m() < x + tool.radius_m - cell], 3.0 * MM, atol=1e-6)
