@@ -11,11 +11,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.programs.rapid.read.reader import read_rapid
 from counting_programs import NAMES, NEVER, RANDOM_PROGRAMS, Counting, Op, Text, leaf, name, programs, small
 
-Pose = tuple[Rotation, np.ndarray]  # type: ignore[type-arg]
+Pose = tuple[Rotation, Float]
 REST = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
 OBJECTS = {
     "w1": ((100, 0, 5), (20, 0, 0), (0, 7, 0), (0, 0, 30)),
