@@ -174,3 +174,17 @@ def test_the_fast_cross_product_is_numpys_bit_for_bit() -> None:
     np.testing.assert_array_equal(wrench.cross(a, b), np.cross(a, b))
     np.testing.assert_array_equal([wrench.cross(x, y) for x, y in zip(a, b, strict=True)], np.cross(a, b))
     np.testing.assert_array_equal(wrench.cross(a[0], b), np.cross(a[0], b))
+
+
+@given(seeds)
+def test_a_batch_of_wrenches_is_moved_as_each_of_them(seed: int) -> None:
+    """About another point, into another frame and into other axes: every row by its own lever, pose and rotation."""
+    rng = np.random.default_rng(seed)
+    w, lever = rng.normal(size=(4, 6)), rng.normal(size=(4, 3))
+    T = pose.make(rotation.exp(rng.normal(size=(4, 3))), rng.normal(size=(4, 3)))
+    for k in range(4):
+        np.testing.assert_allclose(wrench.shift(w, lever)[k], wrench.shift(w[k], lever[k]), atol=1e-12)
+        np.testing.assert_allclose(wrench.carry(T, w)[k], wrench.carry(T[k], w[k]), atol=1e-12)
+        np.testing.assert_allclose(wrench.rotate(T[:, :3, :3], w)[k], wrench.rotate(T[k, :3, :3], w[k]), atol=1e-12)
+        np.testing.assert_allclose(pose.difference(T, T[::-1])[k], pose.difference(T[k], T[3 - k]), atol=1e-12)
+        np.testing.assert_allclose(wrench.shift(wrench.shift(w, lever), -lever)[k], w[k], atol=1e-12)

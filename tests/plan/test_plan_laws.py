@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,13 +17,15 @@ from counterflex.core.units import MM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
+from counterflex.plan import compensate as mending
 from counterflex.plan import cut as cutting
 from counterflex.plan.ahead import arrival
 from counterflex.plan.chip_range import outside, uncertainty
 from counterflex.plan.preflight import joints
 from counterflex.plan.preflight.approximation import Corners, corners_of
 from counterflex.plan.preflight.held_speed import Cause, HeldSpeed, held_speed
-from counterflex.plan.preflight.row import Bounds, worst_of_axes
+from counterflex.plan.preflight.preflight import Preflight
+from counterflex.plan.preflight.row import Bounds, Row, Verdict, worst_of_axes
 from counterflex.plan.preflight.spacing import blocks_of
 
 QUICK = settings(max_examples=60)
@@ -135,6 +139,34 @@ def test_a_tool_that_is_pushed_back_is_late_by_the_time_of_its_way(number: int, 
         assert found[k] == pytest.approx(latest)
 
 
+@QUICK
+@given(seed, st.integers(2, 14))
+def test_a_cut_is_judged_by_what_is_left_across_it_where_it_touches(number: int, n: int) -> None:
+    """From rapid to rapid: the better of two by the fourth power, one that leaves much by the share of its rows."""
+    rng = np.random.default_rng(number)
+    path = path_of(rng, n, np.where(rng.random(n) < 0.7, FEED, RAPID))
+    contact = rng.random(n) < 0.7
+    one, other, bend = rng.normal(size=(3, n, 6)) * np.array([1.0, 1.0, 4.0])[:, None, None]
+    loaded: Any = SimpleNamespace(
+        inputs=SimpleNamespace(path=path), cut=SimpleNamespace(contact=contact), deflection_part=bend
+    )
+
+    def size(d: Float, k: int) -> float:
+        step = path.p_part_tcp[k] - path.p_part_tcp[k - 1] if k else np.zeros(3)
+        along = step / np.linalg.norm(step) if np.any(step != 0.0) else np.zeros(3)
+        return float(np.linalg.norm(d[k, :3] - (d[k, :3] @ along) * along))
+
+    better, much = mending._less_left(loaded, one, other), mending._leaves_much(loaded, one)
+    begin = 0
+    for k in range(n):
+        begin = k if k and path.kind[k] != path.kind[k - 1] else begin
+        end = next((j for j in range(k, n) if path.kind[j] != path.kind[k]), n)
+        rows = [j for j in range(begin, end) if contact[j]]
+        assert better[k] == (sum(size(one, j) ** 4 for j in rows) < sum(size(other, j) ** 4 for j in rows))
+        most = max((size(bend, j) for j in rows), default=0.0)
+        assert much[k] == (sum(size(one, j) > 0.15 * most for j in rows) > 0.02 * len(rows))
+
+
 # ---- axes ----------------------------------------------------------------------------------------------------------
 
 ROBOT = np.random.default_rng(5).normal(size=(3, 6)) * 3.0
@@ -233,9 +265,11 @@ def test_a_way_takes_as_long_in_both_directions(
     rng = np.random.default_rng(number)
     p = np.cumsum(rng.normal(size=(n, 3)) * rng.uniform(0.001, 0.03, (n, 1)), axis=0)
     length = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)
-    path = replace(path_of(rng, n), p_part_tcp=p, motion=np.arange(n), time_s=np.cumsum(length / 0.05))
+    motion = np.cumsum(rng.random(n) < rng.choice([0.0, 0.5, 1.0]))  # within one the path bends without a corner
+    path = replace(path_of(rng, n), p_part_tcp=p, motion=motion, time_s=np.cumsum(length / 0.05))
     bounds = replace(
-        BOUNDS, blending_m=blending_m, joint_accelerations_rad_s2=rng.uniform(0.5, 5.0, 6) if limited else None,
+        BOUNDS, blending_m=blending_m, acceleration_m_s2=10.0 ** rng.uniform(-2.5, 0.0),
+        joint_accelerations_rad_s2=rng.uniform(0.5, 5.0, 6) if limited else None,
         joint_speeds_rad_s=rng.uniform(0.05, 0.5, 6) if slow else None,
     )  # fmt: skip
     here, there = held(path, bounds), held(backwards(path), bounds)
@@ -248,3 +282,27 @@ def test_a_way_takes_as_long_in_both_directions(
         named = (here.cause == Cause.JOINT_SPEED) & (here.mean_m_s > 0.0)
         own = named & (here.lowest_m_s >= here.length_m / np.maximum(q.max(axis=1), 1e-12) * (1.0 - 1e-9))
         np.testing.assert_array_equal(here.axis[own], q.argmax(axis=1)[own])
+
+
+@QUICK
+@given(seed, st.integers(3, 9))
+def test_a_tool_that_turns_is_slowed_on_its_own_segments(number: int, n: int) -> None:
+    """On a line, without ramps: the smaller of feed and turning speed, each segment by its own turn."""
+    rng = np.random.default_rng(number)
+    way = rng.uniform(0.002, 0.02, n)
+    p = np.cumsum(way)[:, None] * np.array([[0.6, 0.0, 0.8]])
+    path = replace(path_of(rng, n), p_part_tcp=p, motion=np.zeros(n, dtype=np.int64), time_s=np.cumsum(way / 0.05))
+    turned = rng.uniform(0.0, 0.5, n)
+    bounds = replace(BOUNDS, acceleration_m_s2=1e4, orientation_rad_s=1.0)
+    blocks = blocks_of(path)
+    found = held_speed(path, p @ ROBOT, turned, blocks, corners_of(path, blocks, np.array([np.nan]), 0.0), bounds)
+    np.testing.assert_allclose(found.mean_m_s[1:], np.minimum(0.05, way / turned)[1:], rtol=1e-2)
+
+
+@QUICK
+@given(st.lists(st.sampled_from(["ok", "warning", "fail", "not looked at"]), max_size=6))
+def test_one_failed_check_fails_the_whole(verdicts: list[Verdict]) -> None:
+    path = path_of(np.random.default_rng(0), 3)
+    rows = tuple(Row(f"check {k}", verdict) for k, verdict in enumerate(verdicts))
+    whole = Preflight(rows, path, np.zeros((3, 6)), np.zeros((3, 6)), (), None, BOUNDS)
+    assert whole.failed == ("fail" in verdicts)

@@ -7,16 +7,15 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.programs.krl.read.reader import read_krl
-from counting_programs import NAMES, Counting, Op, Text, expression, leaf, name, programs, small
+from counting_programs import NAMES, NEVER, RANDOM_PROGRAMS, Counting, Op, Text, expression, leaf, name, programs, small
 
-QUICK = settings(max_examples=150, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 Six = tuple[int, int, int, int, int, int]
 FIRST: Six = (100, 20, 5, 30, 0, 0)
 OTHER: Six = (-7, 0, 3, 0, -40, 10)
@@ -43,7 +42,7 @@ class Krl(Counting):
 
     def __init__(self) -> None:
         super().__init__()
-        self.base, self.speed, self.override, self.holds = FIRST, 20, 100, False
+        self.base, self.speed, self.override, self.holds = FIRST, 20, 60, False
         self.angles = (0, 0, 180)
         self.here = pose_of((0, 0, 0, 0, 0, 180))
 
@@ -192,7 +191,7 @@ class KrlText(Text):
 
     def do_case(self, of: str, values: list[int], *bodies: list[Op]) -> Iterator[str]:
         yield f"SWITCH {self.name(of)}"
-        for word, body in zip((f"CASE 99,{values[0]}", f"CASE {values[1]}", "DEFAULT"), bodies, strict=True):
+        for word, body in zip((f"CASE {NEVER},{values[0]}", f"CASE {values[1]}", "DEFAULT"), bodies, strict=True):
             yield from [word, *self.lines(body)]
         yield "ENDSWITCH"
 
@@ -226,7 +225,7 @@ def source(ops: list[Op]) -> str:
     """The program behind a motion in the first base."""
     numbers = "".join(f"N{n}={value}\n" for n, value in Counting().at.items())
     head = f"INT Na,Nb,Nc,Ni1,Ni2,Ni3\n{numbers}NRA=0\nNRB=0\nNRC=180\n$TOOL=TOOL_DATA[1]\n$BASE={literal(FIRST)}\n"
-    return f"DEF p( )\n{head}$VEL.CP=0.02\nPTP {{X 0,Y 0,Z 0,A 0,B 0,C 180}}\n" + "\n".join(
+    return f"DEF p( )\n{head}$VEL.CP=0.02\n$OV_PRO=60\nPTP {{X 0,Y 0,Z 0,A 0,B 0,C 180}}\n" + "\n".join(
         [*KrlText().lines(ops), "END\n" + SUBS]
     )
 
@@ -246,7 +245,7 @@ PROGRAMS = programs(
 )  # fmt: skip
 
 
-@QUICK
+@RANDOM_PROGRAMS
 @given(PROGRAMS)
 def test_a_program_makes_the_motions_of_the_reference(ops: list[Op]) -> None:
     """Places, orientations and speeds of every motion, in whatever base and mode was left by what ran before."""

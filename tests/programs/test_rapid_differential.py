@@ -7,16 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.programs.rapid.read.reader import read_rapid
-from counting_programs import NAMES, Counting, Op, Text, leaf, name, programs, small
+from counting_programs import NAMES, NEVER, RANDOM_PROGRAMS, Counting, Op, Text, leaf, name, programs, small
 
-QUICK = settings(max_examples=150, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
-Pose = tuple[Rotation, np.ndarray]  # type: ignore[type-arg]
+Pose = tuple[Rotation, Float]
 REST = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
 OBJECTS = {
     "w1": ((100, 0, 5), (20, 0, 0), (0, 7, 0), (0, 0, 30)),
@@ -48,8 +48,8 @@ class Rapid(Counting):
 
     def __init__(self) -> None:
         super().__init__()
-        self.at |= {"m": 0, "v": 5}
-        self.displaced, self.object, self.tilt, self.factor, self.most = STANDS, STANDS, (0, STANDS), 100, 10**9
+        self.at |= {"m": 0, "v": 500}
+        self.displaced, self.object, self.tilt, self.factor, self.most = STANDS, STANDS, (0, STANDS), 60, 250
 
     def computed(self, word: str, one: int, two: int) -> int:
         if word == "DIV":
@@ -162,7 +162,7 @@ class RapidText(Text):
 
     def do_case(self, of: str, values: list[int], *bodies: list[Op]) -> Iterator[str]:
         yield f"TEST {of}"
-        for word, body in zip((f"CASE 99,{values[0]}:", f"CASE {values[1]}:", "DEFAULT:"), bodies, strict=True):
+        for word, body in zip((f"CASE {NEVER},{values[0]}:", f"CASE {values[1]}:", "DEFAULT:"), bodies, strict=True):
             yield from [word, *self.lines(body)]
         yield "ENDTEST"
 
@@ -192,8 +192,9 @@ def module(ops: list[Op], first: int) -> str:
     go = f"MoveL {goal}\\WObj:=w1;\nCASE 2:\nMoveL {goal}\\WObj:=w2;\nDEFAULT:\nMoveL {goal};\nENDTEST\n"
     return (
         f"MODULE m\nCONST robtarget p10:=[[0,0,0],[0,1,0,0],{REST}];\nVAR robtarget q:=[[0,0,0],[0,1,0,0],{REST}];\n"
-        f"VAR byte m:=0;\nVAR speeddata s:=[5,500,5000,1000];\n{data}"
-        f"PROC main()\nFOR n FROM 1 TO {first} DO\nMoveJ p10,v100,fine,tool0;\nENDFOR\n{body}\nENDPROC\n"
+        f"VAR byte m:=0;\nVAR speeddata s:=[500,500,5000,1000];\n{data}"
+        f"PROC main()\nFOR n FROM 1 TO {first} DO\nMoveJ p10,v100,fine,tool0;\nENDFOR\nVelSet 60,250;\n"
+        f"{body}\nENDPROC\n"
         f"PROC Go(num x,num y,num z)\nTEST used\nCASE 1:\n{go}ENDPROC\n"
         "PROC Begin0()\nENDPROC\nPROC Begin1()\nENDPROC\nPROC Begin2()\nENDPROC\n"
         "PROC Inner(num y)\ny:=2*y;\nGo y,y,2;\nENDPROC\n"
@@ -215,7 +216,7 @@ PROGRAMS = programs(
 )  # fmt: skip
 
 
-@QUICK
+@RANDOM_PROGRAMS
 @given(PROGRAMS)
 def test_a_program_makes_the_motions_of_the_reference(ops: list[Op]) -> None:
     """Places, orientations and speeds of every motion, whatever was counted, displaced and called before it."""

@@ -86,7 +86,9 @@ def test_gcode_feeds_in_the_unit_and_mode_they_were_given_in(ops: list[tuple[str
 
 OFFSETS = st.lists(
     st.tuples(
-        st.sampled_from(["G92", "G52", "G92.1", "G92.2", "G92.3", "move", "G20", "G21", "G43.1", "step"]),
+        st.sampled_from(
+            ["G92", "G52", "G92.1", "G92.2", "G92.3", "move", "G20", "G21", "G43.1", "G43.1Z", "G10", "step"]
+        ),
         st.integers(-40, 40),
     ),
     max_size=20,
@@ -98,14 +100,14 @@ OFFSETS = st.lists(
 def test_gcode_offsets_count_from_where_the_tool_stands_or_from_zero(ops: list[tuple[str, int]]) -> None:
     """G92 makes the place be called so, G52 shifts zero by so much; G92.2 forgets, and G92.3 brings back."""
     lines, expected = ["G21 G90 G92 X0", "G0 X0 Y0 Z0"], []
-    unit, here, shift, saved, length = 1.0, 0.0, 0.0, 0.0, 0.0
+    unit, here, shift, saved, length, zero = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for word, value in [*ops, ("step", 3), ("move", 7)]:
         mm = value * unit
         if word in ("G20", "G21"):
             unit = 25.4 if word == "G20" else 1.0
             lines.append(word)
         elif word == "G92":
-            shift = saved = here - mm
+            shift = saved = here - mm - zero
             lines.append(f"G92 X{value}")
         elif word == "G52":
             shift = saved = mm
@@ -122,12 +124,17 @@ def test_gcode_offsets_count_from_where_the_tool_stands_or_from_zero(ops: list[t
         elif word == "G43.1":  # the tip is where it was called to be, whatever the length
             here, length = here + length - mm, mm
             lines.append(f"G43.1 X{value}")
+        elif word == "G43.1Z":  # the length along another axis
+            lines.append(f"G43.1 Z{value}")
+        elif word == "G10":  # zero of the work offset, so that the place is called so with the other offsets in force
+            zero = here - shift - mm
+            lines.append(f"G10 L20 P1 X{value}")
         elif word == "step":  # whatever the place is called, it moves on by so much
             here += mm
             lines.append(f"G91 G0 X{value}\nG90")
             expected.append(here)
         else:
-            here = mm + shift
+            here = mm + shift + zero
             lines.append(f"G0 X{value}")
             expected.append(here)
     found = [m.p_end[0] / MM for m in read_gcode("\n".join([*lines, "M2"])).motions[1:]]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -15,10 +15,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.programs.val3.read.application import Folder
 from counterflex.programs.val3.read.reader import read_val3
-from counting_programs import NAMES, Counting, Op, Text, leaf, programs, small
+from counting_programs import NAMES, NEVER, RANDOM_PROGRAMS, Counting, Op, Text, leaf, programs, small
 from val3_files import at, data, program
 
-QUICK = settings(max_examples=120, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 Six = tuple[int, int, int, int, int, int]
 Pose = tuple[Rotation, Float]
 PART: Six = (100, 0, 0, 0, 0, 90)
@@ -175,7 +174,7 @@ class Val3Text(Text):
 
     def do_case(self, of: str, values: list[int], *bodies: list[Op]) -> Iterator[str]:
         yield f"switch {self.name(of)}"
-        for word, body in zip((f"case 99,{values[0]}", f"case {values[1]}", "default"), bodies, strict=True):
+        for word, body in zip((f"case {NEVER},{values[0]}", f"case {values[1]}", "default"), bodies, strict=True):
             yield from [word, *self.lines(body), "break"]
         yield "endSwitch"
 
@@ -250,7 +249,7 @@ PROGRAMS = programs(
 )  # fmt: skip
 
 
-@QUICK
+@RANDOM_PROGRAMS
 @given(PROGRAMS)
 def test_a_program_makes_the_motions_of_the_reference(called: Path, ops: list[Op]) -> None:
     """Places, orientations and speeds of every motion, in whatever frame the point was linked to before it."""

@@ -141,6 +141,47 @@ def test_a_wrench_is_the_mean_of_its_own_telegram(number: int, counts: list[int]
         at += count
 
 
+@QUICK
+@given(seed, st.lists(st.lists(st.sampled_from(["good", "saturated", "invalid", "nan"]), max_size=6), max_size=6))
+def test_only_good_samples_make_the_wrench_and_the_others_are_counted(number: int, cycles: list[list[str]]) -> None:
+    """In every cycle anew: what the sensor calls invalid or beyond its range, or is no number, enters no mean."""
+    rng, at, bad, mean = np.random.default_rng(number), 0, 0, np.zeros(6)
+    stream = SampleStream()
+    for kinds in cycles:
+        w, kind = rng.normal(size=(len(kinds), 6)), np.array(kinds, dtype=object)
+        w[kind == "nan", 2] = np.nan
+        stream.begin()
+        stream.take(
+            w, sequence=np.arange(at, at + len(kinds)), invalid=kind == "invalid", saturated=kind == "saturated"
+        )
+        at += len(kinds)
+        bad += int(np.sum((kind == "invalid") | (kind == "nan")))
+        good = w[kind == "good"]
+        mean = good.mean(axis=0) if len(good) else mean
+        assert stream.end() == stream.good == len(good)
+        np.testing.assert_allclose(stream.w_sensor, mean, atol=1e-12)
+        np.testing.assert_array_equal(stream.samples[: len(good)], good)
+        assert (stream.bad, stream.saturated, stream.lost) == (bad, "saturated" in kinds, 0)
+
+
+@QUICK
+@given(seed, st.lists(st.lists(st.booleans(), max_size=6), max_size=6))
+def test_a_drain_of_another_package_is_its_own_mean(number: int, drains: list[list[bool]]) -> None:
+    rng, bad, mean = np.random.default_rng(number), 0, np.zeros(6)
+    given_ = Given(np.zeros((0, 6)))
+    polled = PolledForce(given_)
+    for finite in drains:
+        given_.next = rng.normal(size=(len(finite), 6))
+        given_.next[~np.array(finite, dtype=bool), 4] = np.inf
+        good = given_.next[np.array(finite, dtype=bool)]
+        bad += len(finite) - len(good)
+        mean = good.mean(axis=0) if len(good) else mean
+        assert polled.drain() == polled.good == len(good)
+        np.testing.assert_allclose(polled.w_sensor, mean, atol=1e-12)
+        np.testing.assert_array_equal(polled.samples[: len(good)], good)
+        assert polled.bad == bad
+
+
 def frame(matrix: Float, names: tuple[str, ...] = CHANNELS, footer: bytes = b"\x55\xaa") -> FrameFormat:
     return FrameFormat(tuple(FrameField("float64", name) for name in names), matrix, b"\x12\x34", footer, little=False)
 

@@ -10,10 +10,17 @@ import operator
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
 Op = tuple[Any, ...]
+RANDOM_PROGRAMS: Final = settings(
+    max_examples=120,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow],
+)
+"""The smallest program that fails would take minutes to find."""
 NAMES: Final = ("a", "b", "c")
 COMPARED: Final[dict[str, Callable[[Any, Any], bool]]] = {
     "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "=": operator.eq, "<>": operator.ne,
@@ -21,6 +28,8 @@ COMPARED: Final[dict[str, Callable[[Any, Any], bool]]] = {
 _COMPUTED: Final[dict[str, Callable[[Any, Any], Any]]] = {"+": operator.add, "-": operator.sub, "*": operator.mul}
 LARGEST: Final = 10**6
 """Numbers beyond it are no places that a robot reaches, and such programs are left out."""
+NEVER: Final = 3 * LARGEST
+"""A number that nothing becomes."""
 MOST: Final = 120
 """Motions of a program, at most."""
 

@@ -108,3 +108,15 @@ def test_regions_that_no_robot_has_are_refused(region: ElasticRegion, said: str)
     robot = replace(catalog.load("kuka_kr300_r2500_ultra"), regions=(region,))
     with pytest.raises(ModelError, match=said):
         ElasticChain.build(robot)
+
+
+def test_shares_of_many_postures_are_those_of_each(changing: ElasticChain, poses: Float, wrenches: Float) -> None:
+    """Each by the compliances of its own posture; together they are the deflection there."""
+    n = min(len(poses), len(wrenches))
+    many = shares(changing, poses[:n], wrenches[:n])
+    for k in range(n):
+        np.testing.assert_allclose(
+            many[k], shares(at(changing, poses[k]), poses[k], wrenches[k]), rtol=1e-9, atol=1e-15
+        )
+    C = cartesian_compliance(changing, poses[:n])
+    np.testing.assert_allclose(many.sum(axis=1), (C @ wrenches[:n, :, None])[..., 0], rtol=1e-9, atol=1e-15)

@@ -12,19 +12,20 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.robot.model.description import ElasticRegion
-from counterflex.twin.plant.controller import Controller, interpolate, moving_mean
+from counterflex.twin.plant.controller import Controller, as_it_is, interpolate, moving_mean
 from counterflex.twin.plant.friction import play_torque
 from counterflex.twin.plant.gear_curves import gear_torque, wind_up
 from counterflex.twin.plant.hose import Hose
 from counterflex.twin.plant.mjcf import coordinates as coordinates_of
 from counterflex.twin.plant.posture_springs import PostureSprings
-from counterflex.twin.plant.process import as_ground
+from counterflex.twin.plant.process import LAG_CELLS, Process, as_ground
 from counterflex.twin.plant.slow_changes import SlowChanges
-from counterflex.twin.truth.other import HosePack, OtherPhysics, Thermal, ToolOff
-from counterflex.twin.truth.truth import Truth
+from counterflex.twin.truth.other import ControllerKind, HosePack, OtherPhysics, Thermal, ToolOff
+from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 QUICK = settings(max_examples=60)
 seed = st.integers(0, 2**31)
@@ -83,6 +84,8 @@ def test_a_hose_pulls_when_it_is_taut_and_never_pushes(number: int, distance: fl
     pull = w[:3] - 0.5 * HOSE.mass_kg * GRAVITY
     np.testing.assert_allclose(pull, HOSE.pull_n_m * max(0.0, distance - HOSE.slack_m) * way, atol=1e-9)
     np.testing.assert_allclose(w[3:] @ way, 0.0, atol=1e-12)
+    leaves = T_tool[:3, :3] @ HOSE.tool_exit  # it turns the clamp towards where the hose goes, by the sine of the angle
+    np.testing.assert_allclose(np.cross(w[3:], leaves) @ way, HOSE.bending_nm * (1.0 - (leaves @ way) ** 2), atol=1e-9)
 
 
 def slow(truth: Truth, other: OtherPhysics) -> tuple[SlowChanges, tuple[Float, Float], list[tuple[str, Float, Float]]]:
@@ -203,3 +206,43 @@ def test_a_tool_ground_to_another_diameter_keeps_its_kind(off: float) -> None:
     assert [one.diameter_m for one in made] == pytest.approx([10.0 * MM + off] * 3)
     assert made[0].is_ball
     assert [one.corner_radius_m for one in made[1:]] == [0.0, 1.0 * MM]
+
+
+@QUICK
+@given(st.floats(0.0, 3.0), st.floats(0.0, 0.1))
+def test_a_controller_of_another_kind_blends_by_a_share_of_its_own(
+    controller: Controller, share: float, smoothing_s: float
+) -> None:
+    blending_m = 3.0 * MM
+    made = as_it_is(
+        replace(controller, blending_m=blending_m), ControllerKind(blending_share=share, smoothing_s=smoothing_s)
+    )
+    assert made.blending_m == pytest.approx(share * blending_m)
+    assert made.smoothing_s == smoothing_s
+    assert replace(made, blending_m=controller.blending_m, smoothing_s=controller.smoothing_s) == controller
+    assert as_it_is(controller, None) is controller
+
+
+@settings(max_examples=15)
+@given(seed)
+def test_material_is_taken_out_a_few_cells_behind_the_tool(cutting: CuttingTruth, number: int) -> None:
+    """Whatever the steps: what is farther behind than the lag is gone, what is nearer is there until the end."""
+    rng, cell = np.random.default_rng(number), 0.5 * MM
+    block = HeightMap.from_box((0.0, 0.0, 0.0), (40.0 * MM, 10.0 * MM, 5.0 * MM), cell)
+    tool = Cutter(diameter_m=4.0 * MM)
+    process = Process(block, tool, cutting, 1e-3, np.eye(4))
+    row, lag = int(np.argmin(np.abs(block.y_m() - 5.0 * MM))), LAG_CELLS * cell
+    x = -3.0 * MM
+    process.restart(np.array([x, 5.0 * MM, 3.0 * MM]))
+    process.advance(np.array([x, 5.0 * MM, 3.0 * MM]))
+    while x < 30.0 * MM:
+        step = rng.uniform(0.05, 1.5) * MM
+        x += step
+        process.advance(np.array([x, 5.0 * MM, 3.0 * MM]))
+        z = process.stock.z[row]
+        gone = block.x_m() < x - lag - 1.6 * MM + tool.radius_m - cell
+        kept = block.x_m() > x - lag + tool.radius_m + cell
+        np.testing.assert_allclose(z[gone], 3.0 * MM, atol=1e-6)
+        np.testing.assert_allclose(z[kept], 5.0 * MM, atol=1e-6)
+    z = process.finish().z[row]
+    np.testing.assert_allclose(z[block.x_m() < x + tool.radius_m - cell], 3.0 * MM, atol=1e-6)
