@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 from counterflex.core.arrays import Float
 from counterflex.core.records import Record, records
 from counterflex.core.units import MM
+from counterflex.runtime import record_ring as record
 from counterflex.runtime.axis_gains import AxisGains
 from counterflex.runtime.loop_constants import pack_settings
 from counterflex.runtime.loop_plan import LoopPlan
@@ -281,6 +282,54 @@ def test_cycles_that_are_missing_are_counted_whatever_pieces_they_come_in(steps:
     assert [(gap.after, gap.missing) for gap in replay.gaps] == expected
     assert sum(gap.missing for gap in replay.gaps) + len(cycles) == cycles[-1]
     assert (replay.skipped, replay.compared, replay.difference) == (len(cycles), 0, None)
+
+
+class Echo:
+    """Stands for a loop: answers each cycle with the next of the given rows."""
+
+    def __init__(self, rows: Float) -> None:
+        self.left = list(rows)
+        ends = (record.OUTCOME, record.MONITOR, record.MONITOR_OUTCOME, record.CYCLE)
+        first, second, third, fourth = (np.zeros(b - a) for a, b in zip((record.RESULTS, *ends), ends, strict=False))
+        self.answers, self._parts = (first, second), (first, second, third, fourth)
+        self.inputs = np.zeros(record.FLAGS - record.GIVEN), np.zeros(record.RESULTS - record.FLAGS)
+        self.monitor = SimpleNamespace(columns=(np.zeros(record.SENSOR - record.FAST), third, fourth))
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+    def run(self) -> None:
+        """One cycle."""
+        row, at = self.left.pop(0), record.RESULTS
+        for part in self._parts:
+            part[:] = row[at : at + len(part)]
+            at += len(part)
+
+
+@QUICK
+@given(st.integers(1, 30), st.lists(st.tuples(st.integers(0, 29), st.integers(0, 400)), max_size=4), st.integers(0, 30))
+def test_a_replay_names_the_first_number_that_differs(n: int, changed: list[tuple[int, int]], cut: int) -> None:
+    """First cycle and first column in it, however the records are cut; what came before it was compared."""
+    rows = np.random.default_rng(n).normal(size=(n, WIDTH))
+    rows[:, CYCLE], rows[:, 0] = np.arange(1, n + 1), 4.0 * np.arange(n)
+    logged = rows.copy()
+    places = {(k % n, record.RESULTS + c % (CYCLE - record.RESULTS)) for k, c in changed}
+    for place in places:
+        logged[place] += 1.0
+    loop: Any = Echo(rows)
+    replay = Replay(loop)
+    for piece in (logged[:cut], logged[cut:]):
+        replay(piece)
+    if not places:
+        assert (replay.difference, replay.compared) == (None, n)
+        return
+    row, col = min(places)
+    found = replay.difference
+    assert found is not None
+    assert (found.cycle, found.counter_ms, found.column) == (row + 1, 4 * row, record.COLUMNS[col])
+    assert (found.logged, found.replayed) == (logged[row, col], rows[row, col])
+    assert found.columns == sum(k == row for k, _ in places)
+    assert replay.compared == row
 
 
 def test_delays_that_are_replaced_stay_apart() -> None:
