@@ -54,7 +54,7 @@ def main() -> None:
 
 def source(folder: Path) -> Segment:
     """Records of a cell that corrects for 20 s of its virtual time."""
-    endurance.run(folder, hours=20.0 / 3600.0, keep_log=True)
+    endurance.run(folder, minutes=20.0 / 60.0, keep_log=True)
     return read_segment(folder / endurance.LOG / "run-000.mcap")
 
 
