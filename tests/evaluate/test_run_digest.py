@@ -83,8 +83,8 @@ def test_digests_of_stretches_join_to_the_figures_of_all_records(
         if digest is not None:
             again = read_digest(json.loads(json.dumps(digest.plain())))
             assert again is not None
-            joined.join(again.sums, again.kept)
-            found.add(again.kept)
+            joined.join(again.sums, again.rows)
+            found.add(again.rows)
     a, b = whole.figures(), joined.figures()
     assert without_times(a) == without_times(b)
     assert (found.incidents, found.total) == (all_incidents.incidents, all_incidents.total)

@@ -263,3 +263,28 @@ def test_a_stopped_robot_begins_another_session_without_a_correction(clock: Cloc
     assert block.reported_state[36] == NOT_REPORTED
     assert block.refused == 2
     assert block.largest_m == pytest.approx(0.5e-3)
+
+
+def test_no_reading_comes_twice_while_the_robot_stands(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An instrument that repeats itself is called frozen, and nothing is armed."""
+    force: list[tuple[float, ...]] = []
+    poses: list[bytes] = []
+
+    class Net:
+        def send(self, w: Any) -> None:
+            force.append(tuple(w))
+
+        def poll(self) -> None:
+            """Nothing is asked."""
+
+        def close(self) -> None:
+            """Nothing is open."""
+
+    monkeypatch.setattr(
+        replayed_cell, "_send", lambda _, data, peer: poses.append(data[24:48]) if peer == ("127.0.0.1", 7) else None
+    )
+    cell = Answered(clock, program=PlayedProgram(10**6), netft=Net())
+    played(cell, 200, tracker=("127.0.0.1", 7))
+    assert len(force) == len(poses) == 200 * SAMPLES
+    assert len(set(force)) == len(set(poses)) == 200 * SAMPLES
+    assert np.abs(np.array(force)).max() < 1.0

@@ -60,21 +60,20 @@ class MissingFinder:
             self._add_gap(int(cycles[k]), int(cycles[k + 1] - cycles[k] - 1), time_s)
         self._cycle, self._time_ns = int(cycles[-1]), float(rows[-1, _RECEIVED])
 
-    def join(self, first: Float, last: Float, gaps: Sequence[MissingCycles], total: int) -> None:
+    def join(self, rows: Float, gaps: Sequence[MissingCycles], total: int) -> None:
         """Take what is known of a stretch of records without them.
 
         Args:
-            first: Its first record, (WIDTH,).
-            last: Its last one.
+            rows: (k, WIDTH) the first of them is its first record, the last one its last.
             gaps: Within it, the first :data:`MOST_GAPS`.
             total: Cycles without a record within it.
         """
-        self.add(first[None])
+        self.add(rows[:1])
         for gap in gaps:
             if len(self.gaps) < MOST_GAPS:
                 self.gaps.append(gap)
         self.total += total
-        self._cycle, self._time_ns = int(last[CYCLE]), float(last[_RECEIVED])
+        self._cycle, self._time_ns = int(rows[-1, CYCLE]), float(rows[-1, _RECEIVED])
 
     def end(self, lost: int) -> None:
         """Say that so many records are known to be missing behind the last one."""

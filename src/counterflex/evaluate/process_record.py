@@ -121,21 +121,21 @@ class ProcessRecord:
         self._least = min(self._least, float(requested[slow].min(initial=1.0)))
         return self._take_events(rows)
 
-    def join(self, kept: Float, cycles: int, slowed: int, least: float) -> None:
+    def join(self, rows: Float, cycles: int, slowed: int, least: float) -> None:
         """Take what is known of a stretch of records without them.
 
         Args:
-            kept: (k, WIDTH) its first and last record and those with events.
+            rows: (k, WIDTH) its first and last record and those with events.
             cycles: Its records.
             slowed: Those in which less than the programmed speed was asked for.
             least: Lowest share of it.
         """
         if self._begin is None:
-            self._begin = float(kept[0, column("received_ns")])
+            self._begin = float(rows[0, column("received_ns")])
         self._cycles += cycles
         self._slowed += slowed
         self._least = min(self._least, least)
-        self._take_events(kept)
+        self._take_events(rows)
 
     def sums(self) -> dict[str, float]:
         """What :meth:`join` asks for, by name."""

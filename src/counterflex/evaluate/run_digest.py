@@ -46,15 +46,15 @@ class Digest:
 
     Attributes:
         sums: Figures as :meth:`counterflex.evaluate.run_record.RunRecord.sums` gives them.
-        kept: (k, WIDTH) its first and last record and those at changes; columns that no figure is taken from are 0.
+        rows: (k, WIDTH) its first and last record and those at changes; columns that no figure is taken from are 0.
     """
 
     sums: dict[str, Any]
-    kept: Float
+    rows: Float
 
     def plain(self) -> dict[str, Any]:
         """Plain values, bit for bit."""
-        data = np.ascontiguousarray(self.kept[:, _PLACES], dtype="<f8").tobytes()
+        data = np.ascontiguousarray(self.rows[:, _PLACES], dtype="<f8").tobytes()
         return {"sums": self.sums, "columns": list(_KEPT), "kept": base64.b64encode(zlib.compress(data)).decode()}
 
 

@@ -169,18 +169,18 @@ class RunRecord:
         self._find_changes(joined, known)
         self._go_on(rows)
 
-    def join(self, sums: Mapping[str, Any], kept: Float) -> None:
+    def join(self, sums: Mapping[str, Any], rows: Float) -> None:
         """Take what is known of a stretch of records without them, see :mod:`counterflex.evaluate.run_digest`.
 
         Args:
             sums: As :meth:`sums` of a record of that stretch alone gives them.
-            kept: (k, WIDTH) its first and its last record, and those at changes and events.
+            rows: (k, WIDTH) its first and its last record, and those at changes and events.
 
         Raises:
             InputError: Sums that are none.
         """
-        states = _numbers(kept[:, record.column("out_state")], len(State), "state")
-        joined, known = self._joined(kept, states)
+        states = _numbers(rows[:, record.column("out_state")], len(State), "state")
+        joined, known = self._joined(rows, states)
         self._records += int(sums["records"])
         self._answered += int(sums["answered"])
         self._waited += int(sums["waited"])
@@ -198,12 +198,12 @@ class RunRecord:
         if self._classes is None:
             self._classes = LatencyHistogram()
         self._classes.join(sums["reply"])
-        self._missing.join(kept[0], kept[-1], [MissingCycles(*one) for one in sums["gaps"]], int(sums["missing"]))
-        self._process.join(kept, int(sums["records"]), int(sums["slowed"]), float(sums["least_speed"]))
-        if len(joined) > len(kept):  # from the stretch before to this one
+        self._missing.join(rows, [MissingCycles(*one) for one in sums["gaps"]], int(sums["missing"]))
+        self._process.join(rows, int(sums["records"]), int(sums["slowed"]), float(sums["least_speed"]))
+        if len(joined) > len(rows):  # from the stretch before to this one
             self._pass_time(joined[:2], known[:2])
         self._find_changes(joined, known)
-        self._go_on(kept)
+        self._go_on(rows)
 
     def sums(self) -> dict[str, Any]:
         """Plain values from which, with the records at changes, :meth:`join` knows all that was taken."""

@@ -102,7 +102,7 @@ class LogMissing:
         else:
             sums = segment.digest.sums
             gaps = [MissingCycles(*gap) for gap in sums["gaps"]]
-            finder.join(segment.rows[0], segment.rows[-1], gaps, int(sums["missing"]))
+            finder.join(segment.rows, gaps, int(sums["missing"]))
         self.at_end[run] = segment.lost_at_end
         self._records[run] = self._records.get(run, 0) + segment.records
         if len(cycles):

@@ -112,7 +112,7 @@ def _soak_simulated(out: Path, hours: float, *, keep_log: bool, as_json: bool) -
 
     stretch_s = min(endurance.STRETCH_S, 3600.0 * hours / 4.0)
     with progress_bar("soaking") as progress:
-        done = endurance.run(out, hours=hours, keep_log=keep_log, stretch_s=stretch_s, progress=progress)
+        done = endurance.run(out, minutes=60.0 * hours, keep_log=keep_log, stretch_s=stretch_s, progress=progress)
     if as_json:
         print_json({"interrupted": done.interrupted, "broken": done.broken, "stretches": done.rows})
     else:

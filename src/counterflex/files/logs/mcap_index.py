@@ -58,10 +58,10 @@ def indexed(stream: BinaryIO, count: Callable[[int], None]) -> Indexed | None:
     statistics = _records(_bytes(stream, *places[Opcode.STATISTICS], count), Opcode.STATISTICS, Statistics)
     out: list[Metadata] = []
     for one in _without_copies(index):
-        found = _records(_bytes(stream, one.offset, one.length, count), Opcode.METADATA, Metadata)
-        if len(found) != 1 or found[0].name != one.name:
+        read = _records(_bytes(stream, one.offset, one.length, count), Opcode.METADATA, Metadata)
+        if len(read) != 1 or read[0].name != one.name:
             return None
-        out += found
+        out += read
     return Indexed(out, dict(statistics[0].channel_message_counts)) if len(statistics) == 1 else None
 
 
@@ -90,9 +90,9 @@ def _records(data: bytes, opcode: int, kind: Any) -> list[Any]:
     while at < len(data):
         if at + _HEAD.size > len(data):
             return []
-        found, length = _HEAD.unpack_from(data, at)
+        kind_of, length = _HEAD.unpack_from(data, at)
         at += _HEAD.size
-        record = parsed(kind, data[at : at + length]) if found == opcode else None
+        record = parsed(kind, data[at : at + length]) if kind_of == opcode else None
         if record is None:
             return []
         out.append(record)

@@ -184,9 +184,9 @@ def uniform_data(content: bytes, channel: int, length: int) -> bytes | None:
     form = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("rest", "V20"), ("data", f"V{length}")])
     if not content or len(content) % form.itemsize:
         return None
-    found = np.frombuffer(content, dtype=form)
-    same = (found["opcode"] == Opcode.MESSAGE) & (found["length"] == _MESSAGE.size + length)
-    return found["data"].tobytes() if bool(np.all(same & (found["channel"] == channel))) else None
+    messages = np.frombuffer(content, dtype=form)
+    same = (messages["opcode"] == Opcode.MESSAGE) & (messages["length"] == _MESSAGE.size + length)
+    return messages["data"].tobytes() if bool(np.all(same & (messages["channel"] == channel))) else None
 
 
 def message(content: bytes) -> tuple[int, int, bytes]:

@@ -169,22 +169,22 @@ def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) 
     file = Path(path)
     try:
         with file.open("rb") as stream:
-            found = indexed(stream, count)
+            index = indexed(stream, count)
     except OSError:
         return None
-    if found is None:
+    if index is None:
         return None
-    tables = {name: [read_metadata(one) for one in found.metadata if one.name == name] for name in BRIEF}
+    tables = {name: [read_metadata(one) for one in index.metadata if one.name == name] for name in BRIEF}
     about = next((one for one in tables[ABOUT] if one is not None), None)
     table = next((one for one in tables[DIGEST] if one is not None), None)
     digest = None if table is None else read_digest(table[DIGEST])
     if about is None or digest is None or about.get("format") != KIND or about.get("version", 0) > VERSION:
         return None
-    if found.messages.get(CYCLE_CHANNEL, 0) != digest.sums["records"]:
+    if index.messages.get(CYCLE_CHANNEL, 0) != digest.sums["records"]:
         return None
     lost = int(about.get("repaired", {}).get("missing_at_end", 0))
     actions = tuple(one for one in tables[ACTION] if one is not None)
-    return Segment(file.name, digest.kept, about, True, lost_at_end=lost, actions=actions, digest=digest)
+    return Segment(file.name, digest.rows, about, True, lost_at_end=lost, actions=actions, digest=digest)
 
 
 def segments(folder: str | Path, *, brief: bool = False) -> Iterator[Segment]:

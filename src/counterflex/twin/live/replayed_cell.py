@@ -34,6 +34,10 @@ _ECHO_AT: Final = 2
 """Millisecond of the cycle at which the echo is asked."""
 GATE: Final = 1500
 """Cycles for which the robot stands at the beginning of the pass; then its program enables the correction."""
+_SCATTERED: Final = 4099
+_W_SCATTER: Final = np.array([0.1, 0.1, 0.1, 0.01, 0.01, 0.01])
+"""N and N m, beside the noise of the pass."""
+_P_SCATTER_M: Final = 2e-6
 _LATEST: Final = 0.5
 """Of a cycle: what is due longer ago is not sent any more. A controller keeps its time: nobody has answered it then."""
 _SESSION_MS: Final = 60_000
@@ -68,7 +72,10 @@ class ReplayedCell:
             one.bind(("127.0.0.1", 0))
         for one in self._sockets:
             one.setblocking(False)
-        self._sequence = 0
+        self._sequence = self._readings = 0
+        rng = np.random.default_rng(0)
+        self._w_scatter: Float = rng.standard_normal((_SCATTERED, 6)) * _W_SCATTER
+        self._p_scatter: Float = rng.standard_normal((_SCATTERED, 3)) * _P_SCATTER_M
         self._moved: Float = np.zeros(3)
         self._largest = 0.0
         self._refused = 0
@@ -211,11 +218,13 @@ class ReplayedCell:
         return self.rsi.telegram(report)
 
     def _instruments(self, row: int, tick: int, tracker: tuple[str, int] | None) -> None:
+        """Readings of a millisecond: no two are the same, also while the robot stands and its row is played again."""
+        k = self._readings = (self._readings + 1) % _SCATTERED
         if self.netft is not None:
-            self.netft.send(self.played.w_sensor[row, tick])
+            self.netft.send(self.played.w_sensor[row, tick] + self._w_scatter[k])
         if tracker is not None:
             self._sequence = (self._sequence + 1) & 0xFFFFFFFF
-            p = (self.played.p_tracker_target[row, tick] + self._moved) / MM
+            p = (self.played.p_tracker_target[row, tick] + self._moved + self._p_scatter[k]) / MM
             quat = self.played.quat_wxyz[row, tick]
             now = time.monotonic_ns()
             _send(self._tracker, DATAGRAM.pack(MAGIC, self._sequence, now, 0, 0, *p, *quat, 0.015), tracker)

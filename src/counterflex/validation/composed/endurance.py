@@ -134,7 +134,7 @@ def _resident_mb() -> float:
 def run(
     out: str | Path,
     *,
-    hours: float,
+    minutes: float,
     mode: str = "fused",
     seed: int = 1,
     counter: int | None = None,
@@ -146,7 +146,7 @@ def run(
 
     Args:
         out: Folder, made when missing.
-        hours: Virtual.
+        minutes: Virtual.
         mode: One of :data:`counterflex.validation.composed.story.MODES`.
         seed: Of noise, network and truth.
         counter: First of the controller, ms; None: the one that passes 2^31 in the middle.
@@ -159,7 +159,7 @@ def run(
     """
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    length_s = min(MOST_S, hours * 3600.0)
+    length_s = min(MOST_S, minutes * 60.0)
     story = Story(seed, mode, length_s)
     table = _Table(folder, stretch_s, length_s, progress)
     world = World(story, table)

@@ -136,13 +136,13 @@ class Invariants:
 
     def end(self, world: World) -> None:
         """Look at the end of the story."""
-        for rule, found in (
+        for rule, problems in (
             ("no exception", world.failed),
             ("what is written can be read", world.unread),
             ("replays bit for bit", world.differences),
         ):
-            if found:
-                self._break(rule, world, found[0])
+            if problems:
+                self._break(rule, world, problems[0])
         faults = world.story.faults
         for_ever = any(fault.kind == "plan-deeper" for fault in faults)
         quiet_s = world.story.length_s - max((fault.end_s for fault in faults), default=0.0)

@@ -188,11 +188,11 @@ async def _variables(client: Any) -> list[Any]:
     from asyncua import ua
 
     space = await client.get_namespace_index(_NODES)
-    found, rest = [], [client.get_node(ua.NodeId(name, space)) for name in _NAMESPACE_FOLDERS]
+    variables, rest = [], [client.get_node(ua.NodeId(name, space)) for name in _NAMESPACE_FOLDERS]
     while rest:
         one = rest.pop()
         if await one.read_node_class() == ua.NodeClass.Variable:
-            found.append(one)
+            variables.append(one)
         else:
             rest += await one.get_children()
-    return found
+    return variables

@@ -57,6 +57,8 @@ _LOOKED_S: Final = 0.5
 _ABSENT_S: Final = 60.0
 """Without a telegram for so long, the loop ends by itself: longer than a robot program needs to be started again."""
 _LAST_CYCLES: Final = 50
+_PREPARED: Final = 0.02
+"""Of the progress that is shown: the pass is recorded."""
 _LATENESS_ALLOWED: Final = 1 << 30
 """Timeout of the simulated controller, cycles: late answers are counted, they do not end the run."""
 
@@ -123,7 +125,11 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
         raise InputError("minutes to run", value=settings.minutes, limit="0.02 .. 10000")
     with atomic.atomic_folder(out) as staging, tempfile.TemporaryDirectory() as work:
         job = steady.prepare(
-            Path(work), _cycles(settings), force=settings.force, tracker=settings.tracker, progress=progress
+            Path(work),
+            _cycles(settings),
+            force=settings.force,
+            tracker=settings.tracker,
+            progress=lambda share, text: progress(_PREPARED * share, text),
         )
         log = staging / LOG if settings.keep_log else Path(work) / LOG
         watched = _watched(settings, job, log, progress)
@@ -268,7 +274,7 @@ def _watch(out: _Watched, looks: _Looks, pipe: Any, cell: BaseProcess, minutes: 
             out.samples.append(
                 {"seconds": round(now - begin, 3), **looks.sample(), "load": os.getloadavg()[0], "stolen": stolen}
             )
-            progress(min(0.99, (now - begin) / (60.0 * minutes)), "soaking")
+            progress(_PREPARED + (0.99 - _PREPARED) * min(1.0, (now - begin) / (60.0 * minutes)), "soaking")
         if now >= look:
             out.operator.look(now - begin)
             look = time.monotonic() + _LOOKED_S
