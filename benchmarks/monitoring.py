@@ -99,7 +99,7 @@ def counts(cut: Cut, incident: Incident, seeds: Sequence[int]) -> tuple[int, Cou
 
 def grid(cuts: dict[str, Cut], seeds: Sequence[int]) -> None:
     """Print a row for each cut, then totals."""
-    missed, errors, trials, wanted, said = (Counter[str]() for _ in range(5))
+    missed, errors, trials, wanted, announced = (Counter[str]() for _ in range(5))
     print(f"{'cut':32} {'a tooth breaks':>15} {'chatter':>9}   false alarms, of {len(seeds)} each")
     for name, cut in cuts.items():
         cells, wrong = {}, []
@@ -111,7 +111,7 @@ def grid(cuts: dict[str, Cut], seeds: Sequence[int]) -> None:
                 cells[what] = f"{seen} of {len(seeds)}"
                 if what == "a tooth breaks" and hidden is not None and hidden.mostly:
                     cells[what] = f"said, {cells[what]}"
-                    said[what] += len(seeds)
+                    announced[what] += len(seeds)
                 else:
                     missed[what] += len(seeds) - seen
                     wanted[what] += len(seeds)
@@ -123,7 +123,7 @@ def grid(cuts: dict[str, Cut], seeds: Sequence[int]) -> None:
             flush=True,
         )
     for what, n in wanted.items():
-        before = f"; said before the cut to be hidden in {said[what]} more" if said[what] else ""
+        before = f"; said before the cut to be hidden in {announced[what]} more" if announced[what] else ""
         print(f"{what}: missed in {missed[what]} of {n}{before}")
     for key, n in sorted(errors.items()):
         print(f"false: {key}: {n} of {trials[key.split(', ')[1]]}")

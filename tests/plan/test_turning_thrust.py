@@ -32,7 +32,7 @@ def plunge(axis: Float, aside: float = 0.0) -> ToolPath:
     way = -axis + aside * square / np.linalg.norm(square)
     tips = START + 8 * MM * axis + (STEP * np.arange(60))[:, None] * way
     n, one = len(tips), np.ones(len(tips))
-    time_s: Float = np.arange(n) * STEP / DESCENT_M_S
+    time_s: Float = np.arange(n, dtype=np.float64) * STEP / DESCENT_M_S
     speed = DESCENT_M_S * float(np.linalg.norm(way))
     return ToolPath(
         tips, np.tile(axis, (n, 1)), np.full(n, FEED), speed * one, SPINDLE * one, time_s,
