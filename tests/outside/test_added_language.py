@@ -111,3 +111,9 @@ def test_what_cannot_be_read_is_refused_with_its_line(said: dict[str, str]) -> N
 
 def test_two_languages_with_one_ending_are_told_apart_by_their_first_lines(said: dict[str, str]) -> None:
     assert said["abb"] == "rapid"
+
+
+def test_the_page_for_newcomers_quotes_the_registration() -> None:
+    page = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
+    code = (Path(__file__).parent / "counterflex_example" / "melfa" / "__init__.py").read_text(encoding="utf-8")
+    assert f"```python\n{code[code.index('LANGUAGE: Final') :]}```" in page
