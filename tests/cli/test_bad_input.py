@@ -440,7 +440,7 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
     ),
     "conversion to an unknown language": (
         "convert part.ngc --cell cell.toml --out out --to okuma",
-        ["--to", "okuma", "krl, rapid, fanuc, val3, gcode"],
+        ["--to", "okuma", "krl", "rapid", "fanuc", "val3", "gcode", "heidenhain"],
     ),
     "conversion to its own language": (
         "convert part.ngc --cell cell.toml --out out --to gcode",

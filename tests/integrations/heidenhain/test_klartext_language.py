@@ -98,7 +98,14 @@ def test_hidden_blocks_are_said() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["groove.ngc", "tilted_groove.mpf", "groove.apt", "fc_grooves_pocket.ngc", "helix_ramp_return.ngc", "groove.mod"],
+    [
+        "groove.ngc",
+        "tilted_groove.mpf",
+        "groove.apt",
+        "fc_grooves_pocket.ngc",
+        "helix_ramp_return.ngc",
+        "two_tools.ngc",
+    ],
 )
 def test_programs_of_other_languages_are_said_in_klartext(tmp_path: Path, name: str) -> None:
     """``convert`` reads back what it writes, and refuses another path, feed or process word."""

@@ -76,6 +76,7 @@ def test_arcs_in_their_forms() -> None:
     )  # fmt: skip
     for lines in forms:
         motion = read(*START, *lines).motions[-1]
+        assert motion.p_centre is not None
         np.testing.assert_allclose(motion.p_centre, [10.0 * MM, 0.0, 0.0], atol=1e-12)
         np.testing.assert_allclose(motion.p_end, [20.0 * MM, 0.0, 0.0], atol=1e-12)
         assert motion.turn_rad == pytest.approx(-math.pi)
@@ -313,6 +314,7 @@ def test_the_same_part_in_g_code_is_the_same_path(moves: list[tuple[str, float, 
         assert a.feed_m_s == pytest.approx(b.feed_m_s)
         assert a.turn_rad == pytest.approx(b.turn_rad, abs=1e-6)
         if b.p_centre is not None:
+            assert a.p_centre is not None
             np.testing.assert_allclose(a.p_centre, b.p_centre, atol=1e-8)
 
 

@@ -195,9 +195,12 @@ def test_inch_programs_get_one_more_decimal() -> None:
 
 def test_a_tilted_plane_is_written_in_its_own_axes() -> None:
     """The tool stays at right angles to the plane: what the plan would turn is said to be left out."""
-    text = "\n".join([*HEAD, "L Z+50 FMAX", "CYCL DEF 7.0 D", "CYCL DEF 7.1 X+20",
-                      "PLANE SPATIAL SPA+10 SPB-15 SPC+30 TURN", "L X+0 Y-12 R0 FMAX", "L Z+20 FMAX", "L Z-6 F300", "L Y+72 ;cut",
-                      "CC X+5 Y+72", "C X+10 Y+72 DR-", "L Z+20 FMAX", "PLANE RESET TURN FMAX", "END PGM T MM", ""])  # fmt: skip
+    lines = (
+        *HEAD, "L Z+50 FMAX", "CYCL DEF 7.0 D", "CYCL DEF 7.1 X+20", "PLANE SPATIAL SPA+10 SPB-15 SPC+30 TURN",
+        "L X+0 Y-12 R0 FMAX", "L Z+20 FMAX", "L Z-6 F300", "L Y+72 ;cut", "CC X+5 Y+72", "C X+10 Y+72 DR-",
+        "L Z+20 FMAX", "PLANE RESET TURN FMAX", "END PGM T MM", "",
+    )  # fmt: skip
+    text = "\n".join(lines)
     program = read_heidenhain(text, complete=True)
     words = Words.of(program, None)
     turned = turned_path(program, words, step_m=0.5 * MM, rapid_speed_m_s=0.5)

@@ -134,9 +134,9 @@ class Control:
         if words.take("FMAX") is not None:
             return True
         if words.take("FAUTO") is not None:
-            if state.tool_feed is None:
+            if state.called_feed is None:
                 raise words.fault("F AUTO without F in TOOL CALL", "FAUTO", "Write F in mm/min")
-            state.feed, state.per_turn = state.tool_feed, False
+            state.feed, state.per_turn = state.called_feed, False
         for name in ("F", "FU"):
             value = words.take(name)
             if value is not None:
@@ -264,7 +264,7 @@ class Control:
         if name == "S":
             if not 0.0 <= value <= 1e6:
                 raise self._fault(part, "the spindle speed is out of range", word.start(1), word[0].strip(), "0 to 1e6")
-            state.rpm = value
+            state.speed_rpm = value
         elif name == "DL" and value != 0.0:
             raise self._fault(part, "a delta of the tool length moves the tool off the programmed path", word.start(1),
                               word[0].strip(), "Post the path with the allowance in it, DL+0")  # fmt: skip
@@ -273,7 +273,7 @@ class Control:
         elif name == "F":
             if not 0.0 < value <= 1e6:
                 raise self._fault(part, "the feed is out of range", word.start(1), word[0].strip(), "Above 0, <= 1e6")
-            state.feed, state.tool_feed, state.per_turn = value, value, False
+            state.feed, state.called_feed, state.per_turn = value, value, False
 
     def _cycle_define(self, part: Statement) -> tuple[Word, ...]:
         match = _CYCLE.match(part.code)

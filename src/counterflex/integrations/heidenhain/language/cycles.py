@@ -12,6 +12,8 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 
+FNumber = float
+"""Number behind F: mm/min, 1/10 inch/min, or mm per revolution."""
 DRILLING: Final = {200: "DRILLING", 201: "REAMING"}
 _RAPID: Final = 99_999.0
 _MOST: Final = 10_000
@@ -49,7 +51,7 @@ class Drilling:
         bottom_m: Q203 + Q201.
         stroke_m: Q202.
         feed: Q206.
-        feed_out: Q208 of cycle 201; 0: as ``feed``.
+        second_feed: Q208 of cycle 201; 0: as ``feed``.
         above_s: Q210.
         bottom_s: Q211.
     """
@@ -61,7 +63,7 @@ class Drilling:
     bottom_m: float
     stroke_m: float
     feed: float
-    feed_out: float
+    second_feed: FNumber
     above_s: float
     bottom_s: float
 
@@ -83,7 +85,7 @@ class Drilling:
         if self.bottom_s > 0.0:
             yield Plunge("dwell", depth, self.bottom_s)
         if self.number == 201:
-            yield _fed(self.clear_m, self.feed_out or self.feed)
+            yield _fed(self.clear_m, self.second_feed or self.feed)
         yield Plunge("rapid", self.retract_m)
 
 

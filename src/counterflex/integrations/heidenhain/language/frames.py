@@ -1,6 +1,6 @@
 """Coordinate transformations of Klartext: datum shift, mirror image, rotation, scaling, tilted working plane.
 
-Each one is ``p_before = A p_behind + t``; they act one after the other in the order in which the program defines them.
+Each one is ``p_before = A p_behind + shift``; they act one after the other, in the order of their definitions.
 
 Sources: HEIDENHAIN TNC 620 (81760x-05), Conversational Programming, "Workpiece coordinate system W-CS" (the result of
 transformations depends on their sequence), "PLANE SPATIAL" (A-B-C about the non-tilted axes, the same as C-B-A about
@@ -38,23 +38,23 @@ class FrameFault(ValueError):
 
 @dataclass(frozen=True)
 class Step:
-    """One transformation: ``p_before = A p_behind + t``, m."""
+    """One transformation: ``p_before = A p_behind + shift``, m."""
 
     kind: Kind
     A: Float
-    t: Float
+    shift_m: Float
 
     @property
     def is_identity(self) -> bool:
         """It changes nothing."""
-        return bool(np.allclose(self.A, np.eye(3), rtol=0.0, atol=1e-14)) and not np.any(self.t)
+        return bool(np.allclose(self.A, np.eye(3), rtol=0.0, atol=1e-14)) and not np.any(self.shift_m)
 
 
 def composed(steps: list[Step]) -> tuple[Float, Float]:
     """Matrix (3, 3) and zero (3,) m of programmed coordinates in the part."""
     A, t = np.eye(3), np.zeros(3)
     for step in steps:
-        t = t + A @ step.t
+        t = t + A @ step.shift_m
         A = A @ step.A
     return A, t
 
@@ -79,20 +79,20 @@ class Frames:
 
     def memory(self) -> object:
         """Return all that decides about later transformations."""
-        return [[(step.kind, step.A.tolist(), step.t.tolist()) for step in self._steps], self.shift.tolist(),
+        return [[(step.kind, step.A.tolist(), step.shift_m.tolist()) for step in self._steps], self.shift.tolist(),
                 self.angle_deg, sorted(self.mirrored)]  # fmt: skip
 
     def has(self, *kinds: str) -> str:
         """Return the name of the first active transformation of these kinds; empty where none is."""
         return next((NAMES[step.kind] for step in self._steps if step.kind in kinds), "")
 
-    def put(self, kind: Kind, A: Float, t: Float) -> None:
+    def put(self, kind: Kind, A: Float, shift_m: Float) -> None:
         """Let a transformation take the place of the one of its kind.
 
         Raises:
             FrameFault: Others were defined behind that one, and it matters which acts first.
         """
-        step = Step(kind, A, t)
+        step = Step(kind, A, shift_m)
         others = [other for other in self._steps if other.kind != kind]
         if step.is_identity:
             self._steps = others

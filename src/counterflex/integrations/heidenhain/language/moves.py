@@ -42,10 +42,10 @@ class MoveMaker(Targets):
             return
         if not rapid:
             self.require_axes(words, "a feed motion") if state.partial is None else None
-        p_end = self.target(words, rapid=rapid, plane=plane)
+        p_end = self.target(words, rapid=rapid, p_plane=plane)
         if not rapid:
             self.require_axes(words, "a feed motion")
-        state.polar = where
+        state.polar_point = where
         state.motion = "G0" if rapid else "G1"
         if p_end is None:
             state.angles = angles
@@ -71,7 +71,7 @@ class MoveMaker(Targets):
         start = state.to_work(state.p_part)
         sense, radius = words.take("DR"), words.take("R") if kind == "CR" else None
         plane, where = self._polar_point(words) if kind == "CTP" else (None, None)
-        p_end = self.target(words, rapid=False, plane=plane)
+        p_end = self.target(words, rapid=False, p_plane=plane)
         assert p_end is not None
         end = state.to_work(p_end)
         if abs(end[2] - start[2]) > _SAME_M:
@@ -81,7 +81,7 @@ class MoveMaker(Targets):
             solution = self._solved(words, kind, a, b, sense, radius)
         except ArcFault as fault:
             raise words.fault(f"{fault.what} ({fault.value})" if fault.value else fault.what, None) from fault
-        state.polar = where
+        state.polar_point = where
         self._append_arc(words, number, solution, p_end)
 
     def _solved(
@@ -102,9 +102,9 @@ class MoveMaker(Targets):
             if radius is None:
                 raise words.fault("CR without its radius", None, "CR X+20 Y+0 R+10 DR-")
             return by_radius(a, b, radius * state.unit_m, sense < 0.0, 1, state.unit_m)
-        if state.pole is None:
+        if state.pole_m is None:
             raise words.fault("C without a circle centre", None, "Write CC before, behind the last change of datum")
-        return by_centre(a, b, state.pole, sense < 0.0, 1, state.unit_m)
+        return by_centre(a, b, state.pole_m, sense < 0.0, 1, state.unit_m)
 
     def _tangential(self, words: PathWords, a: tuple[float, float], b: tuple[float, float]) -> Arc:
         """The arc from ``a`` in the direction of the last motion to ``b``: it turns by twice the angle of the chord."""
@@ -156,13 +156,13 @@ class MoveMaker(Targets):
         state = self._state
         self.require_axes(words, "an arc")
         self._refuse_corner(words)
-        if state.pole is None:
+        if state.pole_m is None:
             raise words.fault("CP without a pole", None, "Write CC before, behind the last change of datum")
         sense, angle, step = words.take("DR"), words.take("PA"), words.take("IPA")
         if (angle is None) == (step is None):
             raise words.fault("CP needs PA or IPA", None, "CP IPA+360 IZ-2 DR+")
         start = state.to_work(state.p_part)
-        spoke = (float(start[0]) - state.pole[0], float(start[1]) - state.pole[1])
+        spoke = (float(start[0]) - state.pole_m[0], float(start[1]) - state.pole_m[1])
         radius, begin = math.hypot(*spoke), math.atan2(spoke[1], spoke[0])
         if radius < _SAME_M:
             raise words.fault("CP begins at its pole", None)
@@ -180,16 +180,16 @@ class MoveMaker(Targets):
             turn = math.fmod(sense * (angle * DEG - begin), 2.0 * math.pi)
             turn = sense * (turn if turn > 1e-9 else turn + 2.0 * math.pi)
         last = begin + turn
-        at = (state.pole[0] + radius * math.cos(last), state.pole[1] + radius * math.sin(last))
-        p_end = self.target(words, rapid=False, plane=at)
+        at = (state.pole_m[0] + radius * math.cos(last), state.pole_m[1] + radius * math.sin(last))
+        p_end = self.target(words, rapid=False, p_plane=at)
         assert p_end is not None
-        self._append_arc(words, number, Arc(*state.pole, turn, radius), p_end)
-        state.polar = (radius, last)
+        self._append_arc(words, number, Arc(*state.pole_m, turn, radius), p_end)
+        state.polar_point = (radius, last)
 
     def _polar_point(self, words: PathWords) -> tuple[tuple[float, float], tuple[float, float]]:
         """X and Y, m, in programmed axes of PR and PA, and these."""
         state = self._state
-        if state.pole is None:
+        if state.pole_m is None:
             raise words.fault("polar coordinates without a pole", None, "Write CC before")
         values = []
         for k, (name, unit) in enumerate((("PR", state.unit_m), ("PA", DEG))):
@@ -197,12 +197,12 @@ class MoveMaker(Targets):
             if absolute is not None:
                 values.append(absolute * unit)
                 continue
-            if state.polar is None:
+            if state.polar_point is None:
                 raise words.fault(f"{name} counts from a polar position, and the last motion ended elsewhere",
                                   f"I{name}" if step is not None else None, f"Write {name}")  # fmt: skip
-            values.append(state.polar[k] + (0.0 if step is None else step * unit))
+            values.append(state.polar_point[k] + (0.0 if step is None else step * unit))
         radius, angle = values
-        x, y = state.pole
+        x, y = state.pole_m
         return (x + radius * math.cos(angle), y + radius * math.sin(angle)), (radius, angle)
 
     def centre(self, words: PathWords) -> None:
@@ -215,7 +215,7 @@ class MoveMaker(Targets):
         if (not named or words.has("IX", "IY")) and (state.partial is not None or state.shifted or state.settle):
             raise words.fault("CC counts from where the tool stands behind a change of datum", None, "CC X+10 Y+20")
         here = state.to_work(state.p_part)
-        before = state.pole
+        before = state.pole_m
         pole = [float(here[0]), float(here[1])]
         for axis, letter in enumerate("XY"):
             absolute, step = words.take(letter), words.take(f"I{letter}")
@@ -233,7 +233,7 @@ class MoveMaker(Targets):
             raise words.fault("CC takes the place of the tool, which is not known", None, "CC X+10 Y+20")
         if max(map(abs, pole)) > FARTHEST_M:
             raise words.fault("the pole is beyond any machine", None, "At most 1000 m")
-        state.pole, state.polar = (pole[0], pole[1]), None
+        state.pole_m, state.polar_point = (pole[0], pole[1]), None
 
     # ---- corners -----------------------------------------------------------------------------------------------
 
@@ -315,7 +315,7 @@ class MoveMaker(Targets):
             p_work[2] = move.height_m
             feed = (0.0, 0.0) if move.kind == "rapid" else (move.value * state.feed_unit_m / MINUTE, 0.0)
             self._append(number, "rapid" if move.kind == "rapid" else "feed", state.to_part(p_work), feed)
-        state.polar = None
+        state.polar_point = None
         state.motion = "G80"
 
 

@@ -8,10 +8,13 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import INCH, MM
+from counterflex.integrations.heidenhain.language.cycles import FNumber
 from counterflex.integrations.heidenhain.language.frames import Frames
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Modal
 
 _UPRIGHT = (0.0, 0.0, 1.0)
+Polar = tuple[float, float]
+"""Radius, m, and angle, rad, about the pole."""
 
 
 @dataclass
@@ -28,10 +31,10 @@ class State:
         partial: Coordinates named so far in a plane that was tilted anew, m; None where the place is known.
         shifted: Axes whose zero has changed since they were named absolutely.
         settle: Axes that a rotation, mirror image or scale mixes and that must be named together first.
-        pole: (2,) pole CC in programmed axes, m.
-        polar: Radius, m, and angle, rad, about the pole that the last motion ended at; None where another one did.
+        pole_m: (2,) pole CC in programmed axes, m.
+        polar_point: Where the last motion ended, if its words were polar.
         aligned: The tool stands at right angles to the working plane.
-        feed: Number of F; ``per_turn`` where it is per revolution, ``tool_feed`` that of TOOL CALL.
+        feed: Number of F; ``per_turn`` where it is per revolution, ``called_feed`` that of TOOL CALL.
         shortest: M126: rotary axes go the shortest way.
         tcpm: M128 or FUNCTION TCPM.
     """
@@ -46,14 +49,14 @@ class State:
     partial: dict[int, float] | None = None
     shifted: set[int] = field(default_factory=set)
     settle: frozenset[int] = frozenset()
-    pole: tuple[float, float] | None = None
-    polar: tuple[float, float] | None = None
+    pole_m: tuple[float, float] | None = None
+    polar_point: Polar | None = None
     aligned: bool = True
     motion: str = "G80"
     feed: float | None = None
-    tool_feed: float | None = None
+    called_feed: FNumber | None = None
     per_turn: bool = False
-    rpm: float = 0.0
+    speed_rpm: float = 0.0
     spindle: int = 0
     tool: int = 0
     shortest: bool = False
@@ -106,7 +109,7 @@ class State:
         A, t = self.frames.A, self.frames.t
         if np.array_equal(before[0], A) and np.array_equal(before[1], t):
             return
-        self.pole = self.polar = None
+        self.pole_m = self.polar_point = None
         turned = np.abs(before[0] - A).max(axis=0) > 0.0
         moved = np.abs(self.to_work(self.p_part) - np.linalg.solve(before[0], self.p_part - before[1])) > 1e-12
         self.shifted |= {int(axis) for axis in np.flatnonzero(turned | moved)}
@@ -130,7 +133,7 @@ class State:
             feed_mode=95 if self.per_turn else 94,
             p_part_origin=(x, y, z),
             tool=self.tool,
-            spindle_rpm=self.spindle * self.rpm,
+            spindle_rpm=self.spindle * self.speed_rpm,
             tool_centre=TOOL_VECTOR if self.vectors else TOOL_CENTRE if self.tcpm else 0,
             feed_unit_m=self.feed_unit_m,
             R_part_work=tuple((float(a), float(b), float(c)) for a, b, c in A) if self.is_turned else None,

@@ -72,7 +72,7 @@ class Targets:
                 p_start=state.p_part,
                 p_end=p_end,
                 feed_m_s=feed[0],
-                spindle_rad_s=state.spindle * state.rpm * RPM,
+                spindle_rad_s=state.spindle * state.speed_rpm * RPM,
                 tool=state.tool,
                 duration_s=duration_s,
                 abc_start=state.angles,
@@ -93,9 +93,9 @@ class Targets:
             raise words.fault("a feed move without a feed", None, "Write F in this block or before, or FMAX")
         per_minute = state.feed
         if state.per_turn:
-            if state.spindle * state.rpm == 0.0:
+            if state.spindle * state.speed_rpm == 0.0:
                 raise words.fault("feed per revolution with the spindle stopped", "FU", "Write TOOL CALL with S and M3")
-            per_minute *= state.rpm
+            per_minute *= state.speed_rpm
         if length_m == 0.0 and angle_rad > 0.0:
             return 0.0, per_minute * DEG / MINUTE
         return per_minute * (state.unit_m if state.per_turn else state.feed_unit_m) / MINUTE, 0.0
@@ -141,13 +141,13 @@ class Targets:
 
     # ---- targets -----------------------------------------------------------------------------------------------
 
-    def target(self, words: PathWords, *, rapid: bool, plane: tuple[float, float] | None = None) -> Float | None:
+    def target(self, words: PathWords, *, rapid: bool, p_plane: tuple[float, float] | None = None) -> Float | None:
         """Return the end point in the part; None where a tilted plane does not know it yet.
 
         Args:
             words: Their axes are used.
             rapid: Axes of a new plane may be named one after the other.
-            plane: X and Y in programmed axes, m, where polar words gave them.
+            p_plane: X and Y in programmed axes, m, where polar words gave them.
         """
         state = self._state
         given: dict[int, tuple[float, bool]] = {}
@@ -158,7 +158,7 @@ class Targets:
             value = step if absolute is None else absolute
             if value is not None:
                 given[axis] = value * state.unit_m, absolute is None
-        given |= {} if plane is None else {0: (plane[0], False), 1: (plane[1], False)}
+        given |= {} if p_plane is None else {0: (p_plane[0], False), 1: (p_plane[1], False)}
         self._check_frame(words, given)
         if state.partial is not None:
             return self._named_in_new_plane(words, given, rapid)
@@ -249,10 +249,10 @@ class Targets:
         rotary = [item for item in turned if item is not None]
         tilted = bool(state.frames.has("plane"))
         for item in rotary:
-            found = isinstance(item.value, Unknown) and item.value.why.startswith(
+            of_plane = isinstance(item.value, Unknown) and item.value.why.startswith(
                 TILT_ANGLES[ROTARY.index(item.name[-1])] + " "
             )
-            if not ((found and tilted) or (item.value == 0.0 and not tilted and not item.name.startswith("I"))):
+            if not ((of_plane and tilted) or (item.value == 0.0 and not tilted and not item.name.startswith("I"))):
                 raise words.fault(
                     "a rotary position beside PLANE or tool vectors belongs to a machine that is not known", item,
                     "A+Q120 B+Q121 C+Q122 behind PLANE, zero behind PLANE RESET",

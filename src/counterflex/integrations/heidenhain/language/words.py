@@ -99,9 +99,9 @@ class PathWords:
 
     def fault(self, what: str, item: Item | str | None = None, hint: str = "") -> ProgramError:
         """Make an error at a word."""
-        found = self.items.get(item) if isinstance(item, str) else item
-        value = None if found is None else self.part.code[found.start : found.end].strip()
-        return self.part.fault(self._name, what, None if found is None else found.start, value, hint)
+        at = self.items.get(item) if isinstance(item, str) else item
+        value = None if at is None else self.part.code[at.start : at.end].strip()
+        return self.part.fault(self._name, what, None if at is None else at.start, value, hint)
 
     def number(self, item: Item) -> float:
         """Return the value of a word.

@@ -88,9 +88,9 @@ class PathLine:
 
     def take_last(self) -> str:
         """Take out the M functions that act at the end of the block, and return them."""
-        found = [match for match in _M.finditer(self._code, self._head) if int(match[1]) in _ACT_LAST]
-        self._edits += [(*match.span(), "") for match in found]
-        return "".join(f" M{match[1]}" for match in found)
+        last = [match for match in _M.finditer(self._code, self._head) if int(match[1]) in _ACT_LAST]
+        self._edits += [(*match.span(), "") for match in last]
+        return "".join(f" M{match[1]}" for match in last)
 
     def take(self, number: int) -> None:
         """Take out an M function."""
