@@ -36,11 +36,11 @@ def job(*lines: str, entries: Sequence[str] = (), header: Sequence[str] = HEADER
 
 def cell(**changes: object) -> InformCell:
     """A cell with one tool and instructions for the spindle."""
-    table = MachineFunctions("inform", {  # type: ignore[arg-type]
+    table = MachineFunctions("inform", {
         3: ["AOUT AO#(1) {s}", "DOUT OT#(1) ON"], 5: ["DOUT OT#(1) OFF"], 6: ["CALL JOB:TOOL{t}"],
     })  # fmt: skip
     about: dict[str, object] = {
         "where": "cell.toml", "tools": [4], "T_flange_tcp": pose.make(np.eye(3), np.array([0.0, 0.0, 0.1])),
         "T_base_part": np.eye(4), "functions": table, "tool_number": 1, "base_number": 1, "tool_of_data": {},
     }  # fmt: skip
-    return InformCell(**(about | changes))  # type: ignore[arg-type]
+    return InformCell(**(about | changes))
