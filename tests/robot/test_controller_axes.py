@@ -29,7 +29,7 @@ angles = st.lists(st.floats(-180.0, 180.0), min_size=6, max_size=6).map(np.array
 
 
 def offsets_of(maker: str) -> tuple[float, ...]:
-    return tuple(value * DEG for value in MAKERS[maker].offsets_deg)  # type: ignore[index]
+    return tuple(value * DEG for value in MAKERS[maker].offsets_deg)
 
 
 HIGH = ("fanuc", "staubli", "yaskawa")
@@ -37,7 +37,7 @@ HIGH = ("fanuc", "staubli", "yaskawa")
 
 
 def opw_of(maker: str) -> Opw:
-    rule = MAKERS[maker]  # type: ignore[index]
+    rule = MAKERS[maker]
     return Opw(0.3, -0.1, 0.0, 0.6, 1.0, 1.1, 0.2, offsets_of(maker), rule.signs)
 
 
@@ -85,7 +85,7 @@ def test_the_judges_agree_with_published_poses(
 @settings(max_examples=25)
 def test_shown_and_model_are_inverse(maker: str, q: Matrix) -> None:
     signs = (1, -1, 1, -1, 1, -1)
-    axes = from_geometry(maker, signs, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.6, "horizontal")  # type: ignore[arg-type]
+    axes = from_geometry(maker, signs, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.6, "horizontal")
     np.testing.assert_allclose(axes.model(axes.shown(q)), q, atol=1e-10)
     np.testing.assert_allclose(axes.shown(q + 0.1) - axes.shown(q), axes.shown_change(np.full(6, 0.1)), atol=1e-9)
     np.testing.assert_allclose(axes.model_change(axes.shown_change(q)), q, atol=1e-10)
@@ -125,8 +125,8 @@ def test_any_arm_on_any_controller_points_where_the_judge_says(maker: str, of: s
 
     opw = opw_of(of)
     chain = ElasticChain.build(from_opw("arm", opw, LIMITS))
-    robot_axes = from_geometry(of, opw.signs, opw.offsets_rad, opw.c1_m, "upper_arm" if of == "abb" else None)  # type: ignore[arg-type]
-    axes, _ = in_language(robot_axes, opw, LIMITS, MAKERS[maker].language, "cell")  # type: ignore[index]
+    robot_axes = from_geometry(of, opw.signs, opw.offsets_rad, opw.c1_m, "upper_arm" if of == "abb" else None)
+    axes, _ = in_language(robot_axes, opw, LIMITS, MAKERS[maker].language, "cell")
     both = maker in HIGH and of in HIGH
     assert axes.world_m == (opw.c1_m if both else 0.0)
     forward = getattr(judge, maker)

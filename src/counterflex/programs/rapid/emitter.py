@@ -27,14 +27,7 @@ from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 
 class RapidEmitter(RobotEmitter[RapidSettings]):
-    """ABB RAPID: MoveJ, MoveL, MoveC in one module.
-
-    Args:
-        program: See :class:`RobotEmitter`.
-        settings: See there.
-        functions: See there.
-        tolerance_m: See there.
-    """
+    """ABB RAPID: MoveJ, MoveL, MoveC in one module."""
 
     language: ClassVar[str] = "rapid"
     limits: ClassVar[Limits] = LIMITS

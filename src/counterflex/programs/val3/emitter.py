@@ -17,14 +17,7 @@ from counterflex.programs.val3.application import Application, Val3Settings
 
 
 class Val3Emitter(RobotEmitter[Val3Settings]):
-    """Staubli VAL3: movej, movel, movec; the points in the data file.
-
-    Args:
-        program: See :class:`RobotEmitter`.
-        settings: See there.
-        functions: See there.
-        tolerance_m: See there.
-    """
+    """Staubli VAL3: movej, movel, movec; the points in the data file."""
 
     language: ClassVar[str] = "val3"
     limits: ClassVar[Limits] = LIMITS
