@@ -43,4 +43,4 @@ def cell(**changes: object) -> InformCell:
         "where": "cell.toml", "tools": [4], "T_flange_tcp": pose.make(np.eye(3), np.array([0.0, 0.0, 0.1])),
         "T_base_part": np.eye(4), "functions": table, "tool_number": 1, "base_number": 1, "tool_of_data": {},
     }  # fmt: skip
-    return InformCell(**(about | changes))
+    return InformCell(**(about | changes))  # type: ignore[arg-type]
