@@ -48,7 +48,7 @@ def written(language: str, text: str) -> list[str]:
     down = np.broadcast_to(np.diag([1.0, -1.0, -1.0]), (len(path), 3, 3))
     writer, about, suffix = WRITERS[language]
     said = {code: (f"DO M{code}",) for code in (3, 4, 5, 6, 7, 8, 9)}
-    functions = MachineFunctions(language, said)  # type: ignore[arg-type]
+    functions = MachineFunctions(language, said)
     poses = CompensatedPath.nominal(path).poses(down)
     made = writer(program, path, poses, about, block_lines=functions.lines).text()
     lines = made.files[f"part.{suffix}"].splitlines()

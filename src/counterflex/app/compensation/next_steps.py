@@ -62,9 +62,11 @@ def against_fixed_tool(
         names: What the controller calls the frame of the tool, and that of the part.
         remark: What is said of the files.
     """
+    T_base_tcp = cell.T_base_tcp
+    assert T_base_tcp is not None, "the robot holds the tool"
     return (
         Fact("Load", files, "", remark),
-        Fact(names[0], pose_text(cell.T_base_tcp), "mm, deg", "the spindle's tool frame in the robot's base (external "
+        Fact(names[0], pose_text(T_base_tcp), "mm, deg", "the spindle's tool frame in the robot's base (external "
              "tool)"),
         Fact(names[1], pose_text(cell.controller_chain.T_flange_tcp), "mm, deg", "the part frame in the flange, as "
              "planned"),

@@ -21,7 +21,8 @@ from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
 from counterflex.programs.robot_text.cell import RobotTextCell
 from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
-from counterflex_example.melfa import LIMITS
+
+from . import LIMITS
 
 
 @dataclass(frozen=True, kw_only=True)
