@@ -15,10 +15,11 @@ from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose
-from counterflex.integrations.yaskawa.axes import AXES, rconf
+from counterflex.integrations.yaskawa.axes import AXES
 from counterflex.integrations.yaskawa.language.frames import InformCell
 from counterflex.integrations.yaskawa.language.job import configurations
 from counterflex.integrations.yaskawa.language.reader import read_inform, read_inform_file
+from counterflex.integrations.yaskawa.language.spelling import rconf
 from counterflex.programs.language import LANGUAGES, at_prompt
 from counterflex.programs.reading import dialect_of, read_program_file
 from counterflex.robot.elasticity.chain import forward
