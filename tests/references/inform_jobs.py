@@ -36,7 +36,7 @@ def job(*lines: str, entries: Sequence[str] = (), header: Sequence[str] = HEADER
 
 def cell(**changes: object) -> InformCell:
     """A cell with one tool and instructions for the spindle."""
-    table = MachineFunctions("inform", {  # type: ignore[arg-type]
+    table = MachineFunctions("inform", {
         3: ["AOUT AO#(1) {s}", "DOUT OT#(1) ON"], 5: ["DOUT OT#(1) OFF"], 6: ["CALL JOB:TOOL{t}"],
     })  # fmt: skip
     about: dict[str, object] = {

@@ -41,7 +41,7 @@ OTHERS = ("'remark MOVL C00000", "", "DOUT OT#(7) ON", "TIMER T=0.50", "SET B005
 def jobs(draw: st.DrawFn) -> str:
     """Straight motions with whatever else stands between, some positions named twice, some by variables."""
     entries, lines, count = [point("C", 0, (0, 0, 90))], ["MOVJ C00000 VJ=10.00"], 1
-    by_variable = []
+    by_variable: list[str] = []
     for _ in range(draw(st.integers(1, 6))):
         for k, other in enumerate(draw(st.lists(st.sampled_from(OTHERS), max_size=2))):
             lines.append(other.format(f"{len(lines)}{k}"))
@@ -151,7 +151,7 @@ def test_an_arc_that_becomes_lines_leaves_the_other_one_an_arc(between: str, cor
     for index in shifted:
         ends = np.array([motion.p_end for motion in back.motions])
         assert gap_to_polyline(compensated.p_part_command[path.motion == index], ends) < _TOLERANCE_M + _LAST_DIGIT_M
-    np.testing.assert_allclose(back.motions[-1].p_end, program.motions[-1].p_end, atol=1e-9)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(back.motions[-1].p_end, program.motions[-1].p_end, atol=1e-9)  # type: ignore[attr-defined,arg-type]
 
 
 def test_a_shifted_circle_stays_a_circle() -> None:
@@ -167,6 +167,8 @@ def test_a_shifted_circle_stays_a_circle() -> None:
     arcs = [motion for motion in back.motions if motion.kind == "arc"]
     assert len(arcs) == 2
     for arc, old in zip(arcs, program.motions[2:4], strict=True):
+        assert arc.p_centre is not None
+        assert old.p_centre is not None
         np.testing.assert_allclose(arc.p_centre, old.p_centre + shift[plain.path.motion == 2][0], atol=2.0 * UM)
         assert arc.turn_rad == pytest.approx(old.turn_rad, abs=1e-3)
 

@@ -15,10 +15,11 @@ from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose
-from counterflex.integrations.yaskawa.axes import AXES, rconf
+from counterflex.integrations.yaskawa.axes import AXES
 from counterflex.integrations.yaskawa.language.frames import InformCell
 from counterflex.integrations.yaskawa.language.job import configurations
 from counterflex.integrations.yaskawa.language.reader import read_inform, read_inform_file
+from counterflex.integrations.yaskawa.language.spelling import rconf
 from counterflex.programs.language import LANGUAGES, at_prompt
 from counterflex.programs.reading import dialect_of, read_program_file
 from counterflex.robot.elasticity.chain import forward
@@ -155,7 +156,7 @@ def test_rconf_follows_the_robot_and_is_read_as_the_same_posture(tmp_path: Path)
         (0, 10, 0, -190, -60, 270): "1,0,0,1,1,0",
     }.items():
         q = axes.model(np.array(shown, dtype=np.float64) * DEG)
-        assert rconf(branch_of(cell.controller_chain, q), np.array(shown) * DEG) == expected
+        assert rconf(branch_of(cell.controller_chain, q), (np.array(shown) * DEG).tolist()) == expected
         T_part_tcp = pose.inverse(cell.T_base_part) @ forward(cell.controller_chain, q)
         assert configurations(cell, q)(T_part_tcp) == expected
     header = ("///USER 1", "///TOOL 1", "///POSTYPE USER", "///RECTAN", "///RCONF 1,1,0,0,0,0")

@@ -104,7 +104,7 @@ def test_the_same_part_in_krl_and_rapid_is_the_same_path(part: list[tuple[str, l
             assert a.feed_m_s == pytest.approx(b.feed_m_s, rel=1e-9)
             assert a.turn_rad == pytest.approx(b.turn_rad, abs=1e-6)
             if a.kind == "arc":
-                np.testing.assert_allclose(a.p_centre, b.p_centre, atol=1e-9)
+                np.testing.assert_allclose(a.p_centre, b.p_centre, atol=1e-9)  # type: ignore[arg-type]
 
 
 def test_a_full_circle_and_a_chain_on_one_circle() -> None:
@@ -114,7 +114,7 @@ def test_a_full_circle_and_a_chain_on_one_circle() -> None:
     made = read_inform(job("MOVJ C00000 VJ=5.00", *row, entries=points(*corners)))
     assert [m.kind for m in made.motions] == ["rapid", "arc"]
     assert made.motions[1].turn_rad == pytest.approx(2.0 * math.pi)
-    np.testing.assert_allclose(made.motions[1].p_centre, np.zeros(3), atol=1e-9)
+    np.testing.assert_allclose(made.motions[1].p_centre, np.zeros(3), atol=1e-9)  # type: ignore[arg-type]
     other = [(20, 0, 0), (30, 10, 0), (40, 0, 0), (40, -20, 0), (20, -20, 0)]
     with pytest.raises(ProgramError, match="no single circle"):
         read_inform(job(*(f"MOVC C{k:05d} V=10.0" for k in range(5)), entries=points(*other)))
@@ -144,7 +144,7 @@ def lines_of(program: InformProgram) -> list[int]:
     return [program.blocks[motion.block].line for motion in program.motions]
 
 
-FLOW = {
+FLOW: dict[str, tuple[tuple[str, ...], list[Place]]] = {
     "a loop": (("SET I000 0", "WHILEEXP I000<3", "MOVL P001 V=5.0", "ADD P001 P002", "INC I000", "ENDWHILE"),
                [(0, 0, 0), (1, 0, 0), (2, 0, 0)]),
     "for": (("FOR B001=1 TO 5 STEP 2", "MOVL P001 V=5.0", "ADD P001 P002", "NEXT B001"),
@@ -366,3 +366,19 @@ def test_a_speed_without_decimals_may_be_in_cm_per_minute() -> None:
         "10 mm/s",
     )
     assert read_inform(job("MOVL C00001 V=60.0", entries=P2)).doubts == ()
+
+
+def test_a_target_of_a_variable_that_others_may_set_is_named() -> None:
+    entries = [*P2, point("P", 1, (1, 2, 3))]
+    made = read_inform(job("MOVL P001 V=5.0", "MOVL P001 V=5.0", entries=entries))
+    assert made.doubts == (
+        "P001 in line 18 and 1 more is read as //POS has it; another job of the controller may set it",
+    )
+    assert read_inform(job("SET P001 P001", "MOVL P001 V=5.0", entries=entries)).doubts == ()
+
+
+def test_comments_behind_instructions_and_names_of_local_variables_are_passed() -> None:
+    source = job("MOVL C00000 V=5.0 PL=0  //APPROACH", "SET B000 1 // count", "//MOVL C00001 V=5.0", entries=P2)
+    made = read_inform(source.replace("NOP", "///LVARS 1,0,0,0,0,0,0,0\nLB000 counter\nNOP"))
+    np.testing.assert_allclose(ends(made), [(0, 0, 50)])
+    assert made.moves[0].exact

@@ -34,6 +34,7 @@ _DECIMALS: Final = np.array([10.0**-LIMITS.position_decimals] * 3 + [10.0**-LIMI
 _ADDED: Final = re.compile(r"(?:ACC|DEC|PL=[1-8]|CR)\S*", re.IGNORECASE)
 _OF_ARCS: Final = re.compile(r"\s+(?:FPT|COORD=\S+)(?=\s|$)", re.IGNORECASE)
 _FRAME: Final = re.compile(r"\s+(?:BF|RF|TF|UF#\(\d+\))(?=\s|$)", re.IGNORECASE)
+_LINE_END: Final = re.compile(r"\r\n|\n|\r|\Z")
 _CONVERT: Final = "counterflex convert writes the program out, one instruction for each motion: compensate that one"
 
 
@@ -218,7 +219,7 @@ class _InPlace(InPlace):
         for match in _OF_ARCS.finditer(text, move.point.named[1], move.point.end):
             spans.replace(*match.span(), "")
         for point in move.through:
-            behind = re.compile(r"[ \t]*(?:\r\n|\n|\r)?").match(text, point.end)
+            behind = _LINE_END.search(text, point.end)
             spans.replace(point.head, point.end if behind is None else behind.end(), "")
 
     # ---- text ------------------------------------------------------------------------------------------------

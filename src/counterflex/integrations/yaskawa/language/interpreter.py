@@ -59,7 +59,8 @@ class Interpreter(Flow):
         self._count, self._ended = 0, False
         self._counted_at, self._moved = 0, -1
         self.runs: dict[tuple[str, int], int] = {}
-        self.doubts: dict[str, list[int]] = {}
+        self.whole_speeds: dict[str, list[int]] = {}
+        self.loaded_targets: dict[str, list[int]] = {}
 
     def run(self) -> None:
         """Execute the job.
@@ -155,7 +156,9 @@ class Interpreter(Flow):
             self.values.where = f"{step.job.name}:{step.statement.line}"
             self.motion(step.job, step.statement, form)
             if form.speed.isdecimal() and form.word != "MOVJ":
-                self.doubts.setdefault(form.speed, []).append(step.statement.line)
+                self.whole_speeds.setdefault(form.speed, []).append(step.statement.line)
+            if form.target[:1].upper() == "P" and self.values.is_loaded(form.target):
+                self.loaded_targets.setdefault(form.target.upper(), []).append(step.statement.line)
             return step.at + 1
         row = row_of(step.code)
         if row is None or row.word.startswith("option"):

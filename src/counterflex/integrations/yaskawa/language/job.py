@@ -15,10 +15,10 @@ from counterflex.app.robot_axes import axes_in, part_in_world
 from counterflex.app.robot_programs import refuse_held_part, shared_facts
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
-from counterflex.integrations.yaskawa.axes import rconf
 from counterflex.integrations.yaskawa.language.emitter import InformEmitter
 from counterflex.integrations.yaskawa.language.frames import InformCell
 from counterflex.integrations.yaskawa.language.program import DIALECT, values_of
+from counterflex.integrations.yaskawa.language.spelling import rconf
 from counterflex.integrations.yaskawa.language.writer import InformSettings, InformWriter
 from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.program import Program

@@ -71,21 +71,30 @@ def read_inform(
         axes_deg=interpreter.axes_deg,
         jobs={name: job.about(), **{key: one.about() for key, one in folder.jobs.items()}},
         moves=tuple(interpreter.moves),
-        doubts=_doubts(interpreter.doubts),
+        doubts=_doubts(interpreter),
     )
 
 
-def _doubts(speeds: dict[str, list[int]]) -> tuple[str, ...]:
-    """Speeds without decimals: controllers show mm/s with one decimal, cm/min with none."""
-    if not speeds:
-        return ()
-    speed, lines = next(iter(speeds.items()))
-    count = sum(len(one) for one in speeds.values())
-    more = f" and {count - 1} more" if count > 1 else ""
-    return (
-        f"V={speed} in line {lines[0]}{more} has no decimal and is read as {speed} mm/s; a controller set to cm/min "
-        f"writes speeds so and goes {float(speed) * _CM_PER_MIN_MM_S:.4g} mm/s",
-    )
+def _doubts(interpreter: Interpreter) -> tuple[str, ...]:
+    """Speeds without decimals: controllers show mm/s with one, cm/min with none; and variables that others may set."""
+    out = []
+    if interpreter.whole_speeds:
+        speed, line, more = _first(interpreter.whole_speeds)
+        out.append(
+            f"V={speed} in line {line}{more} has no decimal and is read as {speed} mm/s; a controller set to cm/min "
+            f"writes speeds so and goes {float(speed) * _CM_PER_MIN_MM_S:.4g} mm/s"
+        )
+    if interpreter.loaded_targets:
+        name, line, more = _first(interpreter.loaded_targets)
+        out.append(f"{name} in line {line}{more} is read as //POS has it; another job of the controller may set it")
+    return tuple(out)
+
+
+def _first(lines_of: dict[str, list[int]]) -> tuple[str, int, str]:
+    """The first one with its line, and how many more there are."""
+    name, lines = next(iter(lines_of.items()))
+    count = sum(len(one) for one in lines_of.values())
+    return name, lines[0], f" and {count - 1} more" if count > 1 else ""
 
 
 def read_inform_file(

@@ -35,6 +35,8 @@ _CALLED: Final = re.compile(r"\bJOB:([^\s(]+)", re.IGNORECASE)
 _TYPES: Final = (PULSE, *WORLD, USER, "TOOL", "MTOOL", "MASTER")
 _MOST_VALUES: Final = 8
 _REMARKS: Final = ("'", "//")
+_REMARK: Final = re.compile(r"(?<=\S)\s+//.*")
+_LOCAL_NAME: Final = re.compile(r"L(?:BP|EX|[BIDRSP])\s*\d+\s+\S+", re.IGNORECASE)
 _LARGEST_MM: Final = 100_000.0
 _DAMAGED: Final = "The file may be damaged: post it again"
 _IGNORED: Final = frozenset({"DATE", "COMM", "ATTR", "LVARS", "LVARSNAME", "ENDVARS", "VERSION", "EDITLOCK"})
@@ -142,6 +144,7 @@ class Job:
             elif self._ended:
                 raise self.fault(at, "something follows END", "one job in a file", "Give one job in a file")
             elif self._part == "//INST":
+                code = _REMARK.sub("", code) if not code.startswith(_REMARKS) else code
                 self._instruction(Statement(begin, at, at + len(code), code, line))
             else:
                 self._pseudo(code, at)
@@ -241,7 +244,7 @@ class Job:
                 self._instruction_header(match[2].upper(), match[3].strip(), at)
             elif code.upper() == "NOP":
                 self._first = next((b for b in self._begins if b > at), len(self.text))
-            elif code:
+            elif code and not _LOCAL_NAME.fullmatch(code):
                 raise self.fault(at, "the instructions do not begin with NOP", "NOP")
         elif code.upper() == "END":
             self._ended = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
@@ -16,6 +17,8 @@ COMMENT: Final = 32
 """Characters of a comment (INFORM language manual): the mark of a job fits exactly."""
 _SPEED_DECIMALS: Final = 4
 _HALF_DEG: Final = 180.0
+_HALF_RAD: Final = math.pi
+_QUARTER_RAD: Final = 0.5 * math.pi
 _LINES_OF_A_COMMENT: Final = 6
 
 
@@ -66,3 +69,26 @@ def job_text(name: str, header: Header, entries: Sequence[tuple[Header, str]], l
 def _changed(before: Header, own: Header) -> list[str]:
     """Pseudo instructions where only the tool or the configuration differs."""
     return [line for line in own.lines() if line not in before.lines()]
+
+
+def rconf(branch: str, axes_rad: Sequence[float]) -> str:
+    """The six flags of RCONF that mean something in a posture, with commas between.
+
+    Source: DX100, Instructions for data transmission, RCONF; NX100, Operator's manual, "Manipulator types": flip (0)
+    where R is within a quarter turn of 0, upper arm (0) or lower arm, front (0) or rear, then R, T and S within half a
+    turn (0) or beyond.
+
+    Args:
+        branch: Such as ``front up noflip``.
+        axes_rad: (6,) axes as the controller shows them.
+    """
+    arm, elbow, _ = branch.split()
+    s, r, t = axes_rad[0], axes_rad[3], axes_rad[5]
+    near = r - 2.0 * math.pi * round(r / (2.0 * math.pi))
+    flags = (
+        not -_QUARTER_RAD < near <= _QUARTER_RAD,
+        elbow != "up",
+        arm != "front",
+        *(not -_HALF_RAD < a <= _HALF_RAD for a in (r, t, s)),
+    )
+    return ",".join(str(int(flag)) for flag in flags)

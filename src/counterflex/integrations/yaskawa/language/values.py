@@ -129,12 +129,14 @@ class Values:
         own: Variables of the job that runs (``L``).
         all: Those of all jobs.
         version: Number of changes so far.
+        loaded: Numbers of the position variables that have the value of //POS.
     """
 
     where: str = ""
     own: dict[Key, Value] = field(default_factory=dict)
     all: dict[Key, Value] = field(default_factory=dict)
     version: int = 0
+    loaded: set[int] = field(default_factory=set)
 
     # ---- read ----------------------------------------------------------------------------------------------
 
@@ -149,6 +151,7 @@ class Values:
                 self.all["P", number] = Unknown(f"P{number:03d} is in several jobs with other values", name)
             elif before is None:
                 self.all["P", number] = value
+                self.loaded.add(number)
 
     def evaluate(self, text: str) -> Value:
         """Return the value of an expression.
@@ -190,6 +193,11 @@ class Values:
         name = f"{'L' if own else ''}{key[0]}{key[1]:03d}"
         return (self.own if own else self.all).get(key, Unknown(f"{name}: {_CONTROLLER}"))
 
+    def is_loaded(self, text: str) -> bool:
+        """Return whether a variable has the value of //POS, which other jobs may change."""
+        own, key = self.key_of(text)
+        return not own and not isinstance(key, Unknown) and key[0] == "P" and key[1] in self.loaded
+
     def value_of(self, name: str, path: Sequence[object]) -> Value:
         """Return the value of a name in an expression."""
         indices = "" if not path else f"[{', '.join(map(str, cast('tuple[object, ...]', path[0])))}]"
@@ -218,6 +226,8 @@ class Values:
                 target[other] = Unknown(f"a variable whose number is not known is set ({key.why})", self.where)
             self.version += 1
             return
+        if key[0] == "P" and not own:
+            self.loaded.discard(key[1])
         value = self._fitting(key[0], value)
         if isinstance(value, Unknown) and not value.where:
             value = Unknown(value.why, self.where)
