@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
@@ -246,3 +247,19 @@ def test_material_is_taken_out_a_few_cells_behind_the_tool(cutting: CuttingTruth
         np.testing.assert_allclose(z[kept], 5.0 * MM, atol=1e-6)
     z = process.finish().z[row]
     np.testing.assert_allclose(z[block.x_m() < x + tool.radius_m - cell], 3.0 * MM, atol=1e-6)
+
+
+@pytest.mark.parametrize("speed_rad_s", [20.0, 300.0, 1500.0])
+def test_a_spindle_that_turns_left_remembers_as_long_as_one_that_turns_right(
+    cutting: CuttingTruth, speed_rad_s: float
+) -> None:
+    """The time of one tooth, whichever way it turns; one that is too slow is refused either way."""
+    block = HeightMap.from_box((0.0, 0.0, 0.0), (10.0 * MM, 10.0 * MM, 5.0 * MM), 0.5 * MM)
+    process = Process(block, Cutter(diameter_m=4.0 * MM), cutting, 1e-3, np.eye(4))
+    process.spindle(speed_rad_s)
+    right = process._delay
+    process.spindle(-speed_rad_s)
+    assert process._delay == right
+    for way in (1.0, -1.0):
+        with pytest.raises(InputError, match="turns too slowly"):
+            process.spindle(way * 1e-3)
