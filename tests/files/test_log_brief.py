@@ -9,6 +9,7 @@ import pytest
 
 from counterflex.app.run.log import show
 from counterflex.core.arrays import Float
+from counterflex.evaluate.run_record import RunRecord
 from counterflex.files.logs import run_log
 from counterflex.files.logs.repair import repair_segment
 from counterflex.files.logs.run_log import RunLog
@@ -105,10 +106,8 @@ def test_a_repaired_segment_has_its_digest(folder: Path) -> None:
 
 def test_a_count_that_is_not_the_index_own_is_not_believed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A digest of other records than the file's, by the number that the file's index says."""
-    from counterflex.evaluate import run_digest
-
-    right = run_digest.RunRecord.sums
-    monkeypatch.setattr(run_digest.RunRecord, "sums", lambda self: {**right(self), "records": 7})
+    right = RunRecord.sums
+    monkeypatch.setattr(RunRecord, "sums", lambda self: {**right(self), "records": 7})
     log = RunLog(folder, {})
     log.add(rows(100), 0.0)
     log.close()

@@ -36,7 +36,7 @@ def course(*, along_feed: bool) -> tuple[Float, Float, Float, Float]:
 
     The robot is of second order, and late.
     """
-    time_s = np.arange(0, round(1.1 * CYCLES)) * T
+    time_s: Float = np.asarray(np.arange(0, round(1.1 * CYCLES)) * T, dtype=np.float64)
     p, n = on_circle(time_s), len(time_s)
     plan = LoopPlan(p, time_s, np.zeros((n, 6)), np.zeros(n), np.zeros((n, 6)))
     settings = OnlineSettings(force=ForceMode.NONE, tracker=TrackerMode.OBSERVER, normal_only=not along_feed)

@@ -129,7 +129,7 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
             _cycles(settings),
             force=settings.force,
             tracker=settings.tracker,
-            progress=lambda share, text: progress(_PREPARED * share, text),
+            progress=lambda fraction, what="": progress(_PREPARED * fraction, what),
         )
         log = staging / LOG if settings.keep_log else Path(work) / LOG
         watched = _watched(settings, job, log, progress)
