@@ -15,8 +15,8 @@ ROOMS = ROOT / "src" / "counterflex"
 def faults(rows: list[str]) -> list[str]:
     """What of the rows is not there.
 
-    A code span with a slash is a path below the repository or src/counterflex; a bare file name stands at the top or in
-    the folder of a path before it; any other word stands in a file of the row.
+    A code span with a slash is a path below the repository or src/counterflex, ``<maker>`` any folder; a bare file name
+    stands at the top or in the folder of a path before it; any other word stands in a file of the row.
     """
     found = []
     for row in rows:
@@ -28,7 +28,7 @@ def faults(rows: list[str]) -> list[str]:
                 words.append(span)
                 continue
             places = [ROOT, ROOMS] if "/" in span else [ROOT, *folders]
-            there = [file for place in places for file in place.glob(span.rstrip("/"))]
+            there = [file for place in places for file in place.glob(re.sub(r"<\w+>", "*", span.rstrip("/")))]
             folders += [file if file.is_dir() else file.parent for file in there]
             texts += [file.read_text(encoding="utf-8") for file in there if file.is_file()]
             found += [] if there else [span]

@@ -16,7 +16,7 @@ from counterflex.core.units import DEG, MM, RPM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
-from counterflex.programs.language import LANGUAGES, found
+from counterflex.programs.language import LANGUAGES, object_at
 from counterflex.programs.program import Program
 from counterflex.programs.reading import RobotCell
 from counterflex.programs.robot_text.program import RobotProgram
@@ -31,7 +31,7 @@ def companions(file: Path) -> tuple[Path, ...]:
     """Return the files that are read with a program: those of its job."""
     ending = file.suffix.lower()
     place = next((one.files for _, one in LANGUAGES.items() if ending in one.endings and one.files is not None), None)
-    files: tuple[Path, ...] = () if place is None else found(place)(file)
+    files: tuple[Path, ...] = () if place is None else object_at(place)(file)
     return files
 
 
@@ -60,7 +60,7 @@ def robot_cell(cell: Cell, dialect: str) -> RobotCell:
     Raises:
         InputError: Programs of the language are not read for a robot that holds the part, and it does.
     """
-    against: RobotCell = found(LANGUAGES[dialect].cell)(cell)
+    against: RobotCell = object_at(LANGUAGES[dialect].cell)(cell)
     return against
 
 

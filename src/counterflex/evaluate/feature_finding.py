@@ -71,6 +71,7 @@ class CircularPocket:
 
 Feature = Groove | CircularPocket
 
+
 @dataclass(frozen=True)
 class _Arc:
     """A level arc: centre (2,) m, radius and height in m, angles from ``first`` to the larger ``last``, rad."""

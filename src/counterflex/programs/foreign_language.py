@@ -130,8 +130,8 @@ def foreign_language(lines: Sequence[str]) -> Foreign | None:
 
 def language_among(lines: Sequence[str], dialects: Sequence[str]) -> str | None:
     """Return the dialect out of several whose signs stand in a text; None where those of none do."""
-    told, signs = foreign_language(lines), {name: LANGUAGES[name].signs for name in dialects}
-    return next((name for name, one in signs.items() if told and one and one.name == told.name), None)
+    foreign, signs = foreign_language(lines), {name: LANGUAGES[name].signs for name in dialects}
+    return next((name for name, one in signs.items() if foreign and one and one.name == foreign.name), None)
 
 
 def _shown(lines: Sequence[str]) -> Iterator[tuple[int, str]]:

@@ -117,7 +117,7 @@ class Language:
         return self.forms is not None
 
 
-def found(place: Place) -> Any:
+def object_at(place: Place) -> Any:
     """Return the object at a place of a language, imported now."""
     return imported(place) if isinstance(place, str) else place
 

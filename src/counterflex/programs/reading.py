@@ -10,7 +10,7 @@ from counterflex.core.errors import CounterflexError, InputError, ProgramError
 from counterflex.programs.foreign_language import language_among
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
-from counterflex.programs.language import BY_ENDING, GCODE, LANGUAGES, Language, dialects, found
+from counterflex.programs.language import BY_ENDING, GCODE, LANGUAGES, Language, dialects, object_at
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.cell import RobotTextCell
 from counterflex.programs.robot_text.program import RobotProgram
@@ -80,7 +80,7 @@ def read_program_file(
     language = LANGUAGES[name]
     against = {"cell": cell} if language.robot else {"machine": machine}
     if name in LANGUAGES.own:
-        program: Program = found(language.read)(file, **against, complete=complete)
+        program: Program = object_at(language.read)(file, **against, complete=complete)
         return program
     return _by_package(name, language, Path(file), **against, complete=complete)
 
@@ -88,7 +88,7 @@ def read_program_file(
 def _by_package(name: str, language: Language, file: Path, **settings: object) -> Program:
     """Read by another package, whose faults are its own."""
     try:
-        program = found(language.read)(file, **settings)
+        program = object_at(language.read)(file, **settings)
     except CounterflexError:
         raise
     except Exception as fault:
@@ -106,7 +106,7 @@ def _by_package(name: str, language: Language, file: Path, **settings: object) -
 
 def statement_tables() -> dict[str, StatementTable]:
     """Return the table of statements of each language that has one."""
-    return {name: found(one.table) for name, one in LANGUAGES.items() if one.table is not None}
+    return {name: object_at(one.table) for name, one in LANGUAGES.items() if one.table is not None}
 
 
 def require_linuxcnc(program: Program, command: str) -> None:

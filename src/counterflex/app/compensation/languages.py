@@ -24,7 +24,7 @@ from counterflex.path.turning import TurnedPath
 from counterflex.plan.feed_schedule import at_feed, share_between
 from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.language import GCODE, LANGUAGES, dialect_at, found
+from counterflex.programs.language import GCODE, LANGUAGES, dialect_at, object_at
 from counterflex.programs.program import Program
 from counterflex.programs.rotary.poses import commanded_words
 
@@ -86,7 +86,7 @@ def written(name: str, order: WritingOrder) -> Written:
     if dialect == order.job.program.dialect and language.in_place is not None:
         write = _robot_in_place if language.robot else _machine_in_place
     else:
-        write = found(language.write)
+        write = object_at(language.write)
     if dialect in LANGUAGES.own:
         result: Written = write(order)
         return result
@@ -128,7 +128,7 @@ def _machine_in_place(order: WritingOrder) -> Written:
     words = None
     if job.turned is not None and job.words is not None:
         words = commanded_words(job.turned, job.words, correction, rotvec)
-    text = found(LANGUAGES[job.program.dialect].in_place)(
+    text = object_at(LANGUAGES[job.program.dialect].in_place)(
         job.program,
         commanded,
         tolerance_m=order.tolerance_m,
@@ -148,7 +148,7 @@ def own_language(program: Program) -> str:
 
 def _robot_in_place(order: WritingOrder) -> Written:
     correction, rotvec = order.corrections
-    text = found(LANGUAGES[order.job.program.dialect].in_place)(
+    text = object_at(LANGUAGES[order.job.program.dialect].in_place)(
         order.job.program,
         CompensatedPath.from_correction(order.job.sampled, correction, rotvec),
         tolerance_m=order.tolerance_m,

@@ -11,7 +11,7 @@ from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.files.cell.cell import Cell
-from counterflex.programs.language import LANGUAGES, dialect_at, found, is_robot
+from counterflex.programs.language import LANGUAGES, dialect_at, is_robot, object_at
 from counterflex.report.data import Fact
 
 _ENOUGH: Final = 0.8
@@ -38,7 +38,7 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
     files, dialect = ", ".join(summary["files"]), dialect_at(summary["language"], "write")
     load = LANGUAGES[dialect].load
     if load is not None:
-        facts: tuple[Fact, ...] = found(load)(files, cell, tools)
+        facts: tuple[Fact, ...] = object_at(load)(files, cell, tools)
         return facts
     if cell.T_base_tcp is not None:
         return against_fixed_tool(files, cell)

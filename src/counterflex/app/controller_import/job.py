@@ -108,9 +108,7 @@ def read_files(files: Sequence[Path]) -> ControllerData:
                 hint="Write its tools and frames as JSON by the script of docs/cell-import.md",
             )  # fmt: skip
         text, _ = read_text(file)
-        data = next(
-            (found for _, kind in DATA_KINDS.items() if (found := kind.read(text, file.name)) is not None), None
-        )
+        data = next((one for _, kind in DATA_KINDS.items() if (one := kind.read(text, file.name)) is not None), None)
         if data is None:
             first = text.strip().splitlines()[0][:60] if text.strip() else "empty"
             raise FileFormatError("a file of no kind that is read", where=str(file), value=first, limit=_kinds())

@@ -170,10 +170,10 @@ class FanucProgram(RobotProgram):
 
     def roundings_m(self) -> list[float]:
         """``CD`` and ``CR``, mm; what ``CNT`` makes depends on speed and acceleration and has no distance."""
-        found = [_DISTANCE.search(move.termination) for move in self.moves]
+        matches = [_DISTANCE.search(move.termination) for move in self.moves]
         return [
             0.0 if move.exact else float("nan") if match is None else float(match[1]) * MM
-            for move, match in zip(self.moves, found, strict=True)
+            for move, match in zip(self.moves, matches, strict=True)
         ]
 
     def postures(self) -> dict[int, Stated]:

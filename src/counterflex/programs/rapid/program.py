@@ -165,12 +165,12 @@ class RapidProgram(RobotProgram):
     def postures(self) -> dict[int, Stated]:
         """``cfx`` while ConfJ or ConfL is on."""
         on = self.supervised_words()
-        found = {
+        stated = {
             index: _posture(move)
             for index, move in enumerate(self.moves)
             if ("J" if move.word.upper().startswith("MOVEJ") else "L") in on
         }
-        return {index: one for index, one in found.items() if one is not None}
+        return {index: one for index, one in stated.items() if one is not None}
 
     def turns(self) -> dict[int, StatedTurns]:
         """``cf1``, ``cf4`` and ``cf6`` while ConfJ is on."""

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from counterflex.core.units import MM
-from counterflex.programs.language import LANGUAGES, found
+from counterflex.programs.language import LANGUAGES, object_at
 from counterflex.programs.program import Program
 
 _NUMBER: Final = r"(\d+(?:\.\d*)?|\.\d+)"
@@ -43,7 +43,7 @@ def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
     unit = program.blocks[-1].modal.unit_m if program.blocks else MM
     out: dict[int, tuple[float, int]] = {}
     place = LANGUAGES[program.dialect].diameters
-    for tool, diameter, line in found(place)(program) if place is not None else ():
+    for tool, diameter, line in object_at(place)(program) if place is not None else ():
         if tool != 0 and diameter > 0.0:
             out.setdefault(tool, (diameter * unit, line))
     for line, text, tool in _comments(program):

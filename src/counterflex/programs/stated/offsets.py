@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from counterflex.programs.language import LANGUAGES, found
+from counterflex.programs.language import LANGUAGES, object_at
 from counterflex.programs.program import Block
 
 NONE: Final = -1
@@ -110,7 +110,7 @@ class ToolBoundOffsets(SettableOffsets):
 def offset_reader(dialect: str) -> OffsetReader:
     """Return a reader of the numbered offsets of a language."""
     place = LANGUAGES[dialect].offsets
-    reader: OffsetReader = OffsetReader() if place is None else found(place)()
+    reader: OffsetReader = OffsetReader() if place is None else object_at(place)()
     return reader
 
 

@@ -13,7 +13,7 @@ from typing import Final
 from counterflex.core.units import INCH, MINUTE
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.reader import FURTHER_OFFSET
-from counterflex.programs.language import GCODE, LANGUAGES, found
+from counterflex.programs.language import GCODE, LANGUAGES, object_at
 from counterflex.programs.program import Block, Program, Word
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.stated.offsets import NONE, UNSAID, codes_of, offset_reader
@@ -35,7 +35,7 @@ _CYCLES: Final = frozenset(code_name("G", code) for code in CYCLES)
 def doubtful_readings(program: Program) -> list[str]:
     """Return one sentence for each: where, how it was read, and the other reading."""
     of_language = LANGUAGES[program.dialect].doubts
-    own: list[str] = [] if of_language is None else found(of_language)(program)
+    own: list[str] = [] if of_language is None else object_at(of_language)(program)
     if isinstance(program, RobotProgram):
         return own
     checks: tuple[Callable[[Program], list[str]], ...] = (

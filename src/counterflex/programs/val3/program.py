@@ -169,8 +169,8 @@ class Val3Program(RobotProgram):
 
 
 def _rounding_m(attributes: Mapping[str, str]) -> float:
-    found = [_NUMBER.fullmatch(attributes.get(name, "").strip()) for name in ("leave", "reach")]
-    return min((float(match[0]) * MM for match in found if match is not None), default=float("nan"))
+    matches = [_NUMBER.fullmatch(attributes.get(name, "").strip()) for name in ("leave", "reach")]
+    return min((float(match[0]) * MM for match in matches if match is not None), default=float("nan"))
 
 
 def _posture(attributes: Mapping[str, str]) -> Stated | None:

@@ -46,14 +46,14 @@ KEPT_S: Final = 1.0
 """Time over which an amplitude is forgotten that the samples do not show: of a sine at half the sampling rate."""
 
 
-@kernel("float64(float64)")
+@kernel("float64(float64)", entry=True)
 def folded(turns: float) -> float:
     """Apparent frequency, 0 .. 1/2 of the sampling rate, of a line of ``turns`` per sample."""
     rest = turns - math.floor(turns)
     return min(rest, 1.0 - rest)
 
 
-@kernel("boolean(float64, int64, int64, float64)")
+@kernel("boolean(float64, int64, int64, float64)", entry=True)
 def is_apart(turn: float, order: int, teeth: int, period: float) -> bool:
     """Return whether a line folds to a visible frequency, off the tooth passing and its harmonics unless it is one.
 

@@ -148,9 +148,9 @@ class Job:
                 self._instruction(Statement(begin, at, at + len(code), code, line))
             else:
                 self._pseudo(code, at)
-        for word, found in (("//INST", self._part == "//INST"), ("NOP", self._first > 0),
+        for word, stands in (("//INST", self._part == "//INST"), ("NOP", self._first > 0),
                             ("END", self._ended or not complete)):  # fmt: skip
-            if not found:
+            if not stands:
                 raise ProgramError(
                     f"the job has no {word}: it may be cut off", where=f"{self.name}:{len(self._begins)}:1",
                     limit="/JOB //NAME //POS //INST NOP ... END",
@@ -345,7 +345,7 @@ def jobs_beside(file: Path) -> list[Path]:
 
 def job_files(file: Path) -> tuple[Path, ...]:
     """Return the jobs of a folder that a job names in CALL or JUMP, and those that they name."""
-    beside = {one.stem.upper(): one for one in jobs_beside(file)}
+    by_name = {one.stem.upper(): one for one in jobs_beside(file)}
     reached: dict[str, Path] = {}
     open_files = [file]
     while open_files:
@@ -353,7 +353,7 @@ def job_files(file: Path) -> tuple[Path, ...]:
         text = content(one).decode("latin-1") if one.is_file() else ""
         for match in _CALLED.finditer(text):
             name = match[1].upper()
-            if name in beside and name not in reached:
-                reached[name] = beside[name]
-                open_files.append(beside[name])
+            if name in by_name and name not in reached:
+                reached[name] = by_name[name]
+                open_files.append(by_name[name])
     return tuple(reached[name] for name in sorted(reached))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from counterflex.programs.language import LANGUAGES, found
+from counterflex.programs.language import LANGUAGES, object_at
 from counterflex.programs.limits import LINUXCNC
 
 Spell = Callable[[str, str], str]
@@ -51,7 +51,7 @@ class Spelling:
 
 def spelling_of(dialect: str) -> Spelling:
     """Return the spelling of a dialect of G-code, :attr:`~counterflex.programs.language.Language.spelling`."""
-    result: Spelling = found(LANGUAGES[dialect].spelling)
+    result: Spelling = object_at(LANGUAGES[dialect].spelling)
     return result
 
 
