@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.app.controller_import import job
-from counterflex.app.controller_import.kuka import read_kuka
-from counterflex.app.controller_import.kuka_machine import read_kuka_machine
 from counterflex.app.controller_import.poses import JOINTS, POSE
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
+from counterflex.integrations.kuka.frame_data import read_kuka
+from counterflex.integrations.kuka.machine_data import read_kuka_machine
 from counterflex.robot.elasticity.chain import ElasticChain, flange
 from counterflex.robot.model import catalog
 

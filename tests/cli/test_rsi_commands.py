@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from counterflex.app import examples
-from counterflex.app.robot_setup.rsi import CheckSettings, MakeSettings, check, make
 from counterflex.core.errors import CounterflexError, InputError, OutputError, ProgramError
 from counterflex.core.units import DEG, MM
+from counterflex.integrations.kuka.link.setup import CheckSettings, MakeSettings, check, make
 from counterflex.protocols.kuka_rsi.calls import read_calls
 from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.kuka_rsi.context import read_context

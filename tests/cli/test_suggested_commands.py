@@ -84,9 +84,9 @@ def test_every_command_that_the_program_makes_is_taken() -> None:
 
 
 SKETCHES = {
-    "app/robot_setup/egm_readme.py": "a page that says what is typed in which order, with optional parts in brackets",
-    "app/robot_setup/rsi_readme.py": "the same for RSI",
-    "programs/rapid/egm.py": "texts of at most 40 characters on the teach pendant",
+    "integrations/abb/link/readme.py": "a page that says what is typed in which order, with optional parts in brackets",
+    "integrations/kuka/link/readme.py": "the same for RSI",
+    "integrations/abb/language/egm.py": "texts of at most 40 characters on the teach pendant",
     "validation/reproduce/papers/pages.py": "a comment that says what wrote the page",
 }
 """Texts with part of a command line."""

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM, MM_PER_MIN
+from counterflex.integrations.siemens.language.reader import read_sinumerik
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.apt.reader import read_apt
 from counterflex.programs.apt.writer import write_apt
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_VECTOR, Program
 from counterflex.programs.reading import read_program_file

@@ -12,15 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import CounterflexError
+from counterflex.integrations.abb.language.read.reader import read_rapid
+from counterflex.integrations.beckhoff.language.reader import read_twincat
+from counterflex.integrations.fanuc.language.read.reader import read_fanuc
+from counterflex.integrations.kuka.language.read.reader import read_krl
+from counterflex.integrations.siemens.language.reader import read_sinumerik
+from counterflex.integrations.staubli.language.read.reader import read_val3
 from counterflex.programs.apt.reader import read_apt
-from counterflex.programs.fanuc.read.reader import read_fanuc
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
-from counterflex.programs.gcode.twincat.reader import read_twincat
-from counterflex.programs.krl.read.reader import read_krl
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.read.reader import read_rapid
-from counterflex.programs.val3.read.reader import read_val3
 
 SAMPLES = Path(__file__).parents[2] / "examples" / "programs"
 TWINCAT = (

@@ -7,13 +7,13 @@ import pytest
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
+from counterflex.integrations.kuka.language.in_place import write_krl_in_place
+from counterflex.integrations.kuka.language.program import KrlProgram
+from counterflex.integrations.kuka.language.read.reader import read_krl
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.difference import differences, largest_first, summary
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import write_gcode
-from counterflex.programs.krl.in_place import write_krl_in_place
-from counterflex.programs.krl.program import KrlProgram
-from counterflex.programs.krl.read.reader import read_krl
 
 GCODE = "G21 G90 G17\nT1 M6\nG0 X0 Y0 Z5\nG1 Z0 F600\nG1 X40\nG3 X50 Y10 J10\nG1 Y40\nG4 P1\nG0 Z5\nM30\n"
 KRL = "DEF p( )\nPTP {X 0,Y 0,Z 5,A 0,B 0,C 180}\n$VEL.CP=0.02\nLIN {Z 0}\nLIN {X 40}\nLIN {Y 40}\nPTP {Z 5}\nEND\n"

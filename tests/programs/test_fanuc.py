@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM, RPM, UM
 from counterflex.geometry import rotation
-from counterflex.programs.fanuc.in_place import write_fanuc_in_place
-from counterflex.programs.fanuc.program import FanucProgram, frame_of, wpr_of
-from counterflex.programs.fanuc.read.reader import read_fanuc, read_fanuc_file
+from counterflex.integrations.fanuc.language.in_place import write_fanuc_in_place
+from counterflex.integrations.fanuc.language.program import FanucProgram, frame_of, wpr_of
+from counterflex.integrations.fanuc.language.read.reader import read_fanuc, read_fanuc_file
 from fanuc_listings import DOWN, cell, entry, listing
 from robot_corrections import corrected, gap_to_polyline
 

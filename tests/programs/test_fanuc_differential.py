@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.programs.fanuc.read.reader import read_fanuc
-from counterflex.programs.fanuc.read.routine import Folder
+from counterflex.integrations.fanuc.language.read.reader import read_fanuc
+from counterflex.integrations.fanuc.language.read.routine import Folder
 from counting_programs import NAMES, RANDOM_PROGRAMS, Counting, Op, Text, leaf, name, programs, small
 from fanuc_listings import entry, listing
 

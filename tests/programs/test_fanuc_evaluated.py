@@ -15,10 +15,10 @@ from counterflex.app.robot_programs import companions
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose
-from counterflex.programs.fanuc.in_place import write_fanuc_in_place
-from counterflex.programs.fanuc.program import FanucProgram
-from counterflex.programs.fanuc.read.reader import read_fanuc, read_fanuc_file
-from counterflex.programs.fanuc.read.table import TABLE
+from counterflex.integrations.fanuc.language.in_place import write_fanuc_in_place
+from counterflex.integrations.fanuc.language.program import FanucProgram
+from counterflex.integrations.fanuc.language.read.reader import read_fanuc, read_fanuc_file
+from counterflex.integrations.fanuc.language.read.table import TABLE
 from counterflex.programs.statement_table import Treatment
 from fanuc_listings import DOWN, cell, entry, listing
 from robot_corrections import corrected, gap_to_polyline

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.programs.krl.read.reader import read_krl
+from counterflex.integrations.kuka.language.read.reader import read_krl
 from counting_programs import NAMES, NEVER, RANDOM_PROGRAMS, Counting, Op, Text, expression, leaf, name, programs, small
 
 Six = tuple[int, int, int, int, int, int]

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
-from counterflex.programs.krl.program import KrlProgram
-from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.reader import job_files, read_krl, read_krl_file
-from counterflex.programs.krl.read.table import TABLE
+from counterflex.integrations.kuka.language.program import KrlProgram
+from counterflex.integrations.kuka.language.read.frames import KrlCell
+from counterflex.integrations.kuka.language.read.reader import job_files, read_krl, read_krl_file
+from counterflex.integrations.kuka.language.read.table import TABLE
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.statement_table import Treatment
 

@@ -9,13 +9,13 @@ import pytest
 from tests.programs.test_krl_in_place import corrected, read_back
 
 from counterflex.geometry import pose
+from counterflex.integrations.kuka.language.in_place import write_krl_in_place
+from counterflex.integrations.kuka.language.read.frames import KrlCell
+from counterflex.integrations.kuka.language.read.reader import job_files, read_krl_file
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.in_place import write_krl_in_place
-from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.reader import job_files, read_krl_file
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 FOLDER = Path(__file__).parent / "krl_forms"

@@ -13,11 +13,11 @@ import pytest
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, RPM
+from counterflex.integrations.kuka.language.in_place import write_krl_in_place
+from counterflex.integrations.kuka.language.program import KrlProgram
+from counterflex.integrations.kuka.language.read.frames import KrlCell
+from counterflex.integrations.kuka.language.read.reader import read_krl
 from counterflex.programs.compensated import CompensatedPath, tool_path
-from counterflex.programs.krl.in_place import write_krl_in_place
-from counterflex.programs.krl.program import KrlProgram
-from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.reader import read_krl
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 FILE = Path(__file__).parents[2] / "examples" / "freecad" / "groove.src"

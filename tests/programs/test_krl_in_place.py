@@ -14,10 +14,10 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, UM
 from counterflex.geometry import rotation
+from counterflex.integrations.kuka.language.in_place import write_krl_in_place
+from counterflex.integrations.kuka.language.program import KrlProgram
+from counterflex.integrations.kuka.language.read.reader import read_krl
 from counterflex.programs.compensated import CompensatedPath, tool_path
-from counterflex.programs.krl.in_place import write_krl_in_place
-from counterflex.programs.krl.program import KrlProgram
-from counterflex.programs.krl.read.reader import read_krl
 from counterflex.programs.robot_text.in_place import InPlaceText
 
 _NUMBER = re.compile(r"[-+]?\d+\.?\d*")

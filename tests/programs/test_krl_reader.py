@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import RPM
 from counterflex.geometry import pose
+from counterflex.integrations.kuka.language.program import KrlProgram
+from counterflex.integrations.kuka.language.read.frames import KrlCell
+from counterflex.integrations.kuka.language.read.reader import read_krl, read_krl_file
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.program import KrlProgram
-from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.reader import read_krl, read_krl_file
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "programs"

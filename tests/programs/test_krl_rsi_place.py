@@ -7,8 +7,8 @@ import re
 import pytest
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.krl.rsi import check_path, with_correction
-from counterflex.programs.krl.rsi_switching import RsiSwitching
+from counterflex.integrations.kuka.language.rsi import check_path, with_correction
+from counterflex.integrations.kuka.language.rsi_switching import RsiSwitching
 
 HEAD = ["&ACCESS RVP", "&REL 1", "DEF groove( )", "$TOOL=TOOL_DATA[1]"]
 TAIL = ["$VEL.CP=0.025", "LIN {X 0,Y 0,Z 5,A 0,B 90,C 0}", "LIN {X 9,Y 0,Z 5,A 0,B 90,C 0} C_DIS", "END", ""]

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.programs.rapid.read.reader import read_rapid
+from counterflex.integrations.abb.language.read.reader import read_rapid
 from counting_programs import NAMES, NEVER, RANDOM_PROGRAMS, Counting, Op, Text, leaf, name, programs, small
 
 Pose = tuple[Rotation, Float]

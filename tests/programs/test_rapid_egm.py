@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
-from counterflex.programs.rapid.egm import called, called_parts, part_with_egm, start_move, with_egm
-from counterflex.programs.rapid.egm_switching import EgmSwitching
+from counterflex.integrations.abb.language.egm import called, called_parts, part_with_egm, start_move, with_egm
+from counterflex.integrations.abb.language.egm_switching import EgmSwitching
 from counterflex.protocols.abb_egm.calls import parse_egm_calls
 from counterflex.protocols.abb_egm.check import ExpectedEgm, check_egm
 

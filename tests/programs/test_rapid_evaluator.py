@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
+from counterflex.integrations.abb.language.program import RapidProgram
+from counterflex.integrations.abb.language.read.frames import RapidCell
+from counterflex.integrations.abb.language.read.reader import read_rapid
 from counterflex.programs.approximation import approximation_m
-from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.rapid.read.frames import RapidCell
-from counterflex.programs.rapid.read.reader import read_rapid
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 REST = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]"

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
+from counterflex.integrations.abb.language.in_place import write_rapid_in_place
+from counterflex.integrations.abb.language.program import RapidProgram
+from counterflex.integrations.abb.language.read.reader import read_rapid
 from counterflex.programs.compensated import CompensatedPath, tool_path
-from counterflex.programs.rapid.in_place import write_rapid_in_place
-from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.rapid.read.reader import read_rapid
 from counterflex.programs.robot_text.in_place import InPlaceText
 from rapid_points import rapid_points
 

@@ -10,13 +10,13 @@ import pytest
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose
+from counterflex.integrations.abb.language.in_place import write_rapid_in_place
+from counterflex.integrations.abb.language.program import RapidProgram
+from counterflex.integrations.abb.language.read.reader import read_rapid, read_rapid_file
+from counterflex.integrations.abb.language.writer import RapidSettings, RapidWriter
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.rapid.in_place import write_rapid_in_place
-from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.rapid.read.reader import read_rapid, read_rapid_file
-from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 
 REST = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
 P10 = f"CONST robtarget p10:=[[0,0,0],[0,1,0,0],{REST}];\n"

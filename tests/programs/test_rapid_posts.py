@@ -7,9 +7,9 @@ import pytest
 
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.rapid.read.frames import RapidCell
-from counterflex.programs.rapid.read.reader import read_rapid
+from counterflex.integrations.abb.language.program import RapidProgram
+from counterflex.integrations.abb.language.read.frames import RapidCell
+from counterflex.integrations.abb.language.read.reader import read_rapid
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 CELL = RapidCell(

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, MM_PER_S, RPM
 from counterflex.geometry import pose, rotation
+from counterflex.integrations.abb.language.program import RapidProgram
+from counterflex.integrations.abb.language.read.frames import RapidCell
+from counterflex.integrations.abb.language.read.reader import read_rapid, read_rapid_file
+from counterflex.integrations.abb.language.writer import RapidSettings, RapidWriter
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.compensated import tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.rapid.read.frames import RapidCell
-from counterflex.programs.rapid.read.reader import read_rapid, read_rapid_file
-from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from rapid_points import rapid_points
 

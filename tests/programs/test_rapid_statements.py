@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
+from counterflex.integrations.abb.language.program import RapidProgram
+from counterflex.integrations.abb.language.read.instructions import HANDLERS
+from counterflex.integrations.abb.language.read.interpreter import LEAVING
+from counterflex.integrations.abb.language.read.reader import read_rapid
+from counterflex.integrations.abb.language.table import ACTS, FORMS, FUNCTION_OUTPUTS, OUTPUTS, SETS_MOTION, TABLE
 from counterflex.programs.approximation import approximation_m
-from counterflex.programs.rapid.program import RapidProgram
-from counterflex.programs.rapid.read.instructions import HANDLERS
-from counterflex.programs.rapid.read.interpreter import LEAVING
-from counterflex.programs.rapid.read.reader import read_rapid
-from counterflex.programs.rapid.table import ACTS, FORMS, FUNCTION_OUTPUTS, OUTPUTS, SETS_MOTION, TABLE
 from counterflex.programs.statement_table import Statement, Treatment
 
 REST = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]"

@@ -10,11 +10,11 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.geometry import pose
+from counterflex.integrations.abb.language.read.reader import read_rapid, read_rapid_file
+from counterflex.integrations.kuka.language.read.frames import KrlCell
+from counterflex.integrations.kuka.language.read.reader import job_files, read_krl, read_krl_file
 from counterflex.programs.difference import differences
-from counterflex.programs.krl.read.frames import KrlCell
-from counterflex.programs.krl.read.reader import job_files, read_krl, read_krl_file
 from counterflex.programs.listing import listing
-from counterflex.programs.rapid.read.reader import read_rapid, read_rapid_file
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.stated.two_readings import doubtful_readings
 

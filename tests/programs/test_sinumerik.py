@@ -23,11 +23,11 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM, MM_PER_MIN
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
+from counterflex.integrations.siemens.language.reader import read_sinumerik
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Program
 from counterflex.programs.reading import dialect_of, read_program_file, require_linuxcnc

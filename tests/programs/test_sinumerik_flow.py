@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
+from counterflex.integrations.siemens.language.reader import read_sinumerik, read_sinumerik_file
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.sinumerik.reader import read_sinumerik, read_sinumerik_file
 from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.listing import listing
 from counterflex.programs.program import Program

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, UM
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
 from counterflex.path.toolpath import FEED
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.robot_writer.points import RobotText
 from counterflex.programs.robot_writer.spaced_points import spaced
 

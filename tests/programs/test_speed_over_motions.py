@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
+from counterflex.integrations.abb.language.read.reader import read_rapid
+from counterflex.integrations.fanuc.language.read.reader import read_fanuc
+from counterflex.integrations.kuka.language.read.reader import read_krl
 from counterflex.programs.apt.reader import read_apt
-from counterflex.programs.fanuc.read.reader import read_fanuc
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.read.reader import read_krl
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.read.reader import read_rapid
 from fanuc_listings import entry, listing
 
 QUICK = settings(max_examples=100)

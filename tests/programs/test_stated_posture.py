@@ -9,14 +9,14 @@ import pytest
 
 from counterflex.app.preflight import check
 from counterflex.files.cell.cell import read_cell
-from counterflex.integrations.fanuc.job import configuration as fanuc_configuration
-from counterflex.integrations.staubli.job import configuration as val3_configuration
-from counterflex.programs.fanuc.read.reader import read_fanuc
-from counterflex.programs.krl.read.reader import read_krl
+from counterflex.integrations.abb.language.read.reader import read_rapid
+from counterflex.integrations.fanuc.language.job import configuration as fanuc_configuration
+from counterflex.integrations.fanuc.language.read.reader import read_fanuc
+from counterflex.integrations.kuka.language.read.reader import read_krl
+from counterflex.integrations.staubli.language.job import configuration as val3_configuration
+from counterflex.integrations.staubli.language.read.reader import read_val3_file
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.read.reader import read_rapid
 from counterflex.programs.stated.posture import other_postures, stated_postures
-from counterflex.programs.val3.read.reader import read_val3_file
 from counterflex.robot.kinematics.inverse_seeds import branch_of
 from counterflex.robot.model.opw import BRANCHES
 

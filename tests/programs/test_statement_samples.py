@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from counterflex.core.errors import ProgramError
+from counterflex.integrations.beckhoff.language.reader import read_twincat
+from counterflex.integrations.siemens.language.reader import read_sinumerik
 from counterflex.programs.apt.reader import read_apt
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
-from counterflex.programs.gcode.twincat.reader import read_twincat
 from counterflex.programs.program import Motion, Program
 from counterflex.programs.reading import statement_tables
 from counterflex.programs.statement_table import Treatment

@@ -13,14 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from counterflex.integrations.abb.language.writer import RapidSettings, RapidWriter
+from counterflex.integrations.fanuc.language.writer import FanucSettings, FanucWriter
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
+from counterflex.integrations.staubli.language.application import Val3Settings
+from counterflex.integrations.staubli.language.writer import Val3Writer
 from counterflex.programs.compensated import CompensatedPath, tool_path
-from counterflex.programs.fanuc.writer import FanucSettings, FanucWriter
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
-from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-from counterflex.programs.val3.application import Val3Settings
-from counterflex.programs.val3.writer import Val3Writer
 
 ABOUT: Final[dict[str, Any]] = {"name": "part", "start_axes_rad": (0.0, -1.5, 1.6, 0.1, 0.5, -0.2)}
 EYE = np.eye(4)

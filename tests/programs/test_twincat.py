@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM, MM_PER_MIN, UM
-from counterflex.programs.gcode.twincat.reader import read_twincat
+from counterflex.integrations.beckhoff.language.reader import read_twincat
 from counterflex.programs.gcode.write.writer import write_gcode
 from robot_corrections import corrected
 

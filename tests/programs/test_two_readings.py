@@ -7,11 +7,11 @@ import pytest
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
+from counterflex.integrations.beckhoff.language.reader import read_twincat
+from counterflex.integrations.siemens.language.reader import read_sinumerik
 from counterflex.programs.apt.reader import read_apt
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.gcode.sinumerik.reader import read_sinumerik
-from counterflex.programs.gcode.twincat.reader import read_twincat
 from counterflex.programs.program import Program
 from counterflex.programs.stated.diameters import diameters_of
 from counterflex.programs.stated.offsets import offset_reader

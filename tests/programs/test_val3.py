@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM, RPM, UM
 from counterflex.geometry import rotation
-from counterflex.programs.val3.in_place import write_val3_in_place
-from counterflex.programs.val3.program import LETTERS, frame_of, rotations_of
-from counterflex.programs.val3.read.reader import read_val3, read_val3_file
+from counterflex.integrations.staubli.language.in_place import write_val3_in_place
+from counterflex.integrations.staubli.language.program import LETTERS, frame_of, rotations_of
+from counterflex.integrations.staubli.language.read.reader import read_val3, read_val3_file
 from robot_corrections import corrected, gap_to_polyline
 from val3_files import DOWN, at, cell, data, program
 

@@ -15,11 +15,11 @@ from counterflex.app.robot_programs import companions
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose
+from counterflex.integrations.staubli.language.in_place import write_val3_in_place
+from counterflex.integrations.staubli.language.program import Val3Program
+from counterflex.integrations.staubli.language.read.reader import read_val3, read_val3_file
+from counterflex.integrations.staubli.language.read.table import TABLE
 from counterflex.programs.statement_table import Treatment
-from counterflex.programs.val3.in_place import write_val3_in_place
-from counterflex.programs.val3.program import Val3Program
-from counterflex.programs.val3.read.reader import read_val3, read_val3_file
-from counterflex.programs.val3.read.table import TABLE
 from robot_corrections import corrected, gap_to_polyline
 from val3_files import at, cell, data, program
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from counterflex.core.errors import ProgramError
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
 from counterflex.path.toolpath import FEED
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.gcode.write.writer import write_gcode
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.program import Program
 
 STORED = MillingMachine(parameters={5161: 5.0, 5162: 6.0, 5163: 90.0})

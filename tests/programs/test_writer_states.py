@@ -13,10 +13,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from counterflex.integrations.abb.language.writer import RapidSettings, RapidWriter
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
-from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 START = (0.0, -1.5, 1.6, 0.1, 0.5, -0.2)

@@ -10,12 +10,12 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
+from counterflex.integrations.abb.language.writer import RapidSettings, RapidWriter
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
 from counterflex.path.toolpath import ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.program import Program
-from counterflex.programs.rapid.writer import RapidSettings, RapidWriter
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.robot_writer.points import RobotText
 

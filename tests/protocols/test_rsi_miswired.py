@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from counterflex.programs.krl.rsi import with_correction
-from counterflex.programs.krl.rsi_switching import RsiSwitching
+from counterflex.integrations.kuka.language.rsi import with_correction
+from counterflex.integrations.kuka.language.rsi_switching import RsiSwitching
 from counterflex.protocols.finding import Finding
 from counterflex.protocols.kuka_rsi.calls import parse_calls
 from counterflex.protocols.kuka_rsi.check.all_rules import check

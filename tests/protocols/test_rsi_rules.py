@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import counterflex
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.programs.krl.rsi import with_correction
-from counterflex.programs.krl.rsi_switching import RsiSwitching
+from counterflex.integrations.kuka.language.rsi import with_correction
+from counterflex.integrations.kuka.language.rsi_switching import RsiSwitching
 from counterflex.protocols.finding import Finding
 from counterflex.protocols.kuka_rsi.calls import parse_calls
 from counterflex.protocols.kuka_rsi.check.all_rules import check

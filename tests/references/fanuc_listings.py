@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.geometry import pose
-from counterflex.programs.fanuc.read.frames import FanucCell
+from counterflex.integrations.fanuc.language.read.frames import FanucCell
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 DOWN = (180.0, 0.0, 180.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.geometry import pose, rotation
+from counterflex.integrations.staubli.language.read.motions import Val3Cell
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-from counterflex.programs.val3.read.motions import Val3Cell
 
 DOWN = 'ry="180" fatherId="fPart[0]"'
 SPEEDS = ('tmax="50" blend="off"', 'tmax="25.5" blend="cartesian" leave="1" reach="1"', 'blend="off"')

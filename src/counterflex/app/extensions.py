@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from counterflex.app.controller_import.kinds import DATA_KINDS
-from counterflex.app.robot_setup.robot_folder import SETUPS
+from counterflex.app.robot_folder import SETUPS
 from counterflex.core.errors import CounterflexError
 from counterflex.core.registry import Registry
 from counterflex.cutting.force_laws import FORCE_LAWS

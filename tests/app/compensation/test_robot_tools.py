@@ -17,7 +17,7 @@ from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.files.cell.cell import Cell, resolve
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
-from counterflex.programs.rapid.writer import RapidSettings
+from counterflex.integrations.abb.language.writer import RapidSettings
 
 CELL = Path(__file__).resolve().parents[2] / "data" / "cells" / "small.toml"
 MAPPED: dict[str, list[str]] = {"clockwise": [], "off": [], "tool_change": [], "flood": [], "coolant_off": []}

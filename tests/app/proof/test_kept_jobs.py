@@ -8,7 +8,7 @@ import numpy as np
 
 from counterflex.app.proof.simulate import ORIGINAL, PROGRAM, keep_inputs, kept
 from counterflex.files.cell.cell import read_cell
-from counterflex.programs.krl.read.reader import read_krl_file
+from counterflex.integrations.kuka.language.read.reader import read_krl_file
 
 CELL = Path(__file__).parents[3] / "examples" / "cells" / "kr300_d16_small.toml"
 START = "DEF job( )\n$BASE=BASE_DATA[1]\n$TOOL=TOOL_DATA[1]\n$VEL.CP=0.02\nPART( )\nLIN XP\nEND\n"

@@ -17,9 +17,9 @@ from xml.etree import ElementTree
 import pytest
 
 from counterflex.app import examples
-from counterflex.app.robot_setup.egm import MakeSettings as EgmSettings
-from counterflex.app.robot_setup.egm import make as make_egm
-from counterflex.app.robot_setup.rsi import CheckSettings, MakeSettings, check, make
+from counterflex.integrations.abb.link.setup import MakeSettings as EgmSettings
+from counterflex.integrations.abb.link.setup import make as make_egm
+from counterflex.integrations.kuka.link.setup import CheckSettings, MakeSettings, check, make
 
 PORTS = {  # type of object: its number, inputs, outputs
     "ETHERNET": (64, 64, 64),

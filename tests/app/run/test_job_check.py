@@ -17,10 +17,10 @@ from counterflex.app.run.job_check import check_job
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import read_plan
+from counterflex.integrations.kuka.language.rsi import with_correction
+from counterflex.integrations.kuka.language.rsi_switching import RsiSwitching
 from counterflex.plan.plan import job_hash
 from counterflex.programs.compensated import mark, marks
-from counterflex.programs.krl.rsi import with_correction
-from counterflex.programs.krl.rsi_switching import RsiSwitching
 
 ProgramFile = Callable[..., Path]
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"

@@ -13,7 +13,6 @@ import counterflex
 from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.proof import evaluate
 from counterflex.app.proof.truth import make_truth
-from counterflex.app.robot_setup.rsi import MakeSettings, make
 from counterflex.app.run import log as run_log
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
@@ -21,6 +20,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.segments import read_log
+from counterflex.integrations.kuka.link.setup import MakeSettings, make
 from counterflex.protocols.kuka_rsi.config import parse_config
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import COLUMNS

@@ -16,12 +16,12 @@ from scipy.spatial.transform import Rotation
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, RPM
 from counterflex.geometry import pose
+from counterflex.integrations.abb.language.read.reader import read_rapid
+from counterflex.integrations.kuka.language.read.reader import read_krl
 from counterflex.integrations.yaskawa.language.program import InformProgram
 from counterflex.integrations.yaskawa.language.reader import read_inform, read_inform_file
 from counterflex.integrations.yaskawa.language.source import Folder, job_files
 from counterflex.integrations.yaskawa.language.table import TABLE
-from counterflex.programs.krl.read.reader import read_krl
-from counterflex.programs.rapid.read.reader import read_rapid
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.statement_table import Treatment
 from inform_jobs import DOWN, HEADER, cell, job, point, points

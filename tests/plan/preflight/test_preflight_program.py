@@ -17,12 +17,12 @@ from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.controller import SpindleTable
 from counterflex.files.cell.tables import ToolTable
 from counterflex.geometry import pose
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
 from counterflex.path.path_speed import build_track, timed
 from counterflex.path.toolpath import FEED, RAPID, tool_orientation, tool_poses
 from counterflex.plan.preflight.hazards import HAZARDS
 from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
 from counterflex.plan.preflight.rapids import STEP_M, with_points_in_rapids
-from counterflex.programs.krl.writer import KrlSettings, KrlWriter
 from counterflex.programs.language import LANGUAGES
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.kinematics.inverse import inverse_path

@@ -40,7 +40,7 @@ def check(
 
     Example: `counterflex egm check part.mod --cell cell.toml`
     """
-    from counterflex.app.robot_setup.robot_folder import SETUPS
+    from counterflex.app.robot_folder import SETUPS
 
     findings = SETUPS["egm"].check(program, cell)
     errors = sum(item.severity == "error" for item in findings)
@@ -79,7 +79,7 @@ def make(
     Example: `counterflex egm make --cell cell.toml --program plan/part.mod --out robot`
     """
     keep_inputs(out, cell, program)
-    from counterflex.app.robot_setup.robot_folder import SETUPS
+    from counterflex.app.robot_folder import SETUPS
 
     summary = SETUPS["egm"].make(out, cell=cell, program=program, host=host)
     if as_json:

@@ -57,7 +57,7 @@ def check(
 
     Example: `counterflex rsi check rsi.xml --cell cell.toml`
     """
-    from counterflex.app.robot_setup.robot_folder import SETUPS
+    from counterflex.app.robot_folder import SETUPS
 
     ports = {"the tracker": tracker, "the force sensor": force_port}
     given = {name: p for name, p in ports.items() if p is not None}
@@ -101,7 +101,7 @@ def make(
     Example: `counterflex rsi make --cell cell.toml --out robot`
     """
     keep_inputs(out, cell, *([] if program is None else [program]))
-    from counterflex.app.robot_setup.robot_folder import SETUPS
+    from counterflex.app.robot_folder import SETUPS
 
     summary = SETUPS["rsi"].make(out, cell=cell, program=program, host=host, port=port, sentype=sentype)
     if as_json:

@@ -3,6 +3,6 @@
 from typing import Final
 
 ENTRY_POINTS: Final = {
-    "counterflex.languages": {"twincat": "counterflex.programs.gcode.twincat:LANGUAGE"},
+    "counterflex.languages": {"twincat": "counterflex.integrations.beckhoff.language:LANGUAGE"},
 }
 """``module:object`` by group and name; a group is a kind of thing, as for packages of others."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from counterflex.core.arrays import Float
-from counterflex.programs.fanuc.program import wpr_of
+from counterflex.integrations.fanuc.language.program import wpr_of
 from counterflex.robot.model.controller_axes import Maker
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from counterflex.core.arrays import Float
-from counterflex.programs.val3.program import rotations_of
+from counterflex.integrations.staubli.language.program import rotations_of
 from counterflex.robot.model.controller_axes import Maker
 
 

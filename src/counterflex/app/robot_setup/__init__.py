@@ -1,1 +1,0 @@
-"""Files that a robot controller needs for online correction: checked, or made for a cell."""

@@ -1,0 +1,350 @@
+"""Modules of a RAPID program: their routines, data, records, and which routine is the program."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final
+
+from counterflex.core.errors import ProgramError
+from counterflex.integrations.abb.language.read.blocks import Tree, tree_of
+from counterflex.integrations.abb.language.read.data import DECLARATION
+from counterflex.integrations.abb.language.read.scanner import Source, Statement
+
+_I: Final = re.IGNORECASE
+_MODULE: Final = re.compile(r"MODULE\s+(\w+)", _I)
+_ROUTINE: Final = re.compile(
+    r"(?:(LOCAL|TASK|GLOBAL)\s+)?(?:(PROC|TRAP|RECORD)|FUNC\s+(\w+))\s+(\w+)\s*(\(.*\))?", _I | re.DOTALL
+)
+_PARAMETER: Final = re.compile(r"(?:(INOUT|VAR|PERS|REF)\s+)?(switch|\w+)\s+(\w+)\s*(\{[^}]*\})?|(switch)\s+(\w+)", _I)
+_COMPONENT: Final = re.compile(r"(\w+)\s+(\w+)\s*(\{[^}]*\})?", _I)
+_END_OF: Final = {"PROC": "ENDPROC", "FUNC": "ENDFUNC", "TRAP": "ENDTRAP", "RECORD": "ENDRECORD"}
+_WORDS: Final = re.compile(r"[A-Za-z]\w*")
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a routine.
+
+    Attributes:
+        name: In capitals.
+        kind: Data type, lower case; ``switch`` of one without a value.
+        reference: INOUT, VAR or PERS: it stands for data of the caller.
+        optional: It has a backslash.
+    """
+
+    name: str
+    kind: str
+    reference: bool
+    optional: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """A declaration of data.
+
+    Attributes:
+        kind: Data type, in lower case.
+        name: As declared.
+        storage: CONST, PERS or VAR.
+        start: Index of the statement.
+        value: Index of the value; -1 where none is given.
+        end: Index of the semicolon.
+        dims: Text of its dimensions; empty where it is no array.
+        local: It is seen in its module alone.
+    """
+
+    kind: str
+    name: str
+    storage: str
+    start: int
+    value: int
+    end: int
+    dims: str
+    local: bool
+
+
+@dataclass(eq=False)
+class Routine:
+    """A PROC, FUNC or TRAP.
+
+    Attributes:
+        name: As declared.
+        kind: ``PROC FUNC TRAP``.
+        start: Index of its first character.
+        end: Index behind ENDPROC.
+        place: Where its name stands.
+        module: The module that it stands in.
+        parameters: In order.
+        local: It is seen in its module alone.
+        statements: Between its head and ENDPROC, declarations left out.
+        declared: Data that it declares.
+    """
+
+    name: str
+    kind: str
+    start: int
+    end: int
+    place: tuple[int, int]
+    module: Module
+    parameters: tuple[Parameter, ...]
+    local: bool
+    source: Source
+    statements: list[Statement] = field(default_factory=list)
+    declared: dict[str, Declared] = field(default_factory=dict)
+
+    @cached_property
+    def tree(self) -> list[Tree]:
+        """Its statements as a tree."""
+        return tree_of(self.source, self.statements)
+
+    @cached_property
+    def texts(self) -> list[str]:
+        """Text of each statement."""
+        return [statement.code for statement in self.statements]
+
+
+@dataclass(eq=False)
+class Module:
+    """A module.
+
+    Attributes:
+        name: As declared.
+        declarations: Index behind its head.
+        routines: By name in capitals.
+        data: The same.
+        records: Components, name and type, of each record by its name in lower case.
+        aliases: Type behind an alias.
+    """
+
+    name: str
+    declarations: int
+    routines: dict[str, Routine] = field(default_factory=dict)
+    data: dict[str, Declared] = field(default_factory=dict)
+    records: dict[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
+    aliases: dict[str, str] = field(default_factory=dict)
+
+
+class Modules:
+    """Divides the text of a program into modules and routines.
+
+    Args:
+        source: Text of all modules.
+        complete: Refuse a text without ENDMODULE.
+
+    Attributes:
+        modules: In the order of the text.
+
+    Raises:
+        ProgramError: A file is no module, or a part of it is not closed.
+    """
+
+    def __init__(self, source: Source, *, complete: bool) -> None:
+        self.source = source
+        self.modules: list[Module] = []
+        self._opened: tuple[str, Statement] | None = None
+        self._current: Routine | None = None
+        self._record: list[tuple[str, str]] = []
+        self._ended = True
+        for statement in source.statements():
+            if self._ended:
+                self._head(statement)
+            elif self._opened is None:
+                self._ended = self._between(statement)
+            else:
+                self._within(*self._opened, statement)
+        if not self.modules:
+            raise ProgramError("the program is empty", where=f"{source.name}:1:1", hint="Post it again")
+        if complete and not self._ended:
+            self._refuse_cut_off()
+        if self._current is not None:
+            self._current.end = len(source.text)
+
+    def _refuse_cut_off(self) -> None:
+        source = self.source
+        word = "ENDMODULE" if self._opened is None else _END_OF[self._opened[0]]
+        raise ProgramError(
+            f"the module stops without {word}: it may be cut off",
+            where=source.where(max(0, len(source.text) - 1)),
+            value=source.text.strip().splitlines()[-1].strip()[:60],
+            hint="Post it again, or say --without-end if it is complete",
+        )
+
+    def _head(self, statement: Statement) -> None:
+        match = _MODULE.match(statement.code) if statement.structure else None
+        begins = not self.modules or self.source.part(statement.start) != self.source.part(
+            self.modules[-1].declarations
+        )
+        if match is None and begins:
+            raise self._fault(
+                "the file does not begin with MODULE", statement, limit="MODULE NAME",
+                hint="Give the whole module (.mod)",
+            )  # fmt: skip
+        if match is None or not begins:
+            raise self._fault("the module has ended before this", statement, hint="Give one module in a file")
+        self.modules.append(Module(match[1], statement.end))
+        self._ended = False
+
+    def _between(self, statement: Statement) -> bool:
+        """A statement outside of routines; whether the module ends here."""
+        module = self.modules[-1]
+        head = _ROUTINE.fullmatch(statement.code) if statement.structure else None
+        if statement.structure and statement.word == "ENDMODULE":
+            return True
+        if head is not None:
+            word = (head[2] or "FUNC").upper()
+            self._opened = (word, statement)
+            self._record = []
+            self._current = None if word == "RECORD" else self._begun(head, word, statement)
+        elif statement.word == "ALIAS":
+            words = statement.code.split()
+            if len(words) == 3:
+                module.aliases[words[2].lower()] = words[1].lower()
+        elif not self._declaration(statement, module.data):
+            raise self._fault(
+                "this stands outside of every routine", statement, limit="declarations and PROC",
+                hint="The file may be damaged: post it again",
+            )  # fmt: skip
+        return False
+
+    def _within(self, word: str, opened: Statement, statement: Statement) -> None:
+        """A statement of a routine or record."""
+        if statement.structure and statement.word == _END_OF[word]:
+            if self._current is not None:
+                self._current.end = statement.end
+            else:
+                self.modules[-1].records[opened.code.split()[-1].lower()] = tuple(self._record)
+            self._opened = self._current = None
+        elif statement.structure and (statement.word == "ENDMODULE" or _ROUTINE.fullmatch(statement.code)):
+            raise self._fault(
+                f"{_END_OF[word]} is missing before this", statement,
+                limit=f"{word} in line {self.source.where(opened.start).rsplit(':', 1)[1]}",
+                hint="The file may be damaged: post it again",
+            )  # fmt: skip
+        elif self._current is None:
+            match = _COMPONENT.fullmatch(statement.code.strip())
+            if match is not None:
+                self._record.append((match[2].lower(), match[1].lower()))
+        elif statement.structure or not self._declaration(statement, self._current.declared):
+            self._current.statements.append(statement)
+
+    def _declaration(self, statement: Statement, into: dict[str, Declared]) -> bool:
+        """Take a declaration; whether it is one."""
+        match = DECLARATION.match(statement.code)
+        if match is None:
+            return False
+        key = match[3].upper()
+        if key in into:
+            raise ProgramError(
+                f"{match[3]} is declared twice", where=self.source.place(statement.start),
+                limit=f"once; first in {self.source.where(into[key].start)}",
+                hint="The file may be damaged: post it again",
+            )  # fmt: skip
+        value = statement.start + match.end() if match[5] else -1
+        local = statement.code.lstrip()[:5].upper() == "LOCAL"
+        into[key] = Declared(
+            match[2].lower(), match[3], match[1].upper(), statement.start, value, statement.end, (match[4] or "")[1:-1],
+            local,
+        )  # fmt: skip
+        return True
+
+    def _begun(self, head: re.Match[str], word: str, statement: Statement) -> Routine:
+        name, module = head[4], self.modules[-1]
+        if name.upper() in module.routines:
+            raise self._fault(f"{name} is there twice", statement, hint="The file may be damaged: post it again")
+        place = (statement.start + head.start(4), statement.start + head.end(4))
+        routine = Routine(
+            name, word, statement.start, statement.end, place, module,
+            tuple(self._parameters((head[5] or "()")[1:-1], statement)), (head[1] or "").upper() == "LOCAL",
+            self.source,
+        )  # fmt: skip
+        module.routines[name.upper()] = routine
+        return routine
+
+    def _parameters(self, text: str, statement: Statement) -> list[Parameter]:
+        out, optional = [], False
+        for piece in re.split(r"([,\\|])", text):
+            if piece in (",", "\\", "|"):
+                optional = piece == "\\" or (piece == "|" and optional)
+                continue
+            if not piece.strip():
+                continue
+            match = _PARAMETER.fullmatch(" ".join(piece.split()))
+            if match is None:
+                raise self._fault("a parameter that is not read", statement, hint="docs/rapid.md lists what is read")
+            kind, name = (match[5] or match[2]).lower(), match[6] or match[3]
+            out.append(Parameter(name.upper(), kind, match[1] is not None, optional))
+        return out
+
+    # ---- names -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _global(self) -> dict[str, Routine]:
+        return {
+            name: routine for module in self.modules for name, routine in module.routines.items() if not routine.local
+        }
+
+    def find(self, name: str, module: Module) -> Routine | None:
+        """A routine by name, as a module sees it."""
+        return module.routines.get(name.upper()) or self._global.get(name.upper())
+
+    def reachable(self) -> list[Routine]:
+        """Return the routines that the program may execute: those whose names stand in it, and in those again."""
+        by_name: dict[str, list[Routine]] = {}
+        for module in self.modules:
+            for name, routine in module.routines.items():
+                by_name.setdefault(name, []).append(routine)
+        whole = [routine for routines in by_name.values() for routine in routines]
+        if any("%" in s.code or s.word == "CALLBYVAR" for routine in whole for s in routine.statements):
+            return whole
+        reached, waiting = [], [self.first()]
+        while waiting:
+            routine = waiting.pop()
+            if routine in reached:
+                continue
+            reached.append(routine)
+            names = {word.upper() for s in routine.statements for word in _WORDS.findall(s.code)}
+            waiting += [other for name in names & by_name.keys() for other in by_name[name]]
+        return reached
+
+    def find_late(self, name: str, module: Module) -> Routine | None:
+        """A routine by a name at run time, which may name its module too: ``part_1:main``."""
+        where, _, routine = name.rpartition(":")
+        if not where:
+            return self.find(name, module)
+        holder = next((one for one in self.modules if one.name.upper() == where.upper()), None)
+        return None if holder is None else holder.routines.get(routine.upper())
+
+    def first(self) -> Routine:
+        """The routine that is the program: ``main``, or the only one of the first module that no other calls.
+
+        Raises:
+            ProgramError: There is none, or more than one.
+        """
+        own = self.modules[0].routines
+        if "MAIN" in own:
+            return own["MAIN"]
+        called = {
+            match[0].upper()
+            for routine in own.values()
+            for statement in routine.statements
+            for match in re.finditer(r"[A-Za-z]\w*", statement.code)
+        }
+        free = [
+            routine
+            for name, routine in own.items()
+            if routine.kind == "PROC" and name not in called and not routine.parameters
+        ]
+        if len(free) != 1:
+            raise ProgramError(
+                "which routine is the program is not known", where=self.source.name,
+                value=", ".join(routine.name for routine in free)[:60] or "none",
+                limit="PROC main(), or one routine that no other calls",
+                hint="Add PROC main() that calls them in order",
+            )  # fmt: skip
+        return free[0]
+
+    def _fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+        value = " ".join(statement.code.split())[:60]
+        return ProgramError(what, where=self.source.place(statement.start), value=value, **more)

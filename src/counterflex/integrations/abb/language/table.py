@@ -1,0 +1,186 @@
+"""Statements, instructions and functions of RAPID, and what the reader does with each.
+
+The lists follow the manual: RAPID instructions, functions and data types, 3HAC050917, RobotWare 6, and the statements
+of the RAPID overview, 3HAC050947. Neutral and refused rows are written as samples; their first word is the instruction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.integrations.abb.language.table_functions import COMPUTED, NOT_COMPUTED, REQUESTS
+from counterflex.integrations.abb.language.table_neutral import NEUTRAL_GROUPS
+from counterflex.integrations.abb.language.table_refused import REFUSED_GROUPS
+from counterflex.programs.statement_table import Statement, StatementTable, Treatment
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """Arguments of a motion, in order: points, speed, triggers, zone, tool, and what stands behind.
+
+    Attributes:
+        points: Number of robtargets: 2 of a circle.
+        by_axes: The path between is not a line of the tool tip; its speed is not needed.
+        triggers: Number of arguments between speed and zone.
+        behind: Number of arguments behind the tool.
+        routine: The last one is a routine that runs at the end.
+        straight: Instruction that makes a straight motion with the same arguments.
+    """
+
+    points: int = 1
+    by_axes: bool = False
+    triggers: int = 0
+    behind: int = 0
+    routine: bool = False
+    straight: str = "MoveL"
+
+    @property
+    def plain(self) -> bool:
+        """Return whether it has target, speed, zone and tool alone."""
+        return self.points == 1 and not self.triggers and not self.behind
+
+
+FORMS: Final[dict[str, Form]] = {
+    "MOVEL": Form(), "MOVEJ": Form(by_axes=True), "MOVEC": Form(2), "MOVEABSJ": Form(by_axes=True),
+    "MOVEEXTJ": Form(by_axes=True), "MOVELDO": Form(behind=2, straight="MoveLDO"),
+    "MOVEJDO": Form(by_axes=True, behind=2), "MOVECDO": Form(2, behind=2, straight="MoveLDO"),
+    "MOVELAO": Form(behind=2, straight="MoveLAO"), "MOVEJAO": Form(by_axes=True, behind=2),
+    "MOVECAO": Form(2, behind=2, straight="MoveLAO"), "MOVELGO": Form(behind=2, straight="MoveLGO"),
+    "MOVEJGO": Form(by_axes=True, behind=2), "MOVECGO": Form(2, behind=2, straight="MoveLGO"),
+    "MOVELSYNC": Form(behind=1, routine=True, straight="MoveLSync"),
+    "MOVEJSYNC": Form(by_axes=True, behind=1, routine=True),
+    "MOVECSYNC": Form(2, behind=1, routine=True, straight="MoveLSync"),
+    "TRIGGL": Form(triggers=1, straight="TriggL"), "TRIGGJ": Form(by_axes=True, triggers=1),
+    "TRIGGC": Form(2, triggers=1, straight="TriggL"), "TRIGGLIOS": Form(straight="TriggLIOs"),
+    "TRIGGJIOS": Form(by_axes=True), "TRIGGABSJ": Form(by_axes=True, triggers=1),
+}  # fmt: skip
+"""Motions that are evaluated, by name in capitals."""
+SETS_MOTION: Final = frozenset(
+    (*FORMS, "VELSET", "SPEEDREFRESH", "PDISPSET", "PDISPON", "PDISPOFF", "EOFFSSET", "CALLBYVAR")
+)
+"""Instructions that move, or change how later ones move."""
+OUTPUTS: Final[dict[str, tuple[int | str, ...]]] = {
+    "TPREADNUM": (0, "BREAKFLAG"), "TPREADDNUM": (0, "BREAKFLAG"), "TPREADFK": (0, "BREAKFLAG"),
+    "UIMSGBOX": ("RESULT", "BREAKFLAG"), "WAITDI": ("TIMEFLAG", "VALUEATTIMEOUT"),
+    "WAITDO": ("TIMEFLAG", "VALUEATTIMEOUT"), "WAITAI": ("TIMEFLAG", "VALUEATTIMEOUT"),
+    "WAITAO": ("TIMEFLAG", "VALUEATTIMEOUT"), "WAITGI": ("TIMEFLAG", "VALUEATTIMEOUT"),
+    "WAITGO": ("TIMEFLAG", "VALUEATTIMEOUT"), "WAITUNTIL": ("TIMEFLAG",), "WAITTESTANDSET": (0,),
+    "GETDATAVAL": (1,), "GETSYSDATA": (0,), "READRAWBYTES": (1,), "UNPACKRAWBYTES": (2,), "READBLOCK": (2,),
+    "READVARARR": (1,), "READANYBIN": (1,), "READCFGDATA": (2,),
+    "SOCKETRECEIVE": ("STR", "RAWDATA", "DATA", "NORECBYTES", "NOOFRECBYTES"),
+    "SOCKETRECEIVEFROM": ("STR", "RAWDATA", "DATA", "NORECBYTES", 1, 2), "SOCKETSENDTO": ("NOOFSENTBYTES",),
+    "SOCKETACCEPT": ("CLIENTADDRESS",), "READERRDATA": (1, 2, 3, 4, "TITLE"), "GETTRAPDATA": (0,),
+    "RMQGETMESSAGE": (1,), "RMQGETMSGDATA": (1,), "RMQGETMSGHEADER": ("HEADER", "SENDERID", "USERDEF"),
+    "RMQREADWAIT": (0,), "RMQSENDWAIT": (1, 2, 3, 4), "RMQFINDSLOT": (0,), "BOOKERRNO": (0,), "LOADID": ("WOBJ",),
+    "GETJOINTDATA": ("POSITION", "SPEED", "TORQUE", "EXTTORQUE"),
+    "COPYRAWBYTES": (2,), "PACKRAWBYTES": (1,), "CLEARRAWBYTES": (0,),
+    "MATRIXSOLVE": (2,), "MATRIXSOLVEQR": (2,), "MATRIXSVD": (1, 2, 3),
+    "FITCIRCLE": (1, 2, 3, "RMS", "MAXERR", "INDEXWORST"), "FRICIDEVALUATE": (0, 1),
+    "CAMGETPARAMETER": ("BOOLVAR", "NUMVAR", "STRVAR"), "CAMGETRESULT": (1,),
+    "GETGROUPSIGNALINFO": (1,), "GETTORQUEMARGIN": (0,), "IOBUSSTATE": (1,),
+}  # fmt: skip
+"""Arguments that an instruction writes into: positions from 0, options in capitals."""
+CYCLIC: Final[dict[str, int]] = {"IVARVALUE": 2, "SETUPCYCLICBOOL": 0, "SIGETCYCLIC": 1}
+"""Position of the argument that the controller writes into again and again from an instruction on."""
+FUNCTION_OUTPUTS: Final[dict[str, tuple[int, ...]]] = {
+    "STRTOVAL": (1,), "STRTOBYTE": (), "TESTANDSET": (0,), "GETNEXTSYM": (0, 1), "GETNEXTMECHUNIT": (0, 1),
+    "GETNEXTCYCLICBOOL": (0, 1), "READDIR": (1,), "ROBNAME": (),
+}  # fmt: skip
+"""Arguments that a function writes into."""
+ACTS: Final = frozenset((
+    "SET", "RESET", "SETDO", "SETAO", "SETGO", "PULSEDO", "INVERTDO", "WAITDI", "WAITDO", "WAITAI", "WAITAO",
+    "WAITGI", "WAITGO", "WAITUNTIL", "TPREADFK", "TPREADNUM", "TPREADDNUM", "UIMSGBOX", "CONNECT", "IDELETE",
+    "IDISABLE", "IENABLE", "ISIGNALDI", "ISIGNALDO", "ISIGNALAI", "ISIGNALAO", "ISIGNALGI", "ISIGNALGO", "ITIMER",
+    "IWATCH", "ISLEEP", "STOPMOVE", "STARTMOVE", "WAITSYNCTASK", "SOCKETSEND", "SOCKETRECEIVE",
+))  # fmt: skip
+"""Instructions that act on the cell, or wait for it."""
+_EVALUATED: Final = (
+    ("MODULE", "head of a module", "MODULE m"), ("ENDMODULE", "end of a module", "ENDMODULE"),
+    ("PROC", "routine, executed where it is called", "PROC cut(num depth)"), ("ENDPROC", "its end", "ENDPROC"),
+    ("FUNC", "routine with a value", "FUNC num half(num x)"), ("ENDFUNC", "its end", "ENDFUNC"),
+    ("TRAP", "interrupt: what it assigns is unknown from CONNECT on", "TRAP stopped"), ("ENDTRAP", "end", "ENDTRAP"),
+    ("RECORD", "data type", "RECORD pair"), ("ENDRECORD", "its end", "ENDRECORD"),
+    ("ALIAS", "other name of a data type", "ALIAS num level;"),
+    ("CONST", "data", "CONST num a:=1;"), ("VAR", "data", "VAR num a:=1;"),
+    ("PERS", "data that keeps its value: what the program itself changes begins unknown", "PERS num a:=1;"),
+    (":=", "assignment, to components and elements too", "a:=2;"),
+    ("IF", "branch by a condition; also the compact form", "IF a=2 cut 1;"), ("ELSEIF", "branch", "ELSEIF a=3 THEN"),
+    ("ELSE", "branch", "ELSE"), ("ENDIF", "end", "ENDIF"), ("FOR", "counted loop", "FOR i FROM 1 TO 3 DO"),
+    ("ENDFOR", "end", "ENDFOR"), ("WHILE", "loop by a condition", "WHILE a<3 DO"), ("ENDWHILE", "end", "ENDWHILE"),
+    ("TEST", "branch by a value", "TEST a"), ("CASE", "branch", "CASE 1,2:"), ("DEFAULT", "branch", "DEFAULT:"),
+    ("ENDTEST", "end", "ENDTEST"), ("GOTO", "jump to a label", "GOTO again;"),
+    ("RETURN", "end of a routine, with the value of a function", "RETURN a;"),
+    ("EXIT", "end of the program", "EXIT;"),
+    ("ExitCycle", "end of the cycle: what comes behind is the next one", "ExitCycle;"),
+    ("CallByVar", "routine by a number", 'CallByVar "cut",1;'), ("ERROR", "handler: errors are not evaluated", "ERROR"),
+    ("UNDO", "handler: errors are not evaluated", "UNDO"), ("BACKWARD", "handler of steps back", "BACKWARD"),
+    ("Stop", "stop; the path goes on from there", "Stop;"),
+    ("MoveL", "straight motion", "MoveL p10,v20,fine,tool0;"), ("MoveC", "circle", "MoveC p10,p20,v20,fine,tool0;"),
+    ("MoveJ", "rapid; its speed is not needed", "MoveJ p10,vmax,fine,tool0;"),
+    ("MoveAbsJ", "place by axes: from the robot of the cell, else unknown", "MoveAbsJ j10,v100,fine,tool0;"),
+    ("MoveExtJ", "external axes must stay where they stand", "MoveExtJ j10,v100,fine;"),
+    ("MoveLDO", "MoveL; carries its output", "MoveLDO p10,v20,z1,tool0,do1,1;"),
+    ("MoveJDO", "MoveJ; carries its output", "MoveJDO p10,v20,z1,tool0,do1,1;"),
+    ("MoveCDO", "MoveC; carries its output", "MoveCDO p10,p20,v20,z1,tool0,do1,1;"),
+    ("MoveLAO", "MoveL; carries its output", "MoveLAO p10,v20,z1,tool0,ao1,1;"),
+    ("MoveJAO", "MoveJ; carries its output", "MoveJAO p10,v20,z1,tool0,ao1,1;"),
+    ("MoveCAO", "MoveC; carries its output", "MoveCAO p10,p20,v20,z1,tool0,ao1,1;"),
+    ("MoveLGO", "MoveL; carries its output", "MoveLGO p10,v20,z1,tool0,go1,1;"),
+    ("MoveJGO", "MoveJ; carries its output", "MoveJGO p10,v20,z1,tool0,go1,1;"),
+    ("MoveCGO", "MoveC; carries its output", "MoveCGO p10,p20,v20,z1,tool0,go1,1;"),
+    ("MoveLSync", "MoveL; a routine that moves is refused", 'MoveLSync p10,v20,z1,tool0,"beep";'),
+    ("MoveJSync", "MoveJ; a routine that moves is refused", 'MoveJSync p10,v20,z1,tool0,"beep";'),
+    ("MoveCSync", "MoveC; a routine that moves is refused", 'MoveCSync p10,p20,v20,z1,tool0,"beep";'),
+    ("TriggL", "MoveL; carries its triggers", "TriggL p10,v20,trigg1,z1,tool0;"),
+    ("TriggJ", "MoveJ; carries its triggers", "TriggJ p10,v20,trigg1,z1,tool0;"),
+    ("TriggC", "MoveC; carries its triggers", "TriggC p10,p20,v20,trigg1,z1,tool0;"),
+    ("TriggLIOs", "MoveL; carries its triggers", "TriggLIOs p10,v20\\TriggData1:=trigg1,z1,tool0;"),
+    ("TriggJIOs", "MoveJ; carries its triggers", "TriggJIOs p10,v20\\TriggData1:=trigg1,z1,tool0;"),
+    ("TriggAbsJ", "MoveAbsJ; carries its triggers", "TriggAbsJ j10,v20,trigg1,z1,tool0;"),
+    ("WaitTime", "dwell", "WaitTime 0.5;"), ("VelSet", "override and largest speed", "VelSet 50,800;"),
+    ("SpeedRefresh", "100 alone; others act in the middle of a motion", "SpeedRefresh 100;"),
+    ("PDispSet", "displacement of the targets behind it", "PDispSet [[0,0,1],[1,0,0,0]];"),
+    ("PDispOn", "displacement between two targets", "PDispOn\\ExeP:=p20,p10,tool0;"),
+    ("PDispOff", "end of the displacement", "PDispOff;"), ("EOffsSet", "offsets of 0 alone", "EOffsSet [0,0,0,0,0,0];"),
+    ("Incr", "adds 1", "Incr n;"), ("Decr", "takes 1", "Decr n;"), ("Add", "adds a number", "Add n,2;"),
+    ("Clear", "sets 0", "Clear n;"), ("BitSet", "sets a bit", "BitSet b,1;"),
+    ("BitClear", "clears a bit", "BitClear b,1;"),
+    ("CONNECT", "what the interrupt assigns is unknown behind it", "CONNECT i1 WITH stopped;"),
+)  # fmt: skip
+
+
+def _rows() -> Iterator[Statement]:
+    for word, reason, sample in _EVALUATED:
+        yield Statement(word, Treatment.EVALUATED, reason, samples=(sample,))
+    for reason, samples in NEUTRAL_GROUPS:
+        for sample in samples:
+            yield Statement(_word(sample), Treatment.NEUTRAL, reason, samples=(sample,))
+    for reason, remedy, samples in REFUSED_GROUPS:
+        for sample in samples:
+            yield Statement(_word(sample), Treatment.REFUSED, reason, remedy, (sample,))
+    for calls in COMPUTED:
+        yield Statement(_word(calls), Treatment.EVALUATED, "function: computed", samples=(f"any:={calls};",))
+    for reason, samples in REQUESTS:
+        for calls in samples:
+            yield Statement(
+                _word(calls),
+                Treatment.EVALUATED,
+                f"function: its value is unknown, {reason}",
+                samples=(f"any:={calls};",),
+            )
+    for reason, remedy, samples in NOT_COMPUTED:
+        for calls in samples:
+            yield Statement(_word(calls), Treatment.REFUSED, reason, remedy, (f"any:={calls};",))
+
+
+def _word(sample: str) -> str:
+    """Return the first word of a sample."""
+    end = next((i for i, character in enumerate(sample) if not character.isalnum() and character != "_"), len(sample))
+    return sample[:end]
+
+
+TABLE: Final = StatementTable(
+    "rapid", "ABB RAPID: instructions, functions and data types (3HAC050917, RobotWare 6)", tuple(_rows())
+)

@@ -1,0 +1,231 @@
+"""ABB RAPID: a compensated path as MoveL instructions in modules."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, MM_PER_S
+from counterflex.geometry import rotation
+from counterflex.integrations.abb.language import LIMITS
+from counterflex.programs.gcode.write.written_line import number
+from counterflex.programs.limits import check_name
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
+
+_NO_EXTERNAL = "9E9"
+UNSUPERVISED: Final = ("ConfJ \\Off;", "ConfL \\Off;")
+SUPERVISED: Final = ("ConfJ \\On;", "ConfL \\On;")
+"""What the controller has when a program starts (Technical reference manual, RAPID: ConfJ, ConfL)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RapidSettings(RobotSettings):
+    """What a RAPID module needs beside the path and what every language needs; names have up to 32 characters.
+
+    Attributes:
+        T_flange_tcp: (4, 4) m, tool frame of tools that ``tool_data`` does not name.
+        T_base_part: (4, 4) m, work object frame in the controller's world.
+        T_base_tcp: (4, 4) m, frame of a tool that stands, in the controller's world; then the robot holds the work
+            object, ``T_flange_tcp`` is its frame in the flange, and ``T_base_part`` is not looked at.
+        work_object: Name of the wobjdata on the controller; empty: the module declares one of its own.
+        tool_mass_kg: Mass of the tool in tooldata, > 0.
+        p_flange_cog: (3,) m, its centre of gravity.
+        configuration: (4,) cf1, cf4, cf6, cfx of every target; supervision of linear moves is off.
+        zone: ``fine``, ``z0``, ``z1``, ``z5`` ...
+        start_m_s: Speed of the move to the start posture, m/s.
+        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
+        points_per_file: See there.
+        tool_data: Name of the tooldata on the controller by number of the tool in the program.
+    """
+
+    T_flange_tcp: Float
+    T_base_part: Float
+    tool_mass_kg: float = 1.0
+    p_flange_cog: Sequence[float] = (0.0, 0.0, 0.001)
+    configuration: tuple[int, int, int, int] = (0, 0, 0, 0)
+    zone: str = "z0"
+    start_m_s: float = 0.1
+    cycle_s: float = 0.024
+    points_per_file: int = LIMITS.points_per_file
+    tool_data: Mapping[int, str] = field(default_factory=dict)
+    T_base_tcp: Float | None = None
+    work_object: str = ""
+
+    def check(self) -> None:
+        """Check ranges.
+
+        Raises:
+            InputError: A setting is out of range.
+        """
+        check_name(f"{self.name}_m", LIMITS, "RAPID")
+        for tool, name in self.tool_data.items():
+            self._check_theirs(name, f"tooldata of T{tool}", "tools.tooldata")
+        if self.work_object:
+            self._check_theirs(self.work_object, "work object", "controller.work_object")
+        super().check()
+        as_float("T_flange_tcp", self.T_flange_tcp, (4, 4))
+        as_float("T_base_part", self.T_base_part, (4, 4))
+        if self.T_base_tcp is not None:
+            as_float("T_base_tcp", self.T_base_tcp, (4, 4))
+        as_float("p_flange_cog", self.p_flange_cog, (3,))
+        for key in ("start_m_s", "tool_mass_kg"):
+            as_positive(key, getattr(self, key))
+        if not re.fullmatch(r"fine|z(0|1|5|10|15|20|30|40|50|60|80|100|150|200)", self.zone):
+            raise InputError("the zone is not a predefined one", value=self.zone, limit="fine, z0, z1, z5, z10 .. z200")
+
+    def _check_theirs(self, name: str, what: str, key: str) -> None:
+        """Refuse a name of the controller that the program declares itself."""
+        check_name(name, LIMITS, "RAPID")
+        own = rf"{self.name}(_m|_\d{{3}}(_m)?)?|[tw]_{self.name[:30]}|v_{self.name[:24]}_\d+|cf[A-Z]\w*"
+        if re.fullmatch(own, name, re.IGNORECASE):
+            raise InputError(
+                f"the {what} is called as something that the program declares itself", value=name,
+                limit="another name", hint=f"Rename it on the controller and in {key}, or the program",
+            )  # fmt: skip
+
+
+def rapid_pose(T_a_b: Float, quat_wxyz: Float | None = None) -> str:
+    """``[x,y,z],[q1,q2,q3,q4]`` of a pose: mm and a unit quaternion with q1 (scalar) first.
+
+    Args:
+        T_a_b: (4, 4), m.
+        quat_wxyz: (4,) its quaternion; None is the one with q1 >= 0.
+
+    Returns:
+        The two aggregates, comma between.
+    """
+    p = ",".join(number(float(v), LIMITS.position_decimals) for v in T_a_b[:3, 3] / MM)
+    values = rotation.quat_wxyz(T_a_b[:3, :3]) if quat_wxyz is None else quat_wxyz
+    q = ",".join(number(float(v), LIMITS.angle_decimals) for v in values)
+    return f"[{p}],[{q}]"
+
+
+class SteadyQuaternions:
+    """Quaternions of successive targets, each of the sign that lies nearer to the one before."""
+
+    def __init__(self) -> None:
+        self._last: Float = np.array([1.0, 0.0, 0.0, 0.0])
+
+    def of(self, R: Float) -> Float:
+        """(4,) scalar first, of a rotation (3, 3)."""
+        q = rotation.quat_wxyz(R)
+        self._last = -q if float(q @ self._last) < 0.0 else q
+        return self._last
+
+
+class RapidWriter(RobotWriter[RapidSettings]):
+    """The words of RAPID: every point is a ``MoveL`` in the work object (the part frame) with a declared speeddata."""
+
+    dialect, limits, suffix, indent = "rapid", LIMITS, "mod", "    "
+    comment, stop, wait = "!", "Stop;", "WaitTime {};"
+
+    @cached_property
+    def _quaternions(self) -> SteadyQuaternions:
+        return SteadyQuaternions()
+
+    @cached_property
+    def _speeds(self) -> dict[float, str]:
+        """Names of the speeddata by speed, m/s."""
+        used = {float(speed) for speed in self.points.speed_m_s if speed > 0.0} | {self.settings.rapid_m_s}
+        return {speed: f"v_{self.settings.name[:24]}_{i}" for i, speed in enumerate(sorted(used), start=1)}
+
+    @property
+    def _wobj(self) -> str:
+        return self.settings.work_object or f"w_{self.settings.name[:30]}"
+
+    def point(self, index: int) -> list[str]:
+        """A point: MoveL, fine at the first one and where it must be reached."""
+        self.speed_to(index)
+        return [self._move(index, "fine" if self.points.exact[index] or index == 0 else self.settings.zone)]
+
+    def enter(self, tool: int, place: int) -> list[str]:
+        """The way back behind a change of tool."""
+        self.speed, self.tool = self.settings.rapid_m_s, tool
+        return [*self._indented(UNSUPERVISED), self._move(place, "fine")]
+
+    def start(self, lead: Sequence[str]) -> list[str]:
+        """First tool, start posture."""
+        settings = self.settings
+        axes = ",".join(number(a / DEG, 5) for a in settings.start_axes_rad)
+        tool, speed = self._tool_name(self.first_tool), self._speed_data(settings.start_m_s)
+        move = (
+            f"    MoveAbsJ [[{axes}],{rapid_external(settings.external_axes)}],{speed},fine,{tool}\\WObj:={self._wobj};"
+        )
+        return [*lead, *self._indented(UNSUPERVISED), move]
+
+    def finish(self) -> list[str]:
+        """Supervision of the configuration on again, as it was."""
+        return self._indented(SUPERVISED)
+
+    def _indented(self, lines: Sequence[str]) -> list[str]:
+        return [f"{self.indent}{line}" for line in lines]
+
+    def call(self, part: str) -> str:
+        """Call of a part."""
+        return f"    {part};"
+
+    def main(self, body: Sequence[str]) -> str:
+        """The main module, with where the program comes from, tool, work object and speeds."""
+        settings = self.settings
+        used = {motion.tool for motion in self.program.motions if motion.tool}
+        own = not used or not used <= settings.tool_data.keys()
+        declarations = [
+            *(f"  {line}" for line in self.origin()),
+            *([f"  {rapid_tool(settings, self._tool_name(0))}"] if own else []),
+            *([] if settings.work_object else [f"  {rapid_part(settings, self._wobj)}"]),
+            *(f"  CONST speeddata {name}:={self._speed_data(speed)};" for speed, name in self._speeds.items()),
+        ]
+        return rapid_module(settings.name, declarations, body)
+
+    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
+        """The module of a part."""
+        check_name(f"{name}_m", LIMITS, "RAPID")
+        return {f"{name}.mod": rapid_module(name, [], body)}
+
+    def _tool_name(self, tool: int) -> str:
+        return self.settings.tool_data.get(tool, f"t_{self.settings.name[:30]}")
+
+    def _speed_data(self, speed_m_s: float) -> str:
+        return f"[{number(speed_m_s / MM_PER_S, 4)},{number(self.settings.orientation_deg_s, 3)},5000,1000]"
+
+    def _move(self, index: int, zone: str) -> str:
+        conf = "[" + ",".join(str(int(c)) for c in self.settings.configuration) + "]"
+        T = self.points.Ts_part_tcp[index]
+        target = f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},{conf},{rapid_external(self.external_at(index))}]"
+        speed = self._speeds[self.speed or self.settings.rapid_m_s]
+        return f"    MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
+
+
+def rapid_external(values: Mapping[int, float]) -> str:
+    """``[...]`` of external axes by number, mm or deg; 9E9: there is none."""
+    return "[" + ",".join(number(values[i], 5) if i in values else _NO_EXTERNAL for i in range(1, 7)) + "]"
+
+
+def rapid_tool(settings: RapidSettings, name: str) -> str:
+    """Declaration of the tool, as the cell has it."""
+    cog = ",".join(number(float(v) / MM, 4) for v in settings.p_flange_cog)
+    load = f"[{settings.tool_mass_kg:.4f},[{cog}],[1,0,0,0],0,0,0]"
+    stands = settings.T_base_tcp is not None
+    T = settings.T_flange_tcp if settings.T_base_tcp is None else settings.T_base_tcp
+    return f"PERS tooldata {name}:=[{'FALSE' if stands else 'TRUE'},[{rapid_pose(np.asarray(T))}],{load}];"
+
+
+def rapid_part(settings: RapidSettings, name: str) -> str:
+    """Declaration of the work object, as the cell has it."""
+    held = settings.T_base_tcp is not None
+    T = settings.T_flange_tcp if held else settings.T_base_part
+    frame = f"[{rapid_pose(np.asarray(T))}],[[0,0,0],[1,0,0,0]]"
+    return f'PERS wobjdata {name}:=[{"TRUE" if held else "FALSE"},TRUE,"",{frame}];'
+
+
+def rapid_module(procedure: str, declarations: Sequence[str], body: Sequence[str]) -> str:
+    """Text of a module with one routine."""
+    head = [f"MODULE {procedure}_m", *declarations, f"  PROC {procedure}()"]
+    return "\n".join([*head, *body, "  ENDPROC", "ENDMODULE", ""])

@@ -1,0 +1,1 @@
+"""ABB EGM: the set-up of the controller, checked and made."""

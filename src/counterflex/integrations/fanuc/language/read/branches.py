@@ -1,0 +1,282 @@
+"""Statements of a FANUC program whose execution depends on what is not known: passed where nothing in them matters."""
+
+from __future__ import annotations
+
+import re
+from typing import Final, NamedTuple
+
+from counterflex.core.errors import ProgramError
+from counterflex.integrations.fanuc.language.read.listing import Statement
+from counterflex.integrations.fanuc.language.read.motion_form import MOTION
+from counterflex.integrations.fanuc.language.read.motions import MotionExecution
+from counterflex.integrations.fanuc.language.read.routine import Folder, Routine, fault
+from counterflex.integrations.fanuc.language.read.table import row_of
+from counterflex.integrations.fanuc.language.read.values import plain_code
+from counterflex.programs.expression import ExpressionError, Value
+from counterflex.programs.program import Block
+from counterflex.programs.robot_text.process_words import ProcessWords
+from counterflex.programs.statement_table import Treatment
+from counterflex.programs.unknown import Unknown, known
+
+ASSIGNED: Final = ("R[]", "PR[]", "P[]", "SR[]", "F[]", "M[]")
+_HARMLESS: Final = frozenset(("ENDIF", "ENDFOR", "ELSE", "LBL[]", "PAUSE", "ABORT", "WAIT"))
+_LABEL: Final = re.compile(r"\bJMP\s+LBL\s*\[\s*(\d+)\s*(?::[^\]]*)?\]", re.IGNORECASE)
+_CALL: Final = re.compile(r"(?:CALL|RUN)\s+([A-Za-z_][\w-]*)", re.IGNORECASE)
+_FOR: Final = re.compile(r"FOR\s+(R\s*\[[^=]*\])\s*=", re.IGNORECASE)
+_HINT: Final = "Post the path without loops, conditions and jumps, or set what they depend on in the program"
+_DEEPEST: Final = 20
+
+
+class Step(NamedTuple):
+    """A statement that runs.
+
+    Attributes:
+        routine: Its listing.
+        at: Its index there.
+        statement: Itself.
+        text: Its code, or what stands behind the condition.
+    """
+
+    routine: Routine
+    at: int
+    statement: Statement
+    text: str
+
+
+class Branches(MotionExecution):
+    """Passes statements that may run or not.
+
+    Attributes:
+        folder: Programs that can be called.
+        depth: Number of programs that run, one calling the other.
+        call_line: Line of the main program that runs.
+    """
+
+    folder: Folder
+    process: ProcessWords | None
+    depth: int
+    call_line: int = 1
+
+    def pass_over(
+        self, routine: Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
+    ) -> None:
+        """Pass statements that run where an unknown condition holds.
+
+        Args:
+            routine: The listing.
+            begin: Index of the first one.
+            end: Index behind the last one.
+            condition: Why it is not known.
+            opening: Word and line of the statement that the condition stands in.
+            level: Calls on the way there.
+
+        Raises:
+            ProgramError: One of them moves the robot, or sets what motions depend on.
+        """
+        for at in range(begin, end):
+            statement, text = routine.statements[at], routine.texts[at]
+            if self.process is not None and text:
+                place = routine.listing.place(statement.start)
+                if self.process.find(routine.texts, at, place) is not None:
+                    raise self._refusal(routine, statement, condition, opening)
+            if level == 0:
+                self.block(routine, statement)
+            self._pass(routine, statement, text, condition, opening, level)
+
+    def _pass(
+        self, routine: Routine, statement: Statement, text: str, condition: Unknown, opening: tuple[str, int],
+        level: int,
+    ) -> None:  # fmt: skip
+        row = row_of(text) if text else None
+        if not text:
+            return
+        self.act(routine, statement)
+        if MOTION.match(text) or row is None:
+            raise self._refusal(routine, statement, condition, opening)
+        if row.word in ASSIGNED:
+            self._forget_assigned(routine, statement, text, condition)
+        elif row.word == "IF" and not text.upper().endswith("THEN"):
+            self._pass_action(routine, statement, _action(text), condition, opening, level)
+        elif row.word in ("SELECT", "=") or (row.word == "ELSE" and "," in text):
+            self._pass_action(routine, statement, text.partition(",")[2].strip(), condition, opening, level)
+        elif row.word == "FOR":
+            match = _FOR.match(text)
+            if match is not None:
+                self._forget_assigned(routine, statement, f"{match[1]}=0", condition)
+        elif row.word in ("JMP", "CALL", "END", "RETURN"):
+            self._pass_action(routine, statement, text, condition, opening, level)
+        elif row.treatment is not Treatment.NEUTRAL and row.word not in ("IF", *_HARMLESS):
+            raise self._refusal(routine, statement, condition, opening)
+
+    def _pass_action(
+        self, routine: Routine, statement: Statement, action: str, condition: Unknown, opening: tuple[str, int],
+        level: int,
+    ) -> None:  # fmt: skip
+        jump = _LABEL.match(action)
+        if jump is not None:
+            if not self.gives_up(routine, int(jump[1])):
+                raise self._refusal(routine, statement, condition, opening)
+            return
+        call = _CALL.match(action)
+        if call is not None and level < _DEEPEST:
+            called = self.folder.find(call[1], lambda what, hint: fault(routine.listing, statement, what, hint=hint))
+            if called is None:
+                raise self._refusal(routine, statement, condition, opening)
+            self.pass_over(called, 0, len(called.statements), condition, opening, level + 1)
+            return
+        if action.upper() in ("END", "RETURN"):
+            if level == 0:
+                raise self._refusal(routine, statement, condition, opening)
+            return
+        if call is not None:
+            raise self._refusal(routine, statement, condition, opening)
+        self._pass(routine, statement, action, condition, opening, level)
+
+    def jump_perhaps(self, routine: Routine, at: int, number: int, condition: Unknown) -> int:
+        """Return the index of the statement behind a jump that is made where an unknown condition holds.
+
+        A jump to an end behind an alarm is passed: the program runs on, or stops. A jump over statements, or back over
+        them, that change nothing is passed too.
+
+        Raises:
+            ProgramError: What would be left out or done again matters to motion.
+        """
+        statement = routine.statements[at]
+        target = routine.labels.get(number)
+        opening = (routine.texts[at].split()[0], statement.line)
+        if target is None:
+            raise fault(routine.listing, statement, f"there is no LBL[{number}]", hint="The file may be damaged")
+        self.act(routine, statement)
+        if self.gives_up(routine, number) or self._waits_on(routine, number, at, condition):
+            return at + 1
+        if target > at:
+            self.pass_over(routine, at + 1, target, condition, opening)
+            return target
+        for index in range(target, at):
+            self._pass(routine, routine.statements[index], routine.texts[index], condition, opening, 0)
+        return at + 1
+
+    def gives_up(self, routine: Routine, number: int) -> bool:
+        """Whether a label leads to an alarm and the end of the job, with nothing but signals and waits on the way."""
+        at, seen, alarm = routine.labels.get(number), set[int](), False
+        while at is not None and at not in seen and at < len(routine.texts):
+            seen.add(at)
+            text = routine.texts[at]
+            row = row_of(text) if text else None
+            at += 1
+            if not text:
+                continue
+            if row is None or MOTION.match(text):
+                return False
+            alarm |= row.word == "UALM[]"
+            if row.word == "ABORT":
+                return True
+            if row.word in ("END", "RETURN"):
+                return alarm and self.depth == 1
+            if row.word == "JMP":
+                jump = _LABEL.match(text)
+                at = None if jump is None else routine.labels.get(int(jump[1]))
+            elif row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, *_HARMLESS):
+                return False
+        return alarm and at is not None and at >= len(routine.texts) and self.depth == 1
+
+    def _waits_on(self, routine: Routine, number: int, back: int, condition: Unknown) -> bool:
+        """Return whether a label leads back to a statement with nothing but signals, waits and registers on the way."""
+        at, seen, jumps = routine.labels.get(number), list[int](), 0
+        while at is not None and at != back and at < len(routine.texts) and jumps < _DEEPEST:
+            row = row_of(routine.texts[at]) if routine.texts[at] else None
+            if row is not None and row.word == "JMP":
+                jump = _LABEL.match(routine.texts[at])
+                at, jumps = (None if jump is None else routine.labels.get(int(jump[1]))), jumps + 1
+                continue
+            if MOTION.match(routine.texts[at]) or (
+                routine.texts[at] and (row is None or (
+                    row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, "LBL[]", "PAUSE", "WAIT")
+                ))
+            ):  # fmt: skip
+                return False
+            seen.append(at)
+            at += 1
+        if at != back:
+            return False
+        for index in seen:
+            row = row_of(routine.texts[index]) if routine.texts[index] else None
+            if row is not None and row.word in ASSIGNED:
+                self._forget_assigned(routine, routine.statements[index], routine.texts[index], condition)
+        return True
+
+    def act(self, routine: Routine, statement: Statement) -> None:
+        """Remember a statement that acts on the cell: its line in the main program, or that of the call."""
+        self.acting.append(statement.line if routine.name == self.file else self.call_line)
+
+    # ---- parts ---------------------------------------------------------------------------------------------
+
+    def block(self, routine: Routine, statement: Statement) -> None:
+        """Begin the block of a statement."""
+        file = "" if routine.name == self.file else routine.name
+        self._blocks.append(Block(
+            statement.line, routine.lines[statement.line - 1], (), self.modal("G1"), len(self.motions), 0, file=file
+        ))  # fmt: skip
+
+    def value(self, routine: Routine, statement: Statement, text: str) -> Value:
+        """Return the value of an expression of a statement.
+
+        Raises:
+            ProgramError: It is none.
+        """
+        self.values.where = f"{routine.name}:{statement.line}"
+        if "LPOS" in text.upper():
+            self.values.here = self.here(at_rest=True)
+        try:
+            return self.values.evaluate(plain_code(text))
+        except ExpressionError as error:
+            raise fault(routine.listing, statement, str(error), limit="an expression of TP",
+                        hint="Post the program again, or write the value itself") from error  # fmt: skip
+
+    def target_of(self, routine: Routine, statement: Statement, text: str) -> tuple[str, list[Value], str]:
+        """Return register, indices and text of the value of an assignment."""
+        code = plain_code(text)
+        end = code.index("]") + 1 if "]" in code else 0
+        while code.count("[", 0, end) > code.count("]", 0, end) and "]" in code[end:]:
+            end = code.index("]", end) + 1
+        left, _, right = code[end:].partition("=")
+        left = code[:end] + left
+        word, _, inside = left.partition("[")
+        indices = [self.value(routine, statement, part) for part in divided(inside.rstrip().removesuffix("]"))]
+        return word.strip(), indices, right.strip()
+
+    def _forget_assigned(self, routine: Routine, statement: Statement, text: str, condition: Unknown) -> None:
+        word, indices, _ = self.target_of(routine, statement, text)
+        why = condition.why if condition.why.startswith("set under") else f"set under a condition: {condition.why}"
+        where = condition.where or f"{routine.name}:{statement.line}"
+        self.values.assign(word, indices, Unknown(why, where))
+
+    def _refusal(
+        self, routine: Routine, statement: Statement, condition: Unknown, opening: tuple[str, int]
+    ) -> ProgramError:
+        word, line = opening
+        try:
+            known(
+                condition, f"whether a statement that matters to motion runs inside {word} (line {line})",
+                routine.listing.place(statement.start), text=" ".join(statement.code.split()), hint=_HINT,
+            )  # fmt: skip
+        except ProgramError as error:
+            return error
+        raise AssertionError
+
+
+def _action(text: str) -> str:
+    parts = divided(text, most=2)
+    return parts[1].strip() if len(parts) == 2 else ""
+
+
+def divided(text: str, most: int = 99) -> list[str]:
+    """Return the parts of a text between commas outside of brackets."""
+    parts: list[str] = []
+    depth = begin = 0
+    for at, character in enumerate(text):
+        depth += (character in "[(") - (character in "])")
+        if character == "," and depth == 0 and len(parts) < most - 1:
+            parts.append(text[begin:at])
+            begin = at + 1
+    return [*parts, text[begin:]]

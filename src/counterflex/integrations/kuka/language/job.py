@@ -1,0 +1,75 @@
+"""KRL programs of a cell: what a program is held against, what is written for one, and what must be set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from counterflex.app.compensation.languages import WritingOrder, Written, robot_text, writer_settings
+from counterflex.app.compensation.next_steps import against_fixed_tool, tool_frames
+from counterflex.app.compensation.robot_program import tool_data
+from counterflex.app.conversion import emitter_settings
+from counterflex.app.robot_axes import part_in_world, pose_text
+from counterflex.app.robot_programs import refuse_held_part, shared_facts
+from counterflex.files.cell.cell import Cell
+from counterflex.integrations.kuka.language.emitter import KrlEmitter
+from counterflex.integrations.kuka.language.read.frames import KrlCell
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
+from counterflex.programs.convert.emitter import Conversion
+from counterflex.programs.program import Program
+from counterflex.report.data import Fact
+
+
+def cell_of(cell: Cell) -> KrlCell:
+    """What a KRL program is held against.
+
+    Raises:
+        InputError: The robot holds the part: KRL programs for such cells are not read.
+    """
+    refuse_held_part(cell, "KRL")
+    controller, tools = cell.tables.controller, cell.tables.tools
+    return KrlCell(
+        **shared_facts(cell, "krl"),
+        tool_number=controller.tool_number,
+        base_number=controller.base_number,
+        tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
+    )
+
+
+def _settings(program: Program, cell: Cell, common: dict[str, Any]) -> KrlSettings:
+    controller = cell.tables.controller
+    return KrlSettings(
+        **common,
+        tool=controller.tool_number,
+        base=controller.base_number,
+        acc_m_s2=controller.acceleration_m_s2,
+        blend_m=controller.blending_m,
+        tool_data={tool: int(value) for tool, value in tool_data(program, cell, "krl").items()},
+        fixed_tool=cell.holds_part,
+    )
+
+
+def write(order: WritingOrder) -> Written:
+    """Write a program of another language in KRL."""
+    settings = _settings(order.job.program, order.cell, writer_settings(order, "krl"))
+    return robot_text(order, KrlWriter, settings, "krl")
+
+
+def convert(order: Conversion) -> KrlEmitter:
+    """Return the writer of a conversion."""
+    settings = _settings(order.program, order.cell, emitter_settings(order))
+    return KrlEmitter(order.program, settings, order.cell.machine_functions("krl"), order.tolerance_m)
+
+
+def load(files: str, cell: Cell, tools: Sequence[int]) -> tuple[Fact, ...]:
+    """Files, BASE_DATA and TOOL_DATA that a program needs."""
+    controller = cell.tables.controller
+    base, tool = f"BASE_DATA[{controller.base_number}]", f"TOOL_DATA[{controller.tool_number}]"
+    if cell.holds_part:
+        return against_fixed_tool(files, cell, (base, tool))
+    frame = pose_text(cell.controller_chain.T_flange_tcp)
+    return (
+        Fact("Copy", files, "", "to KRC:\\R1\\Program, all of them"),
+        Fact(base, pose_text(part_in_world(cell, "krl")), "mm, deg", "the part frame that was planned with"),
+        *tool_frames(cell, "krl", tools, frame=frame, other=tool, form="TOOL_DATA[{}]"),
+    )

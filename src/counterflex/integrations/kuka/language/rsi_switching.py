@@ -1,0 +1,148 @@
+"""KUKA KRL: statements that switch the sensor correction on and off, and the routines that they call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from counterflex.integrations.kuka.language import krl_wait
+
+_INTERRUPT: Final = 21
+
+
+_AT_ZERO: Final = 0.005
+
+
+_ARMED: Final = "($SEN_PREA[{0}]>1.5) AND ($SEN_PREA[{0}]<2.5)"
+
+
+@dataclass(frozen=True)
+class RsiSwitching:
+    """How correction is switched on and off.
+
+    Attributes:
+        context: Name that RSI_CREATE takes.
+        parameters: Object, parameter and value for RSI_SETPUBLICPAR, in mm and deg.
+        cycle_ms: 4 (#IPO_FAST) or 12 (#IPO).
+        enable_index: $SEN_PREA that says that the correction may act.
+        feed_hold_index: $SEN_PREA through which the sensor asks for a feed hold.
+        state_index: $SEN_PREA in which the loop says its state (:class:`counterflex.runtime.state.supervisor.State`).
+        correction_index: First of the six $SEN_PREA in which the controller says what it has corrected, mm and deg.
+        armed_s: How long the program waits for the loop to be armed until it stops.
+        zero_s: How long it waits for the correction to be back at zero until it stops.
+        output: Number of $OUT that is TRUE while the correction may act, or None.
+    """
+
+    context: str
+    parameters: tuple[tuple[str, str, float], ...]
+    cycle_ms: int
+    enable_index: int
+    feed_hold_index: int
+    state_index: int
+    correction_index: int
+    armed_s: float
+    zero_s: float
+    output: int | None = None
+
+
+_DECLARED: Final = ("DECL INT cfr", "DECL INT cfid")
+
+
+_INI: Final = (
+    ";FOLD INI",
+    ";FOLD BASISTECH INI",
+    "GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )",
+    "INTERRUPT ON 3",
+    "BAS (#INITMOV,0 )",
+    ";ENDFOLD (BASISTECH INI)",
+    ";ENDFOLD (INI)",
+)
+
+
+def _output(switching: RsiSwitching, *, on: bool) -> list[str]:
+    """What a safety PLC may watch: TRUE from before the correction is enabled until it is back at zero."""
+    if switching.output is None:
+        return []
+    return [f"$OUT[{switching.output}]={'TRUE' if on else 'FALSE'} ; sensor correction {'may act' if on else 'is off'}"]
+
+
+def _on(switching: RsiSwitching) -> list[str]:
+    rate = "#IPO" if switching.cycle_ms == 12 else "#IPO_FAST"
+    indices = [switching.feed_hold_index, switching.enable_index, switching.state_index]
+    indices += [switching.correction_index + i for i in range(6)]
+    lines = [
+        "; sensor correction on",
+        *(f"$SEN_PREA[{index}]=0.0" for index in indices),
+        f'cfr=RSI_CREATE("{switching.context}",cfid,TRUE)',
+        "CF_CHECK(cfr)",
+    ]
+    for item, parameter, value in switching.parameters:
+        lines += [f'cfr=RSI_SETPUBLICPAR(cfid,"{item}","{parameter}",{value:.3f})', "CF_CHECK(cfr)"]
+    return [
+        *lines,
+        "HALT ; start counterflex run, then press start",
+        f"cfr=RSI_ON(#ABSOLUTE,{rate})",
+        "CF_CHECK(cfr)",
+        f"INTERRUPT DECL {_INTERRUPT} WHEN $SEN_PREA[{switching.feed_hold_index}]>0.5 DO CF_HOLD( )",
+        f"INTERRUPT ON {_INTERRUPT}",
+    ]
+
+
+def _enable(switching: RsiSwitching, says: float) -> list[str]:
+    return [
+        "; wait until the loop reports that it is armed",
+        *krl_wait(_ARMED.format(switching.state_index), switching.armed_s, "counterflex run is not armed"),
+        *_output(switching, on=True),
+        f"$SEN_PREA[{switching.enable_index}]={says:.1f}",
+    ]
+
+
+def _off(switching: RsiSwitching) -> list[str]:
+    return [
+        "; sensor correction off: wait until the controller reports zero correction",
+        "WAIT SEC 0.0",
+        f"$SEN_PREA[{switching.enable_index}]=0.0",
+        *krl_wait("CF_ZERO( )", switching.zero_s, "the correction is not back at zero"),
+        *_output(switching, on=False),
+        f"INTERRUPT OFF {_INTERRUPT}",
+        "cfr=RSI_OFF()",
+        "CF_CHECK(cfr)",
+        "cfr=RSI_DELETE(cfid)",
+        "CF_CHECK(cfr)",
+    ]
+
+
+def _routines(switching: RsiSwitching) -> list[str]:
+    first = switching.correction_index
+    return [
+        "",
+        "DEF CF_CHECK(cfresult:IN)",
+        "; no way past a call of RSI that failed: reset the program",
+        "DECL INT cfresult",
+        "IF cfresult<>RSIOK THEN",
+        "LOOP",
+        "HALT",
+        "ENDLOOP",
+        "ENDIF",
+        "END",
+        "",
+        "DEF CF_HOLD( )",
+        "; the sensor asks for a feed hold: stand on the path until it takes that back",
+        "BRAKE",
+        f"WAIT FOR $SEN_PREA[{switching.feed_hold_index}]<0.5",
+        "END",
+        "",
+        "DEFFCT BOOL CF_ZERO( )",
+        "; the loop has stopped correcting, and the controller reports zero correction",
+        "DECL INT cfi",
+        f"IF $SEN_PREA[{switching.state_index}]>2.5 THEN",
+        "RETURN FALSE",
+        "ENDIF",
+        f"FOR cfi={first} TO {first + 5}",
+        f"IF ABS($SEN_PREA[cfi])>{_AT_ZERO:.3f} THEN",
+        "RETURN FALSE",
+        "ENDIF",
+        "ENDFOR",
+        "RETURN TRUE",
+        "ENDFCT",
+    ]

@@ -1,0 +1,182 @@
+"""KUKA KRL: a compensated path as LIN instructions with C_DIS, in .src and .dat files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from counterflex.core.arrays import Float, as_float, as_positive
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import rotation
+from counterflex.integrations.kuka.language import LIMITS
+from counterflex.programs.gcode.write.written_line import number
+from counterflex.programs.limits import check_name
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
+
+
+@dataclass(frozen=True, kw_only=True)
+class KrlSettings(RobotSettings):
+    """What a KRL program needs beside the path and what every language needs; names have up to 24 characters.
+
+    Attributes:
+        tool: Number of TOOL_DATA, or T_flange_tcp (4, 4) in m, of tools that ``tool_data`` does not name.
+        base: Number of BASE_DATA, or T_base_part (4, 4) in m: KUKA's BASE is the frame of the workpiece.
+        status: S of the first Cartesian point; with ``turn`` it is approached by PTP, else by LIN.
+        turn: T of the first Cartesian point.
+        acc_m_s2: $ACC.CP, m/s^2.
+        blend_m: $APO.CDIS, m.
+        axis_percent: Speed and acceleration of PTP, per cent, 1 to 100.
+        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
+        points_per_file: See there.
+        tool_data: Number of TOOL_DATA by number of the tool in the program.
+        fixed_tool: The robot holds the part against a spindle that stands: BASE_DATA is the tool in the world and
+            TOOL_DATA the workpiece in the flange, as KUKA has it; ``tool_data`` then has numbers of BASE_DATA.
+    """
+
+    tool: int | Float = 1
+    base: int | Float = 1
+    status: int | None = None
+    turn: int | None = None
+    acc_m_s2: float = 1.0
+    blend_m: float = 0.5e-3
+    axis_percent: int = 10
+    cycle_s: float = 0.012
+    points_per_file: int = LIMITS.points_per_file
+    tool_data: Mapping[int, int] = field(default_factory=dict)
+    fixed_tool: bool = False
+
+    def check(self) -> None:
+        """Check ranges.
+
+        Raises:
+            InputError: A setting is out of range.
+        """
+        check_name(self.name, LIMITS, "KRL")
+        super().check()
+        as_positive("acc_m_s2", self.acc_m_s2)
+        as_positive("blend_m", self.blend_m, zero=True)
+        if not 1 <= self.axis_percent <= 100:
+            raise InputError("axis_percent is out of range", value=self.axis_percent, limit="1 .. 100")
+        if (self.status is None) != (self.turn is None):
+            raise InputError("S and T come together", value=(self.status, self.turn))
+
+
+def krl_pose(T_a_b: Float) -> str:
+    """``X .., Y .., Z .., A .., B .., C ..`` of a pose: mm and deg, ``R = Rz(A) Ry(B) Rx(C)``.
+
+    Args:
+        T_a_b: (4, 4), m.
+
+    Returns:
+        The components of a KRL FRAME without braces.
+    """
+    p = T_a_b[:3, 3] / MM
+    angles = rotation.to_zyx(T_a_b[:3, :3]) / DEG
+    words = [f"{c} {number(float(v), LIMITS.position_decimals)}" for c, v in zip("XYZ", p, strict=True)]
+    words += [f"{c} {number(float(v), LIMITS.angle_decimals)}" for c, v in zip("ABC", angles, strict=True)]
+    return ",".join(words)
+
+
+class KrlWriter(RobotWriter[KrlSettings]):
+    """The words of KRL: every point is ``LIN {X,Y,Z,A,B,C} C_DIS`` in KUKA's BASE; $VEL.CP is set where it changes."""
+
+    dialect, limits, suffix = "krl", LIMITS, "src"
+    comment, stop, wait = ";", "HALT", "WAIT SEC {}"
+
+    def point(self, index: int) -> list[str]:
+        """A point: LIN, or PTP to the first one where its S and T are given; $VEL.CP before it where that changes."""
+        settings = self.settings
+        last, speed = self.speed, self.speed_to(index)
+        out = [] if speed == last else [f"$VEL.CP={speed:.6f}"]
+        pose = self._pose(index)
+        if index == 0 and settings.status is not None:
+            return [*out, f"PTP {{{pose},S {settings.status},T {settings.turn}}}"]
+        return [*out, f"LIN {{{pose}}}" + ("" if self.points.exact[index] or index == 0 else " C_DIS")]
+
+    def enter(self, tool: int, place: int) -> list[str]:
+        """Frames and speeds behind a change of tool, and the way back."""
+        self.speed = self.settings.rapid_m_s
+        back = f"LIN {{{self._pose(place)}}}"
+        return [*krl_frames(self.settings, tool), f"$VEL.CP={self.speed:.6f}", back]
+
+    def _pose(self, index: int) -> str:
+        """Components of a point; external axes are named where they move along the program."""
+        text = krl_pose(self.points.Ts_part_tcp[index])
+        return text + (krl_external(self.external_at(index)) if self.settings.places else "")
+
+    def start(self, lead: Sequence[str]) -> list[str]:
+        """Where the program comes from, first tool, frames and speeds, start posture."""
+        return [*self.origin(), *lead, *krl_frames(self.settings, self.first_tool), "PTP XSTART"]
+
+    def call(self, part: str) -> str:
+        """Call of a part."""
+        return f"{part}( )"
+
+    def main(self, body: Sequence[str]) -> str:
+        """The main ``.src``."""
+        return krl_source(self.settings.name, body)
+
+    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
+        """``.src`` and ``.dat`` of a part."""
+        check_name(name, LIMITS, "KRL")
+        return {f"{name}.src": krl_source(name, body), f"{name}.dat": krl_data(name, [])}
+
+    def data(self) -> dict[str, str]:
+        """The main ``.dat``: the start posture."""
+        angles = enumerate(self.settings.start_axes_rad, start=1)
+        axes = ",".join(f"A{i} {number(a / DEG, LIMITS.angle_decimals)}" for i, a in angles)
+        axes += krl_external(self.settings.external_axes)
+        name = self.settings.name
+        return {f"{name}.dat": krl_data(name, [f"DECL E6AXIS XSTART={{{axes}}}"])}
+
+
+def krl_external(values: Mapping[int, float]) -> str:
+    """``,E1 ..`` of external axes by number, mm or deg; empty where there are none."""
+    return "".join(f",E{axis} {number(value, LIMITS.position_decimals)}" for axis, value in sorted(values.items()))
+
+
+def krl_frames(settings: KrlSettings, tool: int) -> list[str]:
+    """Lines that set the frames of a tool, and speeds."""
+    percent = settings.axis_percent
+    if settings.fixed_tool:
+        frames = [
+            f"$TOOL=BASE_DATA[{settings.tool_data.get(tool, settings.base)}]",
+            f"$BASE=TOOL_DATA[{settings.tool}]",
+            "$IPO_MODE=#TCP",
+        ]
+    else:
+        frames = [
+            _frame("TOOL", settings.tool_data.get(tool, settings.tool)),
+            _frame("BASE", settings.base),
+            "$IPO_MODE=#BASE",
+        ]
+    return [
+        *frames,
+        "$ORI_TYPE=#VAR",
+        "$ADVANCE=3",
+        *(f"$VEL_AXIS[{i}]={percent}" for i in range(1, 7)),
+        *(f"$ACC_AXIS[{i}]={percent}" for i in range(1, 7)),
+        f"$ACC.CP={settings.acc_m_s2:.4f}",
+        f"$VEL.ORI1={settings.orientation_deg_s:.3f}",
+        f"$VEL.ORI2={settings.orientation_deg_s:.3f}",
+        f"$APO.CDIS={number(settings.blend_m / MM, 4)}",
+    ]
+
+
+def krl_source(name: str, body: Sequence[str]) -> str:
+    """Text of a ``.src`` file."""
+    return "\n".join(["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *body, "END", ""])
+
+
+def krl_data(name: str, body: Sequence[str]) -> str:
+    """Text of a ``.dat`` file."""
+    return "\n".join(["&ACCESS RVP", "&REL 1", f"DEFDAT {name}", *body, "ENDDAT", ""])
+
+
+def _frame(word: str, value: int | Float) -> str:
+    if isinstance(value, (int, np.integer)):
+        return f"${word}={word}_DATA[{int(value)}]"
+    return f"${word}={{{krl_pose(as_float(word, value, (4, 4)))}}}"

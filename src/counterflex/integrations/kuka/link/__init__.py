@@ -1,0 +1,1 @@
+"""KUKA RSI: the set-up of the controller, checked and made."""

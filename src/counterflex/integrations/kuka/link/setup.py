@@ -1,0 +1,272 @@
+"""KUKA RSI set-ups: judge one before a robot runs it, or make one for a cell."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app.robot_folder import (
+    RobotSetup,
+    read_program,
+    refuse_errors,
+    require_other_folder,
+    unwatched,
+    write_folder,
+)
+from counterflex.core.errors import FileFormatError, ProgramError
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.controller import ControllerTable
+from counterflex.files.cell.online import OnlineTable
+from counterflex.files.cell.tables import CellTables
+from counterflex.integrations.kuka.language.rsi import called, check_main, check_path, link_test, with_correction
+from counterflex.integrations.kuka.language.rsi_switching import RsiSwitching
+from counterflex.integrations.kuka.link.readme import readme
+from counterflex.programs.compensated import marks
+from counterflex.protocols.finding import Finding
+from counterflex.protocols.kuka_rsi.calls import parse_calls, read_calls
+from counterflex.protocols.kuka_rsi.check.all_rules import check as judge
+from counterflex.protocols.kuka_rsi.config import parse_config, read_config
+from counterflex.protocols.kuka_rsi.context import parse_context, read_context
+from counterflex.protocols.kuka_rsi.make.files import (
+    CORRECTION_INDEX,
+    ENABLE_INDEX,
+    FEED_HOLD_INDEX,
+    STATE_INDEX,
+    RsiFiles,
+    check_files,
+)
+from counterflex.protocols.kuka_rsi.setup import OnlineLimits, Setup
+
+NAME: Final = "counterflex"
+"""Of the context and its files."""
+LINK_TEST: Final = "cf_link_test"
+"""Of the program that tries the link."""
+_ARMED_S: Final = 60.0
+"""How long the program waits for the loop to be armed: it settles, and a person arms it."""
+_ZERO_S: Final = 2.0
+"""How long the program waits for the correction beyond what ramping it out takes."""
+
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """What is judged.
+
+    Attributes:
+        config: ETHERNET file.
+        cell: Cell file with an ``[online]`` table, or None.
+        context: Context (``.rsi.xml``, ``.rsix``), or None.
+        program: KRL program (``.src``), or None.
+        ports: Other UDP ports in use on the sensor computer, by what uses them.
+    """
+
+    config: Path
+    cell: Path | None = None
+    context: Path | None = None
+    program: Path | None = None
+    ports: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class MakeSettings:
+    """What is made.
+
+    Attributes:
+        cell: Cell file with an ``[online]`` table.
+        program: Compensated KRL program (``.src``), or None: a program that only tries the link.
+        host: Address of the sensor computer.
+        port: UDP port on it.
+        sentype: Type of the answers.
+    """
+
+    cell: Path
+    program: Path | None = None
+    host: str = "192.168.44.10"
+    port: int = 59152
+    sentype: str = "Counterflex"
+
+
+def check(settings: CheckSettings) -> tuple[Finding, ...]:
+    """Judge a set-up.
+
+    Returns:
+        Findings, errors first.
+
+    Raises:
+        FileFormatError: A file cannot be read as what it should be.
+    """
+    return judge(
+        Setup(
+            read_config(settings.config),
+            None if settings.context is None else read_context(settings.context),
+            None if settings.program is None else read_calls(settings.program),
+            None if settings.cell is None else _limits(settings.cell),
+            settings.ports,
+        )
+    )
+
+
+def limits_of(table: OnlineTable, *, override: bool | None = None) -> OnlineLimits:
+    """What an ``[online]`` table promises the controller; ``override``: there is a table ``[override]``."""
+    return OnlineLimits(
+        correction_mm=table.correction_mm,
+        correction_deg=table.correction_deg,
+        hard_factor=table.hard_factor,
+        period_ms=table.period_ms,
+        axes=table.output == "axes",
+        orientation=table.orientation,
+        override=override,
+    )
+
+
+def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
+    """Write ETHERNET file, context, KRL program and README of a cell into a folder, all of them or none.
+
+    Args:
+        settings: See there.
+        out: Folder; made when missing.
+
+    Returns:
+        The summary: files, limits, findings about what was written.
+
+    Raises:
+        FileFormatError: The cell has no ``[online]`` table, or does not say which RSI the controller has.
+        InputError: Address or limits cannot be used: what would be written has a finding of severity error.
+        ProgramError: The program cannot run under correction.
+    """
+    require_other_folder(out, settings.program)
+    cell = read_cell(settings.cell)
+    table = _online_of(cell.tables, settings.cell)
+    controller = cell.tables.controller
+    files = RsiFiles(
+        NAME,
+        settings.host,
+        settings.port,
+        settings.sentype,
+        limits_of(table, override=cell.tables.override is not None),
+        currents=table.torque_per_current_nm is not None,
+        override=cell.tables.override is not None,
+        generation=controller.rsi_generation(str(settings.cell)),
+    )
+    check_files(files)
+    switching = RsiSwitching(
+        context=files.created_as,
+        parameters=files.public_parameters(),
+        cycle_ms=files.limits.period_ms,
+        enable_index=ENABLE_INDEX,
+        feed_hold_index=FEED_HOLD_INDEX,
+        state_index=STATE_INDEX,
+        correction_index=CORRECTION_INDEX,
+        armed_s=_ARMED_S,
+        zero_s=table.correction_mm / table.ramp_mm_s + _ZERO_S,
+        output=controller.correction_output,
+    )
+    programs, main, elsewhere = _programs(settings.program, switching, controller)
+    texts = {files.ethernet_name: files.ethernet(), **files.contexts()}
+    findings = judge(
+        Setup(
+            parse_config(texts[files.ethernet_name].encode(), files.ethernet_name),
+            parse_context(texts[files.context_name].encode(), files.context_name),
+            parse_calls(programs[main], main),
+            files.limits,
+        )
+    )
+    refuse_errors(findings)
+    texts["README.txt"] = readme(files, cell.name, main, tuple(programs), elsewhere, switching)
+    summary = {
+        "job": "rsi make",
+        "cell": cell.name,
+        "program": main,
+        "job_hash": next(iter(marks(programs[main])), ""),
+        "files": [*programs, *texts],
+        "limits": {
+            "correction_mm": table.correction_mm,
+            "correction_deg": table.correction_deg,
+            "controller_mm": None if files.limits.axes else files.clamp_mm,
+            "controller_deg": files.axis_clamp_deg if files.limits.axes else files.clamp_deg,
+            "cycle_ms": files.limits.period_ms,
+            "timeout_cycles": files.timeout,
+        },
+        "warnings": [
+            *(item.line() for item in findings),
+            *_unmarked(settings.program, programs[main]),
+            *unwatched(controller.correction_output, "correction_output"),
+        ],
+        "counterflex": __version__,
+    }
+    write_folder(out, programs, texts, summary)
+    return summary
+
+
+def _unmarked(program: Path | None, text: str) -> tuple[str, ...]:
+    """What to say of a program that does not say which plan it belongs to."""
+    if program is None or len(marks(text)) == 1:
+        return ()
+    return (
+        f"warning: {program.name} does not say of which plan it is ({len(marks(text))} marks of a job, not 1): the "
+        "loop cannot tell a program of another plan; give the program as compensate wrote it",
+    )
+
+
+def _limits(cell: Path) -> OnlineLimits:
+    tables = read_cell(cell).tables
+    return limits_of(_online_of(tables, cell), override=tables.override is not None)
+
+
+def _online_of(tables: CellTables, path: Path) -> OnlineTable:
+    if tables.online is None:
+        raise FileFormatError(
+            "the cell file has no table [online]",
+            where=str(path),
+            hint='Add a table [online], for example with force = "pilot"',
+        )
+    return tables.online
+
+
+def _programs(
+    program: Path | None, switching: RsiSwitching, controller: ControllerTable
+) -> tuple[dict[str, str], str, tuple[str, ...]]:
+    """KRL files by name, the main one, and routines that it calls but that do not lie beside it."""
+    if program is None:
+        main = f"{LINK_TEST}.src"
+        return (
+            {main: link_test(LINK_TEST, switching, tool=controller.tool_number, base=controller.base_number)},
+            main,
+            (),
+        )
+    text = _krl(program)
+    check_main(text, program.stem, program.name)
+    subprograms = [name for name in called(text) if program.with_name(f"{name}.src").is_file()]
+    corrected = {program.name: with_correction(text, switching, program.name, subprograms)}
+    elsewhere = []
+    for name in (program.stem, *called(text)):
+        source, data = program.with_name(f"{name}.src"), program.with_name(f"{name}.dat")
+        if name != program.stem:
+            if not source.is_file():
+                elsewhere.append(name)
+                continue
+            corrected[source.name] = _krl(source)
+            check_path(corrected[source.name].splitlines(), source.name, output=switching.output)
+        if data.is_file():
+            corrected[data.name] = _krl(data)
+        elif name == program.stem and re.search(r"\bXSTART\b", text):
+            raise ProgramError(
+                "the data list of the program is missing: the controller does not load it",
+                where=str(program),
+                value=f"XSTART, but no {data.name}",
+                hint="Keep the .dat beside the .src, as compensate writes them",
+            )
+    return corrected, program.name, tuple(elsewhere)
+
+
+def _krl(path: Path) -> str:
+    return read_program(path, (".src", ".dat"), "KRL program", "krl")
+
+
+SETUP: Final = RobotSetup(
+    "KUKA RSI",
+    lambda **given: check(CheckSettings(**given)),
+    lambda out, **given: make(MakeSettings(**given), out),
+)

@@ -1,0 +1,233 @@
+"""Statements of a VAL3 program whose execution depends on what is not known: passed where nothing in them matters."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from counterflex.core.errors import ProgramError
+from counterflex.integrations.staubli.language.read.application import Folder
+from counterflex.integrations.staubli.language.read.motions import MotionExecution
+from counterflex.integrations.staubli.language.read.program_file import Routine, arguments
+from counterflex.integrations.staubli.language.read.table import EFFECTS, TABLE
+from counterflex.programs.expression import ExpressionError, Value
+from counterflex.programs.program import Block
+from counterflex.programs.robot_text.process_words import ProcessWords
+from counterflex.programs.statement_table import Statement, Treatment
+from counterflex.programs.unknown import Unknown, known
+
+OUTPUT: Final = re.compile(r"(dio|aio|sio|d[A-Z]|do|ao|out)\w*(?:\s*\[[^\]]*\])?\s*=(?!=)", re.IGNORECASE)
+"""An output by its name, where the data file does not declare it."""
+_KEYWORD: Final = re.compile(
+    r"(call|return|if|elseIf|else|endIf|while|endWhile|for|endFor|do|until|switch|case|default|break|endSwitch"
+    r"|taskCreateSync|taskCreate)\b"
+)
+_INSTRUCTION: Final = re.compile(r"((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*\(")
+_EFFECT: Final = re.compile(rf"\b({'|'.join(sorted(EFFECTS))})\s*\(")
+CALL: Final = re.compile(r"(?:call|taskCreate(?:Sync)?\s+[^,]*(?:,[^,]*?)?,)\s*((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*\(")
+FOR: Final = re.compile(r"for\s+(.*?[^=!<>])=(?!=)(.*?)\s+to\s+(.*?)(?:\s+step\s+(.*))?")
+_HINT: Final = "Post the path without loops, conditions and subprograms, or set what they depend on in the program"
+_DEEPEST: Final = 20
+_BRACKETS: Final = ("if", "else", "elseIf", "endIf", "while", "endWhile", "do", "until", "endFor", "switch", "case",
+                    "default", "break", "endSwitch")  # fmt: skip
+
+
+def assignment(code: str) -> tuple[str, str] | None:
+    """Return target and value of an assignment; None of another statement."""
+    depth, quoted = 0, False
+    for at, character in enumerate(code):
+        quoted ^= character == '"'
+        depth += 0 if quoted else (character in "([{") - (character in ")]}")
+        if character == "=" and depth == 0 and not quoted:
+            if code[at + 1 : at + 2] == "=" or code[at - 1 : at] in ("<", ">", "!", "="):
+                return None
+            return code[:at].strip(), code[at + 1 :].strip()
+    return None
+
+
+def instruction(code: str) -> tuple[str, int] | None:
+    """Return the name of an instruction and the index behind its opening bracket; None of another statement."""
+    match = _INSTRUCTION.match(code)
+    return None if match is None or not code.endswith(")") else (match[1], match.end())
+
+
+def word_of(code: str) -> str:
+    """Return the key word of a statement in the table."""
+    match = _KEYWORD.match(code)
+    if match is not None:
+        return match[1]
+    parts = assignment(code)
+    if parts is not None:
+        right = instruction(parts[1])
+        name = "" if right is None else right[0].rpartition(":")[2]
+        return name if name in EFFECTS else "="
+    left = instruction(code)
+    return "" if left is None else left[0].rpartition(":")[2]
+
+
+def row_of(code: str) -> Statement | None:
+    """Return the row of a statement; None where no row names it. Words tell capitals apart."""
+    word = word_of(code)
+    row = TABLE.find(word) if word else None
+    return row if row is not None and row.word == word else None
+
+
+def hidden_effect(code: str) -> str:
+    """Return an instruction within an expression that does something beside giving a value; empty without one."""
+    parts = assignment(code)
+    start = len(code) - len(parts[1]) if parts is not None else 0
+    inner = [match[1] for match in _EFFECT.finditer(code) if code[start : match.start()].rpartition(":")[2].strip()]
+    return inner[0] if inner else ""
+
+
+class Branches(MotionExecution):
+    """Passes statements that may run or not.
+
+    Attributes:
+        folder: Programs that can be called.
+        depth: Number of programs that run, one calling the other.
+        main: Name of the main program's file.
+        call_line: Line of the main program that runs.
+    """
+
+    folder: Folder
+    process: ProcessWords | None
+    depth: int
+    main: str
+    call_line: int = 1
+
+    def pass_over(
+        self, routine: Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
+    ) -> None:
+        """Pass lines that run where an unknown condition holds.
+
+        Args:
+            routine: The program file.
+            begin: Index of the first line.
+            end: Index behind the last one.
+            condition: Why it is not known.
+            opening: Word and line of the statement that the condition stands in.
+            level: Calls on the way there.
+
+        Raises:
+            ProgramError: One of them moves the robot, or sets what motions depend on.
+        """
+        for at in range(begin, end):
+            if level == 0:
+                self.block(routine, at)
+            if routine.codes[at]:
+                self._pass(routine, at, condition, opening, level)
+
+    def _pass(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
+        code = routine.codes[at]
+        self.act(routine, at)
+        if self.process is not None and self.process.find([code], 0, routine.place(at)) is not None:
+            raise self.refusal(routine, at, condition, opening)
+        row = row_of(code)
+        parts = assignment(code)
+        if row is None or hidden_effect(code):
+            raise self.refusal(routine, at, condition, opening)
+        if row.word == "for":
+            match = FOR.fullmatch(code)
+            if match is not None:
+                self._forget(routine, at, match[1].strip(), condition)
+        elif row.word in ("call", "taskCreate", "taskCreateSync"):
+            self._pass_call(routine, at, condition, opening, level)
+        elif row.word == "return":
+            if level == 0 and (self.depth > 1 or not self._says_why(routine, at)):
+                raise self.refusal(routine, at, condition, opening)
+        elif row.word == "=" and parts is not None:
+            if not self.is_output(code, parts[0]):
+                self._forget(routine, at, parts[0], condition)
+        elif row.word in ("setFrame", "link", "libLoad") or (
+            row.treatment is not Treatment.NEUTRAL and row.word not in (*_BRACKETS, "get", "delay", "open", "close")
+        ):
+            raise self.refusal(routine, at, condition, opening)
+
+    def _pass_call(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
+        called = self.called(routine, at)
+        if called is None or level >= _DEEPEST:
+            raise self.refusal(routine, at, condition, opening)
+        self.pass_over(called[1], called[1].first, called[1].last, condition, opening, level + 1)
+
+    @staticmethod
+    def _says_why(routine: Routine, at: int) -> bool:
+        """Return whether a message stands before return in its branch: the end of a job that cannot go on."""
+        for line in range(at - 1, routine.first - 1, -1):
+            row = row_of(routine.codes[line]) if routine.codes[line] else None
+            if row is not None and row.word in ("popUpMsg", "logMsg", "putln", "put"):
+                return True
+            if line in routine.ends or row is None:
+                return False
+        return False
+
+    def called(self, routine: Routine, at: int) -> tuple[str, Routine, list[str]] | None:
+        """Return the prefix, program file and arguments of a call; None where no file has it."""
+        code = routine.codes[at]
+        match = CALL.match(code)
+        if match is None:
+            raise routine.fault(at, "the call is not understood", limit="call part(1)")
+        alias, _, name = match[1].rpartition(":")
+        prefix = f"{alias}:" if alias else self.store.prefix
+        program = self.folder.find(prefix, name, self.store, lambda what, hint: routine.fault(at, what, hint=hint))
+        places = arguments(code, match.end(), code.rfind(")"))
+        given = [code[a:b] for a, b in places if code[a:b]]
+        return None if program is None else (prefix, program, given)
+
+    def act(self, routine: Routine, at: int) -> None:
+        """Remember a line that acts on the cell: in the main program, or that of the call."""
+        self.acting.append(at + 1 if routine.name == self.main else self.call_line)
+
+    # ---- parts ---------------------------------------------------------------------------------------------
+
+    def block(self, routine: Routine, at: int) -> None:
+        """Begin the block of a line."""
+        file = "" if routine.name == self.main else routine.name
+        self._blocks.append(Block(at + 1, routine.lines[at], (), self.modal("G1"), len(self.motions), 0, file=file))
+
+    def is_output(self, code: str, target: str) -> bool:
+        """Return whether an assignment sets an output."""
+        name = re.match(r"[A-Za-z_][\w:]*", target)
+        if name is not None and self.store.bound(name[0]) is not None:
+            return self.store.is_signal(name[0])
+        return OUTPUT.match(code) is not None
+
+    def value(self, routine: Routine, at: int, text: str) -> Value:
+        """Return the value of an expression of a line.
+
+        Raises:
+            ProgramError: It is none.
+        """
+        self.store.where = f"{routine.name}:{at + 1}"
+        try:
+            return self.store.evaluate(text)
+        except ExpressionError as error:
+            raise routine.fault(at, str(error), limit="an expression of VAL3", hint="Post the program again") from error
+
+    def put(self, routine: Routine, at: int, target: str, value: Value) -> None:
+        """Set a variable.
+
+        Raises:
+            ProgramError: The value does not fit it.
+        """
+        self.store.where = f"{routine.name}:{at + 1}"
+        try:
+            self.store.assign(target, value)
+        except ExpressionError as error:
+            raise routine.fault(at, str(error), hint="Post the program again") from error
+
+    def _forget(self, routine: Routine, at: int, target: str, condition: Unknown) -> None:
+        why = condition.why if condition.why.startswith("set under") else f"set under a condition: {condition.why}"
+        self.put(routine, at, target, Unknown(why, condition.where or f"{routine.name}:{at + 1}"))
+
+    def refusal(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int]) -> ProgramError:
+        """Return the error of a line that runs where an unknown condition holds."""
+        word, line = opening
+        try:
+            known(
+                condition, f"whether a statement that matters to motion runs inside {word} (line {line})",
+                routine.place(at), text=routine.codes[at], hint=_HINT,
+            )  # fmt: skip
+        except ProgramError as error:
+            return error
+        raise AssertionError

@@ -1,0 +1,128 @@
+"""Read VAL3 programs strictly: what cannot be known exactly is refused with its line and what to do."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from counterflex.core.errors import ProgramError
+from counterflex.integrations.staubli.language.program import Val3Program, Val3Source
+from counterflex.integrations.staubli.language.read.application import Folder
+from counterflex.integrations.staubli.language.read.data_file import DataFile, data_file_of
+from counterflex.integrations.staubli.language.read.interpreter import Interpreter
+from counterflex.integrations.staubli.language.read.motions import Val3Cell
+from counterflex.integrations.staubli.language.read.program_file import Routine
+from counterflex.integrations.staubli.language.read.store import Store
+from counterflex.programs.gcode.read.flow import line_end, split_lines
+from counterflex.programs.program import TOOL_VECTOR
+from counterflex.programs.robot_text.axes import tilted, with_axes
+from counterflex.programs.source_text import common_encoding, read_text
+
+
+def read_val3(
+    text: str,
+    *,
+    name: str = "program.pgx",
+    data: str = "",
+    data_name: str = "program.dtx",
+    cell: Val3Cell | None = None,
+    complete: bool = True,
+    folder: Folder | None = None,
+) -> Val3Program:
+    """Execute a program and return the lines passed and the motions made.
+
+    Positions are of the tool tip in the part frame: with a cell the cell's, else the frame of the first point. The
+    first point is approached from wherever the robot is: it counts as reached by a rapid without length.
+
+    Args:
+        text: The program file.
+        name: Its name, for errors.
+        data: The data file; empty where there is none.
+        data_name: Its name, for errors.
+        cell: What frames and process words are checked against; None knows no process words.
+        complete: Refuse a text without the end of its program: it may have been cut off.
+        folder: Programs that it can call; None has none.
+
+    Returns:
+        The program as executed.
+
+    Raises:
+        ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
+            exactly.
+    """
+    routine = Routine(text, name, complete)
+    file, store, folder = DataFile(data, data_name), Store(), folder or Folder()
+    store.load(file)
+    interpreter = Interpreter(routine, folder, store, cell)
+    interpreter.run()
+    rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
+    leans = tilted(rotations)
+    sources = {name: routine, **{one.name: one for one in folder.routines.values()}}
+    return Val3Program(
+        name=name,
+        dialect="val3",
+        lines=(*routine.lines, "") if text.endswith(("\n", "\r")) else tuple(routine.lines),
+        newline=line_end(text),
+        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
+        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
+        straight=len(sources) == 1 and max(interpreter.runs.values(), default=1) == 1,
+        Rs_part_tcp=rotations,
+        acting=tuple(sorted(set(interpreter.acting))),
+        left_out=interpreter.left_out(name),
+        axes_deg=interpreter.axes_deg,
+        sources={
+            key: Val3Source(one.text, one.starts[one.first] if one.first < len(one.starts) else len(one.text))
+            for key, one in sources.items()
+        },
+        data=data,
+        data_name=data_name if data else "",
+        moves=tuple(interpreter.moves),
+        variables=file.variables,
+        mentions=dict(interpreter.uses + store.reads),
+        datas_end=file.end,
+        old=file.old,
+    )
+
+
+def read_val3_file(path: str | os.PathLike[str], *, cell: Val3Cell | None = None, complete: bool = True) -> Val3Program:
+    """Read a program file with its data file, and the programs and libraries that it calls.
+
+    Args:
+        path: The ``.pgx`` file, UTF-8 or Latin-1.
+        cell: See :func:`read_val3`.
+        complete: Refuse a file without its end.
+
+    Raises:
+        ProgramError: A file cannot be read, is no text, or is no program that can be executed exactly.
+    """
+    file = Path(path)
+    text, encoding = read_text(file)
+    listed = data_file_of(file)
+    data, data_encoding = ("", encoding) if listed is None else read_text(listed)
+    folder = Folder(file.parent, complete=complete)
+    _refuse_mixed(text, str(file))
+    _refuse_mixed(data, str(listed))
+    if "utf-8-sig" in (encoding, data_encoding) and encoding != data_encoding:
+        raise ProgramError("one of program and data file begins with a byte order mark, the other does not",
+                           where=str(file), hint="Save both in one encoding")  # fmt: skip
+    program = read_val3(
+        text, name=file.name, data=data, data_name="" if listed is None else listed.name, cell=cell, complete=complete,
+        folder=folder,
+    )  # fmt: skip
+    texts = {file.name: (text, encoding)}
+    texts |= {} if listed is None else {listed.name: (data, data_encoding)}
+    for one in folder.routines.values():
+        _refuse_mixed(one.text, one.name)
+        texts[one.name] = (one.text, one.encoding)
+    return replace(program, encoding=common_encoding(texts))
+
+
+def _refuse_mixed(text: str, where: str) -> None:
+    """Refuse a text with two kinds of line ends."""
+    newline = line_end(text)
+    if text and newline.join(split_lines(text)) + (newline if text.endswith(("\n", "\r")) else "") != text:
+        raise ProgramError("the file mixes line ends", where=where,
+                           hint="Save it with one kind of line ends (LF or CRLF)")  # fmt: skip
