@@ -4,8 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: demo test long test-turn check docs docs-turn docs-html notebooks pages \
-	faults-random bench-smoke bench-turn clean
+.PHONY: demo test long check docs docs-html notebooks pages faults-random bench-smoke clean
 
 demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, print a table, write an HTML report.
 	$(BIN)/counterflex demo --out out/demo
@@ -13,14 +12,11 @@ demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, pri
 
 PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
-test: $(VENV)/.installed-dev  ## Install, run the tests but the long ones.
-	$(PYTEST) -m "not long"
+test: $(VENV)/.installed-dev  ## Install, run the tests but the long ones; with TURN=1 also those of this commit's third.
+	$(PYTEST) $(if $(TURN),--turn,-m "not long")
 
 long: $(VENV)/.installed-dev faults-random bench-smoke  ## What `make test` leaves out: long tests, faults at random, benchmarks.
 	$(PYTEST) -m long
-
-test-turn: $(VENV)/.installed-dev  ## All tests; of the long ones those of this commit's third (tools/thirds.py).
-	$(PYTEST) --turn
 
 check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names, licences.
 	$(BIN)/ruff check .
@@ -32,10 +28,7 @@ check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contra
 	$(BIN)/python tools/supply_chain.py --check
 
 docs: $(VENV)/.installed-dev  ## Run every example and every command printed in the docs.
-	$(BIN)/python tools/run_docs.py
-
-docs-turn: $(VENV)/.installed-dev  ## The same; of the commands that take minutes those of this commit's third.
-	$(BIN)/python tools/run_docs.py --turn
+	$(BIN)/python tools/run_docs.py $(if $(TURN),--turn)
 
 docs-html: $(VENV)/.installed-dev  ## Run the example gallery and build the documentation as HTML in docs/_build/html.
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
@@ -56,10 +49,7 @@ faults-random: $(VENV)/.installed-dev  ## Compose faults at random: fixed seeds 
 	{ test $$? -eq 1 && echo "a rule is broken with a new seed, see out/faults-new/stories.json"; }; }
 
 bench-smoke: $(VENV)/.installed-dev  ## Run every benchmark briefly, two at a time: whether they work, not how fast.
-	$(BIN)/python tools/run_benchmarks.py
-
-bench-turn: $(VENV)/.installed-dev  ## Those of this commit's third.
-	$(BIN)/python tools/run_benchmarks.py --turn
+	$(BIN)/python tools/run_benchmarks.py $(if $(TURN),--turn)
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
