@@ -35,15 +35,14 @@ GOAL_S: Final = 10.0
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=24.0)
-    parser.add_argument("--log", type=Path, help="a log that was written before")
+    parser.add_argument("--log", type=Path, help="the log: read where there is one, else written there and kept")
     parser.add_argument("--whole", action="store_true", help="read all records as well")
     parser.add_argument("--quick", action="store_true", help="a minute: does it work at all?")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as work:
-        folder = given.log
-        if folder is None:
-            folder = Path(work) / "log"
+        folder = given.log or Path(work) / "log"
+        if not folder.exists():
             write(folder, 1.0 / 60.0 if given.quick else given.hours, source(Path(work) / "source"))
         found = measured(folder, whole=given.whole or given.quick)
     for name, value in found.items():

@@ -29,6 +29,10 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
         ("--show",),
     ),
     "cutting_force": (("--quick", "--seeds", "0", "--count", "12"),),
+    "day_log": (
+        ("--quick", "--log", f"{FOLDER}/log", "--json", f"{FOLDER}/figures.json"),
+        ("--hours", "0.002", "--whole"),
+    ),
     "elastic_step": (("--quick", "--json", f"{FOLDER}/figures.json"),),
     "first_day": (("--quick", "--out", f"{FOLDER}/out", "--family", "wide", "--seeds", "1-1", "--workers", "1"),),
     "headline": (("--quick", "--out", f"{FOLDER}/out", "--levels", "catalogue", "--store"),),

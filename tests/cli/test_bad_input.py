@@ -436,7 +436,7 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
     "table over a folder": ("path part.ngc --csv temporary", ["temporary", "a folder has this name"]),
     "language unknown": (
         "compensate part.ngc --cell cell.toml --out out --as sinumerik",
-        ["--as", "sinumerik", "gcode, krl, rapid"],
+        ["--as", "sinumerik", "expected gcode, rapid, fanuc, krl, val3"],
     ),
     "conversion to an unknown language": (
         "convert part.ngc --cell cell.toml --out out --to okuma",

@@ -104,8 +104,8 @@ def test_a_log_with_something_missing_ends_otherwise_than_a_whole_one(
     counterflex: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, incomplete: bool, words: tuple[str, ...]
 ) -> None:
     """As tables and as JSON; what is said of it is printed either way."""
-    answer = {"incomplete": incomplete, "runs": [], "segments": [], "lines": ["a line"], "cut": [], "damage": []}
-    monkeypatch.setattr("counterflex.app.run.log.show", lambda _: answer)
+    answer = {"incomplete": incomplete, "runs": [], "segments": [], "lines": ["a line"], "cut": [], "damage": [], "unread": []}
+    monkeypatch.setattr("counterflex.app.run.log.show", lambda *_, **__: answer)
     ended = counterflex("log", "show", str(tmp_path), *words)
     assert ended.status == (INCOMPLETE if incomplete else 0)
     assert ("a line" in ended.out) == (not words)
@@ -140,8 +140,8 @@ def test_the_tables_of_a_log_hold_each_figure_in_its_column(
 ) -> None:
     """Of long lists the first twenty are shown, and what is left out is counted from the whole."""
     answer = {"incomplete": False, "runs": [logged_run(changes, incidents, actions)], "segments": [1, 2], "lines": [],
-              "cut": [], "damage": []}  # fmt: skip
-    monkeypatch.setattr("counterflex.app.run.log.show", lambda _: answer)
+              "cut": [], "damage": [], "unread": []}  # fmt: skip
+    monkeypatch.setattr("counterflex.app.run.log.show", lambda *_, **__: answer)
     out = counterflex("log", "show", str(tmp_path)).out
     rows = [[cell.strip() for cell in line.split("│")] for line in out.splitlines()]
     for row in (

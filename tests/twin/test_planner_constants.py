@@ -37,6 +37,8 @@ COMMON = {
     ("force_sensor.REFERENCE_C", "sensing.HolderTable.reference_c"): "ISO 1",
     ("force_sensor.REFERENCE_C", "sensing.SensorTable.reference_c"): "ISO 1",
     ("force_sensor.REFERENCE_C", "strain_holder.StrainHolder.reference_c"): "ISO 1",
+    ("controller.CYCLE_S", "writer.InformSettings.cycle_s"): "interpolation clock of DX200 and YRC1000",
+    ("controller.Controller.cycle_s", "writer.InformSettings.cycle_s"): "interpolation clock of DX200 and YRC1000",
     ("controller.CYCLE_S", "proposal.CYCLE_S"): "cycle of KUKA RSI, data sheet",
     ("controller.Controller.cycle_s", "proposal.CYCLE_S"): "cycle of KUKA RSI, data sheet",
     ("controller.CYCLE_S", "application.Val3Settings.cycle_s"): "cycle of a Staubli controller, which is also 4 ms",

@@ -28,7 +28,9 @@ STATE = "Counterflex/State/State"
 
 
 def client(address: str, name: str, password: str = PASSWORD) -> Any:
-    one = asyncua.Client(address)
+    one = asyncua.Client(
+        address, timeout=60.0
+    )  # s; that of the library, 4 s, is one of a computer with nothing else to do
     one.set_user(name)
     one.set_password(password)
     return one

@@ -84,7 +84,9 @@ class Invariants:
         self.states: dict[str, int] = {}
         self.incidents: dict[str, int] = {}
         self._before: Float = np.zeros(3)
-        self._age = self._number = 0
+        self._own: Float = np.zeros(3)
+        self._cycles = 0
+        self._number = 0
         self._state = State.IDLE
         self._cause = 0
         self._in_state = 0
@@ -106,7 +108,7 @@ class Invariants:
         if session is None:
             self._state, self._in_state = State.IDLE, 0
             self._before = correction.copy()
-            self._age, self._number = world.age, world.number
+            self._number = world.number
             return
         if world.runs != self._runs:
             self._runs, self._since, self._state, self._in_state = world.runs, {}, State.IDLE, 0
@@ -132,7 +134,7 @@ class Invariants:
             self._last_active_s, self._acted = world.now_s, True
         self._state, self._cause = state, int(session.loop.quick_result.cause)
         self._before = correction.copy()
-        self._age, self._number = world.age, world.number
+        self._number = world.number
 
     def end(self, world: World) -> None:
         """Look at the end of the story."""
@@ -158,17 +160,24 @@ class Invariants:
             self.broken[rule] = Broken(rule, round(world.now_s, 4), words)
 
     def _step(self, world: World, correction: Float) -> None:
-        """At the controller: no step beyond the limiter's, for the cycles since an answer was accepted; no size."""
+        """At the controller: no step from one answer of the loop to its next beyond the limiter's; no size.
+
+        Answers of another program between them are not the loop's: it neither sees nor continues them.
+        """
         rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
         size = _size(correction)
         if size > LARGEST_M * 1.002 + rounded:
             self._break("within its limit", world, f"{size / MM:.4f} mm > {LARGEST_M / MM:g} mm")
+        self._cycles += 1
         if world.number != self._number:
-            self._before = np.zeros(3)
+            self._before, self._own, self._cycles = np.zeros(3), correction.copy(), 0
             return
-        step = _size(correction - self._before)
-        most = min(LARGEST_STEP_M, STEP_M * (self._age + 1)) * (1.02 if rounded > 1e-6 else 1.0) + rounded
-        if step > most and not world.obeyed_other:
+        if world.obeyed_other or world.age > 0:
+            return
+        step = _size(correction - self._own)
+        most = min(LARGEST_STEP_M, STEP_M * self._cycles) * (1.02 if rounded > 1e-6 else 1.0) + rounded
+        self._own, self._cycles = correction.copy(), 0
+        if step > most:
             self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
 
     def _by_state(self, world: World, state: State, correction: Float) -> None:
