@@ -85,8 +85,10 @@ class Defect:
     def nearest(self, own: int, above: int) -> tuple[list[str], list[str]]:
         """Return the test files of its own room and of those above that are run for it, in their order."""
         mine, others = nearest_tests(ROOT, self.file, self.function)
-        first = [name for name in self.tests if name in mine]
-        return [*first, *(name for name in mine if name not in first)][:own], others[:above]
+        first = list(self.tests)
+        return [*first, *(name for name in mine if name not in first)][:own], [
+            name for name in others if name not in first
+        ][:above]
 
     @property
     def room(self) -> str:
@@ -279,7 +281,7 @@ class Bench:
         result = self.folder / "result.txt"
         failed = result.read_text() if result.exists() else ""
         result.unlink(missing_ok=True)
-        own = failed.startswith(f"tests/{defect.room}/")
+        own = failed.startswith(f"tests/{defect.room}/") or failed.split("::")[0] in defect.tests
         outcome = "late" if late else "own" if own else "above" if failed.startswith("tests/") else "survived"
         outcome = "broken" if failed and not failed.startswith("tests/") else outcome
         row = {"name": defect.name, "room": defect.room, "kind": defect.kind, "file": defect.file}

@@ -104,7 +104,15 @@ def test_a_log_with_something_missing_ends_otherwise_than_a_whole_one(
     counterflex: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, incomplete: bool, words: tuple[str, ...]
 ) -> None:
     """As tables and as JSON; what is said of it is printed either way."""
-    answer = {"incomplete": incomplete, "runs": [], "segments": [], "lines": ["a line"], "cut": [], "damage": [], "unread": []}
+    answer = {
+        "incomplete": incomplete,
+        "runs": [],
+        "segments": [],
+        "lines": ["a line"],
+        "cut": [],
+        "damage": [],
+        "unread": [],
+    }
     monkeypatch.setattr("counterflex.app.run.log.show", lambda *_, **__: answer)
     ended = counterflex("log", "show", str(tmp_path), *words)
     assert ended.status == (INCOMPLETE if incomplete else 0)

@@ -28,9 +28,8 @@ STATE = "Counterflex/State/State"
 
 
 def client(address: str, name: str, password: str = PASSWORD) -> Any:
-    one = asyncua.Client(
-        address, timeout=60.0
-    )  # s; that of the library, 4 s, is one of a computer with nothing else to do
+    # those of the library, 4 s and a probe that is answered within 1 s, are for a computer with nothing else to do
+    one = asyncua.Client(address, timeout=60.0, watchdog_intervall=60.0)
     one.set_user(name)
     one.set_password(password)
     return one

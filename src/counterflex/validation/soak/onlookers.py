@@ -172,7 +172,7 @@ async def _kept_readings(address: str, counts: Any, ended: Any) -> None:
 
     while not ended.is_set():
         with contextlib.suppress(Exception):  # counted: the next connection goes on
-            async with asyncua.Client(address) as client:
+            async with asyncua.Client(address, watchdog_intervall=60.0) as client:
                 nodes = await _variables(client)
                 while not ended.is_set():
                     await client.read_values(nodes)
