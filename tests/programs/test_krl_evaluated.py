@@ -202,6 +202,8 @@ def test_a_program_without_end_ends_in_one_line(body: str) -> None:
         ("BAS(#VEL_CP,CUT)", 0.025),
         ("BAS(# VEL_CP, 0.1)", 0.1),
         ("LDAT_ACT=LCP1\nBAS(#CP_DAT)", 0.02),
+        ("LDAT_ACT=LCP1\nBAS(#CP_PARAMS,0.3)", 0.3),
+        ("BAS(#CP_PARAMS,0.3)\nLDAT_ACT=LCP1\nBAS(#CP_DAT)", 0.02),
         ("LCP1.VEL=0.2\nLDAT_ACT=LCP1\nBAS(#CP_DAT)", 0.2),
         ("LDAT_ACT={VEL 0.3,ACC 100}\nBAS(#CP_DAT)", 0.3),
         ("LDAT_ACT.VEL=0.3\nBAS(#CP_DAT)", 0.3),

@@ -187,6 +187,16 @@ def test_what_is_not_known_is_refused_with_both_lines(
     assert fault.value.hint
 
 
+def test_dividend_is_divisor_times_quotient_and_remainder() -> None:
+    """For whole numbers of either sign; the quotient is cut towards zero, so the remainder has the dividend's sign."""
+    pairs = [(a, b) for a in range(-7, 8) for b in (-3, -2, 2, 3)]
+    body = "".join(f"a:={a};\nb:={b};\n{at('a MOD b', 'a DIV b')}" for a, b in pairs)
+    for (a, b), (rest, quotient, _) in zip(pairs, ends(read(body, "VAR num a;\nVAR num b;")), strict=True):
+        assert b * quotient + rest == a
+        assert abs(rest) < abs(b)
+        assert rest * a >= 0
+
+
 def test_speeds_times_overrides_and_zones() -> None:
     made = read(
         "MoveJ Offs(p10,0,0,9),vmax,z50,tool0;\nVelSet 50,300;\nMoveL Offs(p10,10,0,9),v100,z10,tool0;\n"
