@@ -115,7 +115,11 @@ def test_a_trend_is_the_line_of_least_squares_over_the_runs(scatter: list[float 
         assert found is None
         return
     line = stats.linregress(*zip(*known, strict=True))
-    wide = float(line.stderr) * float(stats.t.ppf(0.975, len(known) - 2))
+    x, y = np.array(
+        known, dtype=float
+    ).T  # from the residuals: the other library takes 1 - r**2, which is rounding on a line
+    rest = float(np.sum((y - line.intercept - line.slope * x) ** 2)) / (len(known) - 2)
+    wide = float(np.sqrt(rest / np.sum((x - x.mean()) ** 2))) * float(stats.t.ppf(0.975, len(known) - 2))
     assert found is not None
     assert found.runs == len(known)
     assert found.slope == pytest.approx(line.slope, abs=1e-9)
