@@ -1,4 +1,4 @@
-"""How long ``counterflex log show --brief`` takes on the log of a day, and what it reads of it.
+"""Time that ``counterflex log show --brief`` takes on the log of a day, and the bytes that it reads.
 
 The records of a run are repeated, their cycles and times go on, and all are written by the recorder's own writer,
 five at a time with a state of the loop every 4 s, as the recorder does. The first reading after writing is timed; the

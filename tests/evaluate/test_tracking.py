@@ -1,4 +1,4 @@
-"""How closely a path was followed: figures by sorting, zones by counting, alike from either end and in either sense."""
+"""Following of a path: figures by sorting, zones by counting, alike from either end and in either sense."""
 
 from __future__ import annotations
 

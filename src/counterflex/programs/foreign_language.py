@@ -48,7 +48,6 @@ _UNREAD: Final = (
         (),
         "Give the program first and the cell file with --cell",
     ),
-    Signs("Yaskawa INFORM", (r"^/JOB$", r"^//(NAME|POS|INST)\b"), (r"^MOV[JLC]\s+C\d+", r"^NOP$"), _robot("It")),
     Signs(
         "Universal Robots script",
         (r"^def\s+\w+\s*:$", r"^move[lpjc]\s*\(?\s*p\["),
@@ -60,12 +59,6 @@ _UNREAD: Final = (
     ),
     Signs("Comau PDL2", (r"^PROGRAM\s+\w+", r"^MOVE\s+(LINEAR|JOINT|CIRCULAR)\b"), (r"^ROUTINE\s+\w+",), _robot("It")),
     Signs("Mitsubishi MELFA BASIC", (r"^(\d+\s+)?Mv[scr]\s+P", r"^(\d+\s+)?(Ovrd|Spd|Servo)\s+\w+"), (), _robot("It")),
-    Signs(
-        "Heidenhain conversational",
-        (r"^(\d+\s+)?(BEGIN|END) PGM\b", r"^\d+\s+(TOOL CALL|TOOL DEF|BLK FORM|CYCL DEF|CALL LBL|LBL)\b"),
-        (r"^(\d+\s+)?L\s+[XYZ][+-]", r"^(\d+\s+)?CC\s+[XYZ]", r"\bFMAX\b", r"\bFN\s*\d+:"),
-        _POST,
-    ),
     Signs("Heidenhain ISO", (r"^%\S+\s+G7[01]\s*\*$",), (r"^N\d+\s.*\*$", r"\bG99\s+T\d", r"\bG7[01]\s*\*$"), _POST),
     Signs(
         "Okuma OSP",

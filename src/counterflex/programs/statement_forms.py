@@ -1,4 +1,4 @@
-"""How each language of robots says what writers add themselves: stops for a person, pauses, waits for a condition."""
+"""Statements that writers add themselves, in each language of robots: stops for a person, pauses, waits."""
 
 from __future__ import annotations
 

@@ -25,13 +25,11 @@ class ArrivalClock:
     is let up slowly, so that a clock that runs slower than ours is followed; one that runs faster is at once.
 
     A clock that was set back is known by time stamps that fall; by how much does not matter. It is taken anew with the
-    eighth sample of the new time; until then its samples are older than those before them, and their user sees
-    it. One sample with a wrong stamp changes nothing, however often it is repeated: the next one has the old time
-    again.
-    Where no stamp falls, since
-    the source was silent meanwhile, it is known after five samples that would be older than 2 s, or when for 1 s behind
-    a silence of 0.1 s and more (of the stamps, too: a network that stands still lets them go on) every sample is later
-    by the same: a queue that is worked off becomes shorter.
+    eighth sample of the new time; until then its samples are older than those before them, and their user sees it. One
+    sample with a wrong stamp changes nothing, however often it is repeated: the next one has the old time again. Where
+    no stamp falls, since the source was silent meanwhile, it is known after five samples that would be older than 2 s,
+    or when for 1 s behind a silence of 0.1 s and more (of the stamps, too: a network that stands still lets them go on)
+    every sample is later by the same: a queue that is worked off becomes shorter.
 
     Args:
         least_s: Age of a sample that came the shortest way.

@@ -1,4 +1,4 @@
-"""What the reader of INFORM executes: the same part in KRL and RAPID, values, branches, frames; what it refuses."""
+"""Reader of INFORM: the same part in KRL and RAPID, values, branches, frames; what it refuses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot program states of posture and turns of the arm at the end of a motion, in no language."""
+"""Posture and turns of the arm that a robot program states at the end of a motion, in no language."""
 
 from __future__ import annotations
 

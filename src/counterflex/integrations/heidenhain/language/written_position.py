@@ -1,4 +1,4 @@
-"""Where the tool stands while a Klartext program is written back, and the words that take it elsewhere."""
+"""Place of the tool while a Klartext program is written back, and the words that take it elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How positions, speeds, comments and whole jobs are written."""
+"""Spelling of positions, speeds, comments and whole jobs."""
 
 from __future__ import annotations
 
