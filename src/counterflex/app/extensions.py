@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -49,16 +50,16 @@ class Extension:
     fault: str
 
 
-def extensions() -> list[Extension]:
+def extensions(registries: Sequence[Registry[Any]] = REGISTRIES) -> list[Extension]:
     """Everything that is registered, our own first in each group."""
-    return [_looked_at(registry, name) for registry in REGISTRIES for name in registry]
+    return [_looked_at(registry, name) for registry in registries for name in registry]
 
 
 def _looked_at(registry: Registry[Any], name: str) -> Extension:
     title, fault = "", ""
     try:
         entry = registry[name]
-        title = str(getattr(entry, "title", entry))
+        title = str(getattr(entry, "title", entry.__doc__ if callable(entry) else entry))
     except CounterflexError as problem:
         fault = str(problem)
     return Extension(registry.group, name, registry.package(name), title, fault)

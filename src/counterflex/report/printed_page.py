@@ -23,7 +23,7 @@ def printed_page(summary: Mapping[str, Any], titles: Mapping[str, str]) -> str:
     """The page, as HTML text.
 
     Args:
-        summary: See :func:`counterflex.validation.reproduce.papers.table.run`.
+        summary: See :func:`counterflex_lab.reproduce.papers.table.run`.
         titles: Of the papers.
     """
     papers, figures = [], {}
