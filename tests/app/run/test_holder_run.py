@@ -106,7 +106,7 @@ def test_holder_force_through_a_tool_change(tmp_path: Path) -> None:
             truth,
             rsi,
             peer=session.link.address,
-            netft_port=None,
+            force_port=None,
             strain_peer=link.address,
             strain_faults=(Fault("nan", from_s=1.6, bridge=3),),
             timing=Timing(gate_s=0.8, patience_s=60.0),

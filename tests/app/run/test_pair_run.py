@@ -88,7 +88,7 @@ def test_the_holder_falls_away_in_the_cut(tmp_path: Path) -> None:
             tmp_path / "truth.toml",
             rsi,
             peer=session.link.address,
-            netft_port=force,
+            force_port=force,
             force_host="127.0.0.1",
             hose_share=0.0,
             strain_peer=source.second_source.address,  # type: ignore[attr-defined]

@@ -41,7 +41,7 @@ def cell_of(folder: Path, sensor: str) -> Cell:
 
 def settings(port: int | None, *faults: Fault) -> LiveSettings:
     none = Path("none")
-    return LiveSettings(none, none, none, netft_port=port, force_faults=faults)
+    return LiveSettings(none, none, none, force_port=port, force_faults=faults)
 
 
 @pytest.mark.parametrize("sensor", [WRENCH, FRAME])

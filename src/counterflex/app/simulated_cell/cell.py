@@ -17,22 +17,21 @@ from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.job_check import program_job
 from counterflex.app.simulated_cell.ads import terminals
 from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
+from counterflex.app.simulated_cell.force_devices import force_device
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.sensing import strain_holder
+from counterflex.files.cell.sensing import PROTOCOL, strain_holder
 from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_folder_summary
-from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench
+from counterflex.twin.devices.force_device import ForceDevice, ForceStart
 from counterflex.twin.devices.kuka_rsi import RsiContext
-from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import Timing
 from counterflex.twin.devices.strain import StrainSender
-from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
 from counterflex.twin.live.cell_server import CellServer, Instruments
 from counterflex.twin.live.live_cell import LiveCell
@@ -58,9 +57,9 @@ class LiveSettings:
         peer: Where telegrams go instead, or None.
         egm: Where the messages of an ABB controller go, set as the cell file says; None: a KUKA one.
         own_force: The ABB controller sends the force sensor's readings itself.
-        netft_port: UDP port of the force sensor; 0 takes a free one, None leaves it out. Where the cell file's sensor
+        force_port: UDP port of the force sensor; 0 takes a free one, None leaves it out. Where the cell file's sensor
             sends by itself (``protocol = "wrench"``): the port that it sends to.
-        netft_http_port: Of its scaling document.
+        force_http_port: Of its scaling document.
         force_host: Where a sensor that sends by itself sends to.
         tracker_peer: Where tracker datagrams go, or None.
         tracker_hz: Poses in a second; few are photogrammetry.
@@ -92,8 +91,8 @@ class LiveSettings:
     peer: tuple[str, int] | None = None
     egm: tuple[str, int] | None = None
     own_force: bool = False
-    netft_port: int | None = 0
-    netft_http_port: int = 0
+    force_port: int | None = 0
+    force_http_port: int = 0
     force_host: str = "127.0.0.1"
     tracker_peer: tuple[str, int] | None = None
     tracker_hz: float = 1000.0
@@ -117,8 +116,8 @@ class LiveSettings:
 class Addresses:
     """Where a started cell can be reached: UDP and HTTP address of its force sensor, or None."""
 
-    netft: tuple[str, int] | None
-    netft_http: tuple[str, int] | None
+    force: tuple[str, int] | None
+    force_http: tuple[str, int] | None
 
 
 def run(
@@ -199,8 +198,7 @@ def run(
     begin = time.perf_counter()
     try:
         with atomic.atomic_folder(out) as staging:
-            netft = device if isinstance(device, NetftServer) else None
-            started(Addresses(netft.address if netft else None, netft.http_address if netft else None))
+            started(Addresses(device.address if device else None, device.http_address if device else None))
             server.meet()
             why = server.run(progress=progress)
             record = live.record()
@@ -229,39 +227,21 @@ def run(
     return summary
 
 
-def _device(settings: LiveSettings, cell: Cell) -> NetftServer | WrenchSender | None:
-    """What sends the readings of the force sensor: by the protocol that the cell file names, else a Net F/T."""
-    if settings.netft_port is None:
+def _device(settings: LiveSettings, cell: Cell) -> ForceDevice | None:
+    """What sends the readings of the force sensor, by the protocol that the cell file names."""
+    if settings.force_port is None:
         return None
-    faults = FaultSchedule(settings.force_faults, settings.seed)
     table = cell.tables.sensor
-    if table is None or table.protocol not in ("wrench", "frame"):
-        return NetftServer(port=settings.netft_port, http_port=settings.netft_http_port, faults=faults)
-    if settings.netft_port == 0:
-        raise InputError(
-            "where the force sensor sends to is not said",
-            where=str(settings.cell),
-            value=f'protocol = "{table.protocol}"',
-            hint="Give force_sensor.address (--scenario), the same as for counterflex run",
-        )
-    peer = settings.force_host, settings.netft_port
-    if table.frame is None:
-        return WrenchSender(peer, faults, source=max(0, int(table.link.get("source", -1))))
-    own = table.frame.source()
-    if own.transport != "udp" or own.start or own.request:
-        raise InputError(
-            "the simulated cell sends frames by itself over UDP only",
-            where=str(settings.cell),
-            value="[sensor.frame] with " + ("tcp" if own.transport == "tcp" else "start or request"),
-        )
-    frame = own.frame
-
-    def write(one: Wrench) -> bytes:
-        bits = frame.saturated_bits if one.status & SATURATED else 0
-        bits |= frame.invalid_bits if one.status & INVALID else 0
-        return frame.write(np.array(one.w_sensor), one.sequence, bits)
-
-    return WrenchSender(peer, faults, write=write)
+    start = ForceStart(
+        host=settings.force_host,
+        port=settings.force_port,
+        http_port=settings.force_http_port,
+        faults=FaultSchedule(settings.force_faults, settings.seed),
+        values={} if table is None else table.link,
+        frame=None if table is None or table.frame is None else table.frame.source(),
+        where=str(settings.cell),
+    )
+    return force_device(PROTOCOL if table is None else table.protocol, start)
 
 
 def strains(

@@ -242,8 +242,8 @@ def cell(
         peer=host_port(trial.controller.peer),
         egm=None if egm is None else address(egm, "--egm"),
         own_force=own_force,
-        netft_port=None if own_force or ((strained or terminals) and not force_port) else force_port,
-        netft_http_port=sensor.http_port or 0,
+        force_port=None if own_force or ((strained or terminals) and not force_port) else force_port,
+        force_http_port=sensor.http_port or 0,
         force_host=force_host,
         tracker_peer=host_port(trial.tracker.address),
         tracker_hz=trial.tracker.rate_hz,
@@ -260,9 +260,9 @@ def cell(
     )
 
     def started(where: job.Addresses) -> None:
-        if where.netft and where.netft_http and not (force_port and sensor.http_port):  # else the caller knows it
+        if where.force and where.force_http and not (force_port and sensor.http_port):  # else the caller knows it
             typer.echo(
-                f"force sensor at {where.netft[0]}:{where.netft[1]}, scaling at port {where.netft_http[1]}", err=True
+                f"force sensor at {where.force[0]}:{where.force[1]}, scaling at port {where.force_http[1]}", err=True
             )
 
     with progress_bar(f"milling {program.name}") as progress:

@@ -56,11 +56,14 @@ class ForceSensorKind:
             :class:`~counterflex.protocols.force.source.ForceSource`). Raises OutputError where the sensor does
             not answer within ``wait_s``.
         values: Keys of ``[sensor.link]`` with their defaults; a value must be of the type of its default.
+        device: ``module:object`` of the sensor's side on the simulated cell, which makes a
+            :class:`~counterflex.twin.devices.force_device.ForceDevice` of a ``ForceStart``; empty: it has none.
     """
 
     title: str
     open: Callable[[Opening], Any]
     values: Mapping[str, Value] = field(default_factory=dict)
+    device: str = ""
 
 
 def link_values(name: str, values: Mapping[str, Value]) -> dict[str, Value]:

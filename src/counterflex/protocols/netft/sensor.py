@@ -29,4 +29,6 @@ def _open(opening: Opening) -> NetftLink:
     return link
 
 
-NETFT: Final = ForceSensorKind("ATI Net F/T: UDP, scaling over HTTP", _open)
+NETFT: Final = ForceSensorKind(
+    "ATI Net F/T: UDP, scaling over HTTP", _open, device="counterflex.twin.devices.netft:opened"
+)

@@ -13,6 +13,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.protocols.netft import telegram as netft
+from counterflex.twin.devices.force_device import ForceStart
 from counterflex.twin.network.faults import FaultSchedule
 from counterflex.twin.network.faulty_line import FaultyLine
 
@@ -144,6 +145,10 @@ class NetftServer:
             if self._remaining == 0:
                 self.peer = None
 
+    def counts(self, taken: int, /) -> dict[str, int]:
+        """Samples taken, and records that left."""
+        return {"samples": taken, "records": self.records}
+
     def _put(self, data: bytes) -> None:
         if self.peer is not None:
             with contextlib.suppress(BlockingIOError, ConnectionError):
@@ -156,6 +161,13 @@ class NetftServer:
         if self._http is not None:
             self._http.shutdown()
             self._http.server_close()
+
+
+def opened(start: ForceStart) -> NetftServer:
+    """One as it is started with the cell."""
+    server = NetftServer(start.host, start.port, start.http_port, start.rate_hz, start.faults)
+    server.status = start.status
+    return server
 
 
 def _taken(fault: OSError, host: str, port: int) -> OutputError:

@@ -22,8 +22,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
 from counterflex.protocols.tracker.telegram import DATAGRAM, MAGIC
+from counterflex.twin.devices.force_device import ForceDevice
 from counterflex.twin.devices.kuka_rsi import FakeRsi
-from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
 from counterflex.twin.devices.played_program import Phase, PlayedProgram
 from counterflex.twin.live.live_cell import Report
@@ -50,7 +50,7 @@ class ReplayedCell:
     Args:
         played: What is played.
         rsi: The controller's side of RSI, 4 ms.
-        netft: Where force readings go, or None.
+        sensor: Sends the force readings, or None.
         answer: How the controller answers a correction.
         program: The robot program.
     """
@@ -59,11 +59,11 @@ class ReplayedCell:
         self,
         played: RecordedPass,
         rsi: FakeRsi,
-        netft: NetftServer | None = None,
+        sensor: ForceDevice | None = None,
         answer: PathAnswer | None = None,
         program: PlayedProgram | None = None,
     ) -> None:
-        self.played, self.rsi, self.netft = played, rsi, netft
+        self.played, self.rsi, self.sensor = played, rsi, sensor
         self.program = program if program is not None else PlayedProgram(GATE)
         self._answer = AnswerState(answer if answer is not None else PathAnswer(), rsi.context.cycle_s)
         self._sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3)]
@@ -115,8 +115,8 @@ class ReplayedCell:
                 due += missed * period
                 row, telegram = self._prepared(running=running)
                 _until(due)
-            if self.netft is not None and k % 250 == 0:
-                self.netft.poll()
+            if self.sensor is not None and k % 250 == 0:
+                self.sensor.poll()
             self._instruments(row, 0, tracker)
             data: bytes | None = None
             reply_s = echo_s = np.nan
@@ -220,8 +220,8 @@ class ReplayedCell:
     def _instruments(self, row: int, tick: int, tracker: tuple[str, int] | None) -> None:
         """Readings of a millisecond: no two are the same, also while the robot stands and its row is played again."""
         k = self._readings = (self._readings + 1) % _SCATTERED
-        if self.netft is not None:
-            self.netft.send(self.played.w_sensor[row, tick] + self._w_scatter[k])
+        if self.sensor is not None:
+            self.sensor.send(self.played.w_sensor[row, tick] + self._w_scatter[k])
         if tracker is not None:
             self._sequence = (self._sequence + 1) & 0xFFFFFFFF
             p = (self.played.p_tracker_target[row, tick] + self._moved + self._p_scatter[k]) / MM
@@ -249,8 +249,8 @@ class ReplayedCell:
         """Free the sockets."""
         for one in self._sockets:
             one.close()
-        if self.netft is not None:
-            self.netft.close()
+        if self.sensor is not None:
+            self.sensor.close()
 
 
 def _until(due: float) -> float:
