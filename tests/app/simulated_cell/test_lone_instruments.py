@@ -25,14 +25,14 @@ from counterflex.core.errors import CounterflexError, FileFormatError, InputErro
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.run_log import RunLog
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.netft import telegram as netft
-from counterflex.protocols.netft.link import NetftLink, fetch_scaling
+from counterflex.integrations.ati.link import telegram as netft
+from counterflex.integrations.ati.link.link import NetftLink, fetch_scaling
+from counterflex.integrations.ati.simulated import NetftServer
 from counterflex.protocols.session.senses import tracker_frames
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, TrackerPose, read_pose
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
-from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.devices.pace import keep_pace
 from counterflex.twin.devices.pose_source import CircleTarget, NoisyPose, SquareTarget, StandingTarget, TrackerLog
 from counterflex.twin.devices.tracker import TrackerSender

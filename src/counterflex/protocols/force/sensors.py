@@ -116,7 +116,6 @@ FORCE_SENSORS: Final[Registry[ForceSensorKind]] = Registry(
     "counterflex.protocols.force.sensors:ForceSensorKind",
     {
         "frame": "counterflex.protocols.frame.sensor:FRAME",
-        "netft": "counterflex.protocols.netft.sensor:NETFT",
         "wrench": "counterflex.protocols.wrench.sensor:WRENCH",
     },
 )

@@ -11,14 +11,11 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError
 from counterflex.core.units import MM
 from counterflex.programs.compensated import job_number
-from counterflex.protocols.kuka_rsi.config import parse_config
-from counterflex.protocols.kuka_rsi.make.files import RsiFiles
-from counterflex.protocols.kuka_rsi.setup import OnlineLimits
 from counterflex.protocols.processes.control_array import Kept, Request, Tally
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.record_ring import MOST, RecordRing
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex.validation.devices import OnlineLimits, RsiContext, RsiFiles, parse_config
 from counterflex.validation.faults.demonstration import PERIOD_S
 from counterflex.validation.faults.network import LARGEST_STEP_M, described
 from counterflex.validation.faults.rig import Rig

@@ -13,7 +13,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex.validation.devices import RsiContext
 from counterflex.validation.faults.aftermath import aftermath, steady
 from counterflex.validation.faults.rig import Rig
 from counterflex.validation.faults.scenario import Effort, Outcome, Scenario

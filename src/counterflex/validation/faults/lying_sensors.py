@@ -15,8 +15,7 @@ from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import ForceMode, ForceOffset, Lost, OnlineSettings
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.twin.devices.kuka_rsi import RsiContext
-from counterflex.twin.devices.netft import COUNTS
+from counterflex.validation.devices import COUNTS, RsiContext
 from counterflex.validation.faults.aftermath import aftermath, steady
 from counterflex.validation.faults.demonstration import PERIOD_S, sensor_reading
 from counterflex.validation.faults.rig import Rig

@@ -30,8 +30,7 @@ from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.runtime.record_ring import RecordRing, column
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.devices.netft import NetftServer
+from counterflex.validation.devices import FakeRsi, NetftServer, RsiContext
 from counterflex.validation.faults.demonstration import PERIOD_S, Q, demo_config, standing
 
 _ONLINE: Final = """

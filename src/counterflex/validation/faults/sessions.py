@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.protocols.processes.control_array import Request
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex.validation.devices import RsiContext
 from counterflex.validation.faults.demonstration import PERIOD_S, demo_config
 from counterflex.validation.faults.network import LARGEST_STEP_M, described
 from counterflex.validation.faults.rig import Rig

@@ -33,15 +33,13 @@ from counterflex.core import atomic
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.summary_file import write_summary
-from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import processor_times
 from counterflex.protocols.system.realtime import Prepared, prepare, prepared
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.live.recorded_pass import RecordedPass
 from counterflex.twin.live.replayed_cell import ReplayedCell
 from counterflex.twin.live.timed_block import Block
+from counterflex.validation.devices import FakeRsi, NetftServer, RsiContext, read_config
 from counterflex.validation.soak import replayed_cell as steady
 from counterflex.validation.soak.figures import figures, minute
 from counterflex.validation.soak.onlookers import Onlookers

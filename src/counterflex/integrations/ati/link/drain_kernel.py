@@ -12,7 +12,7 @@ from numba import carray
 from counterflex.core.array_table import addresses, byte_matrix, matrix, to_pointer, whole_matrix, wholes
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records
-from counterflex.protocols.netft.kernel import RECEIVED, take_records
+from counterflex.integrations.ati.link.kernel import RECEIVED, take_records
 from counterflex.protocols.system.datagrams import INBOX
 from counterflex.protocols.system.system_calls import receive
 
@@ -28,7 +28,7 @@ def drain_records(fd: int, taken: bool, tables: Records) -> tuple[int, int, bool
     Args:
         fd: Of the socket.
         taken: The records were taken one by one before; only their mean is made.
-        tables: (1,) ARRAYS: inbox; samples and RECEIVED of :func:`counterflex.protocols.netft.kernel.take_records`.
+        tables: (1,) ARRAYS: inbox; samples and RECEIVED of :func:`.take_records`.
 
     Returns:
         Good records, sequence number of the first one taken last, whether one was beyond the range, whether the counts

@@ -6,9 +6,9 @@ import time
 from typing import Final
 
 from counterflex.core.errors import OutputError
+from counterflex.integrations.ati.link.link import NetftLink, fetch_scaling
+from counterflex.integrations.ati.link.telegram import Scaling
 from counterflex.protocols.force.sensors import ForceSensorKind, Opening
-from counterflex.protocols.netft.link import NetftLink, fetch_scaling
-from counterflex.protocols.netft.telegram import Scaling
 
 
 def _scaling(opening: Opening) -> Scaling:
@@ -30,5 +30,5 @@ def _open(opening: Opening) -> NetftLink:
 
 
 NETFT: Final = ForceSensorKind(
-    "ATI Net F/T: UDP, scaling over HTTP", _open, device="counterflex.twin.devices.netft:opened"
+    "ATI Net F/T: UDP, scaling over HTTP", _open, device="counterflex.integrations.ati.simulated:opened"
 )

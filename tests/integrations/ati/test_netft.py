@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from counterflex.core.errors import OutputError, ProtocolError
-from counterflex.protocols.netft import telegram as netft
-from counterflex.protocols.netft.link import fetch_scaling
+from counterflex.integrations.ati.link import telegram as netft
+from counterflex.integrations.ati.link.link import fetch_scaling
 
 U32 = st.integers(0, 2**32 - 1)
 I32 = st.integers(-(2**31), 2**31 - 1)

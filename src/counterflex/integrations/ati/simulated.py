@@ -12,7 +12,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError, ProtocolError
-from counterflex.protocols.netft import telegram as netft
+from counterflex.integrations.ati.link import telegram as netft
 from counterflex.twin.devices.force_device import ForceStart
 from counterflex.twin.network.faults import FaultSchedule
 from counterflex.twin.network.faulty_line import FaultyLine
