@@ -8,18 +8,19 @@ import queue
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from counterflex.app.plc import Plc
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS
-from counterflex.files.cell.ads import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, AdsTable
+from counterflex.files.cell.ads import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, AdsTable, AdsTrackerTable, si_of
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.ads.link import AdsLink, AdsReader, DeviceSymbol, Reading
+from counterflex.protocols.ads.link import AdsLink, AdsReader, AdsSettings, AdsSymbol, DeviceSymbol, Reading
 from counterflex.protocols.strain.forwarder import StrainForwarder
 from counterflex.protocols.tracker.forwarder import PoseForwarder
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
@@ -45,10 +46,37 @@ def ads_table(cell: Cell) -> AdsTable:
     return table
 
 
+def symbols_of(table: AdsTable) -> tuple[AdsSymbol, ...]:
+    """All: terminals ``strain1`` ..., their time and temperature, tracker ``tracker_...``, parameters by names."""
+    si = si_of(table.strain_unit)[1]
+    strain = tuple(AdsSymbol(f"{STRAIN}{k}", symbol, si) for k, symbol in enumerate(table.strain, start=1))
+    readings = ((HOLDER_TIME, table.strain_time), (HOLDER_TEMPERATURE, table.strain_temperature))
+    strain += tuple(AdsSymbol(name, symbol, 1.0) for name, symbol in readings if symbol is not None)
+    parameters = []
+    for one in table.parameters:
+        unit = si_of(one.unit)[1]
+        low = -math.inf if one.low is None else one.low * unit
+        high = math.inf if one.high is None else one.high * unit
+        parameters.append(AdsSymbol(one.name, one.symbol, unit, one.write, low, high))
+    return (*strain, *(() if table.tracker is None else _tracker_symbols(table.tracker)), *parameters)
+
+
+def _tracker_symbols(tracker: AdsTrackerTable) -> tuple[AdsSymbol, ...]:
+    length, angle = si_of(tracker.length_unit)[1], si_of(tracker.angle_unit)[1]
+    units = {"distance": length, "azimuth": angle, "zenith": angle}
+    names = ("distance", "azimuth", "zenith", "qw", "qx", "qy", "qz", "beam_ok")
+    return tuple(
+        AdsSymbol(f"tracker_{name}", symbol, units.get(name, 1.0))
+        for name in names
+        if (symbol := getattr(tracker, name)) is not None
+    )
+
+
 @contextlib.contextmanager
 def connected(table: AdsTable, *, symbols: bool = True) -> Iterator[AdsLink]:
     """A connection to the TwinCAT of a table. Raises as :class:`counterflex.protocols.ads.link.AdsLink`."""
-    link = AdsLink(table.settings(), table.symbols() if symbols else ())
+    settings = AdsSettings(table.net_id, table.host, table.port, table.local_net_id, table.timeout_ms * MS)
+    link = AdsLink(settings, symbols_of(table) if symbols else ())
     try:
         yield link
     finally:
@@ -315,3 +343,14 @@ def _strain_sender(cell: Cell, table: AdsTable, peer: tuple[str, int]) -> _Strai
 def _plain(value: float) -> float | None:
     """For JSON, which knows no NaN."""
     return float(f"{value:.9g}") if math.isfinite(value) else None
+
+
+PLC: Final = Plc(
+    title="TwinCAT (Beckhoff ADS)",
+    symbols=list_symbols,
+    read=read,
+    write=write,
+    forward=forward,
+    alone="counterflex.app.simulated_cell.ads:alone",
+    terminals="counterflex.app.simulated_cell.ads:terminals",
+)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.plc import PLCS
 from counterflex.app.robot_folder import SETUPS
 from counterflex.core.errors import CounterflexError
 from counterflex.core.registry import Registry
@@ -25,6 +26,7 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
     MAKERS,
     DATA_KINDS,
     SETUPS,
+    PLCS,
     OTHER_ROBOTS,
     OTHER_MATERIALS,
 )

@@ -217,3 +217,8 @@ def run(
         "requests": server.requests,
         "counterflex": __version__,
     }
+
+
+def alone(*, started: Callable[[AdsServer], None] = lambda _: None, **settings: Any) -> dict[str, Any]:
+    """As :func:`run`, with the settings by name."""
+    return run(LoneAds(**settings), started=started)

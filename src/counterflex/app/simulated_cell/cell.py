@@ -12,16 +12,17 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading, read_job
+from counterflex.app.plc import PLCS
 from counterflex.app.proof import simulate
 from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.job_check import program_job
-from counterflex.app.simulated_cell.ads import terminals
 from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
 from counterflex.app.simulated_cell.force_devices import force_device
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.registry import imported
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import PROTOCOL, strain_holder
 from counterflex.files.run_file import write_run
@@ -73,8 +74,8 @@ class LiveSettings:
             past it.
         hose_share: Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out.
         strain_peer: Where strain datagrams of the instrumented holder go, or None.
-        strain_ads: Address and port of a simulated TwinCAT that shows the same strains by the symbols of ``[ads]``, or
-            None.
+        strain_plc: Kind and address of a simulated PLC that shows the same strains by the symbols of its table in the
+            cell file, or None.
         strain_hz: Readings in a second; the integration step of the cell divides the time between them.
         strain_warm_k: How much the holder warms up.
         strain_faults: Of the amplifiers and their datagrams.
@@ -105,7 +106,7 @@ class LiveSettings:
     own_backlash: float = 0.0
     hose_share: float = 1.0
     strain_peer: tuple[str, int] | None = None
-    strain_ads: tuple[str, int] | None = None
+    strain_plc: tuple[str, tuple[str, int]] | None = None
     strain_hz: int = 1000
     strain_warm_k: float = WARM_K
     strain_faults: tuple[Fault, ...] = ()
@@ -185,8 +186,9 @@ def run(
         strain_steps=steps,
     )
     plc = None
-    if settings.strain_ads is not None and amplifiers is not None:
-        plc = terminals(cell, amplifiers, settings.strain_ads)
+    if settings.strain_plc is not None and amplifiers is not None:
+        kind, where = settings.strain_plc
+        plc = imported(PLCS[kind].terminals)(cell, amplifiers, where)
     server = CellServer(
         live,
         robot_controller,
@@ -252,7 +254,7 @@ def strains(
     Raises:
         InputError: The cell has no holder, or no integration steps fit between readings of this rate.
     """
-    if settings.strain_peer is None and settings.strain_ads is None:
+    if settings.strain_peer is None and settings.strain_plc is None:
         return None, None, 1
     holder = strain_holder(cell.tables.holder)
     if holder is None or not holder.segment:

@@ -249,7 +249,7 @@ def cell(
         tracker_hz=trial.tracker.rate_hz,
         tracker_faults=shown.late(trial.tracker),
         strain_peer=strained,
-        strain_ads=terminals,
+        strain_plc=None if terminals is None else ("ads", terminals),
         strain_hz=trial.strain.rate_hz,
         strain_warm_k=trial.strain.warm_k,
         strain_faults=shown.schedule(trial).faults if strained or terminals else (),

@@ -248,11 +248,12 @@ def ads(
     trial = read_scenario(scenario or (), ("strain", "target"))
     import numpy as np
 
-    from counterflex.app.simulated_cell import ads as job
+    from counterflex.app.plc import PLCS
     from counterflex.app.simulated_cell.scenario import schedule, target
+    from counterflex.core.registry import imported
     from counterflex.core.units import MICRO
 
-    settings = job.LoneAds(
+    summary = imported(PLCS["ads"].alone)(
         cell=cell,
         force_n=np.array(trial.strain.force_n),
         source=target(trial.target),
@@ -261,9 +262,7 @@ def ads(
         port=port,
         seconds=seconds,
         faults=schedule(trial, fault),
-    )
-    summary = job.run(
-        settings, started=lambda server: typer.echo(f"TwinCAT at {server.address[0]}:{server.address[1]}", err=True)
+        started=lambda server: typer.echo(f"TwinCAT at {server.address[0]}:{server.address[1]}", err=True),
     )
     if as_json:
         print_json(summary)
