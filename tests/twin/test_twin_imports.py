@@ -21,7 +21,6 @@ SHARED = (
     "counterflex.cutting.cutter",
     "counterflex.cutting.stock",
     "counterflex.protocols.abb_egm.telegram",
-    "counterflex.protocols.ads.telegram",
     "counterflex.protocols.kuka_rsi.config",
     "counterflex.protocols.kuka_rsi.kernel",
     "counterflex.protocols.kuka_rsi.telegram",

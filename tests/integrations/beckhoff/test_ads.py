@@ -17,15 +17,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from counterflex.app import ads as job
-from counterflex.app.simulated_cell.ads import LoneAds, run, variables
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError, ProtocolError
 from counterflex.files.cell.cell import read_cell
-from counterflex.protocols.ads import telegram as ads
-from counterflex.protocols.ads.link import AdsLink, AdsReader, AdsSettings, AdsSymbol, Reading
+from counterflex.integrations.beckhoff import jobs as job
+from counterflex.integrations.beckhoff.alone import LoneAds, run, variables
+from counterflex.integrations.beckhoff.link import telegram as ads
+from counterflex.integrations.beckhoff.link.link import AdsLink, AdsReader, AdsSettings, AdsSymbol, Reading
+from counterflex.integrations.beckhoff.simulated import AdsServer, PlcVariable
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE
-from counterflex.twin.devices.ads import AdsServer, PlcVariable
 from counterflex.twin.devices.pose_source import CircleTarget
 from counterflex.twin.network.faults import Fault, FaultSchedule
 

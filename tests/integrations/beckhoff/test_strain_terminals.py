@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app import ads as job
-from counterflex.app.simulated_cell.ads import terminals
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.fault_file import short_fault
+from counterflex.integrations.beckhoff import jobs as job
+from counterflex.integrations.beckhoff.alone import terminals
 from counterflex.protocols.strain.link import StrainLink
 from counterflex.twin.devices.strain import StrainSender
 from counterflex.twin.network.faults import FaultSchedule

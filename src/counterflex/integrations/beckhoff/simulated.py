@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import OutputError, ProtocolError
-from counterflex.protocols.ads import telegram as ads
+from counterflex.integrations.beckhoff.link import telegram as ads
 from counterflex.twin.network.faults import FaultSchedule
 
 FAULTS: Final = ("silent", "dying", "frozen", "nan")
@@ -27,7 +27,7 @@ class PlcVariable:
     """A variable of the simulated PLC.
 
     Attributes:
-        kind: Type, as :data:`counterflex.protocols.ads.telegram.TYPES` names it.
+        kind: Type, as :data:`counterflex.integrations.beckhoff.link.telegram.TYPES` names it.
         value: What it holds, in the PLC's own unit; used until somebody writes it.
         source: What it holds at a time, s since the start; takes the place of ``value``.
         comment: Of the PLC program.

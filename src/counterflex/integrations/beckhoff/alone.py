@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.ads import ads_table
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import NS
@@ -21,9 +20,10 @@ from counterflex.files.cell.ads import STRAIN, AdsTable, si_of
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.ads.telegram import TCP_PORT
+from counterflex.integrations.beckhoff.jobs import ads_table
+from counterflex.integrations.beckhoff.link.telegram import TCP_PORT
+from counterflex.integrations.beckhoff.simulated import AdsServer, PlcVariable
 from counterflex.sensing.strain_holder import lever
-from counterflex.twin.devices.ads import AdsServer, PlcVariable
 from counterflex.twin.devices.pose_source import PoseSource, StandingTarget
 from counterflex.twin.devices.strain import StrainSender
 from counterflex.twin.network.faults import FaultSchedule

@@ -20,7 +20,14 @@ from counterflex.files.cell.ads import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, 
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.ads.link import AdsLink, AdsReader, AdsSettings, AdsSymbol, DeviceSymbol, Reading
+from counterflex.integrations.beckhoff.link.link import (
+    AdsLink,
+    AdsReader,
+    AdsSettings,
+    AdsSymbol,
+    DeviceSymbol,
+    Reading,
+)
 from counterflex.protocols.strain.forwarder import StrainForwarder
 from counterflex.protocols.tracker.forwarder import PoseForwarder
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
@@ -74,7 +81,7 @@ def _tracker_symbols(tracker: AdsTrackerTable) -> tuple[AdsSymbol, ...]:
 
 @contextlib.contextmanager
 def connected(table: AdsTable, *, symbols: bool = True) -> Iterator[AdsLink]:
-    """A connection to the TwinCAT of a table. Raises as :class:`counterflex.protocols.ads.link.AdsLink`."""
+    """A connection to the TwinCAT of a table. Raises as :class:`.AdsLink`."""
     settings = AdsSettings(table.net_id, table.host, table.port, table.local_net_id, table.timeout_ms * MS)
     link = AdsLink(settings, symbols_of(table) if symbols else ())
     try:
@@ -155,7 +162,7 @@ def holder_force(cell: Cell, values: Mapping[str, float]) -> Float | None:
 
     Args:
         cell: With a table ``[holder]``.
-        values: SI, ``strain1`` ... as :class:`counterflex.protocols.ads.link.AdsLink` reads them.
+        values: SI, ``strain1`` ... as :class:`.AdsLink` reads them.
 
     Raises:
         InputError: There are more or fewer terminals than bridges, or a strain is not finite.
@@ -182,7 +189,7 @@ def strains_of(table: AdsTable, poisson_ratio: float, values: Mapping[str, float
     Args:
         table: Of the cell.
         poisson_ratio: Of the holder.
-        values: SI, ``strain1`` ... as :class:`counterflex.protocols.ads.link.AdsLink` reads them.
+        values: SI, ``strain1`` ... as :class:`.AdsLink` reads them.
     """
     strain: Float = np.array([values[f"{STRAIN}{k}"] for k in range(1, len(table.strain) + 1)])
     if table.in_volts:
@@ -196,7 +203,7 @@ def tracker_pose(values: Mapping[str, float], sequence: int, time_ns: int) -> Tr
     What is not a number, or not a distance, becomes a measurement that says of itself that it is not to be used.
 
     Args:
-        values: SI, ``tracker_distance`` ... as :class:`counterflex.protocols.ads.link.AdsLink` reads them.
+        values: SI, ``tracker_distance`` ... as :class:`.AdsLink` reads them.
         sequence: Of the datagram.
         time_ns: Of the reading.
     """
@@ -351,6 +358,6 @@ PLC: Final = Plc(
     read=read,
     write=write,
     forward=forward,
-    alone="counterflex.app.simulated_cell.ads:alone",
-    terminals="counterflex.app.simulated_cell.ads:terminals",
+    alone="counterflex.integrations.beckhoff.alone:alone",
+    terminals="counterflex.integrations.beckhoff.alone:terminals",
 )

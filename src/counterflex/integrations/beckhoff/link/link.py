@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from counterflex.core.errors import InputError, OutputError, ProtocolError
 from counterflex.core.units import MS
-from counterflex.protocols.ads import telegram as ads
+from counterflex.integrations.beckhoff.link import telegram as ads
 
 _RUN: Final = 5
 _LARGEST: Final = 500
