@@ -196,7 +196,7 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
             session = online_session.open_session(
                 online_session.RunSettings(
                     job.cell,
-                    job.rsi,
+                    ("rsi", job.rsi),
                     job.plan,
                     compensated=False,
                     port=0,

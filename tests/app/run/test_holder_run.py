@@ -94,7 +94,7 @@ def test_holder_force_through_a_tool_change(tmp_path: Path) -> None:
     control[Request.ARM] = 1
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as rsi:
         settings = online_session.RunSettings(
-            cell, rsi, plan, compensated=False, port=0, strain_port=0, arm=True, lockstep=True
+            cell, ("rsi", rsi), plan, compensated=False, port=0, strain_port=0, arm=True, lockstep=True
         )
         session = online_session.open_session(settings, control=control)
         link, wrench = session.force, session.wrench
@@ -104,7 +104,7 @@ def test_holder_force_through_a_tool_change(tmp_path: Path) -> None:
             program,
             cell,
             truth,
-            rsi,
+            ("rsi", rsi),
             peer=session.link.address,
             force_port=None,
             strain_peer=link.address,

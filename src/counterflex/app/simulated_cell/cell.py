@@ -1,10 +1,10 @@
-"""The simulated cell on real sockets, started by itself: controller with RSI, force sensor, tracker."""
+"""The simulated cell on real sockets, started by itself: controller, force sensor, tracker."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +14,28 @@ from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading, read_job
 from counterflex.app.plc import PLCS
 from counterflex.app.proof import simulate
-from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.job_check import program_job
-from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
+from counterflex.app.run.robot_links import (
+    ROBOT_LINKS,
+    Chosen,
+    ControllerOrder,
+    SimulatedController,
+    chosen,
+    values_of,
+)
 from counterflex.app.simulated_cell.force_devices import force_device
 from counterflex.core import atomic
-from counterflex.core.arrays import Float, as_positive
+from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.registry import imported
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import PROTOCOL, strain_holder
 from counterflex.files.run_file import write_run
+from counterflex.files.scenario_file import Scenario
 from counterflex.files.summary_file import write_folder_summary
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import Timing
 from counterflex.twin.devices.strain import StrainSender
 from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
@@ -52,12 +57,11 @@ class LiveSettings:
         program: G-code that its robot runs.
         cell: Cell file: what its controller believes.
         truth: Truth file: how it really is.
-        rsi: ETHERNET configuration of a KUKA controller; telegrams go to its IP_NUMBER and PORT. None: an ABB one.
+        robot: Name of the link to its controller and the file that it is set up by, or None: as the cell file says.
         original: The uncompensated program, to judge a compensated one; None is the program itself.
         reading: How the programs are read.
-        peer: Where telegrams go instead, or None.
-        egm: Where the messages of an ABB controller go, set as the cell file says; None: a KUKA one.
-        own_force: The ABB controller sends the force sensor's readings itself.
+        peer: Where telegrams go, or None: where the controller's files say.
+        own_force: The controller sends the force sensor's readings itself.
         force_port: UDP port of the force sensor; 0 takes a free one, None leaves it out. Where the cell file's sensor
             sends by itself (``protocol = "wrench"``): the port that it sends to.
         force_http_port: Of its scaling document.
@@ -68,7 +72,7 @@ class LiveSettings:
         force_faults: Of the force sensor and its records.
         seed: Of the instruments.
         timing: How the controller keeps time.
-        context: Settings of RSI on the controller.
+        scenario: With the table of the controller, if there is one.
         answer: How the controller answers corrections.
         own_backlash: Share of the play of its gears that the controller compensates itself; axis corrections go
             past it.
@@ -86,11 +90,10 @@ class LiveSettings:
     program: Path
     cell: Path
     truth: Path
-    rsi: Path | None = None
+    robot: Chosen | None = None
     original: Path | None = None
     reading: Reading = AS_IT_IS
     peer: tuple[str, int] | None = None
-    egm: tuple[str, int] | None = None
     own_force: bool = False
     force_port: int | None = 0
     force_http_port: int = 0
@@ -101,7 +104,7 @@ class LiveSettings:
     force_faults: tuple[Fault, ...] = ()
     seed: int = 0
     timing: Timing = field(default_factory=lambda: Timing(gate_s=0.8))
-    context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
+    scenario: Scenario = field(default_factory=Scenario)
     answer: PathAnswer = field(default_factory=PathAnswer)
     own_backlash: float = 0.0
     hose_share: float = 1.0
@@ -150,7 +153,8 @@ def run(
     reference = settings.original if settings.original is not None else settings.program
     if settings.original is not None:
         read_job(reference, cell, reading=settings.reading)
-    robot_controller, peer, own_force = _controller(settings, cell)
+    made = _controller(settings, cell)
+    robot_controller = made.controller
     live = LiveCell(
         job.machined,
         truth=truth,
@@ -192,9 +196,9 @@ def run(
     server = CellServer(
         live,
         robot_controller,
-        peer,
+        settings.peer or made.peer,
         instruments,
-        own_force,
+        made.take_force if settings.own_force else None,
         timing=settings.timing,
     )
     begin = time.perf_counter()
@@ -277,23 +281,19 @@ def strains(
     return stream, StrainSender(settings.strain_peer, len(places), faults), steps
 
 
-def _controller(
-    settings: LiveSettings, cell: Cell
-) -> tuple[RobotController, tuple[str, int], Callable[[Float], None] | None]:
-    """Controller, where its telegrams go, and who takes the force that it measures itself."""
-    which(settings.rsi, settings.egm)
-    if settings.rsi is not None:
-        rsi, where = rsi_controller(
-            settings.rsi,
-            replace(settings.context, axes=axes_in(cell, "krl")[0]),
+def _controller(settings: LiveSettings, cell: Cell) -> SimulatedController:
+    name, file = chosen(settings.robot, cell)
+    place = ROBOT_LINKS[name].simulated
+    if not place:
+        raise InputError("this link has no simulated controller", where=str(settings.cell), value=name)
+    made: SimulatedController = imported(place)(
+        ControllerOrder(
+            cell=cell,
+            file=file,
+            scenario=settings.scenario,
             seed=settings.seed,
             job=program_job(settings.program),
+            values=values_of(name, cell),
         )
-        return rsi, settings.peer if settings.peer is not None else where, None
-    egm = egm_controller(cell)
-
-    def own_force(w_sensor: Float) -> None:
-        egm.force = w_sensor
-
-    peer = settings.egm if settings.egm is not None else ("127.0.0.1", 6510)
-    return egm, settings.peer or peer, own_force if settings.own_force else None
+    )
+    return made

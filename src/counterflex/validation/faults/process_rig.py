@@ -166,7 +166,7 @@ class ProcessRig:
         document = self.sensor.http_address
         settings = RunSettings(
             self.cell,
-            self.rsi,
+            ("rsi", self.rsi),
             port=0,
             force=self.sensor.address,
             force_http_port=80 if document is None else document[1],

@@ -178,7 +178,7 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
         force = _message(cell_end, cell)
         run_settings = online_session.RunSettings(
             job.cell,
-            job.rsi,
+            ("rsi", job.rsi),
             job.plan,
             compensated=False,
             port=0,

@@ -1,23 +1,53 @@
-"""A simulated KUKA controller alone on a real socket: a program's path or a standstill, no physics."""
+"""A simulated KUKA controller, in the simulated cell or alone on a real socket: a program's path or a standstill."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.robot_axes import axes_in
+from counterflex.app.run.robot_links import ControllerOrder, SimulatedController
 from counterflex.app.simulated_cell.alone import LoneController, Watched, running_robot, serve
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import read_cell
+from counterflex.files.scenario_file import RsiTable
 from counterflex.geometry import pose
 from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.robot.elasticity.chain import forward
 from counterflex.twin.devices.exact_robot import ControlledRobot, StandingRobot, Standstill
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
+from counterflex.twin.plant.motor_currents import MotorCurrents
+
+
+def rsi_context(table: RsiTable) -> RsiContext:
+    """RSI on a KUKA controller."""
+    return RsiContext(
+        mode=table.mode,
+        cycle_s=table.cycle_ms * MS,
+        timeout=table.timeout,
+        precision=table.precision,
+        clamp_m=table.clamp_mm * MM,
+        clamp_rad=table.clamp_deg * DEG,
+        monitor_m=table.monitor_mm * MM,
+        monitor_rad=table.monitor_deg * DEG,
+        axis_clamp_rad=table.axis_clamp_deg * DEG,
+        empty_first=table.empty_first,
+    )
+
+
+def controller(order: ControllerOrder) -> SimulatedController:
+    """Controller of the simulated cell: its telegrams go where its configuration says."""
+    assert order.file is not None
+    config = read_config(order.file)
+    context = replace(rsi_context(order.scenario.rsi), axes=axes_in(order.cell, "krl")[0])
+    rsi = FakeRsi(config, context, currents=MotorCurrents(order.seed), job=order.job)
+    return SimulatedController(rsi, (config.host, config.port))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -92,3 +122,8 @@ def robot_of(settings: LoneRsi) -> ControlledRobot:
         return StandingRobot(place, period_s, settings.answer)
     cell = read_cell(settings.cell)
     return running_robot(cell, settings.program, period_s, settings.answer)
+
+
+def alone(watched: Watched, *, table: RsiTable, **settings: Any) -> dict[str, Any]:
+    """As :func:`run`, with the table of the scenario and the settings by name."""
+    return run(LoneRsi(context=rsi_context(table), **settings), watched)
