@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from counterflex.cli.main import app
-from counterflex.protocols.abb_egm.calls import read_egm_calls
+from counterflex.integrations.abb.link.calls import read_egm_calls
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"

@@ -20,7 +20,6 @@ SHARED = (
     "counterflex.robot.model.opw_chain",
     "counterflex.cutting.cutter",
     "counterflex.cutting.stock",
-    "counterflex.protocols.abb_egm.telegram",
     "counterflex.protocols.kuka_rsi.config",
     "counterflex.protocols.kuka_rsi.kernel",
     "counterflex.protocols.kuka_rsi.telegram",

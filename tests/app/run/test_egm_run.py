@@ -17,13 +17,13 @@ from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.sensing import flange_sensor
 from counterflex.integrations.abb.alone import egm_controller
-from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink
-from counterflex.protocols.abb_egm.path_link import EgmPathLink
+from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
+from counterflex.integrations.abb.link.path_link import EgmPathLink
+from counterflex.integrations.abb.simulated import FakeEgm
 from counterflex.protocols.processes.control_array import Request
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.abb_egm import FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.devices.exact_robot import ExactRobot
 from counterflex.twin.devices.path_answer import PathAnswer

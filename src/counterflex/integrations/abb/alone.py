@@ -18,7 +18,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose
-from counterflex.twin.devices.abb_egm import EgmContext, FakeEgm
+from counterflex.integrations.abb.simulated import EgmContext, FakeEgm
 from counterflex.twin.devices.robot_server import CycleSeen
 
 _ROBOT_S = 4e-3
@@ -32,7 +32,7 @@ def egm_controller(cell: Cell, robotware: int = 7, **changes: Any) -> FakeEgm:
     Args:
         cell: See there.
         robotware: 6 or 7.
-        changes: Further fields of :class:`counterflex.twin.devices.abb_egm.EgmContext`, instead of the cell's.
+        changes: Further fields of :class:`counterflex.integrations.abb.simulated.EgmContext`, instead of the cell's.
 
     Raises:
         InputError: EGM cannot run in the cycle of the table ``[online]``.

@@ -15,13 +15,13 @@ from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose
+from counterflex.integrations.abb.link.force import EgmForce
+from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink, GuidanceSettings, commanded_poses
+from counterflex.integrations.abb.link.link import EgmLink
+from counterflex.integrations.abb.link.path_link import EgmPathLink
 from counterflex.path.stream import PoseStream
 from counterflex.path.toolpath import tool_orientation
 from counterflex.plan.plan import Plan
-from counterflex.protocols.abb_egm.force import EgmForce
-from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink, GuidanceSettings, commanded_poses
-from counterflex.protocols.abb_egm.link import EgmLink
-from counterflex.protocols.abb_egm.path_link import EgmPathLink
 from counterflex.runtime.state.supervisor import State
 
 

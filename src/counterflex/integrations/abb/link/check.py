@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from counterflex.protocols.abb_egm.calls import EgmCalls, Instruction
+from counterflex.integrations.abb.link.calls import EgmCalls, Instruction
 from counterflex.protocols.finding import Finding, Severity
 
 MOST_TIMEOUT_S: Final = 0.1

@@ -1,7 +1,7 @@
 """Message types of ABB's Externally Guided Motion, built from their published field numbers (proto2, ``abb.egm``).
 
 ``EgmRobot.measuredForce`` is declared as bytes: its inside differs between RobotWare 6 and 7, see
-:func:`counterflex.protocols.abb_egm.telegram.measured_force`.
+:func:`counterflex.integrations.abb.link.telegram.measured_force`.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import ProtocolError
 from counterflex.geometry import pose
-from counterflex.protocols.abb_egm.telegram import RobotState, read_robot
+from counterflex.integrations.abb.link.telegram import RobotState, read_robot
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.protocols.robot.wire import Wire

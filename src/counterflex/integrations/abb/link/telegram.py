@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ProtocolError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.abb_egm.messages import MESSAGES
+from counterflex.integrations.abb.link.messages import MESSAGES
 
 UNDEFINED: Final = 0
 DATA: Final = 2

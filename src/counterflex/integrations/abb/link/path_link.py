@@ -9,8 +9,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM
-from counterflex.protocols.abb_egm.link import EgmLink, put_pose
-from counterflex.protocols.abb_egm.telegram import PATH_PERIOD_S, write_path_correction
+from counterflex.integrations.abb.link.link import EgmLink, put_pose
+from counterflex.integrations.abb.link.telegram import PATH_PERIOD_S, write_path_correction
 from counterflex.runtime.state.supervisor import State
 
 _SHORTEST: Final = 2.0 * UM
@@ -29,7 +29,7 @@ class EgmPathLink(EgmLink):
 
     Args:
         watch_only: The loop will not be armed: nothing is to be corrected.
-        settings: As attributes and errors, see :class:`counterflex.protocols.abb_egm.link.EgmLink`.
+        settings: As attributes and errors, see :class:`counterflex.integrations.abb.link.link.EgmLink`.
     """
 
     def __init__(self, *, watch_only: bool = True, **settings: object) -> None:

@@ -16,22 +16,22 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.geometry import pose, rotation
-from counterflex.path.stream import PoseStream
-from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.protocols.abb_egm.force import FROZEN, EgmForce
-from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink, GuidanceSettings, Phase
-from counterflex.protocols.abb_egm.messages import MESSAGES
-from counterflex.protocols.abb_egm.path_link import EgmPathLink, path_frame
-from counterflex.protocols.abb_egm.telegram import (
+from counterflex.integrations.abb.link.force import FROZEN, EgmForce
+from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink, GuidanceSettings, Phase
+from counterflex.integrations.abb.link.messages import MESSAGES
+from counterflex.integrations.abb.link.path_link import EgmPathLink, path_frame
+from counterflex.integrations.abb.link.telegram import (
     RobotState,
     read_guidance,
     read_path_correction,
     write_guidance,
     write_robot,
 )
+from counterflex.integrations.abb.simulated import EgmContext, FakeEgm
+from counterflex.path.stream import PoseStream
+from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.robot.model.controller_axes import from_geometry
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.abb_egm import EgmContext, FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
 
 DOWN = rotation.about_x(np.pi)  # z of the tool points down

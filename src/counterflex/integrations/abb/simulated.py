@@ -19,7 +19,7 @@ from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.abb_egm.telegram import RobotState, read_guidance, read_path_correction, write_robot
+from counterflex.integrations.abb.link.telegram import RobotState, read_guidance, read_path_correction, write_robot
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.twin.devices.commanded_motion import Report
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.protocols.abb_egm.link import EgmLink
+from counterflex.integrations.abb.link.link import EgmLink
 
 FROZEN: Final = 25
 """Messages with the same six numbers in a row that no living sensor sends."""

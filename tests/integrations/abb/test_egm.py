@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from counterflex.core.errors import ProtocolError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.abb_egm.telegram import (
+from counterflex.integrations.abb.link.telegram import (
     RobotState,
     measured_force,
     read_guidance,

@@ -9,8 +9,8 @@ import pytest
 
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.abb_egm.telegram import read_robot, write_guidance, write_path_correction
-from counterflex.twin.devices.abb_egm import CONVERGED, CORRECTING, FREE, LIMITED, TIMEOUT, EgmContext, FakeEgm
+from counterflex.integrations.abb.link.telegram import read_robot, write_guidance, write_path_correction
+from counterflex.integrations.abb.simulated import CONVERGED, CORRECTING, FREE, LIMITED, TIMEOUT, EgmContext, FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
 
 Q = np.array([0.1, -1.2, 1.3, 0.2, 0.8, -0.4])

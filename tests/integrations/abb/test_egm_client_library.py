@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from counterflex.geometry import pose, rotation
-from counterflex.twin.devices.abb_egm import EgmContext, FakeEgm
+from counterflex.integrations.abb.simulated import EgmContext, FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
 
 Q = np.array([0.1, -1.2, 1.3, 0.2, 0.8, -0.4])

@@ -13,9 +13,9 @@ from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import ProtocolError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
+from counterflex.integrations.abb.link.link import EgmLink, put_pose
+from counterflex.integrations.abb.link.telegram import write_guidance
 from counterflex.path.stream import PoseStream
-from counterflex.protocols.abb_egm.link import EgmLink, put_pose
-from counterflex.protocols.abb_egm.telegram import write_guidance
 from counterflex.runtime.state.supervisor import State, risen
 
 _PATIENCE: Final = 250
@@ -78,7 +78,7 @@ class EgmGuidanceLink(EgmLink):
     Args:
         stream: Poses of the path as the program would send them, part frame.
         guidance: See :class:`GuidanceSettings`.
-        settings: As for :class:`counterflex.protocols.abb_egm.link.EgmLink`.
+        settings: As for :class:`counterflex.integrations.abb.link.link.EgmLink`.
 
     Attributes:
         phase: See :class:`Phase`.
@@ -100,7 +100,7 @@ class EgmGuidanceLink(EgmLink):
         self._waited, self._away, self._lagging = 0, 0, 0
 
     def wait(self, timeout_s: float) -> bool:
-        """As :meth:`counterflex.protocols.abb_egm.link.EgmLink.wait`.
+        """As :meth:`counterflex.integrations.abb.link.link.EgmLink.wait`.
 
         Raises:
             ProtocolError: The controller ended the guided movement before the end of the path.

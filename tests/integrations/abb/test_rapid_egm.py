@@ -9,8 +9,8 @@ import pytest
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.integrations.abb.language.egm import called, called_parts, part_with_egm, start_move, with_egm
 from counterflex.integrations.abb.language.egm_switching import EgmSwitching
-from counterflex.protocols.abb_egm.calls import parse_egm_calls
-from counterflex.protocols.abb_egm.check import ExpectedEgm, check_egm
+from counterflex.integrations.abb.link.calls import parse_egm_calls
+from counterflex.integrations.abb.link.check import ExpectedEgm, check_egm
 
 PATH = EgmSwitching("path", "UCdevice", "pathCorr", 24, 0.1)
 POSE = EgmSwitching("pose", "UCdevice", "default", 4, 0.1)
