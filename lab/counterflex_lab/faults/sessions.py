@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.protocols.processes.control_array import Request
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex_lab.devices import RsiContext
 from counterflex_lab.faults.demonstration import PERIOD_S, demo_config
 from counterflex_lab.faults.network import LARGEST_STEP_M, described
 from counterflex_lab.faults.rig import Rig

@@ -205,8 +205,8 @@ def one(place: Path, truth: Path, seed: int, kind: str, output: str, *, progress
     log = part.with_name(f"{part.name}-log")
     shutil.rmtree(log, ignore_errors=True)
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:
-        twin = live.LiveSettings(program, cell, truth, config, original=original, seed=seed)
-        loop = online_session.RunSettings(cell, config, plan, compensated=item.compensated, arm=item.armed)
+        twin = live.LiveSettings(program, cell, truth, ("rsi", config), original=original, seed=seed)
+        loop = online_session.RunSettings(cell, ("rsi", config), plan, compensated=item.compensated, arm=item.armed)
         outcome = closed_loop.run(twin, part, loop, log, sensors=closed_loop.Sensors(), cycles=1850, progress=progress)
     shutil.rmtree(log, ignore_errors=True)
     judged = evaluate.run([part], None)["variants"]["nominal"]

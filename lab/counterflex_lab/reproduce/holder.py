@@ -176,8 +176,8 @@ def one(folder: str, level: str, seed: int, way: str, *, progress: Progress = si
     log = part.with_name(f"{part.name}-log")
     shutil.rmtree(log, ignore_errors=True)
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:
-        twin = live.LiveSettings(program, cell, truth, config, original=original, seed=seed)
-        loop = online_session.RunSettings(cell, config, plan, compensated=item.compensated, arm=item.armed)
+        twin = live.LiveSettings(program, cell, truth, ("rsi", config), original=original, seed=seed)
+        loop = online_session.RunSettings(cell, ("rsi", config), plan, compensated=item.compensated, arm=item.armed)
         sensors = closed_loop.Sensors(force=False, holder=True)
         outcome = closed_loop.run(twin, part, loop, log, sensors=sensors, cycles=_CYCLES, progress=progress)
     judged = evaluate.run([part], None)["variants"]["nominal"]

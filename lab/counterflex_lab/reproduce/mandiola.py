@@ -179,14 +179,14 @@ def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) 
             program,
             cell,
             case.truth,
-            rsi,
+            ("rsi", rsi),
             seed=case.seed,
             answer=PathAnswer(dead_s=mandiola_case.DEAD_S, natural_hz=0.0),
         )
         prepare(case, shape)
         plan = case.plan(shape)
         cycles = round(float(read_plan(plan)[0].path.time_s[-1]) / mandiola_case.PERIOD_S) + 250
-        loop = online_session.RunSettings(cell, rsi, plan, compensated=False, arm=variant != "off")
+        loop = online_session.RunSettings(cell, ("rsi", rsi), plan, compensated=False, arm=variant != "off")
         log = part.with_name(f"{part.name}-log")
         shutil.rmtree(log, ignore_errors=True)
         outcome = closed_loop.run(

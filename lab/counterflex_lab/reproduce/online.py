@@ -170,10 +170,10 @@ def one(folder: str, seed: int, row: str, way: str, *, progress: Progress = sile
     shutil.rmtree(log, ignore_errors=True)
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:
         twin = live.LiveSettings(
-            program, cell, truth, config, original=original, seed=seed, touched=touched if drifted else None
+            program, cell, truth, ("rsi", config), original=original, seed=seed, touched=touched if drifted else None
         )
         planned = plans / _PLAN_FILE if item.compensated else None  # the plan is for the feeds of its own program
-        loop = online_session.RunSettings(cell, config, planned, compensated=item.compensated, arm=item.armed)
+        loop = online_session.RunSettings(cell, ("rsi", config), planned, compensated=item.compensated, arm=item.armed)
         sensors = closed_loop.Sensors(force=item.force, tracker=item.tracker)
         outcome = closed_loop.run(twin, part, loop, log, sensors=sensors, cycles=_CYCLES, progress=progress)
     shutil.rmtree(log, ignore_errors=True)

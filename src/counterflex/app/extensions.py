@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.plc import PLCS
 from counterflex.app.robot_folder import SETUPS
+from counterflex.app.run.robot_links import ROBOT_LINKS
 from counterflex.core.errors import CounterflexError
 from counterflex.core.registry import Registry
 from counterflex.cutting.force_laws import FORCE_LAWS
@@ -25,7 +27,9 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
     LANGUAGES,
     MAKERS,
     DATA_KINDS,
+    ROBOT_LINKS,
     SETUPS,
+    PLCS,
     OTHER_ROBOTS,
     OTHER_MATERIALS,
 )
