@@ -45,7 +45,6 @@ class TunedAxis:
     """What was found for an axis.
 
     Attributes:
-        plant: How it answers.
         design: Its controller, or None.
         refused: Why there is none.
     """
@@ -65,7 +64,6 @@ def axis_plants(cell: Cell, settings: OnlineSettings) -> tuple[TrackerPlant, ...
 
     Args:
         cell: The cell; its posture is that at the highest corner of the blank.
-        settings: Of the loop.
     """
     q = posture_at_blank(cell)
     mode, chain = lowest_mode(cell, q), swinging_chain(cell, q).chain

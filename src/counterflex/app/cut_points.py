@@ -33,7 +33,6 @@ class CutPoints:
         w_tcp_base: (n, 6) N, N m.
         feed_base: (n, 3) direction of the path, base axes; zero where every direction counts.
         weight_m: (n,) length of path that each stands for.
-        of: What they are, for messages.
         row: (n,) rows of the path.
     """
 
@@ -61,14 +60,7 @@ class CutPoints:
 
 
 def points_of_plan(plan: Plan, cell: Cell, name: str, places: ExternalPlaces | None = None) -> CutPoints | None:
-    """Points of the cut of a plan; None where nothing is cut.
-
-    Args:
-        plan: The plan.
-        cell: The cell.
-        name: Of the program.
-        places: Of external axes that move along it.
-    """
+    """Points of the cut of a plan; None where nothing is cut."""
     Ts_base_part = None if places is None else places.Ts_base_part(plan.path.place)
     return _points(cell, plan.path.p_part_tcp, plan.q, plan.w_tcp_part, plan.judged, name, Ts_base_part)
 
@@ -77,9 +69,7 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
     """Points of the cut of a program, with the force of the undisturbed cut.
 
     Args:
-        job: The program.
         cell: The cell; what its robot yields does not matter.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The points; None where nothing is cut.
@@ -99,11 +89,8 @@ def points_of_posture(cell: Cell, cut: CutPath, q: Float, T_base_part: Float | N
     """Points of a cut in a posture and a place of the part that the cell file need not have; None where none is cut.
 
     Args:
-        cell: The cell.
-        cut: The path with its load.
         q: (n, 6) rad along it.
         T_base_part: (4, 4) where the part stands; None: where the cell file has it.
-        name: Of the program.
     """
     return _points(cell, cut.p_part, q, cut.w_tcp_part, cut.weight_m > 0.0, name, T_base_part)
 

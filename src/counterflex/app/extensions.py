@@ -37,8 +37,6 @@ class Extension:
     Attributes:
         group: Of its entry points, for example ``counterflex.force_laws``.
         name: As a cell file or a command line names it.
-        package: That brings it, with version.
-        title: What it is, in one line.
         fault: Why it cannot be used, or empty.
     """
 

@@ -55,7 +55,6 @@ class Job:
     """A program, ready for work.
 
     Attributes:
-        program: As read.
         path: As sampled, with the start made known: an axis that the program has not named yet stands where it is
             first sent to (a program begins wherever the machine is; without this it would begin at zero, in the stock).
         sampled: As sampled, axes that were not named yet at zero; for writing the program back.
@@ -100,12 +99,10 @@ class Reading:
         """Read a program, and remark every word of it that has a second reading.
 
         Args:
-            file: The program.
             cell: That frames and process words of a robot program are held against.
 
         Raises:
             ProgramError: It cannot be read exactly.
-            FileFormatError: The parameter file cannot be used.
         """
         program = self._read(file, cell)
         for sentence in doubtful_readings(program):
@@ -274,8 +271,6 @@ def in_working_plane(program: str | Path, cell: Cell, reading: Reading = AS_IT_I
 
     Args:
         program: G-code file; of a compensated program its original, whose direction is exact.
-        cell: As read.
-        reading: How the program is read.
 
     Raises:
         ProgramError: The program cannot be read, or its words do not fit the machine.

@@ -36,7 +36,6 @@ class Estimate:
     """A lowest mode.
 
     Attributes:
-        mode: Frequency and damping.
         low_hz: 5 % of robots with these masses and springs swing more slowly; nan where it was measured.
         high_hz: 5 % swing faster.
         origin: Where it comes from.
@@ -69,7 +68,6 @@ def lowest_mode(cell: Cell, q: Float | None = None) -> Mode:
     """What a tap test of the cell file says, otherwise what masses and springs do.
 
     Args:
-        cell: The cell.
         q: (6,) rad; None is at the highest corner of the blank, or all axes at zero where there is no part.
     """
     measured = cell.tables.dynamics.mode
@@ -85,7 +83,6 @@ def estimate(cell: Cell, q: Float) -> Estimate:
     :data:`MASS` of a mass, each by itself. That unknown drives yield, which makes every mode slower, is not in it.
 
     Args:
-        cell: The cell.
         q: (6,) rad.
     """
     chain, measured = cell.chain, cell.tables.dynamics.mode
@@ -118,7 +115,6 @@ class SwingingChain:
 
     Attributes:
         chain: With assumed masses where an axis has none behind it.
-        spread: How well its constants are known.
         origin: Where its modes come from.
     """
 

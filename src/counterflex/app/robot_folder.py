@@ -22,14 +22,12 @@ def read_program(path: Path, suffixes: tuple[str, ...], what: str, language: str
     """Text of a robot program, byte for byte.
 
     Args:
-        path: The file.
         suffixes: Lower-case endings that it may have; the first is named.
         what: For example ``KRL program``.
         language: As ``compensate --as`` calls it.
 
     Raises:
         ProgramError: Another ending, or no text.
-        FileFormatError: It cannot be read.
     """
     if path.suffix.lower() not in suffixes:
         raise ProgramError(
@@ -91,10 +89,7 @@ def write_folder(
     """Write programs as they were read, other texts and ``summary.json``, all of them or none.
 
     Args:
-        out: Folder; made when missing.
-        programs: By file name.
         texts: By file name, UTF-8.
-        summary: Plain values.
     """
     with atomic.atomic_folder(out) as staging:
         for name, text in texts.items():
@@ -109,7 +104,6 @@ class RobotSetup:
     """Files that connect a controller to the loop.
 
     Attributes:
-        title: Controller and interface.
         check: Findings in files that are there, by the settings of ``check``.
         make: Files for a cell into a folder: the folder, and by name the settings of ``make``.
     """

@@ -35,7 +35,6 @@ class ThermalSettings:
     """What is asked.
 
     Attributes:
-        touches: File of touches.
         axis_part: (3,) direction from the spindle to the tip, part axes.
         limit_m: Largest growth or drift that is tolerated.
         per_kelvin_m: Growth per kelvin of the spindle's temperature, or None.
@@ -53,14 +52,12 @@ def run(settings: ThermalSettings, out: Path | None = None) -> dict[str, Any]:
     """Follow growth and drift through the touches, and judge them.
 
     Args:
-        settings: See there.
         out: File for what was learnt of this machine; None writes none.
 
     Returns:
         Summary: a row per touch, the model, alerts; :attr:`alert` is whether there are any.
 
     Raises:
-        FileFormatError: A file cannot be used.
         InputError: Values that cannot be.
     """
     touches = read_touches(settings.touches)

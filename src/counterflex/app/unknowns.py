@@ -66,7 +66,6 @@ class Unknown:
     """Something that is not known of a cell.
 
     Attributes:
-        name: What.
         known_from: What is known of it, and from where.
         cost: What it leaves uncorrected; None where that cannot be said at rest.
         recipe: What to measure: ``identify`` with these words, the recipe first.
@@ -83,10 +82,7 @@ class Source:
     """An unknown as it displaces the tool.
 
     Attributes:
-        name: As in :class:`Unknown`.
-        known_from: As in :class:`Unknown`.
         displacements: (draws, n, 3) m, base axes, left uncorrected; None where that cannot be said at rest.
-        recipe: As in :class:`Unknown`.
     """
 
     name: str
@@ -99,7 +95,6 @@ def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
     """Everything that is not known of a cell, the most expensive first.
 
     Args:
-        cell: The cell.
         points: Where it is judged.
     """
     listed = [
@@ -118,7 +113,6 @@ def sources(cell: Cell, points: CutPoints) -> list[Source]:
     """Everything that is not known of a cell, each drawn by itself.
 
     Args:
-        cell: The cell.
         points: Where it is judged.
     """
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]

@@ -155,11 +155,7 @@ def _writable(param: Param, path: Path, folder: Path) -> None:
 
 
 def host_port(param: Param, value: Any) -> Any:
-    """An address ``HOST:PORT``.
-
-    Raises:
-        InputError: It is none.
-    """
+    """An address ``HOST:PORT``."""
     if value is not None:
         address(value, param.opts[0] if param.opts[0].startswith("--") else "HOST:PORT")
     return value
@@ -186,11 +182,7 @@ def seeds(text: str) -> range:
 
 
 def address(text: str, option: str) -> tuple[str, int]:
-    """Host and port of ``HOST:PORT``.
-
-    Raises:
-        InputError: It is none.
-    """
+    """Host and port of ``HOST:PORT``."""
     host, colon, port = text.rpartition(":")
     if not colon or not host or not port.isascii() or not port.isdigit() or not 0 <= int(port) <= 65535:
         raise InputError(f"{option} is no address", value=text, limit="HOST:PORT, for example 192.168.1.1:49152")
@@ -321,8 +313,6 @@ def one_of(
 
     Args:
         names: Allowed ones, or a function that returns them.
-        what: What they are, for the message.
-        more: Further ones.
     """
 
     def check(param: Param, value: Any) -> Any:
@@ -401,11 +391,7 @@ def robot(_: Param, value: Any) -> Any:
 
 
 def scheduler(_: Param, value: Any) -> Any:
-    """Address of a scheduler of dask.
-
-    Raises:
-        InputError: It is none.
-    """
+    """Address of a scheduler of dask."""
     if value is not None:
         from counterflex.app.long_jobs.scheduler import require_scheduler_address
 

@@ -216,11 +216,7 @@ _with_own_classes(app)
 
 
 def _only(words: Sequence[str]) -> typer.Typer:
-    """The commands, with the options of the one that is called only: those of all take longer to read than a stop may.
-
-    Args:
-        words: Of the command line.
-    """
+    """The commands, with the options of the one that is called only: reading all takes longer than a stop may."""
     called = next((word for word in words if not word.startswith("-")), "")
     small = copy.copy(app)
     small.registered_commands = [

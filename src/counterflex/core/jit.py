@@ -109,7 +109,6 @@ class Bundle:
     """A NamedTuple of arrays and numbers that a kernel takes.
 
     Attributes:
-        kind: The NamedTuple.
         fields: Kinds of its fields, in order.
     """
 
@@ -120,7 +119,6 @@ class Bundle:
         """Return its type.
 
         Args:
-            of: Returns the type of a field.
             tuple_of: Returns the type of a NamedTuple with fields of some types.
         """
         return tuple_of([of(field) for field in self.fields], self.kind)
@@ -130,7 +128,6 @@ def bundle(kind: type, /, **fields: Any) -> Bundle:
     """Return the type of a NamedTuple of arrays and numbers, for a kernel that takes one.
 
     Args:
-        kind: The NamedTuple.
         fields: Type of each of its fields: as a signature writes it (``"float64[:, ::1]"``), ``(DTYPE,)`` for an array
             of records of one dimension, or another bundle.
 
@@ -146,7 +143,6 @@ class Kernel:
     Everything else that it is asked for is asked of Numba's dispatcher: signatures, options, type.
 
     Attributes:
-        py_func: The function in Python.
         states: It has stated signatures and no others.
     """
 

@@ -45,7 +45,6 @@ def clear_leftovers(folder: Path, name: str) -> None:
 
     Args:
         folder: Where temporary files for the output lie.
-        name: Name of the output.
     """
     if os.name != "posix":  # elsewhere there is no harmless way to ask for a process
         return
@@ -107,7 +106,6 @@ class Place:
         """Give a file that takes this place the mode and owner of the one before, else the usual rights.
 
         Args:
-            made: File that was made for this place.
             mode: Rights of a file made in the usual way, before the umask.
         """
         if self.before is None:

@@ -23,8 +23,6 @@ class Measured(NamedTuple):
 
     Attributes:
         feature: Its name, as :func:`counterflex.evaluate.feature_finding.find_features` gives it.
-        quantity: As in :class:`counterflex.evaluate.features.FeatureRow`.
-        nominal_mm: Nominal value.
         tolerance_mm: Permitted deviation, +-; width of the zone where the nominal value is 0.
     """
 

@@ -131,9 +131,6 @@ def short_fault(text: str) -> FaultTable:
         text: ``KIND[=VALUE][@FROM[+FOR]][#FIRST[+COUNT]][,KEY=VALUE...]``: VALUE is the share, for ``status`` the bits,
             for ``counter`` the step, for ``offset`` millimetres ``X:Y:Z``; FROM and FOR are seconds, FIRST and COUNT
             datagrams, KEY a key of the table.
-
-    Raises:
-        InputError: The fault cannot be used.
     """
     match = _SHORT.fullmatch(text.strip())
     if match is None:

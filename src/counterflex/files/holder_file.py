@@ -64,9 +64,6 @@ class HolderFile(Versioned):
     def drawing(self, where: str) -> Drawing:
         """The drawing in SI.
 
-        Args:
-            where: Name of the file, for messages.
-
         Raises:
             FileFormatError: Cheeks or pockets that cannot be made.
         """

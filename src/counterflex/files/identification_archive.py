@@ -36,7 +36,6 @@ def run_name(date: str, recipe: str, taken: Path) -> str:
 
     Args:
         date: ``2026-11-21 22:31:05 UTC``.
-        recipe: Its name.
         taken: Archive in which the name must be new.
     """
     stem = f"{date.removesuffix(' UTC').replace(' ', '_').replace(':', '')}_{recipe}"
@@ -52,7 +51,6 @@ def keep_inputs(folder: Path, cell: Path, manifests: Sequence[Path]) -> None:
 
     Args:
         folder: Of the run; gets ``inputs/cell.toml`` and ``inputs/1``, ``inputs/2``, ... with one dataset each.
-        cell: Cell file.
         manifests: Of the datasets. Files that lie elsewhere than below their manifest are put beside the copy, and
             the copied manifest names them there.
     """

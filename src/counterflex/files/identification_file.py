@@ -65,7 +65,6 @@ def fit_table(fit: Fit, place: Place) -> dict[str, Any]:
     """A fit as plain values.
 
     Args:
-        fit: What was found.
         place: Where rows stand.
     """
     covariance = covariance_shop(fit)

@@ -23,14 +23,9 @@ class StoredVerdict:
     """A verdict on a machine.
 
     Attributes:
-        host: Name of the machine.
-        kernel: Of its operating system.
         date: When it was measured, with time zone.
-        verdict: As judged.
         fits: 99.9 % of the replies are in time.
         p999_s: What they take at most; None where some never came.
-        budget_s: What they may take.
-        reasons: As judged.
     """
 
     host: str
@@ -124,9 +119,6 @@ def against(stored: StoredVerdict | None, *, host: str, kernel: str, now: dateti
 
     Args:
         stored: Or None where there is none.
-        host: Name of this machine.
-        kernel: Of its operating system.
-        now: With time zone.
     """
     if stored is None:
         return "this computer has not been measured for the loop"

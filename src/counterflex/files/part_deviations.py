@@ -56,12 +56,7 @@ def write_part_deviations(path: Path, deviations: PartDeviations, part: Measured
 
 
 def read_part_deviations(path: Path) -> tuple[PartDeviations, MeasuredPart]:
-    """Read the deviations of a part, in SI, and what they come from.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read`; or a row or an entry of the metadata is no
-            valid one.
-    """
+    """Read the deviations of a part, in SI, and what they come from."""
     data, about = read(path, KIND, VERSION, LAYOUT)
     require_whole(path.parent)
     try:

@@ -43,12 +43,7 @@ def write_run(path: Path, run: Run, about: Mapping[str, Any]) -> None:
 
 
 def read_run(path: Path) -> tuple[Run, dict[str, Any]]:
-    """Read a run and its metadata; its folder must be whole.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read` and
-            :func:`counterflex.files.summary_file.require_whole`.
-    """
+    """Read a run and its metadata; its folder must be whole."""
     data, about = read(path, KIND, VERSION, LAYOUT, AXIS)
     require_whole(path.parent)
     return Run(**data), about

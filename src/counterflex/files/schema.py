@@ -129,7 +129,6 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
     """Parse a TOML file.
 
     Args:
-        path: The file.
         kind: Its ``format``, for messages.
 
     Raises:

@@ -58,9 +58,7 @@ class LoggedPath:
     """What a path comes from: the metadata of the file.
 
     Attributes:
-        program: Name of the program.
         program_sha256: Hash of its bytes, hexadecimal.
-        source: Name of the log.
         position: Which position of the tool was logged, in words.
         frame: Frame that the log was in, in words.
         frame_fitted: That frame was fitted to the program's path.
@@ -84,10 +82,6 @@ def write_tool_path(path: Path, rows: ToolPathRows, logged: LoggedPath) -> None:
 
 
 def read_tool_path(path: Path) -> tuple[ToolPathRows, dict[str, Any]]:
-    """Read a measured path, in SI, and its metadata.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read`.
-    """
+    """Read a measured path, in SI, and its metadata."""
     data, about = read(path, KIND, VERSION, LAYOUT)
     return ToolPathRows(**data), about

@@ -14,9 +14,7 @@ class FigureRow:
     """A figure of an identification.
 
     Attributes:
-        text: What it is.
         before: With the cell before it, as printed, or empty.
-        value: With what was identified, as printed.
     """
 
     text: str
@@ -29,12 +27,9 @@ class RecipeRow:
     """One recipe of one campaign.
 
     Attributes:
-        recipe: Name.
         rows: Measured rows, fit and validation, as printed.
         verdict: ``accepted``, or why it was not.
         accepted: Whether the cell file took it over.
-        figures: Headline first.
-        seconds: Time taken, as printed.
         report: Where the report of the identification is, relative to the page, or empty.
     """
 
@@ -63,7 +58,6 @@ class CampaignOfSeed:
     """One truth.
 
     Attributes:
-        seed: As printed.
         recipes: In order.
         truths: By group: what planning uses, stiffness, ...
     """
@@ -78,17 +72,8 @@ class CampaignData:
     """Everything on the page.
 
     Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
         verdict: The result in one sentence, or empty where nothing was machined.
-        cards: Name, big value, remark.
         columns: Header of the table over the seeds.
-        rows: Its rows.
-        seeds: Campaigns.
-        facts: Cell, robot, program.
-        timing: See :class:`counterflex.report.data.ReportData`.
-        versions: See there.
     """
 
     title: str

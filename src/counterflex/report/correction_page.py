@@ -19,9 +19,6 @@ class CorrectionData:
     """Everything on the page.
 
     Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
         summary: Section ``correct`` of the summary.
         way_m: (k,) m, length along the cut.
         error_m: (k, 3) m, error of the path that the last part showed; nan between runs.

@@ -18,7 +18,6 @@ class Fact:
     """One line of a fact table.
 
     Attributes:
-        name: What it is.
         value: With its unit, as printed.
         source: Where the value comes from, or empty.
         note: Anything the reader should know, or empty.
@@ -35,7 +34,6 @@ class Difference:
     """One constant that the truth has different from the model.
 
     Attributes:
-        name: The constant.
         model: Value the planner used, with unit.
         truth: Value of the simulated cell, with unit.
         change: Difference as printed, for example ``+8.3 %``.
@@ -65,7 +63,6 @@ class CellDrawing:
     """The robot in one posture, its reach and the blank: what the page draws from the side and from above.
 
     Attributes:
-        robot: Name.
         caption: What is special about the posture, for example the line and axes of the largest deflection.
         links_m: (k, 3) m, base frame: foot of the robot, its axes from the foot outward, flange, tool tip.
         flange: Index of the flange in ``links_m``; what lies behind it is the tool.
@@ -89,7 +86,6 @@ class VariantData:
     """One machining as the report shows it.
 
     Attributes:
-        deviation: Path deviation stations.
         surface: Surface deviation, or None where no part was simulated.
         force_n: Magnitude of the process force over time, or None.
     """
@@ -105,8 +101,6 @@ class ReportData:
 
     Attributes:
         title: Headline, for example the part's name.
-        subtitle: One line below it.
-        created: Date as printed.
         summary: From :func:`counterflex.evaluate.summary`; all headline numbers and tables are read from it.
         nominal: The original program on the simulated cell.
         compensated: The compensated program on the same cell.
@@ -115,11 +109,9 @@ class ReportData:
         engagement_label: Name and unit of the engagement measure.
         engagement_scale: Factor from the stations' engagement to that unit.
         features: Measured features; variants ``nominal`` and ``compensated``.
-        budget: Error budget of the uncompensated machining.
         assumptions: Every assumption with value and source.
         differences: How the truth differed from the model.
         timing: Steps of the job and what they took.
-        versions: Program and library names to versions.
         notes: Paragraphs below the headline that the reader must know (what was simulated, what was not).
         drawing: Robot, reach and blank, or None.
         next_steps: What to do with the result, most important first.
@@ -187,9 +179,6 @@ class PredictionData:
     """The page of a planned program: what is predicted and corrected, with no machining simulated.
 
     Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
         time_s: (n,) s, at the programmed speed.
         p_part_tcp: (n, 3) m, programmed tool tip.
         deflection_m: (n, 3) m, predicted deflection in part axes, before compensation.
@@ -205,11 +194,6 @@ class PredictionData:
         feed: What limits made of the feed, or None.
         load: What to load on the controller, and what must be set there.
         next_steps: What to do next, in order.
-        facts: See :class:`ReportData`.
-        assumptions: See there.
-        timing: See there.
-        versions: See there.
-        notes: See there.
     """
 
     title: str

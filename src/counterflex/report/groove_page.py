@@ -24,9 +24,7 @@ class GrooveRun:
     """One groove.
 
     Attributes:
-        variant: Way of correcting.
         edge: Name of the edge that the tool leaves through.
-        seed: Of the truth.
         place_m: (k,) place along the cut, 0 where the tool's centre enters the blank.
         left_m: (k,) error across the feed to the left, seen from the spindle; m.
         axis_m: (k,) error along the tool axis, positive is too little depth; m.
@@ -53,10 +51,6 @@ class Dot:
     """Largest errors of one groove.
 
     Attributes:
-        variant: Way of correcting.
-        edge: Name.
-        seed: Of the truth.
-        path_mm: Over the whole cut.
         exit_mm: Where the tool leaves.
     """
 
@@ -72,24 +66,15 @@ class GrooveData:
     """Everything on the page.
 
     Attributes:
-        title: Headline.
-        subtitle: One line below it.
         created: Date as printed, or empty.
-        verdict: The result in one sentence.
-        cards: Name, value and remark.
         parts: Names of the columns of the table under each edge.
         rows: Variant, cells, figure of the paper, runs counted.
         refused: What is said of runs that are not counted, or empty.
         edges: Length of the cut by name of the edge, m.
-        edge_titles: What the edges are, in words.
         dots: Largest errors.
-        runs: Grooves that are drawn.
-        first_seed: Truth that is drawn at first.
         paper: Published figure by variant, mm.
         goals: Goal by variant, mm.
         slender: Variants that are drawn only when asked for.
-        timing: See :class:`counterflex.report.data.ReportData`.
-        versions: See there.
     """
 
     title: str

@@ -88,12 +88,7 @@ def intervals_figure(fit: Fit) -> dict[str, Any] | None:
 
 
 def residuals_figure(fit: Fit, names: tuple[str, ...]) -> dict[str, Any]:
-    """Size of every row's weighted residual; rows that lost weight stand out.
-
-    Args:
-        fit: What was found.
-        names: Of its blocks.
-    """
+    """Size of every row's weighted residual; rows that lost weight stand out."""
     traces: list[dict[str, Any]] = []
     first = 0
     for name, rows, weights, factor, colour in zip(

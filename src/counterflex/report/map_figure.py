@@ -42,9 +42,6 @@ class Callout:
     """A place that both maps point at.
 
     Attributes:
-        label: Number shown.
-        x_mm: Place.
-        y_mm: Place.
         before_mm: Deviation before, NaN where unknown.
         after_mm: Deviation after, NaN where unknown.
     """

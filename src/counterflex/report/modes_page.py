@@ -28,12 +28,9 @@ class ModesData:
     """Everything on the page.
 
     Attributes:
-        summary: See :func:`counterflex.app.cell_modes.modes_in`.
         points_m: (k, 3) m, base axes, from the robot's foot to the tool's tip.
         moved_m: (k, 3, m) m, their motion in each mode, of any size.
         flange: Index of the flange among the points.
-        title: Headline.
-        subtitle: One line below it.
         created: Date as printed, or empty.
     """
 
@@ -65,7 +62,6 @@ def mode_figure(points_m: Float, moved_m: Float, flange: int) -> dict[str, Any]:
     Args:
         points_m: (k, 3) m, base axes.
         moved_m: (k, 3) m, motion of the points in the mode, of any size.
-        flange: Index of the flange among the points.
     """
     length = float(np.sum(np.linalg.norm(np.diff(points_m, axis=0), axis=1)))
     largest = float(np.max(np.linalg.norm(moved_m, axis=1)))

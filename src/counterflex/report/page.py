@@ -182,7 +182,6 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
     """Fill a template of this room that extends ``base.html.j2``.
 
     Args:
-        template: Its file name.
         figures: Plotly figures by the name that ``data-figure`` has in the template.
         scales: Colour scales of the maps, if any.
         values: Whatever the template names; ``data`` must have ``title``, ``subtitle`` and ``created``.

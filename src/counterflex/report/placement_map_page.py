@@ -25,7 +25,6 @@ class MapData:
     """Everything on the page.
 
     Attributes:
-        summary: See :func:`counterflex.app.placement.placement_map.run`.
         rows: Of ``map.csv``.
     """
 

@@ -133,7 +133,6 @@ def components_figure(paths: Sequence[tuple[str, str, PathDeviation]], *, along:
     """Signed components of paths, each with its name and colour, over the length of the program.
 
     Args:
-        paths: Name, colour and deviation.
         along: Whether the component along the feed is known.
     """
     lines = []

@@ -25,7 +25,6 @@ class StabilityData:
     """Everything on the page.
 
     Attributes:
-        summary: See :func:`counterflex.app.stability.judge`.
         stretches: Rows of ``stability.csv``.
         lobes: Rows of ``lobes.csv``.
     """

@@ -38,7 +38,6 @@ class Curve:
     """A curve or points.
 
     Attributes:
-        name: In the legend.
         x: (n,).
         y: (n,); nan interrupts the line.
         style: ``line``, ``dashed`` or ``points``.
@@ -57,8 +56,6 @@ class Level:
     """A printed value, or a band of values, across the whole picture.
 
     Attributes:
-        name: In the legend.
-        low: Value.
         high: Upper end of a band; None is a line.
     """
 
@@ -74,11 +71,9 @@ class Still:
     Attributes:
         name: File name without extension.
         title: What it shows, for readers who do not see it.
-        caption: Below it.
         x: Label of the horizontal axis, with unit.
         y: Label of the vertical axis, with unit.
         curves: Drawn in this order.
-        levels: Printed values.
         ticks: Names of places 0, 1, 2 ... on the horizontal axis instead of numbers.
         equal: One unit is as long on both axes.
         log: Vertical axis logarithmic; values > 0.

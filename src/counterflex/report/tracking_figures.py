@@ -28,7 +28,6 @@ class TrackedRun:
     """One controller on one path.
 
     Attributes:
-        name: Of the controller.
         time_s: (n,) s.
         p_command: (n, 3) m, where the tool should have been at that time.
         p_actual: (n, 3) m, where it was.
@@ -51,7 +50,6 @@ class OpenLoop:
     """Frequency response of a loop from deviation to correction and back.
 
     Attributes:
-        name: Of the controller.
         frequency_hz: (k,) rising.
         response: (k,) complex L.
     """
@@ -115,9 +113,7 @@ def corner(runs: Sequence[TrackedRun], p_part: Float, reach_m: float) -> dict[st
     """What controllers make of a corner, seen from above at true scale.
 
     Args:
-        runs: Of the path.
         p_part: (3,) m, the corner.
-        reach_m: Half of what is shown.
     """
     lines: list[dict[str, Any]] = []
     for k, run in enumerate(runs):
@@ -215,10 +211,7 @@ def figures(
 
     Args:
         circle: Runs of the circle, the controller of interest last.
-        square: Runs of the square, likewise.
-        loops: Open loops.
         p_part: (3,) m, the corner that is shown.
-        reach_m: Half of what is shown of it.
     """
     return {
         "circle": magnified(circle, MAGNIFIED),

@@ -16,23 +16,13 @@ class TrackingData:
     """Everything on the page.
 
     Attributes:
-        title: Headline.
-        subtitle: One line below it.
         created: Date as printed, or empty.
-        verdict: The result in one sentence.
         comparison: Header and rows of the table beside the paper's figures.
-        columns: Header of the table of figures.
-        rows: Its rows.
-        margin_columns: Header of the table of margins.
-        margin_rows: Its rows.
         paper: What the paper reports, one line each.
         square: Runs of the square, one truth, the controller of interest last.
         circle: Runs of the circle, the same truth.
-        loops: Open loops of the controllers.
         p_part: (3,) m, the corner of the square that is shown.
         reach_m: Half of what is shown of it.
-        timing: See :class:`counterflex.report.data.ReportData`.
-        versions: See there.
     """
 
     title: str

@@ -18,9 +18,6 @@ class Mark:
     """One groove.
 
     Attributes:
-        row: What is wrong with its plan.
-        way: How it was corrected.
-        seed: Of the truth.
         path_mm: Path error, 99.7 %.
     """
 
@@ -35,17 +32,11 @@ class WrongPlansData:
     """Everything on the page.
 
     Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        verdict: The result in one sentence.
-        ways: Columns of the tables.
         about: Name and meaning of each way of correcting.
         tables: Heading and rows, the first cell of a row what is wrong.
         refused: What is said of runs that are not counted, or empty.
         marks: Every groove.
         created: Date as printed, or empty.
-        timing: See :class:`counterflex.report.data.ReportData`.
-        versions: See there.
     """
 
     title: str

@@ -33,7 +33,6 @@ class About:
     """Who milled the part, and how.
 
     Attributes:
-        laboratory: Name.
         method: One of :data:`counterflex.files.benchmark_result.METHODS`.
         robot: Name; None: that of the cell.
         material: Name; None: that of the cell.
@@ -86,12 +85,6 @@ def judge(
 def result_of(summary: dict[str, Any], robot: str, material: str, about: About) -> BenchmarkResult:
     """The result that a summary of ``inspect`` holds.
 
-    Args:
-        summary: Of one part.
-        robot: Name.
-        material: Name.
-        about: Who and how.
-
     Raises:
         InputError: Something of the part is not in the scan.
     """
@@ -138,9 +131,6 @@ def _feature(row: dict[str, Any]) -> FeatureResult:
 
 def compare(files: Sequence[Path]) -> dict[str, Any]:
     """Results side by side.
-
-    Args:
-        files: Of results.
 
     Returns:
         ``results`` (who, how, surface, how many quantities are within) and ``features`` (worst deviation of each, um).

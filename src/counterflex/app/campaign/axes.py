@@ -63,7 +63,6 @@ class Grid:
     """What is machined on every simulated cell: each program at each placement in each posture.
 
     Attributes:
-        programs: G-code files.
         placements: Where the part stands; none is where the cell file says.
         postures: As in :class:`Setup`; none is that of the cell file.
     """

@@ -33,8 +33,6 @@ class TrueRow:
 
     Attributes:
         group: ``use`` for what planning uses, else ``stiffness``, ``masses``, ``drives`` or ``cutting``.
-        name: What.
-        unit: Of the values.
         before: By the cell file that the campaign started from.
         identified: By the one that it ended with.
         true: In the simulated cell; None where the value is an error, best at 0.
@@ -59,13 +57,7 @@ def parameter_errors(before: Cell, identified: Cell, truth: Truth, q: Float) -> 
     """Compare two states of a cell file with the truth.
 
     Args:
-        before: Cell as the campaign found it.
-        identified: Cell as it left it.
-        truth: The simulated cell.
         q: (n, 6) rad, joints at which poses and deflections are compared; those of the program.
-
-    Returns:
-        Rows, what planning uses first.
     """
     rows = [*_use(before, identified, truth, q)]
     old, new = _segments(before), _segments(identified)

@@ -17,12 +17,7 @@ class Measurement:
     """One recipe of a campaign.
 
     Attributes:
-        recipe: Its name.
-        count: Measurements to propose for the fit.
         holdout: Measurements to propose for validation, never used in the fit.
-        propose: Settings of the proposals.
-        identify: Settings of the fit.
-        weight: Expected time, relative to a machining.
     """
 
     recipe: str

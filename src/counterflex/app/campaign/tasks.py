@@ -51,9 +51,6 @@ class Layout:
     """Where the files of a campaign are.
 
     Attributes:
-        out: Its folder.
-        inputs: Files that the cell file names.
-        with_exact: Also plan with the exact constants.
         keep: Keep what ``simulate`` writes of every machining, not only its figures.
     """
 

@@ -23,7 +23,6 @@ class Key:
         file: ``cell`` or ``dataset``.
         exponents: Of the base units that the value must have; None where the key judges itself.
         counts: How many numbers it takes; empty takes any.
-        text: What it is.
         uncertain: The uncertainty is what goes there, so that one must be stated.
     """
 

@@ -43,7 +43,6 @@ class WritingOrder:
     Attributes:
         job: The program as read, its path and its samples.
         plan: With the correction of every point.
-        cell: The cell.
         tolerance_m: Largest distance between the written path and the planned one.
         R_part_plane: (3, 3) axes that the plan is given in, where the tool is tilted; job and cell are in part axes.
     """
@@ -75,7 +74,6 @@ def written(name: str, order: WritingOrder) -> Written:
 
     Args:
         name: At the prompt, see :func:`counterflex.programs.language.at_prompt`.
-        order: What is written.
 
     Raises:
         InputError: There is no such language.
@@ -177,8 +175,6 @@ def writer_settings(order: WritingOrder, dialect: str, *, moving: bool = True) -
     """Return what every :class:`~counterflex.programs.robot_writer.writer.RobotSettings` needs, by field.
 
     Args:
-        order: What is written.
-        dialect: Of the robot.
         moving: The writer has words for external axes that move along the program.
     """
     job, cell = order.job, order.cell
@@ -199,10 +195,7 @@ def robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, d
     """Write a path as a robot program, with what stays out of it as warnings.
 
     Args:
-        order: What is written.
         writer: A :class:`~counterflex.programs.robot_writer.writer.RobotWriter`.
-        settings: Of that writer.
-        dialect: Of the machine functions.
     """
     job = order.job
     lines = order.cell.machine_functions(dialect).lines

@@ -32,14 +32,12 @@ class ControllerData:
         kind: ``KUKA``, ``ABB`` or ``RoboDK``.
         tools: (4, 4) m, tool in the flange.
         bases: (4, 4) m, frame in the world.
-        loads: By name of the tool.
         titles: What people call a tool (``tool 1``) or base (``base 1``).
         T_world_base: (4, 4) m, robot base in the world.
         root_known: A file says where the base is in the world.
         limits_rad: Lower and upper software limit of axes by index, as the controller shows them.
         lengths_m: Lengths of the arm that the machine data have, by the names of
             :class:`~counterflex.robot.model.description.Opw`.
-        model: What the controller calls the robot.
         notes: What the user should know, one sentence each.
     """
 

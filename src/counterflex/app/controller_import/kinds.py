@@ -15,7 +15,6 @@ class DataKind:
     """Files of a controller.
 
     Attributes:
-        title: Which files, for messages.
         read: Data of a text, by its text and name; None where it is none of these files.
         root: File that says where the robot stands in the world of the controller.
     """

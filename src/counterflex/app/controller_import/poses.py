@@ -27,11 +27,8 @@ class ShownPose:
     """A pose of the tool as the controller shows it.
 
     Attributes:
-        line: Of the file.
         q: (6,) rad, axes as the controller shows them.
         T_base_tool: (4, 4) m, tool in the active base.
-        tool: Its name.
-        base: Its name.
     """
 
     line: int
@@ -46,10 +43,6 @@ class Residual:
     """How far forward kinematics is from what the controller shows, for one tool in one base.
 
     Attributes:
-        tool: Its name.
-        base: Its name.
-        count: Number of poses.
-        rms_m: Of the distances.
         largest_m: Largest distance.
         largest_rad: Largest angle.
         line: Of the largest distance.
@@ -75,7 +68,6 @@ def read_poses(text: str, where: str, tool: str, base: str) -> list[ShownPose]:
 
     Args:
         text: A header and rows, see :mod:`counterflex.files.small_table`.
-        where: Name of the file, for errors.
         tool: Taken where the file has no column ``tool``.
         base: The same of ``base``.
 
@@ -112,9 +104,7 @@ def residuals(poses: Sequence[ShownPose], Ts_base_flange: Float, data: Controlle
     """Compare the poses of each tool in each base with forward kinematics.
 
     Args:
-        poses: As shown.
         Ts_base_flange: (n, 4, 4) m, of their joint angles.
-        data: Frames of the controller.
 
     Raises:
         InputError: A tool or base that the controller does not have.

@@ -42,8 +42,6 @@ def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
     """What may be behind the errors of a path.
 
     Args:
-        plan: Of the program.
-        cell: The cell.
         row: (k,) rows of the nodes.
     """
     deflection = plan.deflection_part[row, :3]

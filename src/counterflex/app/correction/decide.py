@@ -34,10 +34,8 @@ class Step:
     """What the next part is made by.
 
     Attributes:
-        plan: For it.
         further_m: (n, 3) m, displacement that it takes back besides what the plan before took back.
         unsure_m: (j, n, 3) m, what the tool may do besides, see :func:`.unsure`.
-        together: What all parts say.
         taken: What the next program takes back in all, and the error that it is expected to leave.
     """
 
@@ -54,12 +52,7 @@ def measured_error(
     """Error of the path that a scan shows.
 
     Args:
-        scan: Of a part that the plan made.
-        plan: The plan.
-        nodes: Of its path.
-        cell: Its cutters.
         taken_m: (n, 3) m, what the plan takes back because of earlier parts.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: Too few places of the scan were made by the program.
@@ -78,8 +71,6 @@ def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], l
     """The plan for the next part.
 
     Args:
-        plan: That the last part was made by.
-        loaded: The robot under load along its path.
         parts: Errors of all parts so far, the last ones made by ``plan``.
         limit_m: Largest change of a correction.
 

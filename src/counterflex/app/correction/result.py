@@ -21,7 +21,6 @@ class Measured:
     """A scan and the error of the path that it shows.
 
     Attributes:
-        scan: Deviations.
         contacts: Which stretches may have made its places.
         estimate: Error at the nodes of the path.
         error: The same at its rows.
@@ -38,14 +37,8 @@ class Corrected:
     """Result of the job.
 
     Attributes:
-        plan: For the next part.
-        files: Program files by name, text.
-        encoding: Of the program files.
-        measured: The scans of this run.
         together: What they and the earlier parts say.
         taken: What the next program takes back, and the error that is expected.
-        explained: Explanations, the likeliest first.
-        job: The program.
         cell: In the working plane of the program.
         change_m: (n, 3) m, change of the correction at the rows of the path.
         summary: What ``summary.json`` holds.

@@ -72,7 +72,6 @@ class Inspection:
     """One or two parts, judged.
 
     Attributes:
-        job: The program that made them.
         cell: Where.
         parts: ``part``, or ``before`` and ``after``.
         features: Measured on each.
@@ -174,11 +173,7 @@ def judged(
     """Lay one scan on the nominal part and judge it.
 
     Args:
-        scan: As read.
-        part: The nominal part.
         p_part_tcp: (n, 3) m, the undisturbed path, part frame.
-        how: How it is laid.
-        where: For errors.
         outline: (n, 2) m, of the tool at each row of the path; None: one tool.
 
     Raises:

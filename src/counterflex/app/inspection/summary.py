@@ -28,8 +28,6 @@ class Inspected:
     """A scan, judged.
 
     Attributes:
-        file: Its name.
-        scan: As read.
         unit: Name of its unit.
         part: Against the nominal part.
         outliers: Measured points left out as lone ones.
@@ -56,7 +54,6 @@ def summary_of(
     """The entries ``parts`` and ``features`` of the summary.
 
     Args:
-        parts: By name.
         features: Measured on each.
         covered: By name, areas of the part and of its features by what is known about them.
     """

@@ -54,15 +54,11 @@ class ToolLog:
     """A log as read.
 
     Attributes:
-        file: Its name.
         kind: ``tracker log`` or ``run log``.
-        position: What its positions are, in words.
         readings: In the part frame, or in the frame of the tracker where that is to be fitted.
-        frame: What they are in, in words.
         fitted: The frame is to be fitted to the program's path.
         cut: Whether the tool cut while it was logged: True, or None: not known.
         stated_sigma_m: Standard deviation of a position as the log states it, 0 where it does not.
-        facts: Further plain values for the summary.
     """
 
     file: str
@@ -81,12 +77,9 @@ def read_tool_log(source: Path, how: LogHow, cell: Cell, path: ToolPath) -> Tool
 
     Args:
         source: The file or folder.
-        how: How it is read.
         cell: Of the program: where the tracker stood, and how it is aimed at the tool.
-        path: Of the program.
 
     Raises:
-        FileFormatError: It cannot be read.
         InputError: It does not hold what is requested for.
     """
     if source.is_dir() or source.suffix.lower() == ".mcap":

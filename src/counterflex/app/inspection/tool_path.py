@@ -40,9 +40,6 @@ class InspectedPath:
     """A log of the tool's path, judged.
 
     Attributes:
-        file: Its name.
-        log: As read.
-        part: What the path would leave.
         made: By each station, (k,) whether it makes a floor, a wall on its left, a wall on its right.
     """
 
@@ -75,12 +72,6 @@ class InspectedPath:
 
 def judged_path(log: ToolLog, part: NominalPart, job: Job, cell: Cell) -> InspectedPath:
     """Lay a log on the program's path and judge it.
-
-    Args:
-        log: As read.
-        part: What the program makes.
-        job: The program.
-        cell: Blank and tools.
 
     Raises:
         InputError: The log does not fit the program's path.

@@ -34,7 +34,6 @@ class Happened:
 
     Attributes:
         time_ns: Since 1970.
-        text: What.
         serious: A hold, a fault, or a stop of an operator.
     """
 
@@ -48,7 +47,6 @@ class Content:
     """A run as other viewers show it. Frames: ``base`` of the robot, ``part``, ``commanded``, ``corrected``, ...
 
     Attributes:
-        name: Of the run.
         time_ns: (n,) since 1970, when the telegram of each cycle came; rising.
         curves: (n,) by group and name with its unit; not a number: not known.
         q: (n, 6) rad.
@@ -90,11 +88,7 @@ def content_of(folder: Path, number: int | None = None) -> Content:
     """Read a run for other viewers.
 
     Args:
-        folder: Of the log.
         number: Of the run; None is the last.
-
-    Raises:
-        CounterflexError: See :func:`counterflex.app.run_history.logged_run.one_run`.
     """
     run = one_run(folder, number)
     rows = _columns(folder, run.row["run"])

@@ -34,10 +34,8 @@ def write(content: Content, target: Path, range_m: float, progress: Progress = s
     """Write a run as ``.rrd``.
 
     Args:
-        content: The run.
         target: File, whole or not at all.
         range_m: Deviation at which the colours of the cut end.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Number of rows of curves, frames and texts.

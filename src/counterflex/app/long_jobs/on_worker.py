@@ -47,12 +47,9 @@ def packed(root: Path, files: Iterable[Path], facts: Mapping[str, Any]) -> bytes
 
     Args:
         root: Folder that the names of the files are relative to.
-        files: Below it.
-        facts: Values that JSON has.
 
     Raises:
         InputError: A file is not below the folder.
-        FileFormatError: A file cannot be read.
     """
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
@@ -72,7 +69,6 @@ def unpacked(data: object, root: Path, below: str | None = None) -> dict[str, An
 
     Args:
         data: As :func:`packed` made it.
-        root: Folder that the names are relative to.
         below: Folder below it that all files must lie in; None takes any.
 
     Raises:
@@ -137,7 +133,6 @@ def ordered(task: Task, root: Path) -> Order:
 
     Raises:
         InputError: A file is not below the folder of the job.
-        FileFormatError: A file cannot be read.
     """
     arguments = tuple(
         type(item)(name_below(root, Path(item.path))) if isinstance(item, Reads | Writes) else item
@@ -152,7 +147,6 @@ def carried_out(order: Order, progress: Progress = silent, scratch: str | None =
     """Do a task.
 
     Args:
-        order: The task.
         progress: Called with the fraction done.
         scratch: Folder for its files while it runs; None is that of the system.
 
@@ -188,8 +182,6 @@ def taken(parcel: object, task: Task, root: Path) -> Any:
 
     Args:
         parcel: As :func:`carried_out` made it.
-        task: Of this machine.
-        root: The folder of the job.
 
     Raises:
         InputError: The worker runs another program; no task would be the same there.

@@ -119,9 +119,6 @@ def local_cluster(count: int) -> Iterator[Any]:
 
     They end with this process, however it ends. Who has not its keys, made for this once, is not let in: not even other
     users of this machine. dask's web pages have no keys, so that none is served, neither of tasks nor of measures.
-
-    Args:
-        count: Of processes.
     """
     import dask
     from distributed import Client, LocalCluster

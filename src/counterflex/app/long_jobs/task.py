@@ -13,22 +13,14 @@ from counterflex.app.long_jobs.step_cache import Mark, fingerprint
 
 @dataclass(frozen=True)
 class Reads:
-    """An argument that is a path, of a file or folder that is read; the function gets it as a text.
-
-    Attributes:
-        path: Below the folder of the job.
-    """
+    """An argument that is a path, of a file or folder that is read; the function gets it as a text."""
 
     path: str
 
 
 @dataclass(frozen=True)
 class Writes:
-    """The argument that is the path of the folder that is written; the function gets it as a text.
-
-    Attributes:
-        path: Below the folder of the job.
-    """
+    """The argument that is the path of the folder that is written; the function gets it as a text."""
 
     path: str
 
@@ -41,7 +33,6 @@ class Task:
     files, arguments and program, its function is not called again. It returns a table of plain values (JSON).
 
     Attributes:
-        name: Unique.
         text: What is being worked on, for people.
         function: Of a module, so that a worker finds it.
         arguments: Plain values, :class:`Reads`, at most one :class:`Writes`; paths as plain texts only where all
@@ -79,11 +70,7 @@ class Task:
         return tuple(item.path if isinstance(item, Reads | Writes) else item for item in self.arguments)
 
     def mark(self) -> Mark:
-        """What it is made from.
-
-        Raises:
-            FileFormatError: A file cannot be read.
-        """
+        """What it is made from."""
         facts = [_plain(item) for item in self.arguments if not isinstance(item, Reads | Writes)]
         name = f"{self.function.__module__}.{self.function.__qualname__}"
         return fingerprint(*self.files(), job=name, arguments=facts)
@@ -91,11 +78,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Failed:
-    """Result of a task that could not be done, or that waited for one.
-
-    Attributes:
-        why: The fault in one line.
-    """
+    """Result of a task that could not be done, or that waited for one."""
 
     why: str
 

@@ -46,8 +46,6 @@ class View:
     """What a value is taken from.
 
     Attributes:
-        seen: Whether there is a run.
-        about: What the run says of itself.
         figures: See :class:`counterflex.app.panel.figures.Figures`; empty: nothing is known yet.
         last: Last snapshot, or None.
         why: Why a run that goes on cannot be read.
@@ -236,7 +234,6 @@ def occurred(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[st
 
     Args:
         before: Figures of the look before, or empty.
-        now: Figures.
     """
     out = []
     if now and now["incidents"] > before.get("incidents", 0) and now["incident"] is not None:

@@ -19,13 +19,9 @@ class OpcuaSettings:
     """What an OPC UA server is started with.
 
     Attributes:
-        folder: Of the run log.
-        host: Address that it listens on.
         port: TCP port; 0 takes a free one.
         users: File of users, the same as the panel's, or None: whoever reaches it reads, nobody acknowledges.
         certificate: Of the server, DER or PEM, or None: no encryption.
-        key: Its private key.
-        rate_hz: How often values are written.
     """
 
     folder: Path

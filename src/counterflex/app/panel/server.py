@@ -66,8 +66,6 @@ def login_routes(
 
     Args:
         users: Who may; None: nobody, a link opens the panel.
-        sessions: Of the panel.
-        secure: It is asked by TLS.
         note: Told of who logs in and out: name, address, what he did.
         refused: Told of who was not let through.
         tries: Which passwords are looked at; None: by the clock of the computer.
@@ -347,12 +345,10 @@ def serve(settings: PanelSettings, started: Callable[[list[tuple[str, str]]], No
     """Serve a panel until the process is asked to end.
 
     Args:
-        settings: See there.
         started: Told the links that open it: whose, and the address.
 
     Raises:
         InputError: It would not be safe, or the page library is missing.
-        CounterflexError: As :class:`PanelServer`.
     """
     require_safe(settings)
     PanelServer(settings, started).serve()

@@ -19,14 +19,10 @@ class PanelSettings:
     """What a panel is started with.
 
     Attributes:
-        folder: Of the run log.
-        host: Address that it listens on.
         port: TCP port; 0 takes a free one.
         users: File of users, or None: a link that the command prints opens it.
         certificate: PEM file, or None: no TLS.
-        key: Its private key.
         rate_hz: Messages to each page per second.
-        range_um: Deviation at which the colours end.
     """
 
     folder: Path

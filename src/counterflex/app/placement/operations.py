@@ -51,10 +51,7 @@ class _Search:
     """Search for places: its inputs.
 
     Attributes:
-        task: The program.
-        frame: Of the program in its cell.
         part: (4,) the place of the part, as a candidate has it.
-        sites: Operations.
         operations: The same as rows.
     """
 
@@ -87,13 +84,10 @@ def per_operation(
     """Choose a place of the external axes for each operation, with one posture for all.
 
     Args:
-        program: The program.
         given: The same on its cell.
         region: Values of the external axes; the part stays where ``one`` has it.
-        reading: How the program is read.
         one: Best place for all operations, branch and rotation in rad; None where there is none.
         least_damping: That an operation must keep in the cut, as that of the best place for all.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: The cell has no external axes, the robot holds the part, or the program is one operation.

@@ -42,10 +42,6 @@ class Wish:
 def region_of(wish: Wish, frame: Frame) -> Region:
     """The region that is searched.
 
-    Args:
-        wish: What is wished.
-        frame: Of the program in its cell.
-
     Raises:
         InputError: It is empty, an axis is not there or cannot go so far, or the robot has no closed-form geometry
             and no region is given.

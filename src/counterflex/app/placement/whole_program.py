@@ -26,7 +26,6 @@ class Divided:
 
     Attributes:
         stand: Pose of the part, and values of the axes in the first operation.
-        branch: Of the arm.
         rotation_rad: About the tool axis.
         moves: Of the axes along the program, by name.
         summary: In shop units: the operations, and the error of all of them.
@@ -44,7 +43,6 @@ class Fault(Exception):
 
     Attributes:
         place: Number of the place, between two where the axes move; of the begin where it is not known.
-        reason: Why.
     """
 
     def __init__(self, place: float, reason: ReachError) -> None:

@@ -43,9 +43,7 @@ class Reference:
     """What runs are judged against.
 
     Attributes:
-        job: The original program.
         cell: Where it is machined.
-        widest: The tool; of several the widest.
         surface: Floors and walls of the undisturbed part; None where the tool turns.
         turned: Where the undisturbed part is judged when the tool turns.
     """
@@ -80,9 +78,6 @@ class Judged:
     """One run, judged.
 
     Attributes:
-        run: As recorded.
-        actual: As-machined height map.
-        deviation: Of the path.
         surface: Of the part; None where the tool turned.
         columns: Columns of material where the tool turned.
         turned: Deviation of the part where the tool turned.
@@ -146,8 +141,6 @@ def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStoc
 
     Args:
         reference: What it is judged against.
-        run: Its record.
-        actual: Its part.
         columns: Of material, where the tool turned.
     """
     feed_engagement = np.where(run.kind == FEED, run.depth_m, 0.0)
@@ -202,8 +195,6 @@ class Comparison:
     Attributes:
         reference: What they are judged against.
         judged: ``nominal`` and, when there is one, ``compensated``.
-        truth: The cell they were machined on.
-        summary: Their figures.
     """
 
     reference: Reference

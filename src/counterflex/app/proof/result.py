@@ -15,11 +15,8 @@ class Proof:
     """What the job found.
 
     Attributes:
-        reference: Original program, cell, undisturbed part.
         plan: What the planner decided, knowing the cell file.
-        truths: By seed.
         judged: By (seed, variant): ``nominal``, ``compensated``, ``exact`` (planned with the truth's exact constants).
-        program_files: Compensated program.
         summary: What ``summary.json`` holds.
         timing: Seconds per step.
     """

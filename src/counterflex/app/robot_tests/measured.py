@@ -29,10 +29,8 @@ class Measured:
     """Readings of one file.
 
     Attributes:
-        name: Of the file.
         Ts_command_tcp: (n, 4, 4) m, the tool (or the target) in the frame of the commands.
         time_s: (n,) s, or None.
-        oriented: Whether orientations were measured.
         sigma_m: Standard deviation of a position as stated, 0 where it is not.
         pose: (n,) number of the commanded pose from 0, where a dataset states it.
         direction: (n,) number of the direction of approach, likewise.
@@ -80,11 +78,7 @@ class Measured:
 
 
 def read_measured(file: str | Path, form: str = OWN) -> Measured:
-    """Read a log, an export of the named format, or a dataset (.toml) of kind ``pose_test`` or ``path_test``.
-
-    Raises:
-        FileFormatError: It cannot be used.
-    """
+    """Read a log, an export of the named format, or a dataset (.toml) of kind ``pose_test`` or ``path_test``."""
     name = Path(file).name
     if Path(file).suffix.lower() == ".toml":
         return _of_dataset(read_dataset(file), name)
@@ -131,7 +125,6 @@ class Frame:
     """How readings are brought into the frame of the commands.
 
     Attributes:
-        text: For the summary.
         fitted: It is found from the readings themselves; accuracies then leave out what a frame can absorb.
         T_command_log: (4, 4).
         T_target_tcp: (4, 4).

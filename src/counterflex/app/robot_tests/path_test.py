@@ -31,12 +31,7 @@ class PathResult:
     """A judged test.
 
     Attributes:
-        path: As commanded.
-        cycles: Attained paths.
-        figures: AT and RT.
-        corners: Cornering deviations.
         velocity: Or None.
-        summary: As printed.
         table: One row for each place and cycle.
     """
 
@@ -53,10 +48,7 @@ def judge(measured: Sequence[Measured], path: CommandedPath, frame: Frame, *, av
     """Figures of a path test.
 
     Args:
-        measured: Logs.
-        path: As commanded.
         frame: From readings to commands; a fitted one is refined from the readings as they are.
-        average_s: Moving mean over the readings.
 
     Raises:
         InputError: No cycle is corner_list, or a cycle has a hole.

@@ -57,7 +57,6 @@ class PoseResult:
     Attributes:
         poses: Attained poses, all files together (or by direction one after the other).
         figures: Of each pose.
-        summary: As printed.
         table: One row for each pose and cycle.
     """
 
@@ -79,11 +78,8 @@ def judge(
     """Figures of a pose test.
 
     Args:
-        measured: Files.
         commanded: Commanded poses; None where datasets state them.
-        frame: From readings to commands.
         average_s: Moving mean over the readings of a log.
-        band_m: Limit band of the stabilisation time.
         by_direction: Every file holds cycles from another direction of approach.
 
     Raises:

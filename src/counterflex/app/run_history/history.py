@@ -49,9 +49,7 @@ def history(folder: Path, out: Path | None = None, progress: Progress = silent) 
     """Runs below a folder; with ``out``, write ``report.html`` and ``summary.json``.
 
     Args:
-        folder: Searched with all folders below it.
         out: Folder of the results, or None.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``runs``: rows of :func:`counterflex.app.run_history.logged_run.read_runs` in the order in which they began;

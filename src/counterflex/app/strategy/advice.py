@@ -53,19 +53,13 @@ class Operation:
     """What is asked for; None leaves it to the program and the advisor.
 
     Attributes:
-        tool: Number of the tool.
         ae_m: Range of the radial width of cut.
-        ap_m: Range of the axial depth.
         fz_m: Range of the feed per tooth.
-        spindle_rad_s: Range of the spindle speed.
         at_m: Point of the wall, part frame.
         normal_rad: Direction of the wall's normal, out of the material, from the part's x towards its y.
-        height_m: Height of the wall.
         material: Row of the material tables instead of the cell's.
         kr_over_kc: Assumed ratio where that row has no radial constant.
-        ka_over_kc: Likewise axial.
         longer_share: The choice may take so much of the program's own time; None is any.
-        rows: Length of the table.
     """
 
     tool: int | None = None
@@ -90,10 +84,8 @@ class Advice:
     Attributes:
         own: What the program does; None without a program.
         before: The same as a choice.
-        choices: All that were tried.
         best: Rows of ``choices``, the best first.
         place: Where.
-        law: Force law.
     """
 
     own: OwnCut | None
@@ -115,11 +107,7 @@ def advise(
     """Advise on the wall finish of a program, or on one that is stated.
 
     Args:
-        cell: The cell.
-        operation: What is asked for.
         program: G-code file, or None.
-        reading: How it is read.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program finishes no wall, or the operation is not stated in full.

@@ -36,7 +36,6 @@ class Entry:
             a ramp, ``run-up`` a longer way through the air).
         motion: Index of the level motion that cuts.
         vertical: Index of the motion before (down, or straight at the wall) or behind (up); -1: none.
-        radius_m: Of the cutter.
         point: (3,) m.
         tangent: (2,) unit, direction of the cut there.
         free: (2,) unit, away from the wall; along ``tangent`` where there is none.
@@ -63,10 +62,7 @@ def entries_of(
     """Beginnings and ends of all cuts.
 
     Args:
-        job: The program.
-        cut: Its undisturbed cut.
         radius_of: Radius of each tool by its number, m.
-        top_m: Height of the blank.
         run_up_m: Way through the air that a cut over an edge begins with, in its own direction.
         edges: Slots that begin over an edge of the blank get a ramp, too.
     """

@@ -25,8 +25,6 @@ class Moves:
 
     Attributes:
         radius_m: Of the arcs; None is the radius of the cutter.
-        angle_rad: That they turn.
-        slope_rad: Slope of a ramp.
         edges: Slots that begin over an edge of the blank get a ramp, too.
         run_up_m: Way through the air in the direction of the cut with which other cuts over an edge begin: the axes
             then move as they will in the cut, and what they lose at a reversal is lost before the first contact.

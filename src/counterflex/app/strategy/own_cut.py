@@ -52,13 +52,9 @@ class OwnCut:
     """What a program does along a wall.
 
     Attributes:
-        cuts: One cut.
-        tool: Number of its tool.
-        spindle_rad_s: Its speed.
         p_part: (3,) m, a point in the middle of it.
         q: (6,) rad there.
         normal_part: (3,) unit normal of the wall there, out of the material.
-        line: Of the program.
         axis_part: (3,) unit vector from the tip to the spindle there.
         to_part: (6, 6) see :class:`counterflex.plan.relative_motion.RelativeMotion`, there.
         along: Postures along all of the side, :data:`POSTURE_RAD` apart.
@@ -80,10 +76,7 @@ def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCu
     """Find the wall finish of a program: the side on which most of its length in the cut is milled.
 
     Args:
-        job: The program.
-        cell: The cell.
         tool: Number of the tool; None is any.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         ProgramError: It mills no side of a wall, only slots or nothing.

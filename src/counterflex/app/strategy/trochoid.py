@@ -42,7 +42,6 @@ class Trochoid:
         width_m: Of the slot; None is the diameter of the program's tool.
         engagement_rad: Largest immersion; None is that at which no mean force is normal to the loop.
         fz_m: Feed per tooth; None is the program's.
-        up: Up-milling.
     """
 
     tool: int | None = None
@@ -57,14 +56,9 @@ class Rewritten:
     """A program with loops for slots.
 
     Attributes:
-        text: Of the program.
-        loop: The loops.
         feed_m_s: Of the tool's centre in the loops.
         bound: What holds the feed down: ``feed per tooth`` or ``acceleration``.
-        lines: Of the source that were replaced.
         tool: Number of the tool in the loops.
-        width_m: Of the slots.
-        up: Up-milling.
     """
 
     text: str
@@ -79,12 +73,6 @@ class Rewritten:
 
 def rewrite(job: Job, cell: Cell, requested: Trochoid, progress: Progress = silent) -> tuple[Rewritten, Cut]:
     """Replace the straight slots of a program.
-
-    Args:
-        job: The program.
-        cell: The cell: tools, force law, acceleration.
-        requested: What is asked for.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The program, and the cut of the original.

@@ -47,7 +47,6 @@ class Cell:
         path: Where it was read from; relative paths in the file are relative to its folder.
         robot: Robot with the file's changes to its elastic elements, and calibrated.
         end_effector: Bodies from the flange outward and the TCP, calibrated.
-        chain: Both as one elastic chain.
         nominal_robot: Robot without calibration: the geometry that its controller computes with.
         nominal_end_effector: End effector without calibration.
         class_stiffness: What the robot's class gave the axes that no stiffness is known of; None where nothing was
@@ -336,11 +335,7 @@ class Cell:
         return BlankBox(np.array(stock.box_min_mm) * MM, np.array(stock.box_max_mm) * MM, turn)
 
     def stock(self) -> HeightMap:
-        """A fresh blank in the part frame.
-
-        Raises:
-            FileFormatError: There is no blank, or the mesh or the earlier result cannot be used.
-        """
+        """A fresh blank in the part frame."""
         if self.part.stock is None:
             raise self._lacking("[part.stock]")
         with located(f"{self.path}: part.stock"):
@@ -351,7 +346,6 @@ def read_cell(path: str | Path, *, assume_class: bool = False) -> Cell:
     """Read a cell file and resolve what it names.
 
     Args:
-        path: The file.
         assume_class: Give axes that no stiffness is known of the median of the robot's class.
 
     Raises:

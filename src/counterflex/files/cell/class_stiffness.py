@@ -24,7 +24,6 @@ class ClassStiffness:
 
     Attributes:
         axes: Numbers 0..5 of the axes that nothing was known of.
-        prior: Their median stiffness and its spread.
     """
 
     axes: tuple[int, ...]

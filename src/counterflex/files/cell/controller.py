@@ -129,9 +129,7 @@ class SpindleTable(_SpindleLanguages):  # type: ignore[misc]
         """What the writer of a language calls for every block.
 
         Args:
-            language: Of the robot.
             tool_data: What the controller calls the tool frame, by number of the tool.
-            where: Path of the cell file, for messages.
         """
         table = self.of_language(language)
         return MachineFunctions(

@@ -316,8 +316,6 @@ def tracker_plant(delays: Delays, period_s: float, mode: tuple[float, float] | N
     """What the tracker sees of a correction, from identified delays.
 
     Args:
-        delays: Of the cell.
-        period_s: Cycle.
         mode: Lowest mode, Hz, and its damping ratio; None is a robot without one.
     """
     hz, damping = mode if mode is not None else (0.0, 0.1)

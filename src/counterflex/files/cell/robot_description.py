@@ -23,11 +23,7 @@ def robot_of(tables: CellTables, path: Path) -> Robot:
     """The robot, not calibrated.
 
     Args:
-        tables: Of the cell file.
         path: Of the file, for the files that it names and for faults.
-
-    Raises:
-        FileFormatError: An unknown robot or segment, or a file that cannot be used.
     """
     robot = _with_axes(_robot(tables, path), tables, str(path))
     robot = _with_drives(_with_elastic(robot, tables, str(path)), tables)

@@ -18,12 +18,7 @@ _MOST_BYTES: Final = 64 * 2**20
 
 @dataclass(frozen=True)
 class Item:
-    """What was calibrated.
-
-    Attributes:
-        name: Of it, with manufacturer and model.
-        identifications: Serial numbers and the like.
-    """
+    """What was calibrated."""
 
     name: str
     identifications: tuple[str, ...]
@@ -34,12 +29,7 @@ class Certificate:
     """A digital calibration certificate.
 
     Attributes:
-        file: Name of the file.
-        number: Unique identifier.
-        version: Of the schema.
-        laboratory: Name of the laboratory.
         date: Last day of the calibration, ``2026-03-14``.
-        items: What was calibrated.
         signed: A signature is there; it is not checked.
         quantities: In their order.
     """

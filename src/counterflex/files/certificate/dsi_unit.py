@@ -75,7 +75,6 @@ def parse_unit(text: str, where: str) -> Unit:
 
     Args:
         text: Such as ``\milli\newton\metre``.
-        where: Place of it, for the message.
 
     Raises:
         FileFormatError: Not D-SI, or a unit that is not known here.
@@ -170,7 +169,6 @@ def dsi_of(unit: str, where: str) -> str:
 
     Args:
         unit: As ``result.json`` has it.
-        where: Place of it, for the message.
 
     Raises:
         FileFormatError: A unit without an entry in :data:`DSI_OF`.

@@ -31,10 +31,8 @@ class Quantity:
 
     Attributes:
         number: Its place in the certificate, from 1.
-        name: Names of result, list and quantity.
         ident: Its XML id, empty where it has none.
         ref_types: What kind of quantity it says to be.
-        values: As stated.
         units: D-SI, one for each value.
         sigma: Standard uncertainties in the same units; None where none is stated.
         coverage: Coverage factors that they were divided by; empty where no expanded uncertainty is stated.
@@ -81,7 +79,6 @@ def read_quantities(results: Any, where: str) -> tuple[Quantity, ...]:
 
     Args:
         results: Element ``measurementResults``.
-        where: The file.
 
     Raises:
         FileFormatError: A quantity contradicts itself: number of values, of units, of uncertainties, coverage below 1.

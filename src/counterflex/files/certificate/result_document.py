@@ -33,14 +33,8 @@ class About:
     """Who states the results, of what.
 
     Attributes:
-        number: Unique identifier of the document.
-        laboratory: Who measured and identified.
-        person: Who answers for it.
         country: Two letters, ISO 3166-1.
-        city: Of the laboratory.
         begin: First day of the measurements, ``2026-03-14``.
-        end: Last day.
-        item: What was measured.
         serial: Its serial number, or another mark that its owner knows it by.
     """
 
@@ -60,7 +54,6 @@ def result_document(result: Mapping[str, Any], about: About, where: str) -> byte
 
     Args:
         result: Content of ``result.json``, see :mod:`counterflex.files.identification_file`.
-        about: Who states it, of what.
         where: The file that it is from, for messages.
 
     Raises:

@@ -26,11 +26,9 @@ def require_valid(file: Path, schema: Path) -> None:
     """Check a certificate against a schema, whose imports are looked for beside it and nowhere else.
 
     Args:
-        file: The certificate.
         schema: ``dcc.xsd``; the schemas that it imports lie in the same folder.
 
     Raises:
-        FileFormatError: The schema cannot be read.
         InputError: The certificate is not valid; names the first element that is not.
     """
     require_library()

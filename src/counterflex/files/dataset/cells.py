@@ -20,7 +20,6 @@ class Cells:
 
     Attributes:
         values: (n, k) as the file has them, NaN where there is none.
-        names: Headers of the columns.
         units: Unit that each header states, or None.
         place: Where the cell of column k in row n stands, for messages.
         places: File and column of each; empty for constants.
@@ -94,7 +93,6 @@ def check_headers(
         cells: With what their headers state; another number of columns than of units is not compared.
         stated: Unit of each column.
         si: SI unit of its quantity.
-        where: For the message.
         all_of_them: Other units of the same quantity contradict too; False takes these as the unit.
 
     Raises:

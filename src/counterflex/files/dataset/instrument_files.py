@@ -32,7 +32,6 @@ class Columns:
     """Columns of one length.
 
     Attributes:
-        names: Of the columns.
         values: (n,) each; nan where there is no number.
         lines: (n,) lines of the file, or numbers of the rows from 1.
     """
@@ -46,7 +45,6 @@ def instrument_columns(path: Path, data: bytes, part: str | int | None) -> Colum
     """Read a file of an instrument; None where it is none.
 
     Args:
-        path: The file.
         data: Its bytes.
         part: Segment of an ``.lvm`` (from 1), group of a ``.tdms``, variable or structure of a ``.mat``; None: all that
             go together.

@@ -40,8 +40,6 @@ class TextTable:
     """Rows of one file.
 
     Attributes:
-        path: File.
-        how: How it is written.
         header: Names of the columns, stripped; ``#1``, ``#2`` without a header line.
         lines: (n,) line of the file on which each row begins.
         columns: Cells of each column, stripped.
@@ -181,7 +179,6 @@ def read_table(path: Path, how: FileTable) -> TextTable:
     Args:
         path: CSV (or any text with a separator), Parquet by its ending ``.parquet``, or a file of an instrument
             (:mod:`counterflex.files.dataset.instrument_files`).
-        how: How it is written.
 
     Raises:
         FileFormatError: Missing, not readable, rows with too many cells, no rows.

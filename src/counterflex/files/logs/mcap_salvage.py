@@ -86,7 +86,6 @@ class MessageTimes:
     """The index of a chunk's messages, which stands outside of it.
 
     Attributes:
-        channel: Of the messages.
         time_ns: (n,) when they were logged.
     """
 
@@ -115,10 +114,8 @@ class Salvaged:
 
     Attributes:
         chunks: In the order of the file.
-        records: All other sound records, likewise.
         damage: Stretches that could not be read, with sound records behind them.
         finished: The file ends as a finished one does.
-        magic: It begins as MCAP does.
     """
 
     chunks: list[Chunk] = field(default_factory=list)
@@ -134,9 +131,6 @@ def salvage(data: bytes | mmap) -> Salvaged:
     A chunk is sound when lengths and CRC-32 of its content are right; another record when it can be read and is exactly
     as long as it says, unless no sound record follows and a sound chunk begins within it. A bit that is wrong within a
     name or a time of such a record is not seen.
-
-    Args:
-        data: The whole file.
     """
     out = Salvaged(magic=data[: len(MAGIC)] == MAGIC)
     size = len(data)
@@ -177,8 +171,6 @@ def uniform_data(content: bytes, channel: int, length: int) -> bytes | None:
     """Data of all messages of a chunk, one behind the other, where it holds nothing else; None where it does.
 
     Args:
-        content: Of the chunk.
-        channel: All messages are of it.
         length: Bytes of data of each.
     """
     form = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("rest", "V20"), ("data", f"V{length}")])

@@ -41,9 +41,7 @@ class Repaired:
     """What was done with a segment.
 
     Attributes:
-        name: Of the segment.
         kept: Name under which the original is kept; empty where nothing was done.
-        records: Records it now holds.
         note: Why nothing was done, or empty.
         missing: Cycles that it should hold and does not: before its first record, between its records, and behind the
             last one by its own index.

@@ -69,10 +69,8 @@ class RunLog:
     Args:
         folder: Made when missing.
         about: What the run is made of; the first thing in every segment, with the number of the run's first segment.
-        opened: Opens a new file to write to.
 
     Attributes:
-        written: Records written.
         lost: Records that could not be written, or whose file was removed while the run went on.
         trouble: Why writing does not work at the moment, or empty.
         trouble_number: Of the system's error, or :data:`counterflex.files.logs.place.GONE`; 0: it works.

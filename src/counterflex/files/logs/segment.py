@@ -53,7 +53,6 @@ def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, i
     """Write the head of a segment: what the run was made of and the columns.
 
     Args:
-        stream: Buffered.
         about: With ``format``, ``version``, ``run`` and ``segment``.
 
     Returns:
@@ -160,7 +159,6 @@ def unreadable_reason(salvaged: Salvaged, size: int) -> tuple[str, str]:
     """What a file is of which not one record can be read, and what to do.
 
     Args:
-        salvaged: In it.
         size: Of the file, bytes.
     """
     remove = "Nothing in it can be saved: remove it, or move it out of this folder"

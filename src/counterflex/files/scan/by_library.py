@@ -26,7 +26,6 @@ def library_format(head: bytes, suffix: str) -> Callable[[Path], Scan] | None:
 
     Args:
         head: First bytes.
-        suffix: Of its name, small letters.
     """
     if head.startswith(b"ASTM-E57"):
         return read_e57

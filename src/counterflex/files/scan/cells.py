@@ -24,7 +24,6 @@ class Decimals:
     """Form in which numbers are written.
 
     Attributes:
-        comma: The decimal mark is a comma.
         group: Mark between groups of three digits, or "".
     """
 

@@ -34,8 +34,6 @@ class RowsOfAxes:
 
     Attributes:
         separator: Between cells; None: any space.
-        axis: Column of the letter.
-        value: Column of the measured value.
         label: Column of the name of the point, or None.
     """
 
@@ -71,10 +69,6 @@ class _Points:
 
 def rows_of_axes(lines: list[str], where: str) -> RowsOfAxes | None:
     """Layout of a report with one row for each axis; None where a text is none.
-
-    Args:
-        lines: The first lines of the file.
-        where: For the error.
 
     Raises:
         FileFormatError: It is one, and its header does not say which value was measured.

@@ -31,14 +31,8 @@ class Header:
     """What a PLY file announces.
 
     Attributes:
-        text: Numbers as text.
         order: Byte order, ``<`` or ``>``.
-        names: Properties of a vertex.
-        types: Their types.
-        vertices: Number of vertices.
-        faces: Number of faces.
         start: Place of the first byte behind the header.
-        lines: Lines of the header.
         plain: The vertices come first and have single numbers only; others are read by the library.
     """
 

@@ -23,8 +23,6 @@ class Scan:
     """Measured points.
 
     Attributes:
-        name: Of the file.
-        kind: What the file is, in words.
         chunks: (k, 3) float32 each, in file units, counted from ``origin``.
         origin: (3,) in file units.
         unit_m: SI value of one file unit where the file states it, else None.
@@ -57,12 +55,7 @@ class Scan:
 
 @dataclass
 class PointStore:
-    """Takes the points of a file, a few at a time.
-
-    Attributes:
-        path: The file.
-        kind: What it is, in words.
-    """
+    """Takes the points of a file, a few at a time."""
 
     path: Path
     kind: str

@@ -38,10 +38,8 @@ class _Layout:
 
     Attributes:
         skipped: Lines before the first row.
-        columns: Fields in a line.
         xyz: Which of them are x, y, z.
         separator: Between fields; None: any space.
-        decimals: How numbers are written.
         plain: Every field is a number without quotes.
         unit: Name of the unit in the header, or None.
         count: Number of rows that the first line announces, or None.

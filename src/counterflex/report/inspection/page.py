@@ -83,13 +83,9 @@ class InspectionData:
     """Everything on the page.
 
     Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
         surface: Floors and walls of the nominal part.
         deviations: Map of ``part``, or of ``before`` and ``after``.
         features: Measured on each.
-        sections: Across grooves.
         facts: By part, how it was scanned and placed.
         coverage: By part, areas of the whole machined surface and of each feature.
         notes: What the reader must know.

@@ -31,9 +31,7 @@ class MeasuredPath:
     """A measured path.
 
     Attributes:
-        deviation: At its stations.
         normal_m: By surface (floor, wall_left, wall_right), (k,) m along its normal; nan where the station makes none.
-        figures: Of it.
         cut_known: Whether it is known where the tool cut.
         along_known: Whether the deviation along the feed is known.
     """

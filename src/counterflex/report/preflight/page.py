@@ -23,10 +23,7 @@ class PreflightData:
     """Everything on the page.
 
     Attributes:
-        title: Headline.
-        subtitle: One line below it.
         checks: Rows of the table, see :func:`counterflex.app.preflight.shown`.
-        failed: A hard check failed.
         time_s: (m,) at the programmed feed.
         margin_deg: (m, 6) distance of each axis to its nearer limit.
         least_deg: Least margin.

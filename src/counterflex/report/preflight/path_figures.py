@@ -90,16 +90,7 @@ def _speed_figure(curves: PathCurves) -> dict[str, Any]:
 def _axes_figure(
     curves: PathCurves, values: Float, limits: Float | None, title: str, unit: str, *, turns: bool = False
 ) -> dict[str, Any]:
-    """A quantity of the six axes, in shares of their limits where those are known, else in its unit.
-
-    Args:
-        curves: Of the path.
-        values: (m, 6), SI.
-        limits: (6,), SI, or None.
-        title: Of the quantity.
-        unit: Where no limit is known.
-        turns: Mark where an axis turns round in the cut.
-    """
+    """A quantity of the six axes, in shares of their limits where those are known, else in its unit."""
     size = np.abs(values) / (DEG if limits is None else limits * PERCENT)
     traces = [
         _line(f"axis {axis + 1}", curves.way_m, size[:, axis], curves.at_feed, colour, 1.4)

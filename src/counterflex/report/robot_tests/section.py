@@ -17,11 +17,7 @@ class Section:
     """One part of the page.
 
     Attributes:
-        title: Headline.
-        lead: One paragraph.
         figure: Name of its picture, or empty.
-        columns: Header of its table.
-        rows: Its rows.
     """
 
     title: str

@@ -40,14 +40,9 @@ class ShownRun:
     """A run on a page.
 
     Attributes:
-        name: As it is called there.
         figures: By name; None: not known.
-        curves: Along the path.
         contained_m: (n, 2) m, correction that the program contains, or None.
-        incidents: Plain values: number, time_s, state, cause.
         actions: What operators did: time_s, who, from, action, done, refused.
-        facts: What the run was made of.
-        verdict: How it went, in one sentence.
     """
 
     name: str
@@ -78,11 +73,7 @@ class _Page:
 
 
 def history_page(summary: Mapping[str, Any]) -> str:
-    """The page of all runs and of the trends over runs of the same program.
-
-    Args:
-        summary: See :func:`counterflex.app.run_history.history.history`.
-    """
+    """The page of all runs and of the trends over runs of the same program."""
     rows = []
     for row in summary["runs"]:
         reply = row["reply_us"] or {}
@@ -129,7 +120,6 @@ def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mappin
     """The page of one run, or of two beside each other.
 
     Args:
-        title: Headline: the program.
         subtitle: One line below it: the cell and the log.
         runs: One or two.
         names: Headings of the figures by name, in order.

@@ -52,9 +52,6 @@ ABANDONED = ("no more answers from the sensor program", "RSITimeout", "ERR_UDPUC
 def require_not_abandoned(ended: str) -> None:
     """End with status 3 where the partner has vanished before the program had ended; a Stop from it is an answer.
 
-    Args:
-        ended: Why the simulated controller ended.
-
     Raises:
         typer.Exit: It was left alone.
     """

@@ -39,11 +39,7 @@ _POINT: Final = re.compile(
 
 
 class SpatialAnalyzerLines:
-    """Reads the export line by line.
-
-    Args:
-        where: For messages.
-    """
+    """Reads the export line by line."""
 
     def __init__(self, where: str) -> None:
         self._where, self._row, self._unit = where, 0, 0.0
@@ -109,11 +105,7 @@ _TURNED: Final = 1e-3
 
 
 class DTrackLines:
-    """Reads the output line by line.
-
-    Args:
-        where: For messages.
-    """
+    """Reads the output line by line."""
 
     def __init__(self, where: str) -> None:
         self._where, self._row = where, 0
@@ -206,7 +198,6 @@ class Readings:
     Attributes:
         Ts_tracker_target: (n, 4, 4) m; the rotation is the identity where there is no orientation.
         time_s: (n,) s since the first reading, increasing; None where the stamps are too coarse or missing.
-        oriented: Whether orientations were measured.
         left_out: Readings with a broken beam or marked inaccurate.
         sigma_m: Standard deviation of a position as stated, 0 where it is not.
     """
