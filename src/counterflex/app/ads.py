@@ -30,11 +30,7 @@ _UNIT: float = 1e-3
 
 
 def ads_table(cell: Cell) -> AdsTable:
-    """The table ``[ads]`` of a cell.
-
-    Raises:
-        FileFormatError: It has none.
-    """
+    """The table ``[ads]`` of a cell. Raises FileFormatError: it has none."""
     table = cell.tables.ads
     if table is None:
         raise FileFormatError(

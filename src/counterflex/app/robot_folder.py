@@ -59,11 +59,7 @@ def require_other_folder(out: str | Path, program: Path | None) -> None:
 
 
 def refuse_errors(findings: Iterable[Finding]) -> None:
-    """Refuse to write what has a finding of severity error.
-
-    Raises:
-        InputError: The first of them.
-    """
+    """Refuse to write what has a finding of severity error. Raises InputError: the first of them."""
     bad = next((item for item in findings if item.severity == "error"), None)
     if bad is not None:
         raise InputError(bad.what, where=bad.where, value=bad.value, limit=bad.safe, hint=bad.hint)

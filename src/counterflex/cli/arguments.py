@@ -59,11 +59,7 @@ def _readable(param: Param, path: Path) -> None:
 
 
 def file(param: Param, value: Any) -> Any:
-    """A file that is read.
-
-    Raises:
-        InputError: There is none, or it is a folder, or may not be read.
-    """
+    """A file that is read. Raises InputError: there is none, or it is a folder, or may not be read."""
     for path in _read(value):
         if path.is_dir():
             raise InputError("it is a folder", where=_named(param, path), limit="a file")
@@ -74,11 +70,7 @@ def file(param: Param, value: Any) -> Any:
 
 
 def folder(param: Param, value: Any) -> Any:
-    """A folder that is read.
-
-    Raises:
-        InputError: There is none, or it is a file.
-    """
+    """A folder that is read. Raises InputError: there is none, or it is a file."""
     for path in _read(value):
         if not path.exists():
             raise InputError("no such folder", where=_named(param, path), hint=missing_file(path))
@@ -89,11 +81,7 @@ def folder(param: Param, value: Any) -> Any:
 
 
 def file_or_folder(param: Param, value: Any) -> Any:
-    """A file or folder that is read.
-
-    Raises:
-        InputError: There is none.
-    """
+    """A file or folder that is read. Raises InputError: there is none."""
     for path in _read(value):
         if not path.exists():
             raise InputError("no such file or folder", where=_named(param, path), hint=missing_file(path))
@@ -190,11 +178,7 @@ def address(text: str, option: str) -> tuple[str, int]:
 
 
 def angles_of_body(param: Param, value: Any) -> Any:
-    """Angles of a body, ``spindle.b_deg=0,-35``.
-
-    Raises:
-        InputError: The text says something else.
-    """
+    """Angles of a body, ``spindle.b_deg=0,-35``. Raises InputError: the text says something else."""
     if value is not None:
         body_angles(value, param.opts[0])
     return value
@@ -259,11 +243,7 @@ def numbers_of(count: int) -> Callable[[Param, Any], Any]:
 
 
 def numbers(text: str | None, name: str, count: int) -> list[float] | None:
-    """Read ``1,2,3`` as that many numbers.
-
-    Raises:
-        InputError: They are not, or not as many, or not finite.
-    """
+    """Read ``1,2,3`` as that many numbers. Raises InputError: they are not, or not as many, or not finite."""
     if text is None:
         return None
     try:
@@ -347,11 +327,7 @@ def between(low: float, high: float) -> Callable[[Param, Any], Any]:
 
 
 def robot_or_cell(param: Param, value: Any) -> Any:
-    """A robot of the catalogue, or a cell file.
-
-    Raises:
-        InputError: Neither.
-    """
+    """A robot of the catalogue, or a cell file. Raises InputError: neither."""
     if value is None:
         return value
     settle(value)
@@ -378,11 +354,7 @@ def frame_name(param: Param, value: Any) -> Any:
 
 
 def robot(_: Param, value: Any) -> Any:
-    """A robot of the catalogue.
-
-    Raises:
-        InputError: There is none of this name.
-    """
+    """A robot of the catalogue. Raises InputError: there is none of this name."""
     if value is not None:
         from counterflex.robot.model import catalog
 
@@ -417,11 +389,7 @@ def postures(param: Param, value: Any) -> Any:
 
 
 def material(_: Param, value: Any) -> Any:
-    """Name of a row of the material tables.
-
-    Raises:
-        InputError: There is no such row.
-    """
+    """Name of a row of the material tables. Raises InputError: there is no such row."""
     if value is not None:
         from counterflex.cutting import material as table
 
@@ -430,11 +398,7 @@ def material(_: Param, value: Any) -> Any:
 
 
 def faults(_: Param, value: Any) -> Any:
-    """Faults in short form.
-
-    Raises:
-        CounterflexError: One of them is none.
-    """
+    """Faults in short form. Raises CounterflexError: one of them is none."""
     if value:
         from counterflex.files.fault_file import short_fault
 
@@ -450,11 +414,7 @@ def settings(_: Param, value: Any) -> Any:
 
 
 def pairs(texts: list[str]) -> dict[str, str]:
-    """Settings ``KEY=VALUE`` by key.
-
-    Raises:
-        InputError: No ``=``, or a key given twice.
-    """
+    """Settings ``KEY=VALUE`` by key. Raises InputError: no ``=``, or a key given twice."""
     out: dict[str, str] = {}
     for text in texts:
         key, mark, value = text.partition("=")

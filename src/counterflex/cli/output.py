@@ -61,11 +61,7 @@ def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
 
 
 def keep_folders(out: Path, *folders: Path) -> None:
-    """Refuse to write results into a folder that is read.
-
-    Raises:
-        InputError: ``out`` is one of them.
-    """
+    """Refuse to write results into a folder that is read. Raises InputError: ``out`` is one of them."""
     for folder in folders:
         if out.resolve() == folder.resolve():
             raise InputError(

@@ -128,11 +128,7 @@ class Place:
             shutil.copyfileobj(source, sink)
 
     def opened(self, encoding: str) -> TextIO:
-        """A stream of text that begins anew here, line ends as written.
-
-        Raises:
-            OSError: It cannot be opened.
-        """
+        """A stream of text that begins anew here, line ends as written. Raises OSError: it cannot be opened."""
         return os.fdopen(self._descriptor(), "w", encoding=encoding, newline="")
 
     def _descriptor(self) -> int:

@@ -95,11 +95,7 @@ class FaultTable(Table):
         return self
 
     def fault(self) -> Fault:
-        """The fault in SI.
-
-        Raises:
-            InputError: Its numbers contradict each other.
-        """
+        """The fault in SI. Raises InputError: its numbers contradict each other."""
         offset = (0.0, 0.0, 0.0)
         if self.offset_mm is not None:
             offset = (self.offset_mm[0] * MM, self.offset_mm[1] * MM, self.offset_mm[2] * MM)

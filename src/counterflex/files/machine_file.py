@@ -44,11 +44,7 @@ def machine_file() -> Path:
 
 
 def write_verdict(path: Path, stored: StoredVerdict) -> None:
-    """Keep a verdict.
-
-    Raises:
-        OutputError: The file cannot be written, or others can write into its folder.
-    """
+    """Keep a verdict. Raises OutputError: the file cannot be written, or others can write into its folder."""
     try:
         made_own(path.parent)
     except OutputError:

@@ -47,11 +47,7 @@ class MeasuredPart:
 
 
 def write_part_deviations(path: Path, deviations: PartDeviations, part: MeasuredPart) -> None:
-    """Write the deviations of a part, whole or not at all.
-
-    Raises:
-        OutputError: The folder cannot be written.
-    """
+    """Write the deviations of a part, whole or not at all. Raises OutputError: the folder cannot be written."""
     write(path, KIND, VERSION, LAYOUT, deviations, asdict(part))
 
 

@@ -73,11 +73,7 @@ class LoggedPath:
 
 
 def write_tool_path(path: Path, rows: ToolPathRows, logged: LoggedPath) -> None:
-    """Write a measured path, whole or not at all.
-
-    Raises:
-        OutputError: The folder cannot be written.
-    """
+    """Write a measured path, whole or not at all. Raises OutputError: the folder cannot be written."""
     write(path, KIND, VERSION, LAYOUT, rows, asdict(logged))
 
 

@@ -170,11 +170,7 @@ def prediction_page(data: PredictionData) -> str:
 
 
 def write_page(page: str, path: str | os.PathLike[str]) -> None:
-    """Write a page whole or not at all.
-
-    Raises:
-        OutputError: The folder cannot be written.
-    """
+    """Write a page whole or not at all. Raises OutputError: the folder cannot be written."""
     write_text(path, page.encode("utf-8", "backslashreplace").decode("utf-8"))  # names of files need not be UTF-8
 
 

@@ -94,11 +94,7 @@ class Still:
 
 
 def svg(still: Still) -> str:
-    """The picture as SVG text.
-
-    Raises:
-        InputError: Nothing to draw.
-    """
+    """The picture as SVG text. Raises InputError: nothing to draw."""
     legend, rows = _legend(still)
     top = _TOP + _LEGEND * rows
     (x0, x1), (y0, y1) = _range(still)

@@ -83,11 +83,7 @@ def judge(
 
 
 def result_of(summary: dict[str, Any], robot: str, material: str, about: About) -> BenchmarkResult:
-    """The result that a summary of ``inspect`` holds.
-
-    Raises:
-        InputError: Something of the part is not in the scan.
-    """
+    """The result that a summary of ``inspect`` holds. Raises InputError: something of the part is not in the scan."""
     part = summary["parts"]["part"]
     rows = {(row["feature"], row["quantity"]): row for row in summary["features"] if "part" in row}
     missing = [row for row in MEASURED if (row.feature, row.quantity) not in rows]

@@ -105,11 +105,7 @@ def written(name: str, order: WritingOrder) -> Written:
 
 
 def refuse_robot_program(order: WritingOrder) -> Written:
-    """Refuse a robot program that is asked for as G-code.
-
-    Raises:
-        InputError: Always.
-    """
+    """Refuse a robot program that is asked for as G-code. Raises InputError: always."""
     raise InputError(
         "a robot program is not written as G-code",
         where=Path(order.job.program.name).name,

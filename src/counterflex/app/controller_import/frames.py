@@ -86,11 +86,7 @@ class ControllerData:
         return out
 
     def named(self, name: str, what: str) -> Float:
-        """(4, 4) m, a tool or base by name, capitals or not.
-
-        Raises:
-            InputError: There is none.
-        """
+        """(4, 4) m, a tool or base by name, capitals or not. Raises InputError: there is none."""
         frames = self.tools if what == "tool" else self.bases
         by_capitals = {key.upper(): key for key in frames}
         key = by_capitals.get(name.upper())

@@ -92,11 +92,7 @@ def _kinds() -> str:
 
 
 def read_files(files: Sequence[Path]) -> ControllerData:
-    """Data of all files of a controller.
-
-    Raises:
-        FileFormatError: A file is of no kind that is read.
-    """
+    """Data of all files of a controller. Raises FileFormatError: a file is of no kind that is read."""
     out = ControllerData()
     for file in files:
         if file.suffix.lower() == ".rdk":

@@ -71,11 +71,7 @@ class InspectedPath:
 
 
 def judged_path(log: ToolLog, part: NominalPart, job: Job, cell: Cell) -> InspectedPath:
-    """Lay a log on the program's path and judge it.
-
-    Raises:
-        InputError: The log does not fit the program's path.
-    """
+    """Lay a log on the program's path and judge it. Raises InputError: the log does not fit the program's path."""
     path, radius = job.path, part.surface.cutter.radius_m
     noise = log.readings.noise_m()
     if noise > NOISIEST_M:

@@ -19,11 +19,7 @@ _GREY: Final = (150, 165, 178)
 
 
 def require_rerun() -> None:
-    """Check that the library is there.
-
-    Raises:
-        InputError: It is not.
-    """
+    """Check that the library is there. Raises InputError: it is not."""
     if importlib.util.find_spec("rerun") is None:
         raise InputError(
             "the export needs the package rerun-sdk", hint='Install it with pip install "counterflex[rerun]"'

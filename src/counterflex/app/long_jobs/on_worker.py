@@ -129,11 +129,7 @@ def program_now() -> str:
 
 
 def ordered(task: Task, root: Path) -> Order:
-    """A task with everything that it needs.
-
-    Raises:
-        InputError: A file is not below the folder of the job.
-    """
+    """A task with everything that it needs. Raises InputError: a file is not below the folder of the job."""
     arguments = tuple(
         type(item)(name_below(root, Path(item.path))) if isinstance(item, Reads | Writes) else item
         for item in task.arguments

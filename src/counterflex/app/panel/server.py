@@ -174,11 +174,7 @@ class PanelServer:
         self._last: dict[str, Any] = {}
 
     def serve(self) -> None:
-        """Serve until the process is asked to end.
-
-        Raises:
-            OutputError: The port cannot be opened.
-        """
+        """Serve until the process is asked to end. Raises OutputError: the port cannot be opened."""
         settings = self._settings
         with contextlib.suppress(OSError, AttributeError):
             os.nice(NICE)

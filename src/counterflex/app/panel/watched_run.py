@@ -140,11 +140,7 @@ class WatchedRun:
             )
 
     def require_free(self) -> None:
-        """Refuse to watch a run that another panel watches.
-
-        Raises:
-            OutputError: There is one.
-        """
+        """Refuse to watch a run that another panel watches. Raises OutputError: there is one."""
         try:
             words = find(self.folder, machine_file().parent)
         except CounterflexError:

@@ -86,11 +86,7 @@ def prepared(
 def task_of(
     program: str | Path, cell: Cell, reading: Reading, surface: Surface, progress: Progress = silent
 ) -> tuple[Job, Cell, Task]:
-    """A program with its load on its cell.
-
-    Raises:
-        CounterflexError: The program cannot be cut so, or cuts nothing.
-    """
+    """A program with its load on its cell. Raises CounterflexError: the program cannot be cut so, or cuts nothing."""
     if any(axis.moves for axis in cell.tables.external_axes):
         cell = cell.at_external({})  # places are chosen anew
     cell = in_working_plane(program, cell, reading)

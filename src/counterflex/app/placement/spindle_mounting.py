@@ -27,11 +27,7 @@ class Mounting:
     values_deg: tuple[float, ...]
 
     def present_deg(self, cell: Cell) -> float:
-        """The angle that a cell file has.
-
-        Raises:
-            InputError: The cell has no such body, or holds the part.
-        """
+        """The angle that a cell file has. Raises InputError: the cell has no such body, or holds the part."""
         if self.body == "tcp":
             return float(getattr(cell.tables.tcp, self.key))
         for table in cell.tables.end_effector:

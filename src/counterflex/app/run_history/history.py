@@ -32,11 +32,7 @@ def _mean(row: dict[str, Any], place: int) -> float | None:
 
 
 def log_folders(folder: Path) -> list[Path]:
-    """Folders with a run log: this one and those below it, by name.
-
-    Raises:
-        FileFormatError: There is none.
-    """
+    """Folders with a run log: this one and those below it, by name. Raises FileFormatError: there is none."""
     folders = sorted({file.parent for file in folder.rglob("run-*.mcap")})
     if not folders:
         raise FileFormatError(

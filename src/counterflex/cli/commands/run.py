@@ -38,11 +38,7 @@ def register_twin(twin: typer.Typer) -> None:
 
 
 def one_protocol(rsi: Path | None, egm: object) -> None:
-    """Refuse neither or both of the robot's protocols.
-
-    Raises:
-        InputError: They are.
-    """
+    """Refuse neither or both of the robot's protocols. Raises InputError: they are."""
     if (rsi is None) == (egm is None):
         raise InputError(
             "the robot's protocol is not clear",

@@ -97,11 +97,7 @@ class Cell:
 
     @property
     def part(self) -> PartTable:
-        """Table ``[part]``.
-
-        Raises:
-            FileFormatError: The file has none.
-        """
+        """Table ``[part]``. Raises FileFormatError: the file has none."""
         if self.tables.part is None:
             raise self._lacking("[part]")
         return self.tables.part
@@ -113,11 +109,7 @@ class Cell:
 
     @property
     def material(self) -> MaterialTable:
-        """Table ``[material]``.
-
-        Raises:
-            FileFormatError: The file has none.
-        """
+        """Table ``[material]``. Raises FileFormatError: the file has none."""
         if self.tables.material is None:
             raise self._lacking("[material]")
         return self.tables.material
@@ -271,11 +263,7 @@ class Cell:
         return _force_law(self.material, str(self.path))
 
     def cutter(self, number: int) -> Cutter:
-        """The tool with the program's number.
-
-        Raises:
-            FileFormatError: The cell has no such tool, or none at all.
-        """
+        """The tool with the program's number. Raises FileFormatError: the cell has no such tool, or none at all."""
         if not self.tables.tools:
             raise self._lacking("[[tools]]")
         for tool in self.tables.tools:

@@ -64,11 +64,7 @@ class FrameTable(Table):
         return self
 
     def source(self) -> FrameSource:
-        """Frames and how they are had.
-
-        Raises:
-            InputError: Fields, matrix or transport that cannot be.
-        """
+        """Frames and how they are had. Raises InputError: fields, matrix or transport that cannot be."""
         from counterflex.protocols.frame.link import FrameSource
 
         fields = []

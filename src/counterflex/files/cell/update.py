@@ -76,11 +76,7 @@ def check_update(text: str, path: Path) -> Cell:
 
 
 def require_new(target: Path, template: Path) -> None:
-    """Refuse to write over a file.
-
-    Raises:
-        InputError: The target is the template, or any file that is there.
-    """
+    """Refuse to write over a file. Raises InputError: the target is the template, or any file that is there."""
     if target.resolve() == template.resolve():
         raise InputError("the cell file itself is not overwritten", where="--apply", value=target)
     if target.exists():

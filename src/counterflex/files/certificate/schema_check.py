@@ -11,11 +11,7 @@ from counterflex.core.errors import FileFormatError, InputError
 
 
 def require_library() -> None:
-    """Refuse to go on without the library.
-
-    Raises:
-        InputError: The extra ``dcc`` is not installed.
-    """
+    """Refuse to go on without the library. Raises InputError: the extra ``dcc`` is not installed."""
     if importlib.util.find_spec("xmlschema") is None:
         raise InputError(
             "the library xmlschema is not installed", where="--schema", hint='pip install "counterflex[dcc]"'

@@ -254,11 +254,7 @@ def _flat(content: Mapping[str, Any], before: str) -> dict[str, Float]:
 
 
 def _of_one_length(path: Path, columns: Mapping[str, Float], kind: str) -> Columns:
-    """Columns as one table.
-
-    Raises:
-        FileFormatError: There are none, or they have different lengths.
-    """
+    """Columns as one table. Raises FileFormatError: there are none, or they have different lengths."""
     lengths = {len(value) for value in columns.values()}
     if not lengths:
         raise FileFormatError("the file holds no columns of numbers", where=str(path))

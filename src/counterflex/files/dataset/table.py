@@ -57,11 +57,7 @@ class TextTable:
         return len(self.lines)
 
     def find(self, reference: Reference, where: str) -> int:
-        """Place of a column.
-
-        Raises:
-            FileFormatError: There is none, or two of the name.
-        """
+        """Place of a column. Raises FileFormatError: there is none, or two of the name."""
         if isinstance(reference, int):
             if reference > len(self.header):
                 raise FileFormatError(

@@ -146,11 +146,7 @@ def lost_at_end(salvaged: Salvaged, rows: Float) -> int:
 
 
 def require_ours(channel: Channel | None, where: str) -> None:
-    """Check that a channel is one of a run log.
-
-    Raises:
-        FileFormatError: It is another program's.
-    """
+    """Check that a channel is one of a run log. Raises FileFormatError: it is another program's."""
     if channel is not None and (channel.id, channel.topic) not in ((CYCLE_CHANNEL, TOPIC), (STATE_CHANNEL, STATES)):
         raise FileFormatError("not a run log", where=where, value=channel.topic)
 

@@ -210,11 +210,7 @@ class Readings:
 
 
 def lines_of(name: str, where: str) -> ExportLines:
-    """A reader of lines.
-
-    Raises:
-        FileFormatError: There is no such format.
-    """
+    """A reader of lines. Raises FileFormatError: there is no such format."""
     if name not in FORMATS:
         raise FileFormatError("unknown format of a tracker's export", value=name, limit=", ".join(FORMATS))
     return FORMATS[name][0](where)
