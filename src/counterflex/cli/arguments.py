@@ -31,6 +31,18 @@ LARGEST_PORT: Final = 65535
 
 
 Param = typer.CallbackParam
+Check = Callable[..., Any]
+"""Takes the option and its value, and hands the value on or raises."""
+
+
+def option(name: str, text: str, check: Check | None = None, metavar: str | None = None, **more: Any) -> Any:
+    """An option of a command: its names with blanks between, its help, what checks a value, what stands for one."""
+    return typer.Option(*name.split(), help=text, callback=check, metavar=metavar, **more)
+
+
+def argument(text: str, check: Check | None = None, metavar: str | None = None, **more: Any) -> Any:
+    """An argument of a command: its help, what checks a value, what stands for one."""
+    return typer.Argument(help=text, callback=check, metavar=metavar, **more)
 
 
 def _paths(value: Any) -> list[Path]:

@@ -17,6 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from counterflex import __version__
+from counterflex.cli.arguments import option
 from counterflex.cli.commands import (
     ads,
     benchmark_part,
@@ -260,10 +261,7 @@ def _version(value: bool) -> None:
 @app.callback()
 def _main(
     version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_version, is_eager=True, help="Print version, commit, Python and platform, and stop."
-        ),
+        bool, option("--version", "Print version, commit, Python and platform, and stop.", _version, is_eager=True)
     ] = False,
 ) -> None:
     pass
