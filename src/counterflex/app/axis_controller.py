@@ -42,16 +42,11 @@ _DIGITS: Final = 4
 
 @dataclass(frozen=True)
 class TunedAxis:
-    """What was found for an axis.
-
-    Attributes:
-        design: Its controller, or None.
-        refused: Why there is none.
-    """
+    """What was found for an axis."""
 
     plant: TrackerPlant
-    design: AxisDesign | None
-    refused: str = ""
+    design: AxisDesign | None  # Its controller, or None
+    refused: str = ""  # Why there is none
 
 
 def axis_plants(cell: Cell, settings: OnlineSettings) -> tuple[TrackerPlant, ...]:

@@ -26,22 +26,14 @@ _SHARE: Final = 0.997
 
 @dataclass(frozen=True, eq=False)
 class CutPoints:
-    """Points with the load on the tool.
+    """Points with the load on the tool."""
 
-    Attributes:
-        q: (n, 6) rad.
-        w_tcp_base: (n, 6) N, N m.
-        feed_base: (n, 3) direction of the path, base axes; zero where every direction counts.
-        weight_m: (n,) length of path that each stands for.
-        row: (n,) rows of the path.
-    """
-
-    q: Float
-    w_tcp_base: Float
-    feed_base: Float
-    weight_m: Float
+    q: Float  # (n, 6) rad
+    w_tcp_base: Float  # (n, 6) N, N m
+    feed_base: Float  # (n, 3) direction of the path, base axes; zero where every direction counts
+    weight_m: Float  # (n,) length of path that each stands for
     of: str
-    row: Int
+    row: Int  # (n,) rows of the path
 
     def sizes(self, displacements: Float) -> Float:
         """What 99.7 % of the path stay below, square to it.

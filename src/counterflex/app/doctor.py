@@ -46,14 +46,10 @@ _Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class Checkup:
-    """What was measured of this machine and what it means.
-
-    Attributes:
-        granted: What it allowed the loop's process.
-    """
+    """What was measured of this machine and what it means."""
 
     machine: Machine
-    granted: Granted
+    granted: Granted  # What it allowed the loop's process
     samples: LoopSamples
     judgement: Judgement
 

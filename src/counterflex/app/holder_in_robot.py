@@ -19,17 +19,12 @@ from counterflex.robot.kinematics.inverse import inverse_all
 
 @dataclass(frozen=True)
 class Spindle:
-    """What is mapped.
-
-    Attributes:
-        mounting: Body and angles of the spindle, or None: as the cell file has it.
-        points: Places along each axis of a map.
-    """
+    """What is mapped."""
 
     cell: Path
-    mounting: Mounting | None = None
+    mounting: Mounting | None = None  # Body and angles of the spindle, or None: as the cell file has it
     force_n: float = 500.0
-    points: int = 9
+    points: int = 9  # Places along each axis of a map
 
 
 def spindle_maps(settings: Spindle) -> dict[str, Any]:

@@ -33,18 +33,12 @@ ASSUMED_MASS: Final = 0.5
 
 @dataclass(frozen=True)
 class Estimate:
-    """A lowest mode.
-
-    Attributes:
-        low_hz: 5 % of robots with these masses and springs swing more slowly; nan where it was measured.
-        high_hz: 5 % swing faster.
-        origin: Where it comes from.
-    """
+    """A lowest mode."""
 
     mode: Mode
-    low_hz: float
-    high_hz: float
-    origin: str
+    low_hz: float  # 5 % of robots with these masses and springs swing more slowly; nan where it was measured
+    high_hz: float  # 5 % swing faster
+    origin: str  # Where it comes from
 
     @property
     def between(self) -> str:
@@ -111,16 +105,11 @@ def frequency_intervals(swinging: SwingingChain, q: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class SwingingChain:
-    """A chain that can be moved, with how well its constants are known.
+    """A chain that can be moved, with how well its constants are known."""
 
-    Attributes:
-        chain: With assumed masses where an axis has none behind it.
-        origin: Where its modes come from.
-    """
-
-    chain: ElasticChain
+    chain: ElasticChain  # With assumed masses where an axis has none behind it
     spread: Spread
-    origin: str
+    origin: str  # Where its modes come from
 
 
 def swinging_chain(cell: Cell, q: Float) -> SwingingChain:

@@ -43,17 +43,13 @@ MAP: Final = "postures.csv"
 
 @dataclass(frozen=True, eq=False)
 class PostureOf:
-    """A posture chosen for a program.
-
-    Attributes:
-        summary: In shop units.
-    """
+    """A posture chosen for a program."""
 
     job: Job
     cell: Cell
     task: Task
     chosen: Chosen
-    summary: dict[str, Any]
+    summary: dict[str, Any]  # In shop units
 
 
 def loaded_path(

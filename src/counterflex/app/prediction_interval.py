@@ -60,16 +60,11 @@ _SWING_SEED: Final = 11
 
 @dataclass(frozen=True)
 class Foreseen:
-    """Path error of a plan over cells that differ by all that is not known of this one.
+    """Path error of a plan over cells that differ by all that is not known of this one."""
 
-    Attributes:
-        nominal: 99.7 % of the path error across the feed, of the program as it is.
-        compensated: The same of the compensated program.
-        worse_share: Share of the cells, 0 to 1, in which the compensated program leaves more than the program as it is.
-    """
-
-    nominal: Expected
-    compensated: Expected
+    nominal: Expected  # 99.7 % of the path error across the feed, of the program as it is
+    compensated: Expected  # The same of the compensated program
+    # Share of the cells, 0 to 1, in which the compensated program leaves more than the program as it is
     worse_share: float
 
 

@@ -45,15 +45,11 @@ READING, CHECKING = "reading the program", "checking"
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A checked program.
-
-    Attributes:
-        summary: What is printed as JSON and written to ``summary.json``.
-    """
+    """A checked program."""
 
     job: Job
     result: Preflight
-    summary: dict[str, Any]
+    summary: dict[str, Any]  # What is printed as JSON and written to ``summary.json``
 
 
 def check(

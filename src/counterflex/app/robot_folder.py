@@ -97,15 +97,11 @@ def write_folder(
 
 @dataclass(frozen=True)
 class RobotSetup:
-    """Files that connect a controller to the loop.
-
-    Attributes:
-        check: Findings in files that are there, by the settings of ``check``.
-        make: Files for a cell into a folder: the folder, and by name the settings of ``make``.
-    """
+    """Files that connect a controller to the loop."""
 
     title: str
-    check: Callable[..., tuple[Finding, ...]]
+    check: Callable[..., tuple[Finding, ...]]  # Findings in files that are there, by the settings of ``check``
+    # Files for a cell into a folder: the folder, and by name the settings of ``make``
     make: Callable[..., dict[str, Any]]
 
 

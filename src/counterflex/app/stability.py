@@ -38,19 +38,13 @@ _LINES: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A judged program.
-
-    Attributes:
-        margins: Of every stretch.
-        summary: What is printed as JSON and written to ``summary.json``.
-        table: One row for each stretch.
-    """
+    """A judged program."""
 
     job: Job
-    margins: list[Margin]
+    margins: list[Margin]  # Of every stretch
     diagrams: dict[int, Diagram]
-    summary: dict[str, Any]
-    table: pl.DataFrame
+    summary: dict[str, Any]  # What is printed as JSON and written to ``summary.json``
+    table: pl.DataFrame  # One row for each stretch
 
 
 def structure_of(

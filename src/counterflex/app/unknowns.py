@@ -63,31 +63,21 @@ _COUNT: Final = 20
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something that is not known of a cell.
-
-    Attributes:
-        known_from: What is known of it, and from where.
-        cost: What it leaves uncorrected; None where that cannot be said at rest.
-        recipe: What to measure: ``identify`` with these words, the recipe first.
-    """
+    """Something that is not known of a cell."""
 
     name: str
-    known_from: str
-    cost: Expected | None
-    recipe: str
+    known_from: str  # What is known of it, and from where
+    cost: Expected | None  # What it leaves uncorrected; None where that cannot be said at rest
+    recipe: str  # What to measure: ``identify`` with these words, the recipe first
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """An unknown as it displaces the tool.
-
-    Attributes:
-        displacements: (draws, n, 3) m, base axes, left uncorrected; None where that cannot be said at rest.
-    """
+    """An unknown as it displaces the tool."""
 
     name: str
     known_from: str
-    displacements: Float | None
+    displacements: Float | None  # (draws, n, 3) m, base axes, left uncorrected; None where that cannot be said at rest
     recipe: str
 
 

@@ -106,14 +106,10 @@ def cache_folder(module: str) -> Path:
 
 @dataclass(frozen=True)
 class Bundle:
-    """A NamedTuple of arrays and numbers that a kernel takes.
-
-    Attributes:
-        fields: Kinds of its fields, in order.
-    """
+    """A NamedTuple of arrays and numbers that a kernel takes."""
 
     kind: type
-    fields: tuple[Any, ...]
+    fields: tuple[Any, ...]  # Kinds of its fields, in order
 
     def numba_type(self, of: Callable[[Any], Any], tuple_of: Callable[[list[Any], type], Any]) -> Any:
         """Return its type.

@@ -87,20 +87,15 @@ _MOST_LINKS: Final = 40
 
 @dataclass(frozen=True)
 class Place:
-    """Where an output really goes.
+    """Where an output really goes."""
 
-    Attributes:
-        path: The file itself, behind all symbolic links; need not be there.
-        through: Something that is not a regular file (device, pipe, socket, open descriptor): it is written into and
-            never replaced.
-        descriptor: Of this process, where ``path`` names one (``/dev/stdout``, ``/dev/fd/3``); else None.
-        before: State of the regular file that is there already; None where there is none.
-    """
-
-    path: Path
+    path: Path  # The file itself, behind all symbolic links; need not be there
+    # Something that is not a regular file (device, pipe, socket, open descriptor): it is written into and never
+    # replaced
     through: bool = False
+    # Of this process, where ``path`` names one (``/dev/stdout``, ``/dev/fd/3``); else None
     descriptor: int | None = None
-    before: os.stat_result | None = None
+    before: os.stat_result | None = None  # State of the regular file that is there already; None where there is none
 
     def keep_rights(self, made: Path, mode: int) -> None:
         """Give a file that takes this place the mode and owner of the one before, else the usual rights.

@@ -20,15 +20,10 @@ INPUTS: Final = "inputs"
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One identification of an archive.
+    """One identification of an archive."""
 
-    Attributes:
-        folder: Where it is kept.
-        result: Content of its ``result.json``.
-    """
-
-    folder: Path
-    result: dict[str, Any]
+    folder: Path  # Where it is kept
+    result: dict[str, Any]  # Content of its ``result.json``
 
 
 def run_name(date: str, recipe: str, taken: Path) -> str:

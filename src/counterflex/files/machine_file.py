@@ -20,20 +20,14 @@ OLDEST: Final = timedelta(days=7)
 
 @dataclass(frozen=True)
 class StoredVerdict:
-    """A verdict on a machine.
-
-    Attributes:
-        date: When it was measured, with time zone.
-        fits: 99.9 % of the replies are in time.
-        p999_s: What they take at most; None where some never came.
-    """
+    """A verdict on a machine."""
 
     host: str
     kernel: str
-    date: datetime
+    date: datetime  # When it was measured, with time zone
     verdict: str
-    fits: bool
-    p999_s: float | None
+    fits: bool  # 99.9 % of the replies are in time
+    p999_s: float | None  # What they take at most; None where some never came
     budget_s: float
     reasons: tuple[str, ...]
 

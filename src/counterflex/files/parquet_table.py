@@ -21,19 +21,12 @@ _KEY = "counterflex"
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a file and where its values live in memory.
+    """A column of a file and where its values live in memory."""
 
-    Attributes:
-        name: In the file, with unit suffix.
-        field: Attribute of the object, dotted for a part of it.
-        index: Component of that attribute, or None.
-        unit: SI value of one file unit.
-    """
-
-    name: str
-    field: str
-    index: int | None = None
-    unit: float = 1.0
+    name: str  # In the file, with unit suffix
+    field: str  # Attribute of the object, dotted for a part of it
+    index: int | None = None  # Component of that attribute, or None
+    unit: float = 1.0  # SI value of one file unit
     whole: bool = False
 
 

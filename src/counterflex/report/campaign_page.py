@@ -11,35 +11,24 @@ from counterflex.report.page import render
 
 @dataclass(frozen=True)
 class FigureRow:
-    """A figure of an identification.
-
-    Attributes:
-        before: With the cell before it, as printed, or empty.
-    """
+    """A figure of an identification."""
 
     text: str
-    before: str
+    before: str  # With the cell before it, as printed, or empty
     value: str
 
 
 @dataclass(frozen=True)
 class RecipeRow:
-    """One recipe of one campaign.
-
-    Attributes:
-        rows: Measured rows, fit and validation, as printed.
-        verdict: ``accepted``, or why it was not.
-        accepted: Whether the cell file took it over.
-        report: Where the report of the identification is, relative to the page, or empty.
-    """
+    """One recipe of one campaign."""
 
     recipe: str
-    rows: str
-    verdict: str
-    accepted: bool
+    rows: str  # Measured rows, fit and validation, as printed
+    verdict: str  # ``accepted``, or why it was not
+    accepted: bool  # Whether the cell file took it over
     figures: tuple[FigureRow, ...]
     seconds: str
-    report: str = ""
+    report: str = ""  # Where the report of the identification is, relative to the page, or empty
 
 
 @dataclass(frozen=True)
@@ -55,33 +44,23 @@ class TruthRow:
 
 @dataclass(frozen=True)
 class CampaignOfSeed:
-    """One truth.
-
-    Attributes:
-        recipes: In order.
-        truths: By group: what planning uses, stiffness, ...
-    """
+    """One truth."""
 
     seed: str
-    recipes: tuple[RecipeRow, ...]
-    truths: Mapping[str, tuple[TruthRow, ...]]
+    recipes: tuple[RecipeRow, ...]  # In order
+    truths: Mapping[str, tuple[TruthRow, ...]]  # By group: what planning uses, stiffness, ..
 
 
 @dataclass(frozen=True)
 class CampaignData:
-    """Everything on the page.
-
-    Attributes:
-        verdict: The result in one sentence, or empty where nothing was machined.
-        columns: Header of the table over the seeds.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
     created: str
-    verdict: str
+    verdict: str  # The result in one sentence, or empty where nothing was machined
     cards: Sequence[tuple[str, str, str]]
-    columns: Sequence[str]
+    columns: Sequence[str]  # Header of the table over the seeds
     rows: Sequence[Sequence[str]]
     seeds: tuple[CampaignOfSeed, ...]
     facts: tuple[Fact, ...] = ()

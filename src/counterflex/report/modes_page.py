@@ -25,22 +25,15 @@ _TOOL: Final = "#26384a"
 
 @dataclass(frozen=True, eq=False)
 class ModesData:
-    """Everything on the page.
-
-    Attributes:
-        points_m: (k, 3) m, base axes, from the robot's foot to the tool's tip.
-        moved_m: (k, 3, m) m, their motion in each mode, of any size.
-        flange: Index of the flange among the points.
-        created: Date as printed, or empty.
-    """
+    """Everything on the page."""
 
     summary: Mapping[str, Any]
-    points_m: Float
-    moved_m: Float
-    flange: int
+    points_m: Float  # (k, 3) m, base axes, from the robot's foot to the tool's tip
+    moved_m: Float  # (k, 3, m) m, their motion in each mode, of any size
+    flange: int  # Index of the flange among the points
     title: str = "Modes"
     subtitle: str = ""
-    created: str = ""
+    created: str = ""  # Date as printed, or empty
 
 
 def modes_page(data: ModesData) -> str:

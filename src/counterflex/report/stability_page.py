@@ -22,16 +22,11 @@ _TEXTS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class StabilityData:
-    """Everything on the page.
-
-    Attributes:
-        stretches: Rows of ``stability.csv``.
-        lobes: Rows of ``lobes.csv``.
-    """
+    """Everything on the page."""
 
     summary: Mapping[str, Any]
-    stretches: Sequence[Mapping[str, Any]]
-    lobes: Sequence[Mapping[str, Any]]
+    stretches: Sequence[Mapping[str, Any]]  # Rows of ``stability.csv``
+    lobes: Sequence[Mapping[str, Any]]  # Rows of ``lobes.csv``
     title: str = "Stability"
 
 

@@ -30,18 +30,12 @@ RESULT: Final = "result.json"
 
 @dataclass(frozen=True)
 class About:
-    """Who milled the part, and how.
-
-    Attributes:
-        method: One of :data:`counterflex.files.benchmark_result.METHODS`.
-        robot: Name; None: that of the cell.
-        material: Name; None: that of the cell.
-    """
+    """Who milled the part, and how."""
 
     laboratory: str
-    method: str
-    robot: str | None = None
-    material: str | None = None
+    method: str  # One of :data:`counterflex.files.benchmark_result.METHODS`
+    robot: str | None = None  # Name; None: that of the cell
+    material: str | None = None  # Name; None: that of the cell
 
 
 def judge(

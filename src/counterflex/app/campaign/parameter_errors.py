@@ -29,21 +29,14 @@ _ROUNDS = 6
 
 @dataclass(frozen=True)
 class TrueRow:
-    """One line of the comparison.
+    """One line of the comparison."""
 
-    Attributes:
-        group: ``use`` for what planning uses, else ``stiffness``, ``masses``, ``drives`` or ``cutting``.
-        before: By the cell file that the campaign started from.
-        identified: By the one that it ended with.
-        true: In the simulated cell; None where the value is an error, best at 0.
-    """
-
-    group: str
+    group: str  # ``use`` for what planning uses, else ``stiffness``, ``masses``, ``drives`` or ``cutting``
     name: str
     unit: str
-    before: float
-    identified: float
-    true: float | None
+    before: float  # By the cell file that the campaign started from
+    identified: float  # By the one that it ended with
+    true: float | None  # In the simulated cell; None where the value is an error, best at 0
 
     def plain(self) -> dict[str, Any]:
         """As plain values, rounded for people."""

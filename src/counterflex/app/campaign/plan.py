@@ -14,15 +14,11 @@ Setting = float | int | str | bool
 
 @dataclass(frozen=True)
 class Measurement:
-    """One recipe of a campaign.
-
-    Attributes:
-        holdout: Measurements to propose for validation, never used in the fit.
-    """
+    """One recipe of a campaign."""
 
     recipe: str
     count: int
-    holdout: int
+    holdout: int  # Measurements to propose for validation, never used in the fit
     propose: Mapping[str, Setting] = field(default_factory=dict)
     identify: Mapping[str, Setting] = field(default_factory=dict)
     weight: float = 0.2

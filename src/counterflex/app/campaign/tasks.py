@@ -48,16 +48,12 @@ class Place:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the files of a campaign are.
-
-    Attributes:
-        keep: Keep what ``simulate`` writes of every machining, not only its figures.
-    """
+    """Where the files of a campaign are."""
 
     out: Path
     inputs: tuple[str, ...]
     with_exact: bool
-    keep: bool
+    keep: bool  # Keep what ``simulate`` writes of every machining, not only its figures
 
     @property
     def start(self) -> Path:

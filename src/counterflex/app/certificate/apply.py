@@ -31,18 +31,12 @@ _EXPANDED: Final = 2.0
 
 @dataclass(frozen=True)
 class Value:
-    """A quantity, or several together, in SI.
-
-    Attributes:
-        values: SI.
-        sigma: Standard uncertainties, SI; None where none is stated.
-        units: Of each value.
-    """
+    """A quantity, or several together, in SI."""
 
     name: str
-    values: tuple[float, ...]
-    sigma: tuple[float, ...] | None
-    units: tuple[Unit, ...]
+    values: tuple[float, ...]  # SI
+    sigma: tuple[float, ...] | None  # Standard uncertainties, SI; None where none is stated
+    units: tuple[Unit, ...]  # Of each value
 
 
 def apply_certificate(

@@ -102,23 +102,15 @@ PAGE, _PAGE_SHARE = "writing the report", 0.05
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Result of the job.
-
-    Attributes:
-        written: What the writer says about them, plain values.
-        summary: What ``summary.json`` holds.
-        encoding: Of the program files, that of the source.
-        limited: What ``[process_limits]`` made of the feed; None where they state none.
-        places: Of external axes that move along the program; None where they stand.
-    """
+    """Result of the job."""
 
     plan: Plan
     files: dict[str, str]
-    written: dict[str, Any]
-    summary: dict[str, Any]
-    encoding: str
-    limited: LimitedFeed | None = None
-    places: ExternalPlaces | None = None
+    written: dict[str, Any]  # What the writer says about them, plain values
+    summary: dict[str, Any]  # What ``summary.json`` holds
+    encoding: str  # Of the program files, that of the source
+    limited: LimitedFeed | None = None  # What ``[process_limits]`` made of the feed; None where they state none
+    places: ExternalPlaces | None = None  # Of external axes that move along the program; None where they stand
 
 
 def compensate(

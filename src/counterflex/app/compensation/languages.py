@@ -38,19 +38,13 @@ Written = tuple[dict[str, str], dict[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class WritingOrder:
-    """What is to be written.
+    """What is to be written."""
 
-    Attributes:
-        job: The program as read, its path and its samples.
-        plan: With the correction of every point.
-        tolerance_m: Largest distance between the written path and the planned one.
-        R_part_plane: (3, 3) axes that the plan is given in, where the tool is tilted; job and cell are in part axes.
-    """
-
-    job: Job
-    plan: Plan
+    job: Job  # The program as read, its path and its samples
+    plan: Plan  # With the correction of every point
     cell: Cell
-    tolerance_m: float
+    tolerance_m: float  # Largest distance between the written path and the planned one
+    # (3, 3) axes that the plan is given in, where the tool is tilted; job and cell are in part axes
     R_part_plane: Float | None = None
 
     @property

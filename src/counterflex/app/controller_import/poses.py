@@ -24,39 +24,27 @@ _CONSTANT: Final = 0.2
 
 @dataclass(frozen=True)
 class ShownPose:
-    """A pose of the tool as the controller shows it.
-
-    Attributes:
-        q: (6,) rad, axes as the controller shows them.
-        T_base_tool: (4, 4) m, tool in the active base.
-    """
+    """A pose of the tool as the controller shows it."""
 
     line: int
-    q: Float
-    T_base_tool: Float
+    q: Float  # (6,) rad, axes as the controller shows them
+    T_base_tool: Float  # (4, 4) m, tool in the active base
     tool: str
     base: str
 
 
 @dataclass(frozen=True)
 class Residual:
-    """How far forward kinematics is from what the controller shows, for one tool in one base.
-
-    Attributes:
-        largest_m: Largest distance.
-        largest_rad: Largest angle.
-        line: Of the largest distance.
-        suspect: ``tool``, ``base`` or empty: whose frame is off by the same in all poses.
-    """
+    """How far forward kinematics is from what the controller shows, for one tool in one base."""
 
     tool: str
     base: str
     count: int
     rms_m: float
-    largest_m: float
-    largest_rad: float
-    line: int
-    suspect: str
+    largest_m: float  # Largest distance
+    largest_rad: float  # Largest angle
+    line: int  # Of the largest distance
+    suspect: str  # ``tool``, ``base`` or empty: whose frame is off by the same in all poses
 
     def fits(self, tolerance_m: float, tolerance_rad: float) -> bool:
         """Whether all poses are within both tolerances."""

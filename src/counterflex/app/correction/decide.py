@@ -31,19 +31,13 @@ _REACH_M: Final = 200.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What the next part is made by.
-
-    Attributes:
-        further_m: (n, 3) m, displacement that it takes back besides what the plan before took back.
-        unsure_m: (j, n, 3) m, what the tool may do besides, see :func:`.unsure`.
-        taken: What the next program takes back in all, and the error that it is expected to leave.
-    """
+    """What the next part is made by."""
 
     plan: Plan
-    further_m: Float
-    unsure_m: Float
+    further_m: Float  # (n, 3) m, displacement that it takes back besides what the plan before took back
+    unsure_m: Float  # (j, n, 3) m, what the tool may do besides, see :func:`.unsure`
     together: Repeated
-    taken: MeasuredError
+    taken: MeasuredError  # What the next program takes back in all, and the error that it is expected to leave
 
 
 def measured_error(

@@ -86,16 +86,11 @@ _PARQUET: Final = b"PAR1"
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """A measured part.
-
-    Attributes:
-        part: Where they come from.
-        simulated: Scanned on a simulated part, with the noise of a scanner.
-    """
+    """A measured part."""
 
     deviations: PartDeviations
-    part: MeasuredPart
-    simulated: bool
+    part: MeasuredPart  # Where they come from
+    simulated: bool  # Scanned on a simulated part, with the noise of a scanner
 
 
 def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> Scan:

@@ -37,15 +37,12 @@ _CONDITION: Final = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class InspectedPath:
-    """A log of the tool's path, judged.
-
-    Attributes:
-        made: By each station, (k,) whether it makes a floor, a wall on its left, a wall on its right.
-    """
+    """A log of the tool's path, judged."""
 
     file: str
     log: ToolLog
     part: SweptPart
+    # By each station, (k,) whether it makes a floor, a wall on its left, a wall on its right
     made: tuple[Bool, Bool, Bool]
 
     @property

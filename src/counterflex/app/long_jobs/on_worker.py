@@ -106,19 +106,12 @@ def _target(root: Path, name: str, below: str | None) -> Path:
 
 @dataclass(frozen=True)
 class Order:
-    """A task on its way to a worker.
+    """A task on its way to a worker."""
 
-    Attributes:
-        task: With paths relative to the folder of the job.
-        files: What it reads, as :func:`counterflex.app.long_jobs.on_worker.packed` packs it.
-        root: The folder of the job on the machine that ordered it, for messages.
-        program: :func:`program_now` there.
-    """
-
-    task: Task
-    files: bytes
-    root: str
-    program: str
+    task: Task  # With paths relative to the folder of the job
+    files: bytes  # What it reads, as :func:`counterflex.app.long_jobs.on_worker.packed` packs it
+    root: str  # The folder of the job on the machine that ordered it, for messages
+    program: str  # :func:`program_now` there
 
 
 @cache

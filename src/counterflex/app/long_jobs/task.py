@@ -31,26 +31,18 @@ class Task:
 
     A task with an argument :class:`Writes` is kept on disk: when the job is started again and it was made from the same
     files, arguments and program, its function is not called again. It returns a table of plain values (JSON).
-
-    Attributes:
-        text: What is being worked on, for people.
-        function: Of a module, so that a worker finds it.
-        arguments: Plain values, :class:`Reads`, at most one :class:`Writes`; paths as plain texts only where all
-            workers share this machine's disk.
-        after: Names of tasks that must have ended; their results are on disk.
-        weight: Expected time, in any unit.
-        tells: The function takes ``progress`` and tells the fraction done.
-        reads: Further files that it reads: those that the files named in its arguments name.
     """
 
     name: str
-    text: str
-    function: Callable[..., Any]
+    text: str  # What is being worked on, for people
+    function: Callable[..., Any]  # Of a module, so that a worker finds it
+    # Plain values, :class:`Reads`, at most one :class:`Writes`; paths as plain texts only where all workers share this
+    # machine's disk
     arguments: tuple[Any, ...] = ()
-    after: tuple[str, ...] = ()
-    weight: float = 1.0
-    tells: bool = False
-    reads: tuple[str, ...] = ()
+    after: tuple[str, ...] = ()  # Names of tasks that must have ended; their results are on disk
+    weight: float = 1.0  # Expected time, in any unit
+    tells: bool = False  # The function takes ``progress`` and tells the fraction done
+    reads: tuple[str, ...] = ()  # Further files that it reads: those that the files named in its arguments name
 
     @property
     def writes(self) -> Path | None:

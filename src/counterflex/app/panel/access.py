@@ -50,16 +50,12 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 @dataclass(frozen=True)
 class Session:
-    """Somebody who has shown who he is.
-
-    Attributes:
-        end_s: When he has to do so again, monotonic.
-    """
+    """Somebody who has shown who he is."""
 
     name: str
     role: Role
     source: str
-    end_s: float
+    end_s: float  # When he has to do so again, monotonic
 
     @property
     def operates(self) -> bool:

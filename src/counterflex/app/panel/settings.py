@@ -16,22 +16,15 @@ RANGE_UM: Final = 200.0
 
 @dataclass(frozen=True)
 class PanelSettings:
-    """What a panel is started with.
-
-    Attributes:
-        port: TCP port; 0 takes a free one.
-        users: File of users, or None: a link that the command prints opens it.
-        certificate: PEM file, or None: no TLS.
-        rate_hz: Messages to each page per second.
-    """
+    """What a panel is started with."""
 
     folder: Path
     host: str = "127.0.0.1"
-    port: int = PORT
-    users: Path | None = None
-    certificate: Path | None = None
+    port: int = PORT  # TCP port; 0 takes a free one
+    users: Path | None = None  # File of users, or None: a link that the command prints opens it
+    certificate: Path | None = None  # PEM file, or None: no TLS
     key: Path | None = None
-    rate_hz: float = 20.0
+    rate_hz: float = 20.0  # Messages to each page per second
     range_um: float = RANGE_UM
 
     @property

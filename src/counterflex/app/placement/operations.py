@@ -48,18 +48,13 @@ _ROUNDS: Final = 20
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Search for places: its inputs.
-
-    Attributes:
-        part: (4,) the place of the part, as a candidate has it.
-        operations: The same as rows.
-    """
+    """Search for places: its inputs."""
 
     task: Task
     frame: Frame
-    part: Float
+    part: Float  # (4,) the place of the part, as a candidate has it
     sites: list[OperationSite]
-    operations: list[Operation]
+    operations: list[Operation]  # The same as rows
 
     def place(self, values: Float) -> Float:
         """(4 + k,) a candidate with values (k,) of the axes, as a cell file states them."""

@@ -46,33 +46,23 @@ ROUNDING: Final = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A place chosen for a program.
+    """A place chosen for a program."""
 
-    Attributes:
-        stand: Pose of the part and values of external axes.
-        summary: In shop units.
-    """
-
-    stand: Stand
+    stand: Stand  # Pose of the part and values of external axes
     chosen: Chosen
     judged: Judged
-    summary: dict[str, Any]
+    summary: dict[str, Any]  # In shop units
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A program whose place is searched.
-
-    Attributes:
-        task: The program on it, with its load.
-        frame: Where it may be.
-    """
+    """A program whose place is searched."""
 
     job: Job
     cell: Cell
-    task: Task
+    task: Task  # The program on it, with its load
     stretches: list[Stretch]
-    frame: Frame
+    frame: Frame  # Where it may be
 
 
 def prepared(

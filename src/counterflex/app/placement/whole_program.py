@@ -22,20 +22,13 @@ from counterflex.plan.preflight.external_moves import standing_along
 
 @dataclass(frozen=True, eq=False)
 class Divided:
-    """Places chosen for a program.
+    """Places chosen for a program."""
 
-    Attributes:
-        stand: Pose of the part, and values of the axes in the first operation.
-        rotation_rad: About the tool axis.
-        moves: Of the axes along the program, by name.
-        summary: In shop units: the operations, and the error of all of them.
-    """
-
-    stand: Stand
+    stand: Stand  # Pose of the part, and values of the axes in the first operation
     branch: str
-    rotation_rad: float
-    moves: dict[str, list[AxisMove]]
-    summary: dict[str, Any]
+    rotation_rad: float  # About the tool axis
+    moves: dict[str, list[AxisMove]]  # Of the axes along the program, by name
+    summary: dict[str, Any]  # In shop units: the operations, and the error of all of them
 
 
 class Fault(Exception):

@@ -23,13 +23,9 @@ _SAME_M = 1.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class CommandedPoses:
-    """Poses of a test.
+    """Poses of a test."""
 
-    Attributes:
-        Ts_command: (k, 4, 4) m, in the order in which they are attained.
-    """
-
-    Ts_command: Float
+    Ts_command: Float  # (k, 4, 4) m, in the order in which they are attained
     oriented: bool
 
 

@@ -28,20 +28,15 @@ _FITTED: Final = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class PathResult:
-    """A judged test.
-
-    Attributes:
-        velocity: Or None.
-        table: One row for each place and cycle.
-    """
+    """A judged test."""
 
     path: CommandedPath
     cycles: list[Cycle]
     figures: PathFigures
     corners: list[Corner]
-    velocity: PathVelocity | None
+    velocity: PathVelocity | None  # Or None
     summary: dict[str, Any]
-    table: pl.DataFrame
+    table: pl.DataFrame  # One row for each place and cycle
 
 
 def judge(measured: Sequence[Measured], path: CommandedPath, frame: Frame, *, average_s: float) -> PathResult:

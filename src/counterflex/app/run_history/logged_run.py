@@ -30,22 +30,16 @@ FIGURES: Final = ("predicted_um", "corrected_um", "remaining_um", "measured_um",
 
 @dataclass(frozen=True, eq=False)
 class LoggedRun:
-    """A run.
+    """A run."""
 
-    Attributes:
-        row: Plain values in shop units, see :func:`read_runs`.
-        contained_m: (n, 2) m, correction that the program contains, across the feed and along the tool; None where the
-            plan file of the run is not there to say it.
-        actions: What operators did, with ``time_s`` since the first record.
-        about: What the run was made of, as its log says.
-    """
-
-    row: dict[str, Any]
+    row: dict[str, Any]  # Plain values in shop units, see :func:`read_runs`
     curves: RunCurves
+    # (n, 2) m, correction that the program contains, across the feed and along the tool; None where the plan file of
+    # the run is not there to say it
     contained_m: Float | None
     incidents: tuple[Numbered, ...]
-    actions: tuple[dict[str, Any], ...]
-    about: dict[str, Any]
+    actions: tuple[dict[str, Any], ...]  # What operators did, with ``time_s`` since the first record
+    about: dict[str, Any]  # What the run was made of, as its log says
 
 
 @dataclass

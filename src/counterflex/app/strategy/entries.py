@@ -29,31 +29,20 @@ _WORDS: Final = frozenset("GXYZFIJKN")
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """Where a cut begins or ends.
+    """Where a cut begins or ends."""
 
-    Attributes:
-        kind: Beside a wall (``in``, ``out``), plunged into the full width, or over an edge of the blank (``edge`` gets
-            a ramp, ``run-up`` a longer way through the air).
-        motion: Index of the level motion that cuts.
-        vertical: Index of the motion before (down, or straight at the wall) or behind (up); -1: none.
-        point: (3,) m.
-        tangent: (2,) unit, direction of the cut there.
-        free: (2,) unit, away from the wall; along ``tangent`` where there is none.
-        top_m: Height at which the plunge meets material.
-        air_m: Way in the direction of the cut before the first contact.
-        refusal: Why it is left as it is; empty where a move can be written.
-    """
-
+    # Beside a wall (``in``, ``out``), plunged into the full width, or over an edge of the blank (``edge`` gets a ramp,
+    # ``run-up`` a longer way through the air)
     kind: Kind
-    motion: int
-    vertical: int
+    motion: int  # Index of the level motion that cuts
+    vertical: int  # Index of the motion before (down, or straight at the wall) or behind (up); -1: none
     radius_m: float
-    point: Float
-    tangent: Float
-    free: Float
-    top_m: float = 0.0
-    air_m: float = 0.0
-    refusal: str = ""
+    point: Float  # (3,) m
+    tangent: Float  # (2,) unit, direction of the cut there
+    free: Float  # (2,) unit, away from the wall; along ``tangent`` where there is none
+    top_m: float = 0.0  # Height at which the plunge meets material
+    air_m: float = 0.0  # Way in the direction of the cut before the first contact
+    refusal: str = ""  # Why it is left as it is; empty where a move can be written
 
 
 def entries_of(

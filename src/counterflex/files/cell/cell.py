@@ -40,32 +40,23 @@ VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A cell: the tables of its file and the objects they describe, in SI.
+    """A cell: the tables of its file and the objects they describe, in SI."""
 
-    Attributes:
-        tables: The file as written, in shop units.
-        path: Where it was read from; relative paths in the file are relative to its folder.
-        robot: Robot with the file's changes to its elastic elements, and calibrated.
-        end_effector: Bodies from the flange outward and the TCP, calibrated.
-        nominal_robot: Robot without calibration: the geometry that its controller computes with.
-        nominal_end_effector: End effector without calibration.
-        class_stiffness: What the robot's class gave the axes that no stiffness is known of; None where nothing was
-            asked of it, or where every axis has one.
-        R_part_plane: (3, 3) axes of the working plane in the part frame, whose z is the direction of a tilted tool;
-            None where the tool is along z of the part. Part frame, datum points and blank are given in the plane then.
-        tool_turns: The tool cuts in several directions, or turns while it cuts: a program of five axes, planned in
-            part axes with columns of material.
-    """
-
-    tables: CellTables
-    path: Path
-    robot: Robot
-    end_effector: EndEffector
+    tables: CellTables  # The file as written, in shop units
+    path: Path  # Where it was read from; relative paths in the file are relative to its folder
+    robot: Robot  # Robot with the file's changes to its elastic elements, and calibrated
+    end_effector: EndEffector  # Bodies from the flange outward and the TCP, calibrated
     chain: ElasticChain
-    nominal_robot: Robot
-    nominal_end_effector: EndEffector
+    nominal_robot: Robot  # Robot without calibration: the geometry that its controller computes with
+    nominal_end_effector: EndEffector  # End effector without calibration
+    # What the robot's class gave the axes that no stiffness is known of; None where nothing was asked of it, or where
+    # every axis has one
     class_stiffness: ClassStiffness | None = None
+    # (3, 3) axes of the working plane in the part frame, whose z is the direction of a tilted tool; None where the tool
+    # is along z of the part. Part frame, datum points and blank are given in the plane then.
     R_part_plane: Float | None = None
+    # The tool cuts in several directions, or turns while it cuts: a program of five axes, planned in part axes with
+    # columns of material
     tool_turns: bool = False
 
     def with_turning_tool(self) -> Cell:

@@ -210,22 +210,14 @@ _OTHER: Final[dict[str, tuple[tuple[float, str], ...]]] = {
 
 @dataclass(frozen=True)
 class Unusual:
-    """A number outside of its window.
+    """A number outside of its window."""
 
-    Attributes:
-        key: Where it stands, as in the file: ``robot.play[1].friction_nm[3]``.
-        value: In the unit of the key.
-        low: End of the window that it should lie in.
-        hint: Which unit it may be in, or empty.
-        refused: It lies where no milling cell lies.
-    """
-
-    key: str
-    value: float
-    low: float
+    key: str  # Where it stands, as in the file: ``robot.play[1].friction_nm[3]``
+    value: float  # In the unit of the key
+    low: float  # End of the window that it should lie in
     high: float
-    hint: str
-    refused: bool
+    hint: str  # Which unit it may be in, or empty
+    refused: bool  # It lies where no milling cell lies
 
     def sentence(self) -> str:
         """One line."""

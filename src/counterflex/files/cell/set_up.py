@@ -19,19 +19,12 @@ POSE_KEYS: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
 
 
 class AxisMove(NamedTuple):
-    """An external axis goes to a value.
+    """An external axis goes to a value."""
 
-    Attributes:
-        from_mm: Place along the path of the program, from its first point, at which it begins to move.
-        to_mm: Place at which it has arrived; the same where the tool stands meanwhile.
-        value: mm or deg.
-        point_mm: Tool tip at its arrival, part frame.
-    """
-
-    from_mm: float
-    to_mm: float
-    value: float
-    point_mm: Sequence[float]
+    from_mm: float  # Place along the path of the program, from its first point, at which it begins to move
+    to_mm: float  # Place at which it has arrived; the same where the tool stands meanwhile
+    value: float  # mm or deg
+    point_mm: Sequence[float]  # Tool tip at its arrival, part frame
 
 
 def copied_text(path: Path, folder: Path) -> str:

@@ -26,22 +26,16 @@ class Item:
 
 @dataclass(frozen=True)
 class Certificate:
-    """A digital calibration certificate.
-
-    Attributes:
-        date: Last day of the calibration, ``2026-03-14``.
-        signed: A signature is there; it is not checked.
-        quantities: In their order.
-    """
+    """A digital calibration certificate."""
 
     file: str
     number: str
     version: str
     laboratory: str
-    date: str
+    date: str  # Last day of the calibration, ``2026-03-14``
     items: tuple[Item, ...]
-    signed: bool
-    quantities: tuple[Quantity, ...]
+    signed: bool  # A signature is there; it is not checked
+    quantities: tuple[Quantity, ...]  # In their order
 
     @property
     def source(self) -> str:

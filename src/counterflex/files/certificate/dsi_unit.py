@@ -53,15 +53,10 @@ _WORD: Final = re.compile(r"\\([a-z]+)(?:\{(-?\d+(?:\.\d+)?)\})?")
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit.
+    """A unit."""
 
-    Attributes:
-        factor: SI value of one of it.
-        exponents: Of :data:`BASE`.
-    """
-
-    factor: float
-    exponents: tuple[int, ...]
+    factor: float  # SI value of one of it
+    exponents: tuple[int, ...]  # Of :data:`BASE`
 
     @property
     def si(self) -> str:

@@ -30,23 +30,17 @@ _FORBIDDEN: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0
 
 @dataclass(frozen=True)
 class About:
-    """Who states the results, of what.
-
-    Attributes:
-        country: Two letters, ISO 3166-1.
-        begin: First day of the measurements, ``2026-03-14``.
-        serial: Its serial number, or another mark that its owner knows it by.
-    """
+    """Who states the results, of what."""
 
     number: str
     laboratory: str
     person: str
-    country: str
+    country: str  # Two letters, ISO 3166-1
     city: str
-    begin: str
+    begin: str  # First day of the measurements, ``2026-03-14``
     end: str
     item: str
-    serial: str
+    serial: str  # Its serial number, or another mark that its owner knows it by
 
 
 def result_document(result: Mapping[str, Any], about: About, where: str) -> bytes:

@@ -16,20 +16,13 @@ from counterflex.identify.data.channels import ChannelKind
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Numbers of some columns for the rows of a dataset.
+    """Numbers of some columns for the rows of a dataset."""
 
-    Attributes:
-        values: (n, k) as the file has them, NaN where there is none.
-        units: Unit that each header states, or None.
-        place: Where the cell of column k in row n stands, for messages.
-        places: File and column of each; empty for constants.
-    """
-
-    values: Float
+    values: Float  # (n, k) as the file has them, NaN where there is none
     names: tuple[str, ...]
-    units: tuple[str | None, ...]
-    place: Callable[[int, int], str]
-    places: tuple[tuple[int, int], ...] = ()
+    units: tuple[str | None, ...]  # Unit that each header states, or None
+    place: Callable[[int, int], str]  # Where the cell of column k in row n stands, for messages
+    places: tuple[tuple[int, int], ...] = ()  # File and column of each; empty for constants
 
 
 Pick = Callable[[Sequence[str | int], str], Cells]

@@ -29,16 +29,11 @@ _MAT_COMPRESSED: Final = 15
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns of one length.
-
-    Attributes:
-        values: (n,) each; nan where there is no number.
-        lines: (n,) lines of the file, or numbers of the rows from 1.
-    """
+    """Columns of one length."""
 
     names: tuple[str, ...]
-    values: tuple[Float, ...]
-    lines: Int
+    values: tuple[Float, ...]  # (n,) each; nan where there is no number
+    lines: Int  # (n,) lines of the file, or numbers of the rows from 1
 
 
 def instrument_columns(path: Path, data: bytes, part: str | int | None) -> Columns | None:

@@ -37,21 +37,14 @@ Reference = str | int
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Rows of one file.
-
-    Attributes:
-        header: Names of the columns, stripped; ``#1``, ``#2`` without a header line.
-        lines: (n,) line of the file on which each row begins.
-        columns: Cells of each column, stripped.
-        data: The bytes of the file, for the fingerprint.
-    """
+    """Rows of one file."""
 
     path: Path
     how: FileTable
-    header: tuple[str, ...]
-    lines: Int
-    columns: tuple[Sequence[str] | Float, ...]
-    data: bytes = field(repr=False, default=b"")
+    header: tuple[str, ...]  # Names of the columns, stripped; ``#1``, ``#2`` without a header line
+    lines: Int  # (n,) line of the file on which each row begins
+    columns: tuple[Sequence[str] | Float, ...]  # Cells of each column, stripped
+    data: bytes = field(repr=False, default=b"")  # The bytes of the file, for the fingerprint
 
     def __len__(self) -> int:
         return len(self.lines)

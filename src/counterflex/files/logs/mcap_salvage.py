@@ -61,15 +61,10 @@ _BAD: Final = (McapError, EOFError, ValueError, struct.error, OverflowError, Mem
 
 @dataclass(frozen=True)
 class Chunk:
-    """A sound chunk.
+    """A sound chunk."""
 
-    Attributes:
-        begin: Byte of the file at which it begins.
-        content: Its records, as written; their CRC-32 was right.
-    """
-
-    begin: int
-    content: bytes
+    begin: int  # Byte of the file at which it begins
+    content: bytes  # Its records, as written; their CRC-32 was right
 
     def records(self) -> Iterator[tuple[int, bytes]]:
         """Opcode and content of each of its records."""
@@ -83,45 +78,30 @@ class Chunk:
 
 @dataclass(frozen=True, eq=False)
 class MessageTimes:
-    """The index of a chunk's messages, which stands outside of it.
-
-    Attributes:
-        time_ns: (n,) when they were logged.
-    """
+    """The index of a chunk's messages, which stands outside of it."""
 
     channel: int
-    time_ns: np.ndarray[Any, np.dtype[np.uint64]]
+    time_ns: np.ndarray[Any, np.dtype[np.uint64]]  # (n,) when they were logged
 
 
 @dataclass(frozen=True)
 class Damage:
-    """A stretch of the file without a sound record, with sound ones behind it.
+    """A stretch of the file without a sound record, with sound ones behind it."""
 
-    Attributes:
-        begin: First byte.
-        end: First byte behind it.
-        chunks: Sound chunks before it.
-    """
-
-    begin: int
-    end: int
-    chunks: int
+    begin: int  # First byte
+    end: int  # First byte behind it
+    chunks: int  # Sound chunks before it
 
 
 @dataclass(eq=False)
 class Salvaged:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        chunks: In the order of the file.
-        damage: Stretches that could not be read, with sound records behind them.
-        finished: The file ends as a finished one does.
-    """
-
-    chunks: list[Chunk] = field(default_factory=list)
+    chunks: list[Chunk] = field(default_factory=list)  # In the order of the file
     records: list[Any] = field(default_factory=list)
+    # Stretches that could not be read, with sound records behind them
     damage: list[Damage] = field(default_factory=list)
-    finished: bool = False
+    finished: bool = False  # The file ends as a finished one does
     magic: bool = False
 
 

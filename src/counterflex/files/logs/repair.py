@@ -38,22 +38,16 @@ _BARE: Final = {"format": KIND, "version": VERSION}
 
 @dataclass(frozen=True)
 class Repaired:
-    """What was done with a segment.
-
-    Attributes:
-        kept: Name under which the original is kept; empty where nothing was done.
-        note: Why nothing was done, or empty.
-        missing: Cycles that it should hold and does not: before its first record, between its records, and behind the
-            last one by its own index.
-        damage: Stretches that could not be read.
-    """
+    """What was done with a segment."""
 
     name: str
-    kept: str
+    kept: str  # Name under which the original is kept; empty where nothing was done
     records: int
-    note: str
+    note: str  # Why nothing was done, or empty
+    # Cycles that it should hold and does not: before its first record, between its records, and behind the last one by
+    # its own index
     missing: int = 0
-    damage: int = 0
+    damage: int = 0  # Stretches that could not be read
 
 
 def repair_segment(

@@ -36,17 +36,11 @@ STATE_HEAD: Final = struct.Struct("<qq")
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A stretch of a segment that cannot be read; what is behind it can.
+    """A stretch of a segment that cannot be read; what is behind it can."""
 
-    Attributes:
-        begin: First byte.
-        end: First byte behind it.
-        after: Records of the segment before it.
-    """
-
-    begin: int
-    end: int
-    after: int
+    begin: int  # First byte
+    end: int  # First byte behind it
+    after: int  # Records of the segment before it
 
 
 def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, int, int]:

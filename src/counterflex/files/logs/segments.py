@@ -48,13 +48,9 @@ _MOST_BYTES: Final = 16 << 20
 
 @dataclass(frozen=True, eq=False)
 class Indexed:
-    """What the index of a file leads to.
+    """What the index of a file leads to."""
 
-    Attributes:
-        metadata: In the order of the file; of what the run was made of one copy.
-    """
-
-    metadata: list[Metadata]
+    metadata: list[Metadata]  # In the order of the file; of what the run was made of one copy
     messages: dict[int, int]
 
 
@@ -130,28 +126,19 @@ BRIEF: Final = (ABOUT, ACTION, DIGEST)
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One file of a run log.
-
-    Attributes:
-        rows: (n, WIDTH) records: all that stand in sound chunks.
-        about: What the run was made of; empty where nothing of it can be read.
-        finished: It ends as a finished file does; else it was cut short, or is being written.
-        states: Of the loop, in order.
-        lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
-        absent: Columns that older code did not record: 0 in counts and flags, else not a number.
-        actions: What operators did meanwhile, with ``time_ns``.
-        digest: What stands in place of records that were not read: `rows` are those that it keeps; None where all were.
-    """
+    """One file of a run log."""
 
     name: str
-    rows: Float
-    about: dict[str, Any]
-    finished: bool
-    states: tuple[LoopState, ...] = ()
+    rows: Float  # (n, WIDTH) records: all that stand in sound chunks
+    about: dict[str, Any]  # What the run was made of; empty where nothing of it can be read
+    finished: bool  # It ends as a finished file does; else it was cut short, or is being written
+    states: tuple[LoopState, ...] = ()  # Of the loop, in order
     damage: tuple[Unreadable, ...] = ()
+    # Records behind the last one that can be read, as far as the file's own index still names them
     lost_at_end: int = 0
-    absent: tuple[str, ...] = ()
-    actions: tuple[dict[str, Any], ...] = ()
+    absent: tuple[str, ...] = ()  # Columns that older code did not record: 0 in counts and flags, else not a number
+    actions: tuple[dict[str, Any], ...] = ()  # What operators did meanwhile, with ``time_ns``
+    # What stands in place of records that were not read: `rows` are those that it keeps; None where all were
     digest: Digest | None = None
 
     @property

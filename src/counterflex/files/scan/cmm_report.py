@@ -30,17 +30,12 @@ _SAMPLE: Final = 400
 
 @dataclass(frozen=True)
 class RowsOfAxes:
-    """Places of the cells of a report with one row for each axis.
+    """Places of the cells of a report with one row for each axis."""
 
-    Attributes:
-        separator: Between cells; None: any space.
-        label: Column of the name of the point, or None.
-    """
-
-    separator: str | None
+    separator: str | None  # Between cells; None: any space
     axis: int
     value: int
-    label: int | None
+    label: int | None  # Column of the name of the point, or None
 
 
 @dataclass

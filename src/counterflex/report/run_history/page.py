@@ -37,20 +37,14 @@ _HISTORY: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ShownRun:
-    """A run on a page.
-
-    Attributes:
-        figures: By name; None: not known.
-        contained_m: (n, 2) m, correction that the program contains, or None.
-        actions: What operators did: time_s, who, from, action, done, refused.
-    """
+    """A run on a page."""
 
     name: str
-    figures: Mapping[str, float | None]
+    figures: Mapping[str, float | None]  # By name; None: not known
     curves: RunCurves
-    contained_m: Float | None
+    contained_m: Float | None  # (n, 2) m, correction that the program contains, or None
     incidents: Sequence[Mapping[str, Any]]
-    actions: Sequence[Mapping[str, Any]]
+    actions: Sequence[Mapping[str, Any]]  # What operators did: time_s, who, from, action, done, refused
     facts: Mapping[str, str]
     verdict: str = ""
 

@@ -193,20 +193,13 @@ FORMATS: Final[dict[str, tuple[Callable[[str], ExportLines], str]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What a tracker measured, bad readings left out.
+    """What a tracker measured, bad readings left out."""
 
-    Attributes:
-        Ts_tracker_target: (n, 4, 4) m; the rotation is the identity where there is no orientation.
-        time_s: (n,) s since the first reading, increasing; None where the stamps are too coarse or missing.
-        left_out: Readings with a broken beam or marked inaccurate.
-        sigma_m: Standard deviation of a position as stated, 0 where it is not.
-    """
-
-    Ts_tracker_target: Float
-    time_s: Float | None
+    Ts_tracker_target: Float  # (n, 4, 4) m; the rotation is the identity where there is no orientation
+    time_s: Float | None  # (n,) s since the first reading, increasing; None where the stamps are too coarse or missing
     oriented: bool
-    left_out: int
-    sigma_m: float
+    left_out: int  # Readings with a broken beam or marked inaccurate
+    sigma_m: float  # Standard deviation of a position as stated, 0 where it is not
 
 
 def lines_of(name: str, where: str) -> ExportLines:
