@@ -100,13 +100,7 @@ def corner_points(cell: Cell) -> CutPoints:
 
 
 def _points(
-    cell: Cell,
-    p_part: Float,
-    q: Float,
-    w_tcp_part: Float,
-    cutting: Bool,
-    name: str,
-    T_base_part: Float | None = None,
+    cell: Cell, p_part: Float, q: Float, w_tcp_part: Float, cutting: Bool, name: str, T_base_part: Float | None = None
 ) -> CutPoints | None:
     if cell.holds_part:
         return None

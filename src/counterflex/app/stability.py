@@ -69,12 +69,7 @@ def structure_of(
 
 
 def judge(
-    program: str | Path,
-    cell: Cell,
-    structure: Structure,
-    *,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = silent,
+    program: str | Path, cell: Cell, structure: Structure, *, reading: Reading = AS_IT_IS, progress: Progress = silent
 ) -> Judged:
     """Judge a program.
 

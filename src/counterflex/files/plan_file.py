@@ -68,8 +68,6 @@ LAYOUT = (
     Column("extrapolated", "extrapolated", whole=True),
     *columns("nominal_fx_n nominal_fy_n nominal_fz_n nominal_mx_nm nominal_my_nm nominal_mz_nm", "w_nominal_part"),
 )
-
-
 MEASURED = columns("measured_x_um measured_y_um measured_z_um", "measured_part", UM)
 """Columns of version 2: plans that measured parts have corrected; all others are written as version 1."""
 

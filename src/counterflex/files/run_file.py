@@ -31,8 +31,6 @@ LAYOUT = (
     Column("axial_depth_mm", "depth_m", unit=MM),
     *columns("q1_deg q2_deg q3_deg q4_deg q5_deg q6_deg", "q_motor", DEG),
 )
-
-
 AXIS = columns("axis_x axis_y axis_z", "axis_part")
 """Direction of the tool, from the tip to the spindle: of runs that have it."""
 

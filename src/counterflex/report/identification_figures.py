@@ -141,12 +141,7 @@ def correlation_figure(fit: Fit) -> dict[str, Any] | None:
             "height": min(960, 220 + 17 * len(names)),
             "margin": {"l": 10, "r": 10, "t": 10, "b": 10},
             "xaxis": {"automargin": True, "showticklabels": len(names) <= 60, "tickangle": -60, "dtick": 1},
-            "yaxis": {
-                "automargin": True,
-                "showticklabels": len(names) <= 60,
-                "autorange": "reversed",
-                "dtick": 1,
-            },
+            "yaxis": {"automargin": True, "showticklabels": len(names) <= 60, "autorange": "reversed", "dtick": 1},
         },
     }
 

@@ -282,7 +282,7 @@ def figure_3d(surface: NominalSurface, deviation: SurfaceDeviation, limit_mm: fl
                     "title": {"text": "deviation, mm", "side": "top"},
                 },
                 "hovertemplate": "%{x:.1f}, %{y:.1f} mm<br>%{surfacecolor:+.3f} mm<extra></extra>",
-            },
+            }
         ],
         "layout": {
             "height": 480,

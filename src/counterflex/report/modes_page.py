@@ -61,10 +61,7 @@ def mode_figure(points_m: Float, moved_m: Float, flange: int) -> dict[str, Any]:
     moved = moved_m * (_DRAWN * length / largest if largest > 0.0 else 0.0)
     tip = points_m[-1, :2]
     along = tip / max(float(np.linalg.norm(tip)), 1e-9)
-    views = (
-        np.array([[along[0], along[1], 0.0], [0.0, 0.0, 1.0]]),
-        np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-    )
+    views = (np.array([[along[0], along[1], 0.0], [0.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
     parts = ((slice(0, flange + 1), "robot", _ARM), (slice(flange, len(points_m)), "tool", _TOOL))
     rest = [_line(points_m @ V.T, view, "at rest", _REST, 3.0) for view, V in enumerate(views)]
     phase = np.sin(2.0 * np.pi * np.arange(_PHASES) / _PHASES)

@@ -185,10 +185,7 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
     from plotly.offline import get_plotlyjs
 
     palettes = {"metrology": stepped(METROLOGY), "colour-blind": stepped(COLOUR_BLIND)}
-    solid = {
-        "metrology": stepped((*METROLOGY, NOT_MACHINED)),
-        "colour-blind": stepped((*COLOUR_BLIND, NOT_MACHINED)),
-    }
+    solid = {"metrology": stepped((*METROLOGY, NOT_MACHINED)), "colour-blind": stepped((*COLOUR_BLIND, NOT_MACHINED))}
     controls = {"palettes": palettes, "solid": solid, "beyond": 1.0 + 2.0 / STEPS, "scales": scales}
     return (
         _environment()

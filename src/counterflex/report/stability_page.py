@@ -14,10 +14,7 @@ from counterflex.report.page import render
 _POINTS: Final = 3000
 _SHOWN: Final = 20.0
 """Margins above are drawn at this height: nothing is to be read from them."""
-_TEXTS: Final = {
-    "stable": "Stable along the whole path.",
-    "chatter": "The program chatters: do not run it as it is.",
-}
+_TEXTS: Final = {"stable": "Stable along the whole path.", "chatter": "The program chatters: do not run it as it is."}
 
 
 @dataclass(frozen=True, eq=False)

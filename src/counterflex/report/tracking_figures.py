@@ -188,11 +188,7 @@ def _square_layout() -> dict[str, Any]:
 
 
 def figures(
-    circle: Sequence[TrackedRun],
-    square: Sequence[TrackedRun],
-    loops: Sequence[OpenLoop],
-    p_part: Float,
-    reach_m: float,
+    circle: Sequence[TrackedRun], square: Sequence[TrackedRun], loops: Sequence[OpenLoop], p_part: Float, reach_m: float
 ) -> Mapping[str, Any]:
     """All figures of the page by name.
 

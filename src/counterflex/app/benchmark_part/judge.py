@@ -64,14 +64,7 @@ def judge(
         program = Path(scratch) / PROGRAM
         atomic.write_text(program, program_text())
         inspect.run(
-            program,
-            cell_file,
-            scan,
-            out,
-            how=how,
-            tolerances_m=tolerances_m(),
-            more=result_too,
-            progress=progress,
+            program, cell_file, scan, out, how=how, tolerances_m=tolerances_m(), more=result_too, progress=progress
         )
     return results[0]
 

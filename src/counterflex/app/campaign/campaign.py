@@ -226,12 +226,7 @@ def _kept_inputs(cell_file: Path, out: Path, programs: Sequence[str | Path]) -> 
 
 
 def _places(
-    start: Path,
-    out: Path,
-    seeds: Sequence[int],
-    family: Family,
-    truth: Truth | None,
-    steps: tuple[Measurement, ...],
+    start: Path, out: Path, seeds: Sequence[int], family: Family, truth: Truth | None, steps: tuple[Measurement, ...]
 ) -> list[Place]:
     places = []
     if truth is not None:

@@ -75,10 +75,7 @@ def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
             for row in np.flatnonzero((plan.path.kind == RAPID) & (plan.volume_m3 > 1e-12))
         ],
     }
-    for name, deviation in (
-        ("nominal", plan.deviation_nominal_part),
-        ("compensated", plan.deviation_compensated_part),
-    ):
+    for name, deviation in (("nominal", plan.deviation_nominal_part), ("compensated", plan.deviation_compensated_part)):
         if np.all(np.isnan(deviation)):
             continue
         size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[judged]

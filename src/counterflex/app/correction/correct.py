@@ -217,9 +217,7 @@ def _read_plan(folder: Path, job: Job, cell: Cell) -> Plan:
     """
     if not (folder / PLAN).is_file():
         raise FileFormatError(
-            "no plan in this folder",
-            where=str(folder),
-            limit=f"{PLAN} of counterflex compensate or correct",
+            "no plan in this folder", where=str(folder), limit=f"{PLAN} of counterflex compensate or correct"
         )
     plan, about = read_plan(folder / PLAN)
     path = job.path

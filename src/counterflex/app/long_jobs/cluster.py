@@ -126,9 +126,7 @@ class _Cluster:
 
     def _gone(self) -> SimulationError:
         return SimulationError(
-            "the scheduler has gone",
-            where=self._address,
-            hint="Finished steps are stored; the same command continues",
+            "the scheduler has gone", where=self._address, hint="Finished steps are stored; the same command continues"
         )
 
 

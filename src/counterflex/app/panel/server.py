@@ -159,10 +159,7 @@ class PanelServer:
         self._keys: dict[str, tuple[str, Role]] = (
             {}
             if self._users is not None
-            else {
-                secrets.token_urlsafe(24): ("operator", "operator"),
-                secrets.token_urlsafe(24): ("viewer", "viewer"),
-            }
+            else {secrets.token_urlsafe(24): ("operator", "operator"), secrets.token_urlsafe(24): ("viewer", "viewer")}
         )
         self._actions: deque[str] = deque(maxlen=ACTIONS)
         self._refused = RefusedLogins(self.run.note)

@@ -46,7 +46,4 @@ def require_safe(settings: PanelSettings) -> None:
     """
     require_protected("a panel", "TLS", settings)
     if importlib.util.find_spec("nicegui") is None:
-        raise InputError(
-            "the panel needs the package nicegui",
-            hint='Install it with pip install "counterflex[panel]"',
-        )
+        raise InputError("the panel needs the package nicegui", hint='Install it with pip install "counterflex[panel]"')

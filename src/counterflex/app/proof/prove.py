@@ -56,8 +56,6 @@ from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import Truth
 
 _LEVELS: tuple[tuple[TruthLevel, str], ...] = (("catalogue", "compensated"), ("exact", "exact"))
-
-
 PLANNING, STARTING, MACHINING, JUDGING = "planning", "starting the simulated cells", "machining", "judging"
 _PLANNING_S: Final = 0.2
 """Seconds that planning takes for a second of the program, as measured; likewise machining it and judging it."""

@@ -42,8 +42,6 @@ RUN, SURFACE, COLUMNS, SUMMARY, BLANKS = "run.parquet", "surface.npz", "columns.
 PARAMETERS = "parameters.var"
 _GCODE: Final = ".ngc"
 """Ending of programs as LinuxCNC reads them."""
-
-
 OTHER_CELL_M = 20.0 * MM
 """Distance of a body from where the cell has it, beyond which a truth is taken for another cell's."""
 

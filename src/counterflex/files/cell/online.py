@@ -226,11 +226,7 @@ class OnlineTable(Table):
             derivative_s=(d_feed * MS, d_across * MS, d_axial * MS),
             smoothing=Smoothing(self.corner_hz, self.average, period),
             inertia_hz=self.inertia_hz,
-            pilot=Pilot(
-                self.threshold_n,
-                self.blend_ms * MS,
-                None if self.lead_ms is None else self.lead_ms * MS,
-            ),
+            pilot=Pilot(self.threshold_n, self.blend_ms * MS, None if self.lead_ms is None else self.lead_ms * MS),
             delays=delays,
             tuning=self._tuning(delays, period, mode),
             fusion=FusionTuning(

@@ -51,10 +51,7 @@ class Repaired:
 
 
 def repair_segment(
-    path: str | Path,
-    now_s: float | None = None,
-    about: Mapping[str, Any] | None = None,
-    cycle: int | None = None,
+    path: str | Path, now_s: float | None = None, about: Mapping[str, Any] | None = None, cycle: int | None = None
 ) -> Repaired | None:
     """Write a segment anew, finished, with all records that can be read; the original keeps another name.
 

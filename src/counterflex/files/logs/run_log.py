@@ -39,27 +39,15 @@ from counterflex.runtime.state_slots import LoopState
 
 FLUSH_S: Final = 0.06
 """With the recorder's own period less than 100 ms of records are lost with it."""
-
-
 SYNC_S: Final = 1.0
-
-
 SEGMENT_BYTES: Final = 64 << 20
-
-
 BOOT_KEY: Final = "held"
 """Key of the start of the computer on which a segment was held (:mod:`counterflex.core.held`) while it was written."""
-
-
 LAYOUT: Final = "state_layout"
 """Key of what the words of a recorded state mean: name, kind and count of each stretch
 (:mod:`counterflex.runtime.state.memory_layout`)."""
-
-
 UNKNOWN: Final = "unknown"
 """Key of what a segment is made of where nothing of that can be read."""
-
-
 _RETRY_S: Final = 1.0
 
 
