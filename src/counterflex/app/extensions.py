@@ -37,21 +37,13 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
 
 @dataclass(frozen=True)
 class Extension:
-    """One thing that is registered by name.
+    """One thing that is registered by name."""
 
-    Attributes:
-        group: Of its entry points, for example ``counterflex.force_laws``.
-        name: As a cell file or a command line names it.
-        package: That brings it, with version.
-        title: What it is, in one line.
-        fault: Why it cannot be used, or empty.
-    """
-
-    group: str
-    name: str
+    group: str  # Of its entry points, for example ``counterflex.force_laws``
+    name: str  # As a cell file or a command line names it
     package: str
     title: str
-    fault: str
+    fault: str  # Why it cannot be used, or empty
 
 
 def extensions(registries: Sequence[Registry[Any]] = REGISTRIES) -> list[Extension]:

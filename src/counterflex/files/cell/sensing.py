@@ -64,11 +64,7 @@ class FrameTable(Table):
         return self
 
     def source(self) -> FrameSource:
-        """Frames and how they are had.
-
-        Raises:
-            InputError: Fields, matrix or transport that cannot be.
-        """
+        """Frames and how they are had. Raises InputError: fields, matrix or transport that cannot be."""
         from counterflex.protocols.frame.link import FrameSource
 
         fields = []
@@ -273,11 +269,6 @@ def strain_holder(table: HolderTable | None) -> StrainHolder | None:
 
 def sensing_of(sensor: SensorTable | None, holder: HolderTable | None, chain: ElasticChain) -> dict[str, Any]:
     """What measures forces in a cell, as objects, by the name of its table; nothing for tables that are not there.
-
-    Args:
-        sensor: Table of the flange sensor.
-        holder: Table of the instrumented holder.
-        chain: Of the cell.
 
     Raises:
         InputError: The end effector has no such body, or a gauge sits on no surface of the holder.
