@@ -31,8 +31,6 @@ class HolderShape:
         notch_m: Length of a notch along z.
         base_m: Height of the base plate's section (its depth along z).
         ring_m: Height of the ring's section.
-        e_pa: Young's modulus.
-        poisson_ratio: Poisson's ratio.
     """
 
     length_m: float = 0.18
@@ -87,7 +85,6 @@ class StrainFrame:
     """The frame, solved for unit loads.
 
     Attributes:
-        shape: Dimensions.
         stations_m: (n + 1,) z of the nodes of a cheek.
         sections: (2, n) sections of the elements, as tuples.
         end_forces: (2, n, 6, 6) force and moment on the upper end of each cheek element, holder axes, per unit load
@@ -144,10 +141,6 @@ class StrainFrame:
 
 def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
     """Assemble and solve the frame.
-
-    Args:
-        shape: The holder.
-        elements: Of each cheek; notches are met exactly.
 
     Returns:
         The frame with its answers to unit loads on the ring.

@@ -40,7 +40,6 @@ class InstrumentedHolder:
     """A holder as it truly is.
 
     Attributes:
-        frame: Its structure.
         sensitivity: (n, 6) 1/N, 1/(N m): what the bridges truly show per load about the holder's origin.
         zero: (n,) strain shown with no load.
         per_kelvin: (n,) 1/K.
@@ -102,10 +101,8 @@ def instrumented_holder(
 ) -> InstrumentedHolder:
     """The holder of a laboratory.
 
-    Args:
-        gauges: Per bridge where it is meant to sit: x, y, z m, angle rad, notch factor.
-        seed: Of the laboratory.
-        shape: Structure; None is the reference holder.
+    ``gauges``: Per bridge where it is meant to sit: x, y, z m, angle rad, notch factor. ``shape``: Structure; None is
+    the reference holder.
     """
     frame = strain_frame(shape if shape is not None else HolderShape())
     places = as_float("gauges", gauges, (None, 5))
