@@ -195,7 +195,10 @@ def header_lines(program: Program, tolerance_m: float, cell: str, job: str) -> l
         f"compensated targets, path tolerance {tolerance_m / MM:.4f} mm{', cell ' + _plain(cell) if cell else ''}",
     ]
     lines += [mark(job)] if job else []
-    return [*lines, *([] if program.straight else ["loops, calls and expressions written out in the order of execution"])]
+    return [
+        *lines,
+        *([] if program.straight else ["loops, calls and expressions written out in the order of execution"]),
+    ]
 
 
 def _plain(text: str) -> str:
