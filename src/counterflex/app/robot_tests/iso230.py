@@ -12,7 +12,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.robot_tests.commanded import commanded_circle, commanded_path
-from counterflex.app.robot_tests.measured import AS_MEASURED, Frame, Measured, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, Frame, Measured, frame_of, read_measured
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -55,7 +55,7 @@ def circular(
         out: Folder, made when missing.
         path: Commanded circle, a table or a program; None takes plane and centre from the readings.
         radius_mm: Nominal radius where there is no ``path``; without both there is no F and no D.
-        frame: See :func:`counterflex.app.robot_tests.measured.frame_of`.
+        frame: See :func:`counterflex.app.tracker_readings.frame_of`.
         form: Format of exports.
         average_ms: Moving mean over the readings.
         progress: Progress callback, fraction 0 to 1.
@@ -124,7 +124,7 @@ def straight(
         files: Logs, exports or datasets.
         out: Folder, made when missing.
         path: Commanded path, a table or a program; None takes every file as one straight line.
-        frame: See :func:`counterflex.app.robot_tests.measured.frame_of`.
+        frame: See :func:`counterflex.app.tracker_readings.frame_of`.
         form: Format of exports.
         average_ms: Moving mean over the readings.
         progress: Progress callback, fraction 0 to 1.

@@ -11,7 +11,7 @@ import polars as pl
 from counterflex import __version__
 from counterflex.app.robot_tests import path_test, pose_test
 from counterflex.app.robot_tests.commanded import commanded_path, commanded_poses
-from counterflex.app.robot_tests.measured import AS_MEASURED, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, frame_of, read_measured
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -49,7 +49,7 @@ def run(
         out: Folder, made when missing; None writes nothing.
         poses: Commanded poses: a table, or a program that dwells at them; None where datasets state them.
         path: Commanded path: a table or a program. With it the path test is judged, without it the pose test.
-        frame: See :func:`counterflex.app.robot_tests.measured.frame_of`.
+        frame: See :func:`counterflex.app.tracker_readings.frame_of`.
         form: Format of exports.
         average_ms: Moving mean over the readings.
         band_mm: Limit band of the stabilisation time.
