@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.robot_tests.measured import FIT, frame_of, read_measured
+from counterflex.app.tracker_readings import FIT, frame_of, read_measured
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import missing_file

@@ -12,7 +12,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.robot_tests.commanded import commanded_circle, commanded_path
-from counterflex.app.robot_tests.measured import AS_MEASURED, Frame, Measured, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, Frame, Measured, frame_of, read_measured
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError

@@ -11,7 +11,7 @@ import polars as pl
 from counterflex import __version__
 from counterflex.app.robot_tests import path_test, pose_test
 from counterflex.app.robot_tests.commanded import commanded_path, commanded_poses
-from counterflex.app.robot_tests.measured import AS_MEASURED, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, frame_of, read_measured
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent

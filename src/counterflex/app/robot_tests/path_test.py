@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from counterflex.app.robot_tests.measured import Frame, Measured
 from counterflex.app.robot_tests.pose_test import MDEG
+from counterflex.app.tracker_readings import Frame, Measured
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S, PERCENT, UM

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from counterflex.app.robot_tests.commanded import CommandedPoses
-from counterflex.app.robot_tests.measured import Frame, Measured
+from counterflex.app.tracker_readings import Frame, Measured
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
