@@ -22,6 +22,7 @@ from counterflex.core.units import MM, UM
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.kuka_rsi.config import RsiConfig, read_config
 from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.elasticity.chain import jacobian as rigid_jacobian
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.runtime.loop_plan import LoopPlan
@@ -141,10 +142,9 @@ def model_compliance() -> Float:
 
 @functools.cache
 def jacobian() -> Float:
-    """(3, 6) m/rad of the tool at the beginning of the program, part axes, by differences."""
-    chain, R, small = demo_cell().controller_chain, program().T_base_part[:3, :3], 1e-6
-    columns = [forward(chain, Q + small * row)[:3, 3] - forward(chain, Q - small * row)[:3, 3] for row in np.eye(6)]
-    out: Float = R.T @ np.array(columns).T / (2.0 * small)
+    """(n, 3, 6) m/rad of the tool at each row of the program, part axes."""
+    own = program()
+    out: Float = own.T_base_part[:3, :3].T @ rigid_jacobian(demo_cell().controller_chain, own.q)[:, :3]
     return out
 
 

@@ -27,7 +27,7 @@ LARGEST_M: Final = 2.0 * MM
 _ROUNDED_M: Final = 0.4e-6
 """Four decimal places of a millimetre, three coordinates, two values."""
 _ROUNDED_AXES_M: Final = 20e-6
-"""Four decimal places of a degree, at an arm of two metres, six axes; and a Jacobian of another place."""
+"""Four decimal places of a degree, at an arm of two metres, six axes."""
 _BRAKED: Final = 7
 """Cycles in which the correction comes to rest from its largest speed."""
 _VISIBLE: Final = 2
@@ -166,7 +166,7 @@ class Invariants:
         """
         rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
         size = _size(correction)
-        if size > LARGEST_M * 1.002 + rounded:
+        if size > LARGEST_M + rounded:
             self._break("within its limit", world, f"{size / MM:.4f} mm > {LARGEST_M / MM:g} mm")
         self._cycles += 1
         if world.number != self._number:
@@ -175,7 +175,7 @@ class Invariants:
         if world.obeyed_other or world.age > 0:
             return
         step = _size(correction - self._own)
-        most = min(LARGEST_STEP_M, STEP_M * self._cycles) * (1.02 if rounded > 1e-6 else 1.0) + rounded
+        most = min(LARGEST_STEP_M, STEP_M * self._cycles) + rounded
         self._own, self._cycles = correction.copy(), 0
         if step > most:
             self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")

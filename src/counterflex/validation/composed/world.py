@@ -292,11 +292,8 @@ class World:
         self.people.act()
         controller = self.controller
         self._processes(now)
-        correction = controller.correction[:3]
-        if self.story.mode.endswith("axes"):
-            correction = bench.jacobian() @ controller.axes
         self.robot.move(
-            correction,
+            self.correction_m,
             holds=controller.feed_hold,
             stopped=bool(controller.stopped) or not self.sends,
             override=controller.override,
@@ -402,5 +399,5 @@ class World:
         """(3,) in force at the controller."""
         out: Float = self.controller.correction[:3]
         if self.story.mode.endswith("axes"):
-            out = bench.jacobian() @ self.controller.axes
+            out = bench.jacobian()[int(self.robot.place)] @ self.controller.axes
         return out
