@@ -10,6 +10,7 @@ A racetrack of two straight cuts and two arcs in air, three laps at growing dept
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -46,6 +47,8 @@ _PLAN_ROWS: Final = 5
 """Rows of the program's table per row of the plan."""
 _FORCE_N: Final = np.array([-80.0, 250.0, -60.0])
 """Along the feed, across it, along z."""
+_AROUND: Final = 40
+"""Rows of the program in which the place of a guided robot is looked for."""
 _TRUTH: Final = 0.08
 """Standard deviation of the entries of the true compliance about the model's, as a share."""
 
@@ -148,6 +151,15 @@ def jacobian() -> Float:
     return out
 
 
+@functools.cache
+def angles() -> Float:
+    """(n, 6, 3) rad/m of the axes for a displacement of the tool that does not turn, part axes."""
+    own = program()
+    J = rigid_jacobian(demo_cell().controller_chain, own.q)
+    out: Float = np.linalg.inv(J)[:, :, :3] @ own.T_base_part[:3, :3]
+    return out
+
+
 def true_compliance(rng: np.random.Generator) -> Float:
     """(3, 3) m/N of the robot that is there: symmetric, near the model's, and not of its form."""
     C = model_compliance()
@@ -172,6 +184,29 @@ def reading() -> Float:
         out[:, k] = own(Q, np.eye(6)[k])
     inverse: Float = np.asarray(np.linalg.inv(out), dtype=np.float64)
     return inverse
+
+
+def beside(p: Float, row: int) -> tuple[float, Float]:
+    """Place on the program that is nearest to a point, and (3,) m from there to the point.
+
+    Args:
+        p: (3,) m, part frame.
+        row: Of the program; the place is looked for around it.
+    """
+    points = program().p
+    begin = min(max(0, row - _AROUND), len(points) - 2)
+    near = points[begin : row + _AROUND]
+    k = begin + int(np.argmin(((near - p) ** 2).sum(axis=1)))
+    best, way = math.inf, p
+    place = float(k)
+    for i in (k - 1, k):
+        if 0 <= i < len(points) - 1:
+            step = points[i + 1] - points[i]
+            share = min(1.0, max(0.0, float((p - points[i]) @ step) / float(step @ step)))
+            off = p - points[i] - share * step
+            if (size := float(off @ off)) < best:
+                best, way, place = size, off, i + share
+    return place, way
 
 
 TRACKER_NOISE_M: Final = 5.0 * UM

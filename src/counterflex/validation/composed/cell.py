@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.core.units import MS
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.logs.place import trouble_message
-from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.netft.link import NetftLink
 from counterflex.protocols.netft.telegram import Scaling
 from counterflex.protocols.session.senses import Sensing
@@ -20,15 +20,15 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility.axis_check import AxisCheck
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.replay import Replay
-from counterflex.runtime.settings import ForceMode, ForceOffset, Lost, OnlineSettings, Output, TrackerMode
+from counterflex.runtime.settings import Delays, ForceMode, ForceOffset, Lost, OnlineSettings, Output, TrackerMode
 from counterflex.runtime.state_slots import LoopState
 from counterflex.twin.devices.netft import COUNTS
 from counterflex.validation.composed import bench
+from counterflex.validation.composed.controllers import GUIDED, JOB, Controller
 from counterflex.validation.composed.story import Active, Story
 from counterflex.validation.composed.wires import VirtualInbox, VirtualWire
 from counterflex.validation.faults.demonstration import demo_cell
 
-JOB: Final = 7
 _NO_SPACE: Final = 28
 _FORCES: Final = {
     "measured": ForceMode.MEASURED,
@@ -50,8 +50,14 @@ _TRACKERS: Final = {
 
 
 def settings_of(story: Story) -> OnlineSettings:
-    """Settings of the loop."""
+    """Settings of the loop, of its cycle as a cell file has them."""
+    period_ms: Any = round(story.period_s / MS)
+    of_cycle = OnlineTable(period_ms=period_ms).settings(None, compensated=False)
     return OnlineSettings(
+        period_s=of_cycle.period_s,
+        smoothing=of_cycle.smoothing,
+        supervisor=of_cycle.supervisor,
+        delays=GUIDED if story.link == "egm-pose" else Delays(),
         force=_FORCES[story.mode],
         tracker=_TRACKERS.get(story.mode, TrackerMode.NONE),
         normal_only=story.planned,
@@ -70,6 +76,7 @@ def loop_of(story: Story) -> Loop:
 
 def opened(
     story: Story,
+    controller: Controller,
     wire: VirtualWire,
     force: VirtualInbox,
     tracker: VirtualInbox,
@@ -79,7 +86,7 @@ def opened(
 ) -> OnlineSession:
     """A session, its loop at the beginning."""
     loop = loop_of(story)
-    link = RsiLink(bench.config(), host=wire.address[0], port=wire.address[1], wire=wire)
+    link = controller.link(wire, clock_ns)
     angles = AxisCheck(
         demo_cell().controller_chain, bench.program().T_base_part, loop.settings.period_s, OnlineTable().axis_tolerance
     )

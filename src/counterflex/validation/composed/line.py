@@ -6,13 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.units import MM
 from counterflex.validation.composed.story import Active
 
 WIRE_S: Final = 0.1e-3
 """Undisturbed."""
 _OVERTAKEN: Final = 1.3
 """Cycles by which a datagram is late that the next one overtakes."""
+
+_DAMAGED: Final = ("damaged", "message-damaged")
 
 
 class Line:
@@ -47,8 +48,9 @@ class Line:
             delay += size("late") * float(random())
         if "reordered" in now and not answer and random() < size("reordered"):
             delay += _OVERTAKEN * self._period_s
-        if "damaged" in now and not answer and random() < size("damaged"):
-            data = self._damaged(data)
+        for kind in _DAMAGED:
+            if kind in now and not answer and random() < size(kind):
+                data = self._damaged(data)
         out = [(delay, data)]
         if "repeated" in now and random() < size("repeated"):
             out.append((delay + 2.0 * self._period_s * float(random()), data))
@@ -62,17 +64,3 @@ class Line:
         for at in self._rng.integers(0, len(out), size=int(self._rng.integers(1, 5))):
             out[at] = int(self._rng.integers(0, 256))
         return bytes(out)
-
-
-STRANGE_M: Final = 7.0
-"""How far from everything the pose in a stranger's telegrams lies: it must never be seen inside the loop."""
-
-
-def strange(telegram: bytes) -> bytes:
-    """A telegram of the controller as another computer sends it: whole, and of another place."""
-    begin = telegram.find(b'<RSol X="')
-    if begin < 0:
-        return telegram
-    begin += len(b'<RSol X="')
-    end = telegram.index(b'"', begin)
-    return telegram[:begin] + f"{STRANGE_M / MM:.4f}".encode("ascii") + telegram[end:]

@@ -26,6 +26,8 @@ MODES: Final = (
     "fused-tracker",
 )
 """Sources of the correction."""
+LINKS: Final = ("rsi", "egm-path", "egm-pose")
+"""The robot's protocol; ``egm-pose`` is guidance."""
 _FIRST_S: Final = 0.2
 _QUIET_S: Final = 12.0
 """At the end of a story, without a fault: the cell must correct again."""
@@ -76,6 +78,8 @@ class Story:
         force_offset: ``tell``, ``plan`` or ``hold``.
         poll_cycles: Cycles between two rounds of the recorder.
         log: ``memory``, or ``disk``: the real files of the run log, read back at the end.
+        link: One of :data:`LINKS`.
+        period_ms: Cycle of the controller.
     """
 
     seed: int
@@ -88,6 +92,18 @@ class Story:
     force_offset: str = "hold"
     poll_cycles: int = 25
     log: str = "memory"
+    link: str = "rsi"
+    period_ms: int = 4
+
+    @property
+    def period_s(self) -> float:
+        """Cycle of the controller."""
+        return self.period_ms * 1e-3
+
+    @property
+    def quiet_s(self) -> float:
+        """How long without a fault until it must correct again: longer where its cycle is, which all is counted in."""
+        return _QUIET_S + 400.0 * (self.period_s - 4e-3)
 
     @property
     def tracked(self) -> bool:
@@ -101,18 +117,25 @@ class Story:
 
     @property
     def planned(self) -> bool:
-        """Whether there is a plan."""
-        return self.mode in ("measured-plan", "pilot", "scale", "pilot-observer", "fused")
+        """Whether there is a plan; EGM moves a path square to the plan's direction, so it always needs one."""
+        return self.link == "egm-path" or self.mode in ("measured-plan", "pilot", "scale", "pilot-observer", "fused")
 
     def has(self, kind: str) -> bool:
-        """Whether a kind of fault can happen in this cell."""
-        needs = KINDS[kind].needs
-        return (
-            (needs != "tracker" or self.tracked)
-            and (needs != "force" or self.forced)
-            and (needs != "plan" or self.planned)
-            and (needs != "disk" or self.log == "disk")
-        )
+        """Whether a kind of fault can happen in this cell: it has all parts that the kind needs."""
+        return self._parts.issuperset(KINDS[kind].needs.split())
+
+    @property
+    def _parts(self) -> frozenset[str]:
+        parts = {
+            "tracker": self.tracked,
+            "force": self.forced,
+            "plan": self.planned,
+            "disk": self.log == "disk",
+            "rsi": self.link == "rsi",
+            "egm": self.link != "rsi",
+            "program": self.link != "egm-pose",
+        }
+        return frozenset(part for part, there in parts.items() if there)
 
 
 def draw(seed: int) -> Story:
