@@ -41,6 +41,7 @@ _ROBOT: Final = (
 )
 _PLAN: Final = (_C.OFF_PATH, _C.FEED_DIFFERS, _C.FORCE_OFF_PLAN, _C.FORCE_OFFSET, _C.WRONG_FRAME, _C.FORCE_DIFFERS)
 
+_BASE: Final = (*_ROBOT, *_PLAN)
 _ENDED: Final = (*_LATER, _C.ENABLE_LOST)
 _FALSE_MESSAGE: Final = (*_ENDED, *_ROBOT, *_PLAN, _C.TELEGRAM_MALFORMED)
 """Bytes of a message of EGM stand for numbers without a check of their own: a damaged one may look like anything."""
@@ -55,8 +56,7 @@ class Kind:
         size: Least and largest size.
         causes: Those that the loop may name for it.
         weight: How often it is drawn.
-        needs: Parts of a cell, see :meth:`counterflex.validation.composed.story.Story.has`: without them all there is no
-            such fault.
+        needs: Parts of a cell, without which there is no such fault; see :attr:`.story.Story.parts`.
         event: It happens at once and has no duration.
         signed: Its size may be negative.
         before: It is there from the beginning.
@@ -83,7 +83,7 @@ KINDS: Final = {
     "replayed": Kind("telegrams of so many s ago come again between the others", (0.05, 20.0), _LINE),
     "stranger": Kind("another computer sends telegrams too, so many a cycle", (1.0, 5.0), _LINE),
     "two-senders": Kind(
-        "another program answers the robot where the loop does not", (1.0, 1.0), (_C.FOREIGN_PEER,), needs="rsi"
+        "another program answers it where the loop does not", (1.0, 1.0), (_C.FOREIGN_PEER,), needs="rsi"
     ),
     # clocks
     "clock-jump": Kind("the computer's clock jumps by s", (1e-3, 0.2), _LATER, event=True, signed=True),
@@ -117,16 +117,10 @@ KINDS: Final = {
     "robot-stays": Kind("it stops obeying: what it makes of the correction stays as it is", (1.0, 1.0), _ROBOT),
     "axis-off": Kind("an axis angle that it reports is off by rad", (1e-4, 0.5), _ROBOT, signed=True),
     "pose-off": Kind("the pose that it reports is off by m", (5e-5, 0.05), _ROBOT, signed=True),
-    "base-off": Kind(
-        "BASE or TOOL of the program is off by m", (1e-4, 0.02), (*_ROBOT, *_PLAN), needs="program", before=True
-    ),
+    "base-off": Kind("BASE or TOOL of the program is off by m", (1e-4, 0.02), _BASE, needs="program", before=True),
     "ignores-hold": Kind("it goes on although the feed is to be held", (1.0, 1.0), (_C.HELD_TOO_LONG,), needs="rsi"),
-    "enable-flickers": Kind(
-        "the program's Enable is lost, share of telegrams", (0.05, 1.0), (_C.ENABLE_LOST,), needs="program"
-    ),
-    "other-job": Kind(
-        "the program says the number of another job", (1.0, 1.0), (_C.WRONG_JOB,), needs="rsi", before=True
-    ),
+    "enable-flickers": Kind("its Enable is lost, share of telegrams", (0.05, 1.0), (_C.ENABLE_LOST,), needs="program"),
+    "other-job": Kind("it says the number of another job", (1.0, 1.0), (_C.WRONG_JOB,), needs="rsi", before=True),
     "feed-differs": Kind("the program runs at so many times its feed", (0.2, 2.5), _PLAN, needs="plan program"),
     "plan-deeper": Kind("the program runs m above its plan", (2e-4, 8e-3), _PLAN, needs="plan program", before=True),
     "harder": Kind("the stock is harder: force times", (0.3, 4.0), (*_FALSE_FORCE, *_PLAN)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,6 +35,10 @@ LENGTH_S: Final = (20.0, 36.0)
 _DENSE: Final = 0.65
 """Share of stories that are short and whose faults begin in the first cuts; whether it corrects again is not asked."""
 DENSE_S: Final = (5.0, 9.0)
+_USUAL: Final = 0.5
+"""Share of stories with RSI and 4 ms."""
+_ARMING: Final = 150
+"""Cycles until the loop is armed: as many, whatever the cycle."""
 _CUT_S: Final = 0.9
 _AFTER_S: Final = 1.5
 _BRIEF_S: Final = 4e-3
@@ -122,10 +126,11 @@ class Story:
 
     def has(self, kind: str) -> bool:
         """Whether a kind of fault can happen in this cell: it has all parts that the kind needs."""
-        return self._parts.issuperset(KINDS[kind].needs.split())
+        return self.parts.issuperset(KINDS[kind].needs.split())
 
     @property
-    def _parts(self) -> frozenset[str]:
+    def parts(self) -> frozenset[str]:
+        """Parts of the cell, as :attr:`counterflex.validation.composed.kinds.Kind.needs` names them."""
         parts = {
             "tracker": self.tracked,
             "force": self.forced,
@@ -143,11 +148,17 @@ def draw(seed: int) -> Story:
     rng = np.random.default_rng([seed, 11])
     dense = bool(rng.random() < _DENSE)
     length = float(np.round(rng.uniform(*(DENSE_S if dense else LENGTH_S)), 1))
+    mode, link, period_ms = str(rng.choice(MODES)), *_link(np.random.default_rng([seed, 12]))
+    cell = Story(seed, mode.replace("-axes", "") if link != "rsi" else mode, 0.0, link=link, period_ms=period_ms)
     first, latest = (_CUT_S, length - _AFTER_S) if dense else (_FIRST_S, length - _QUIET_S)
-    story = Story(
-        seed,
-        str(rng.choice(MODES)),
-        length,
+    later = round(_ARMING * (cell.period_s - 4e-3), 3)
+    if dense:
+        first, latest, length = first + later, latest + later, length + later
+    else:
+        length += cell.quiet_s - _QUIET_S
+    story = replace(
+        cell,
+        length_s=round(length, 3),
         without_log=str(rng.choice(["warn", "hold"])),
         without_panel=str(rng.choice(["warn", "warn", "hold"])),
         tracker_lost=str(rng.choice(["fallback", "hold"])),
@@ -164,7 +175,15 @@ def draw(seed: int) -> Story:
         if faults and rng.random() < 0.4:  # close to another one: what composes matters most
             at = max(first, faults[-1].at_s + float(rng.uniform(-0.3, 0.6)))
         faults.append(_drawn(str(kind), min(at, latest), latest, rng))
-    return Story(**{**asdict(story), "faults": tuple(sorted(faults, key=lambda fault: fault.at_s))})
+    return replace(story, faults=tuple(sorted(faults, key=lambda fault: fault.at_s)))
+
+
+def _link(rng: np.random.Generator) -> tuple[str, int]:
+    """Protocol and cycle: half of the stories have RSI with 4 ms, as all had before there were others."""
+    if rng.random() < _USUAL:
+        return "rsi", 4
+    links = (("rsi", 12), ("egm-path", 24), ("egm-pose", 4))
+    return links[int(rng.integers(0, len(links)))]
 
 
 def _drawn(kind: str, at_s: float, latest_s: float, rng: np.random.Generator) -> Fault:
