@@ -21,7 +21,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.kuka_rsi.config import RsiConfig, read_config
+from counterflex.protocols.kuka_rsi.config import RsiConfig, parse_config
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.chain import jacobian as rigid_jacobian
 from counterflex.robot.elasticity.compliance import cartesian_compliance
@@ -49,6 +49,8 @@ _FORCE_N: Final = np.array([-80.0, 250.0, -60.0])
 """Along the feed, across it, along z."""
 _AROUND: Final = 40
 """Rows of the program in which the place of a guided robot is looked for."""
+_DELAY: Final = b'<ELEMENT TAG="DEF_Delay"'
+_CURRENTS: Final = b'<ELEMENT TAG="DEF_MACur" TYPE="DOUBLE" INDX="INTERNAL"/>'
 _TRUTH: Final = 0.08
 """Standard deviation of the entries of the true compliance about the model's, as a share."""
 
@@ -75,10 +77,16 @@ class Program:
 
 
 @functools.cache
-def config() -> RsiConfig:
-    """RSI configuration with every tag that the loop has a word for."""
-    with resources.as_file(resources.files("counterflex.validation.composed") / "rsi.xml") as file:
-        return read_config(file)
+def config(*, currents: bool = False) -> RsiConfig:
+    """RSI configuration with every tag that the loop has a word for.
+
+    Args:
+        currents: Motor currents are sent too.
+    """
+    text = (resources.files("counterflex.validation.composed") / "rsi.xml").read_bytes()
+    if currents:
+        text = text.replace(_DELAY, _CURRENTS + _DELAY)
+    return parse_config(text, "rsi.xml")
 
 
 @functools.cache

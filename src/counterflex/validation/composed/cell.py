@@ -23,7 +23,7 @@ from counterflex.runtime.replay import Replay
 from counterflex.runtime.settings import Delays, ForceMode, ForceOffset, Lost, OnlineSettings, Output, TrackerMode
 from counterflex.runtime.state_slots import LoopState
 from counterflex.twin.devices.netft import COUNTS
-from counterflex.validation.composed import bench
+from counterflex.validation.composed import bench, holder, motors
 from counterflex.validation.composed.controllers import GUIDED, JOB, Controller
 from counterflex.validation.composed.story import Active, Story
 from counterflex.validation.composed.wires import VirtualInbox, VirtualWire
@@ -53,7 +53,7 @@ def settings_of(story: Story) -> OnlineSettings:
     """Settings of the loop, of its cycle as a cell file has them."""
     period_ms: Any = round(story.period_s / MS)
     of_cycle = OnlineTable(period_ms=period_ms).settings(None, compensated=False)
-    return OnlineSettings(
+    settings = OnlineSettings(
         period_s=of_cycle.period_s,
         smoothing=of_cycle.smoothing,
         supervisor=of_cycle.supervisor,
@@ -65,6 +65,7 @@ def settings_of(story: Story) -> OnlineSettings:
         force_offset=ForceOffset[story.force_offset.upper()],
         output=Output.AXES if story.mode.endswith("axes") else Output.CARTESIAN,
     )
+    return holder.with_uncertainty(settings, story.seed) if story.has("strain-silent") else settings
 
 
 def loop_of(story: Story) -> Loop:
@@ -90,19 +91,23 @@ def opened(
     angles = AxisCheck(
         demo_cell().controller_chain, bench.program().T_base_part, loop.settings.period_s, OnlineTable().axis_tolerance
     )
+    checks = SessionChecks(
+        hold_without_log=story.without_log == "hold", hold_without_panel=story.without_panel == "hold", job=JOB
+    )
     senses: dict[str, Any] = {"angles": angles}
-    if story.forced:
+    if story.has("strain-silent"):
+        senses |= holder.opened(story.seed, force, checks)
+    elif story.forced:
         scaling = Scaling(1.0 / COUNTS, 1.0 / COUNTS, 1000, "Net F/T")
         senses |= {"force": NetftLink(("192.168.0.20", 49152), scaling, inbox=force), "wrench": bench.wrench()}
+    if story.currents:
+        senses["currents"] = motors.read_back()
     if story.tracked:
         senses |= {
             "tracker": TrackerLink("192.168.0.1", 5000, inbox=tracker),
             "T_part_tracker": np.eye(4),
             "T_target_tcp": np.eye(4),
         }
-    checks = SessionChecks(
-        hold_without_log=story.without_log == "hold", hold_without_panel=story.without_panel == "hold", job=JOB
-    )
     session = OnlineSession(
         link, loop, sensing=Sensing(**senses), ring=ring, control=control, checks=checks, clock_ns=clock_ns
     )

@@ -16,7 +16,7 @@ from counterflex.files.cell.egm import EgmTable
 from counterflex.geometry import pose
 from counterflex.path.stream import PoseStream
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink
+from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink, Phase
 from counterflex.protocols.abb_egm.link import LARGEST_DATAGRAM as LARGEST_MESSAGE
 from counterflex.protocols.abb_egm.messages import MESSAGES
 from counterflex.protocols.abb_egm.path_link import EgmPathLink
@@ -29,6 +29,7 @@ from counterflex.twin.devices.abb_egm import EgmContext, FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.validation.composed import bench
+from counterflex.validation.composed.motors import Motors
 from counterflex.validation.composed.story import Active, Story
 
 JOB: Final = 7
@@ -66,6 +67,18 @@ class Controller(Protocol):
     accepted: Answer | None
     largest: int
 
+    @property
+    def held(self) -> bool:
+        """A feed hold or a stop is asked for, or in effect."""
+
+    @property
+    def reported_state(self) -> int:
+        """Of the loop, by the answer that is in force."""
+
+    @property
+    def streamed(self) -> bool:
+        """The loop has begun to stream its path to a guided robot: it does that once."""
+
     def restart(self, counter: int) -> None:
         """Begin another session, counters from this on: nothing is in force."""
 
@@ -83,6 +96,9 @@ class Controller(Protocol):
             other: Another program answers where the loop does not, and sometimes where it does.
         """
 
+    def drive_torque(self, row: int, force: Float) -> Float:
+        """(6,) N m of the drives at a row of the program under a force (3,) N on the tool; zero where none is shown."""
+
     def correction_m(self, row: int) -> Float:
         """(3,) correction in force, part axes, at a row of the program."""
 
@@ -96,34 +112,55 @@ class RsiController:
     Args:
         story: Of the cell.
         timeout: Late answers at which it stops.
+        active: Faults that act.
         rng: Its chance.
     """
 
     largest = LARGEST_DATAGRAM
 
-    def __init__(self, story: Story, timeout: int, rng: np.random.Generator) -> None:
+    def __init__(self, story: Story, timeout: int, active: Active, rng: np.random.Generator) -> None:
         self._story, self._rng = story, rng
         self._context = RsiContext(timeout=timeout, cycle_s=story.period_s)
+        self._config = bench.config(currents=story.currents)
+        self._motors: Motors | None = None
+        if story.currents:
+            self._motors = Motors(story.seed, active, np.random.default_rng([story.seed, 7]))
         self._other = answer_writer(bench.config(), texts={"EStr": "other"})
         self.accepted: Answer | None = None
         self.restart(int(rng.integers(1, 2**32)))
 
+    @property
+    def held(self) -> bool:
+        """As in :class:`Controller`."""
+        return self.device.feed_hold or bool(self.device.stopped)
+
+    @property
+    def reported_state(self) -> int:
+        """As in :class:`Controller`."""
+        return self.device.reported_state
+
+    @property
+    def streamed(self) -> bool:
+        """As in :class:`Controller`: it runs its own program."""
+        return False
+
     def restart(self, counter: int) -> None:
         """As in :class:`Controller`."""
         context = replace(self._context, first_counter=counter)
-        self.device = FakeRsi(bench.config(), context, {"Enable": 0.0}, job=JOB)
+        self.device = FakeRsi(self._config, context, {"Enable": 0.0}, self._motors, job=JOB)
         self.accepted = None
 
     def link(self, wire: Wire, clock_ns: Callable[[], int]) -> RobotLink:
         """As in :class:`Controller`."""
         del clock_ns
         host, port = wire.address
-        return RsiLink(bench.config(), host=host, port=port, wire=wire, period_s=self._story.period_s)
+        return RsiLink(self._config, host=host, port=port, wire=wire, period_s=self._story.period_s)
 
     def telegram(self, report: Report, enable: float) -> bytes:
         """As in :class:`Controller`."""
         self.device.frees["Enable"] = enable
-        return self.device.telegram(report)
+        data = self.device.telegram(report)
+        return data if self._motors is None else self._motors.left_out(data)
 
     def take(self, arrived: Sequence[Answer], *, other: bool) -> bool:
         """As in :class:`Controller`."""
@@ -136,6 +173,10 @@ class RsiController:
         self.device.answer(None if taken is None else taken.data)
         self.accepted = self.accepted if self.device.refused else taken
         return False
+
+    def drive_torque(self, row: int, force: Float) -> Float:
+        """As in :class:`Controller`."""
+        return np.zeros(6) if self._motors is None else self._motors.torque(row, force)
 
     def _others_answer(self) -> bytes:
         """An answer of another program: what is in force already."""
@@ -184,7 +225,23 @@ class EgmController:
         )
         self._period_s = story.period_s
         self.accepted: Answer | None = None
+        self._link: EgmGuidanceLink | None = None
         self.restart(int(rng.integers(1, 2**32)))
+
+    @property
+    def held(self) -> bool:
+        """As in :class:`Controller`; a path that is streamed more slowly is about to stand."""
+        return bool(self.device.stopped) or (self._link is not None and self._link.stream.rate < 1.0)
+
+    @property
+    def reported_state(self) -> int:
+        """As in :class:`Controller`; no message of EGM says it."""
+        return -1 if self.accepted is None else self.accepted.state
+
+    @property
+    def streamed(self) -> bool:
+        """As in :class:`Controller`."""
+        return self._link is not None and self._link.phase != Phase.WAITING
 
     def restart(self, counter: int) -> None:
         """As in :class:`Controller`; a session of EGM counts its messages from 0 on, ``counter`` is its clock, ms."""
@@ -196,7 +253,8 @@ class EgmController:
         where: dict[str, Any] = {"host": wire.address[0], "port": wire.address[1], "wire": wire, "clock_ns": clock_ns}
         if self._guides:
             guidance = EgmTable(mode="pose").guidance(GUIDED.correction_s, watch_only=False)
-            return EgmGuidanceLink(copy.copy(stream(self._period_s)), guidance, **where)
+            self._link = EgmGuidanceLink(copy.copy(stream(self._period_s)), guidance, **where)
+            return self._link
         return EgmPathLink(watch_only=False, period_s=self._period_s, **where)
 
     def telegram(self, report: Report, enable: float) -> bytes:
@@ -232,6 +290,11 @@ class EgmController:
         if arrived and not self.device.refused:
             self.accepted = arrived[-1]
         return False
+
+    def drive_torque(self, row: int, force: Float) -> Float:
+        """As in :class:`Controller`."""
+        del row, force
+        return np.zeros(6)
 
     def correction_m(self, row: int) -> Float:
         """As in :class:`Controller`; of guidance what of the newest pose lies beside the path."""
@@ -284,5 +347,5 @@ def controller_of(story: Story, active: Active, rng: np.random.Generator) -> Con
     """
     timeout = int(rng.choice([10, 30, 1000]))
     if story.link == "rsi":
-        return RsiController(story, timeout, rng)
+        return RsiController(story, timeout, active, rng)
     return EgmController(story, 0.1 if timeout > 10 else 2.5 * story.period_s, active, rng)

@@ -143,7 +143,9 @@ class Invariants:
         self._causes(world, state)
         self._visible(world, state)
         self._senders(world)
-        self._answers(world, session.loop.quick_result.silent == 1)
+        result = session.loop.quick_result
+        unarmed = world.story.link != "rsi" and (result.stop == 1 or state < State.ARMED)  # EGM stops by silence
+        self._answers(world, result.silent == 1 or unarmed)
         self._in_the_cut(world, state)
         self._obeyed(world, state)
         if session.trouble:
@@ -214,7 +216,7 @@ class Invariants:
         if world.age > 0 or world.controller.stopped or not world.sends or world.obeyed_other:
             self._in_state = 0
             return
-        if world.reported_state != int(state):
+        if world.side.reported_state != int(state):
             return
         size, before = _size(correction), _size(self._before)
         rounded = self._rounded + self._turns(world, size)
@@ -248,7 +250,8 @@ class Invariants:
                 self._break("one cause", world, f"{Cause(self._cause).name} became {cause.name} in {state.name}")
 
     def _true(self, world: World) -> frozenset[Cause]:
-        return _allowed(frozenset(world.active.begun))
+        cannot_hold = {"ignores-hold"} if world.story.link == "egm-path" else set()
+        return _allowed(frozenset(world.active.begun) | cannot_hold)
 
     def _visible(self, world: World, state: State) -> None:
         """Out of ACTIVE within two cycles of what the loop can see."""
@@ -268,7 +271,7 @@ class Invariants:
             "a cause": (given.hard != 0 or int(given.soft) not in self._yielding, _VISIBLE),
             "no telegrams": (world.now_s - world.received_at > _LATE_CYCLES * self._period_s, _VISIBLE),
             "no Enable": (world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
-            "no force": (needs_force and "force-silent" in world.active.now, self._stale),
+            "no force": (needs_force and not _SILENT.isdisjoint(world.active.now), self._stale),
         }
         cycle = session.cycles
         if world.frozen:
@@ -315,9 +318,9 @@ class Invariants:
         """A program that goes on in the cut is corrected, or it is held or stopped."""
         robot = world.robot
         goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0 and world.sends
-        measured = world.story.forced and not any(kind.startswith("force-") for kind in world.active.now)
+        measured = world.story.forced and not any(kind.startswith(("force-", "strain-")) for kind in world.active.now)
         tells = world.story.planned or measured  # else nothing says that material is cut
-        if goes_on and tells and not world.held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
+        if goes_on and tells and not world.side.held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
             self._uncorrected += 1
             if self._uncorrected > self._most_uncorrected:
                 self._break("no cut without its correction", world, f"{state.name} for {self._uncorrected} cycles")
@@ -348,6 +351,7 @@ def _allowed(kinds: frozenset[str]) -> frozenset[Cause]:
     return _ALLOWED[kinds]
 
 
+_SILENT: Final = frozenset(("force-silent", "strain-silent"))
 _DISTURBING: Final = (
     *("late", "lost", "answers-lost", "reordered", "damaged", "two-senders", "loop-stopped", "loop-starved"),
     *("controller-pauses", "cycle-drift", "clock-drift", "message-damaged", "message-short", "sequence-stuck"),

@@ -42,6 +42,7 @@ _ROBOT: Final = (
 _PLAN: Final = (_C.OFF_PATH, _C.FEED_DIFFERS, _C.FORCE_OFF_PLAN, _C.FORCE_OFFSET, _C.WRONG_FRAME, _C.FORCE_DIFFERS)
 
 _BASE: Final = (*_ROBOT, *_PLAN)
+_UNREAD: Final = (*_LATER, _C.TELEGRAM_MALFORMED)
 _ENDED: Final = (*_LATER, _C.ENABLE_LOST)
 _FALSE_MESSAGE: Final = (*_ENDED, *_ROBOT, *_PLAN, _C.TELEGRAM_MALFORMED)
 """Bytes of a message of EGM stand for numbers without a check of their own: a damaged one may look like anything."""
@@ -82,9 +83,7 @@ KINDS: Final = {
     "damaged": Kind("bytes of telegrams are damaged, share", (0.02, 1.0), (*_LATER, _C.TELEGRAM_MALFORMED), 2.0, "rsi"),
     "replayed": Kind("telegrams of so many s ago come again between the others", (0.05, 20.0), _LINE),
     "stranger": Kind("another computer sends telegrams too, so many a cycle", (1.0, 5.0), _LINE),
-    "two-senders": Kind(
-        "another program answers it where the loop does not", (1.0, 1.0), (_C.FOREIGN_PEER,), needs="rsi"
-    ),
+    "two-senders": Kind("another program answers where the loop does not", (1.0, 1.0), (_C.FOREIGN_PEER,), needs="rsi"),
     # clocks
     "clock-jump": Kind("the computer's clock jumps by s", (1e-3, 0.2), _LATER, event=True, signed=True),
     "clock-drift": Kind("it runs fast or slow by a share", (2e-5, 0.05), _LATER, signed=True),
@@ -100,6 +99,21 @@ KINDS: Final = {
     "force-axes": Kind("two of its axes are exchanged", (1.0, 1.0), _FALSE_FORCE, needs="force"),
     "force-turned": Kind("its frame is turned about z by rad", (0.1, 3.14), _FALSE_FORCE, needs="force"),
     "force-nan": Kind("its status forbids the use of its records", (1.0, 1.0), _FALSE_FORCE, needs="force"),
+    # strain-gauge spindle holder
+    "strain-silent": Kind("it says nothing", (1.0, 1.0), _FALSE_FORCE, needs="holder"),
+    "strain-lost": Kind("its datagrams are lost, share", (0.05, 1.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-damaged": Kind("bytes of its datagrams are damaged, share", (0.02, 1.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-frozen": Kind("so many of its bridges stand still", (0.6, 6.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-broken": Kind("so many of its bridges show nothing", (0.6, 6.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-saturated": Kind("so many are beyond their range", (0.6, 6.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-offset": Kind("its bridges are off by um/m", (0.5, 500.0), _FALSE_FORCE, 2.0, "holder", signed=True),
+    "strain-drift": Kind("their zeros drift by um/m in a s", (0.05, 50.0), _FALSE_FORCE, 2.0, "holder", signed=True),
+    "strain-unit": Kind("they show another unit: times", (1e-3, 1e3), _FALSE_FORCE, needs="holder"),
+    # motor currents
+    "currents-missing": Kind("telegrams have no currents, share", (0.05, 1.0), _UNREAD, 3.0, "currents"),
+    "currents-frozen": Kind("they stand still", (1.0, 1.0), _FALSE_FORCE, 3.0, "currents"),
+    "currents-off": Kind("one of them is off by A", (0.1, 30.0), _FALSE_FORCE, 3.0, "currents", signed=True),
+    "currents-unit": Kind("they show another unit: times", (1e-2, 1e2), _FALSE_FORCE, 3.0, "currents"),
     # tracker
     "tracker-silent": Kind("it says nothing", (1.0, 1.0), _TRACKER, needs="tracker"),
     "tracker-frozen": Kind("it sends its last pose again", (1.0, 1.0), _TRACKER, needs="tracker"),

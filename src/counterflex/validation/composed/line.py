@@ -50,17 +50,18 @@ class Line:
             delay += _OVERTAKEN * self._period_s
         for kind in _DAMAGED:
             if kind in now and not answer and random() < size(kind):
-                data = self._damaged(data)
+                data = damaged(data, self._rng)
         out = [(delay, data)]
         if "repeated" in now and random() < size("repeated"):
             out.append((delay + 2.0 * self._period_s * float(random()), data))
         return out
 
-    def _damaged(self, data: bytes) -> bytes:
-        """Some bytes changed, or the end cut off."""
-        if self._rng.random() < 0.3:
-            return data[: int(self._rng.integers(0, len(data)))]
-        out = bytearray(data)
-        for at in self._rng.integers(0, len(out), size=int(self._rng.integers(1, 5))):
-            out[at] = int(self._rng.integers(0, 256))
-        return bytes(out)
+
+def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+    """Some bytes changed, or the end cut off."""
+    if rng.random() < 0.3:
+        return data[: int(rng.integers(0, len(data)))]
+    out = bytearray(data)
+    for at in rng.integers(0, len(out), size=int(rng.integers(1, 5))):
+        out[at] = int(rng.integers(0, 256))
+    return bytes(out)

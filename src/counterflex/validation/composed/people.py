@@ -78,7 +78,7 @@ class People:
         self.running = False
         world.robot.runs = False
         self._reset_due = True
-        if world.path_streamed:
+        if world.session is not None and world.side.streamed:
             self.asks("end")  # a path is streamed once; for the next one the loop is started again
 
     def act(self) -> None:

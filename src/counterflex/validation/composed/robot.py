@@ -49,12 +49,13 @@ class Robot:
         runs: The program runs.
         made_m: (3,) what the drives have made of the correction.
         force: (3,) N on the tool.
+        samples_per_cycle: Of the force sensor.
     """
 
     def __init__(
         self, active: Active, rng: np.random.Generator, period_s: float, *, measures_axes: bool = False
     ) -> None:
-        self._measures_axes, self._samples = measures_axes, round(period_s * _RATE_HZ)
+        self._measures_axes, self.samples_per_cycle = measures_axes, round(period_s * _RATE_HZ)
         self._dead = round(_DEAD_S / period_s)
         self._active, self._rng, self._dt = active, rng, period_s
         self._program = bench.program()
@@ -76,7 +77,7 @@ class Robot:
         self._seen: Float | None = None
         self._measured: tuple[Float, float] | None = None
         self._drift = 0.0
-        self._noises: Float = np.zeros((0, self._samples, 6))
+        self._noises: Float = np.zeros((0, self.samples_per_cycle, 6))
         self._noise_at = 0
         self._T: Float = np.eye(4)
         self._T[:3, :3] = self._program.R
@@ -174,8 +175,8 @@ class Robot:
             scale *= self._active.size("harder")
         self.force = scale * planned + _RIPPLE_N * self._rng.standard_normal(3)
 
-    def report(self, time_s: float) -> Report:
-        """What the controller shows of the robot."""
+    def report(self, time_s: float, drive_torque: Float) -> Report:
+        """What the controller shows of the robot, whose drives have a torque (6,) N m."""
         active, program = self._active, self._program
         row = int(self.place)
         share = self.place - row
@@ -197,7 +198,7 @@ class Robot:
         actual = q
         if self._measures_axes:
             actual = q + bench.angles()[row] @ self.made_m
-        return Report(time_s, T, made, q, actual, self.runs, self.at_end)
+        return Report(time_s, T, made, q, actual, self.runs, self.at_end, drive_torque)
 
     def samples(self) -> list[bytes]:
         """Records of the force sensor in this cycle."""
@@ -224,7 +225,7 @@ class Robot:
 
     def _noise(self) -> Float:
         if self._noise_at == len(self._noises):
-            self._noises = _NOISE_N * _MOMENTS * self._rng.standard_normal((_BLOCK, self._samples, 6))
+            self._noises = _NOISE_N * _MOMENTS * self._rng.standard_normal((_BLOCK, self.samples_per_cycle, 6))
             self._noise_at = 0
         self._noise_at += 1
         out: Float = self._noises[self._noise_at - 1]
@@ -244,12 +245,12 @@ class Robot:
             w = w + size("force-offset") * np.r_[self._direction, np.zeros(3)]
         if "force-spikes" in now and self._rng.random() < 0.1:
             w = w.copy()
-            w[self._rng.integers(0, self._samples), self._rng.integers(0, 3)] += size("force-spikes")
+            w[self._rng.integers(0, self.samples_per_cycle), self._rng.integers(0, 3)] += size("force-spikes")
         if "force-rail" in now:
             w = w.copy()
             w[:, 1] = np.sign(size("force-rail")) * _RAIL / COUNTS
         if "force-frozen" in now and self._shown is not None:
-            w = np.tile(self._shown, (self._samples, 1))
+            w = np.tile(self._shown, (self.samples_per_cycle, 1))
         if "force-stuck" in now and self._shown is not None:
             w = self._shown + self._noise()
         return w, 0

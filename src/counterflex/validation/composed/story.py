@@ -36,7 +36,9 @@ _DENSE: Final = 0.65
 """Share of stories that are short and whose faults begin in the first cuts; whether it corrects again is not asked."""
 DENSE_S: Final = (5.0, 9.0)
 _USUAL: Final = 0.5
-"""Share of stories with RSI and 4 ms."""
+"""Share of stories with RSI, 4 ms and a flange sensor."""
+_HOLDERS: Final = 0.3
+_LINKS: Final = (("rsi", 4), ("rsi", 12), ("egm-path", 24), ("egm-pose", 4))
 _ARMING: Final = 150
 """Cycles until the loop is armed: as many, whatever the cycle."""
 _CUT_S: Final = 0.9
@@ -84,6 +86,8 @@ class Story:
         log: ``memory``, or ``disk``: the real files of the run log, read back at the end.
         link: One of :data:`LINKS`.
         period_ms: Cycle of the controller.
+        sensor: Of the force: ``netft``, or ``holder``, the strain-gauge spindle holder.
+        currents: The robot sends motor currents, which the estimator takes.
     """
 
     seed: int
@@ -98,6 +102,8 @@ class Story:
     log: str = "memory"
     link: str = "rsi"
     period_ms: int = 4
+    sensor: str = "netft"
+    currents: bool = False
 
     @property
     def period_s(self) -> float:
@@ -133,11 +139,13 @@ class Story:
         """Parts of the cell, as :attr:`counterflex.validation.composed.kinds.Kind.needs` names them."""
         parts = {
             "tracker": self.tracked,
-            "force": self.forced,
+            "force": self.forced and self.sensor == "netft",
+            "holder": self.forced and self.sensor == "holder",
             "plan": self.planned,
             "disk": self.log == "disk",
             "rsi": self.link == "rsi",
             "egm": self.link != "rsi",
+            "currents": self.currents,
             "program": self.link != "egm-pose",
         }
         return frozenset(part for part, there in parts.items() if there)
@@ -148,8 +156,7 @@ def draw(seed: int) -> Story:
     rng = np.random.default_rng([seed, 11])
     dense = bool(rng.random() < _DENSE)
     length = float(np.round(rng.uniform(*(DENSE_S if dense else LENGTH_S)), 1))
-    mode, link, period_ms = str(rng.choice(MODES)), *_link(np.random.default_rng([seed, 12]))
-    cell = Story(seed, mode.replace("-axes", "") if link != "rsi" else mode, 0.0, link=link, period_ms=period_ms)
+    cell = _cell(seed, str(rng.choice(MODES)))
     first, latest = (_CUT_S, length - _AFTER_S) if dense else (_FIRST_S, length - _QUIET_S)
     later = round(_ARMING * (cell.period_s - 4e-3), 3)
     if dense:
@@ -178,12 +185,17 @@ def draw(seed: int) -> Story:
     return replace(story, faults=tuple(sorted(faults, key=lambda fault: fault.at_s)))
 
 
-def _link(rng: np.random.Generator) -> tuple[str, int]:
-    """Protocol and cycle: half of the stories have RSI with 4 ms, as all had before there were others."""
+def _cell(seed: int, mode: str) -> Story:
+    """Protocol, cycle and sensor: half of the stories have RSI, 4 ms and a flange sensor, as all had at first."""
+    rng = np.random.default_rng([seed, 12])
     if rng.random() < _USUAL:
-        return "rsi", 4
-    links = (("rsi", 12), ("egm-path", 24), ("egm-pose", 4))
-    return links[int(rng.integers(0, len(links)))]
+        return Story(seed, mode, 0.0)
+    link, period_ms = _LINKS[int(rng.integers(0, len(_LINKS)))]
+    usual = link == "rsi" and period_ms == 4
+    sensor = "holder" if usual or rng.random() < _HOLDERS else "netft"
+    mode = mode.replace("-axes", "") if link != "rsi" else mode  # EGM takes no corrections of axes
+    currents = link == "rsi" and mode == "fused"
+    return Story(seed, mode, 0.0, link=link, period_ms=period_ms, sensor=sensor, currents=currents)
 
 
 def _drawn(kind: str, at_s: float, latest_s: float, rng: np.random.Generator) -> Fault:

@@ -22,7 +22,6 @@ from counterflex.app.run.recorder import Recorder
 from counterflex.app.run.session import RunSettings
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import ProtocolError
-from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink, Phase
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Panel, Request
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.record_ring import RecordRing
@@ -33,6 +32,7 @@ from counterflex.validation.composed import bench
 from counterflex.validation.composed.cell import KeptLog, opened
 from counterflex.validation.composed.controllers import Answer, controller_of
 from counterflex.validation.composed.disk import DiskLog
+from counterflex.validation.composed.holder import Bridges
 from counterflex.validation.composed.line import Line
 from counterflex.validation.composed.people import People
 from counterflex.validation.composed.robot import Robot
@@ -113,6 +113,10 @@ class World:
         self.robot = Robot(
             self.active, np.random.default_rng([story.seed, 3]), self.period_s, measures_axes=story.link != "rsi"
         )
+        self._bridges = None
+        if story.has("strain-silent"):
+            rng = np.random.default_rng([story.seed, 5])
+            self._bridges = Bridges(story.seed, self.active, rng, self.robot.samples_per_cycle)
         self.robot.runs = story.link == "egm-pose"
         self.people = People(self, np.random.default_rng([story.seed, 4]))
         self.side = controller_of(story, self.active, self._rng)
@@ -315,10 +319,12 @@ class World:
         if self.sends and "controller-pauses" not in now and not controller.stopped:
             enable = self.people.enable(now, self._rng)
             self.disabled = 0 if enable else self.disabled + 1
-            self._telegram(self.side.telegram(self.robot.report(self.now_s), enable))
+            torque = self.side.drive_torque(int(self.robot.place), self.robot.force)
+            self._telegram(self.side.telegram(self.robot.report(self.now_s, torque), enable))
         if self.session is not None:
             if self.story.forced:
-                self.force.waiting.extend(self.robot.samples())
+                samples = self.robot.samples() if self._bridges is None else self._bridges.samples(self.robot.force)
+                self.force.waiting.extend(samples)
             if self.story.tracked and (datagram := self.robot.pose(self.now_s)) is not None:
                 self.tracker.waiting.append(datagram)
         period = self.period_s * (1.0 + active.size("cycle-drift"))
@@ -382,26 +388,6 @@ class World:
     def state(self) -> State:
         """Of the loop; IDLE while none runs."""
         return State.IDLE if self.session is None else _STATES[self.session.loop.quick_result.state]
-
-    @property
-    def path_streamed(self) -> bool:
-        """The loop has begun to stream its path to a guided robot: it does that once."""
-        link = None if self.session is None else self.session.link
-        return isinstance(link, EgmGuidanceLink) and link.phase != Phase.WAITING
-
-    @property
-    def held(self) -> bool:
-        """A feed hold or a stop is asked for, or in effect."""
-        link = None if self.session is None else self.session.link
-        slowed = isinstance(link, EgmGuidanceLink) and link.stream.rate < 1.0
-        return self.controller.feed_hold or bool(self.controller.stopped) or slowed
-
-    @property
-    def reported_state(self) -> int:
-        """Of the loop, in the answer that is in force."""
-        if isinstance(self.controller, FakeRsi):
-            return self.controller.reported_state
-        return -1 if self.side.accepted is None else self.side.accepted.state
 
     @property
     def frozen(self) -> bool:
