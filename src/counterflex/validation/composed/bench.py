@@ -10,7 +10,6 @@ A racetrack of two straight cuts and two arcs in air, three laps at growing dept
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -47,7 +46,7 @@ _PLAN_ROWS: Final = 5
 """Rows of the program's table per row of the plan."""
 _FORCE_N: Final = np.array([-80.0, 250.0, -60.0])
 """Along the feed, across it, along z."""
-_AROUND: Final = 40
+_AROUND: Final = 60
 """Rows of the program in which the place of a guided robot is looked for."""
 _DELAY: Final = b'<ELEMENT TAG="DEF_Delay"'
 _CURRENTS: Final = b'<ELEMENT TAG="DEF_MACur" TYPE="DOUBLE" INDX="INTERNAL"/>'
@@ -201,20 +200,28 @@ def beside(p: Float, row: int) -> tuple[float, Float]:
         p: (3,) m, part frame.
         row: Of the program; the place is looked for around it.
     """
-    points = program().p
-    begin = min(max(0, row - _AROUND), len(points) - 2)
-    near = points[begin : row + _AROUND]
-    k = begin + int(np.argmin(((near - p) ** 2).sum(axis=1)))
-    best, way = math.inf, p
-    place = float(k)
-    for i in (k - 1, k):
-        if 0 <= i < len(points) - 1:
-            step = points[i + 1] - points[i]
-            share = min(1.0, max(0.0, float((p - points[i]) @ step) / float(step @ step)))
-            off = p - points[i] - share * step
-            if (size := float(off @ off)) < best:
-                best, way, place = size, off, i + share
-    return place, way
+    points = _points()
+    x, y, z = p.tolist()
+    last = len(points) - 2
+    k, turned, share = min(max(0, row), last), 0, 0.0
+    for _ in range(_AROUND):  # from segment to segment, in one direction
+        (ax, ay, az), (bx, by, bz) = points[k], points[k + 1]
+        dx, dy, dz = bx - ax, by - ay, bz - az
+        share = ((x - ax) * dx + (y - ay) * dy + (z - az) * dz) / (dx * dx + dy * dy + dz * dz)
+        if share > 1.0 and k < last and turned >= 0:
+            k, turned = k + 1, 1
+        elif share < 0.0 and k > 0 and turned <= 0:
+            k, turned = k - 1, -1
+        else:
+            break
+    share = min(1.0, max(0.0, share))
+    return k + share, np.array([x - ax - share * dx, y - ay - share * dy, z - az - share * dz])
+
+
+@functools.cache
+def _points() -> list[list[float]]:
+    points: list[list[float]] = program().p.tolist()
+    return points
 
 
 TRACKER_NOISE_M: Final = 5.0 * UM

@@ -116,6 +116,17 @@ def opened(
     return session
 
 
+class Others:
+    """The other processes of the run, as :class:`counterflex.protocols.processes.living.Living` sees them."""
+
+    def __init__(self) -> None:
+        self.dead = False
+
+    def gone(self) -> bool:
+        """Whether one of them has died."""
+        return self.dead
+
+
 class KeptLog:
     """A log on a disk that may be full: what it takes is computed again at once and compared.
 

@@ -226,6 +226,8 @@ class EgmController:
         self._period_s = story.period_s
         self.accepted: Answer | None = None
         self._link: EgmGuidanceLink | None = None
+        self._seen: Float | None = None
+        self._beside: Float = np.zeros(3)
         self.restart(int(rng.integers(1, 2**32)))
 
     @property
@@ -302,7 +304,9 @@ class EgmController:
             out: Float = self.device.pose_correction()[:3]
             return out
         T = self.device.reference
-        return np.zeros(3) if T is None else bench.beside(T[:3, 3], row)[1]
+        if T is not self._seen:
+            self._seen, self._beside = T, np.zeros(3) if T is None else bench.beside(T[:3, 3], row)[1]
+        return self._beside
 
     def strange(self, telegram: bytes) -> bytes:
         """As in :class:`Controller`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -54,6 +55,22 @@ class Line:
         out = [(delay, data)]
         if "repeated" in now and random() < size("repeated"):
             out.append((delay + 2.0 * self._period_s * float(random()), data))
+        return out
+
+    def others(self, sent: Sequence[bytes], rng: np.random.Generator) -> list[tuple[float, bytes, bool]]:
+        """Delay and bytes of telegrams that come beside the controller's newest, and whether a stranger sends them.
+
+        Args:
+            sent: Telegrams of the controller so far.
+            rng: Their chance.
+        """
+        now, size = self._active.now, self._active.size
+        out: list[tuple[float, bytes, bool]] = []
+        if "stranger" in now:
+            out += [(self._period_s * float(rng.random()), sent[-1], True) for _ in range(round(size("stranger")))]
+        if "replayed" in now and rng.random() < 0.3:
+            back = min(len(sent), round(size("replayed") / self._period_s))
+            out.append((self._period_s * float(rng.random()), sent[-back], False))
         return out
 
 

@@ -29,7 +29,7 @@ from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.abb_egm import FakeEgm
 from counterflex.twin.devices.kuka_rsi import FakeRsi
 from counterflex.validation.composed import bench
-from counterflex.validation.composed.cell import KeptLog, opened
+from counterflex.validation.composed.cell import KeptLog, Others, opened
 from counterflex.validation.composed.controllers import Answer, controller_of
 from counterflex.validation.composed.disk import DiskLog
 from counterflex.validation.composed.holder import Bridges
@@ -58,17 +58,6 @@ class Over(BaseException):
 
 class Killed(BaseException):
     """The loop's process is killed."""
-
-
-class _Others:
-    """The other processes of the run, as :class:`counterflex.protocols.processes.living.Living` sees them."""
-
-    def __init__(self) -> None:
-        self.dead = False
-
-    def gone(self) -> bool:
-        """Whether one of them has died."""
-        return self.dead
 
 
 class World:
@@ -137,7 +126,7 @@ class World:
         self.log_of: Callable[[], KeptLog] = lambda: (
             DiskLog(story, self.active, lambda: self.now_s) if story.log == "disk" else KeptLog(story, self.active)
         )
-        self.others = _Others()
+        self.others = Others()
         self._push(0.0, _CYCLE, None)
 
     # The loop's process.
@@ -172,7 +161,7 @@ class World:
 
     def _start(self) -> None:
         self.runs += 1
-        self.others = _Others()
+        self.others = Others()
         self.control: Int = np.zeros(CONTROL, dtype=np.int64)
         self.control[Life.MAY_ARM] = 1
         self.ring = RecordRing()
@@ -264,15 +253,10 @@ class World:
         if len(self._sent) == _OLDEST:
             del self._sent[: _OLDEST // 2]
         self._sent.append(data)
-        if "stranger" in now:
-            for _ in range(round(self.active.size("stranger"))):
-                late_s = self.period_s * float(self._rng.random())
-                self._push(self.now_s + late_s, _TELEGRAM, (self.side.strange(data), _STRANGER))
-        if "replayed" in now and self._rng.random() < 0.3:
-            back = min(len(self._sent), round(self.active.size("replayed") / self.period_s))
-            self._push(
-                self.now_s + self.period_s * float(self._rng.random()), _TELEGRAM, (self._sent[-back], self.peer)
-            )
+        if "stranger" in now or "replayed" in now:
+            for delay_s, other, strange in self._line.others(self._sent, self._rng):
+                what = (self.side.strange(other), _STRANGER) if strange else (other, self.peer)
+                self._push(self.now_s + delay_s, _TELEGRAM, what)
 
     # The controller.
 
