@@ -33,6 +33,9 @@ from counterflex.validation.composed.motors import Motors
 from counterflex.validation.composed.story import Active, Story
 
 JOB: Final = 7
+MCI_STOPPED: Final = 2
+ENDED: Final = "ended"
+"""Why a movement of EGM ended that the controller itself ended: it goes on to send."""
 STRANGE_M: Final = 7.0
 """How far from everything the pose in a stranger's telegrams lies: it must never be seen inside the loop."""
 GUIDED: Final = Delays(12.0 * MS, (20.0 * 2.0 * np.pi * 20.0) ** 0.5, 0.5 * (20.0 * 2.0 * np.pi * 20.0) ** 0.5 * 58e-3)
@@ -66,6 +69,10 @@ class Controller(Protocol):
     device: FakeRsi | FakeEgm
     accepted: Answer | None
     largest: int
+
+    @property
+    def corrects(self) -> bool:
+        """What the loop answers has effect; not behind a movement of EGM that is corrected."""
 
     @property
     def held(self) -> bool:
@@ -128,6 +135,11 @@ class RsiController:
         self._other = answer_writer(bench.config(), texts={"EStr": "other"})
         self.accepted: Answer | None = None
         self.restart(int(rng.integers(1, 2**32)))
+
+    @property
+    def corrects(self) -> bool:
+        """As in :class:`Controller`."""
+        return True
 
     @property
     def held(self) -> bool:
@@ -231,6 +243,11 @@ class EgmController:
         self.restart(int(rng.integers(1, 2**32)))
 
     @property
+    def corrects(self) -> bool:
+        """As in :class:`Controller`."""
+        return self.device.enabled
+
+    @property
     def held(self) -> bool:
         """As in :class:`Controller`; a path that is streamed more slowly is about to stand."""
         return bool(self.device.stopped) or (self._link is not None and self._link.stream.rate < 1.0)
@@ -261,12 +278,16 @@ class EgmController:
 
     def telegram(self, report: Report, enable: float) -> bytes:
         """As in :class:`Controller`."""
-        self.device.enabled = enable > 0.0
-        data, now, size = self.device.telegram(report), self._active.now, self._active.size
+        now, size = self._active.now, self._active.size
+        flickers = "enable-flickers" in now and enable == 0.0  # in the message; the movement goes on
+        self.device.enabled = self.device.enabled if flickers else enable > 0.0
+        data = self.device.telegram(report)
         if _FALSIFYING.isdisjoint(now):
             return data
         message = MESSAGES["EgmRobot"]()
         message.ParseFromString(data)
+        if flickers:
+            message.mciState.state = MCI_STOPPED
         if "sequence-stuck" in now and self._rng.random() < size("sequence-stuck"):
             message.header.seqno = max(0, message.header.seqno - 1)
         if "clock-missing" in now:
@@ -338,7 +359,9 @@ def stream(period_s: float) -> PoseStream:
     return PoseStream(pose.make(np.tile(own.R, (n, 1, 1)), p), path, period_s=period_s)
 
 
-_FALSIFYING: Final = frozenset(("sequence-stuck", "clock-missing", "motion-limited", "message-short"))
+_FALSIFYING: Final = frozenset(
+    ("enable-flickers", "sequence-stuck", "clock-missing", "motion-limited", "message-short")
+)
 
 
 def controller_of(story: Story, active: Active, rng: np.random.Generator) -> Controller:

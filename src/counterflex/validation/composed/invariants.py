@@ -54,8 +54,8 @@ _MISSING_M: Final = 0.7 * MM
 _MISSING_S: Final = 1.2
 _CLEAN: Final = 30
 """Cycles from which a line is taken to be without faults again."""
-_BELIEVED_S: Final = 0.1
-"""Until a counter that jumped is believed: 8 telegrams."""
+_BELIEVED: Final = 25
+"""Cycles until a counter that jumped is believed: 8 telegrams."""
 _MOVES_M_S: Final = 1e-3
 _RADIUS_M: Final = 15.0 * MM
 """Of the arcs, on which the path frame of EGM turns."""
@@ -99,7 +99,7 @@ class Invariants:
         self._most_uncorrected = _UNCORRECTED + math.ceil(uncorrected_s / period)
         self._most_missing = round(_MISSING_S / period)
         self._stale = _STALE + round(_BRIDGED_S / period)
-        self._sent = 0
+        self._sent = self._told = 0
         self.broken: dict[str, Broken] = {}
         self.states: dict[str, int] = {}
         self.incidents: dict[str, int] = {}
@@ -195,6 +195,9 @@ class Invariants:
         if world.number != self._number:
             self._before, self._own, self._cycles, self._sent = np.zeros(3), correction.copy(), 0, 0
             return
+        if not world.side.corrects:
+            self._own, self._cycles = correction.copy(), 0
+            return
         if world.obeyed_other or world.age > 0:
             return
         cycles = min(_MADE_UP, self._cycles)
@@ -216,7 +219,8 @@ class Invariants:
         if world.age > 0 or world.controller.stopped or not world.sends or world.obeyed_other:
             self._in_state = 0
             return
-        if world.side.reported_state != int(state):
+        told, self._told = self._told, world.side.reported_state
+        if told != int(state) or self._told != int(state):
             return
         size, before = _size(correction), _size(self._before)
         rounded = self._rounded + self._turns(world, size)
@@ -300,13 +304,14 @@ class Invariants:
             self._break("one sender", world, f"answered {world.misdirected[0]}")
             world.misdirected.clear()
         session.link.fill_actual(self._stand)
-        if max(session.loop.given.nominal[9], self._stand[9]) > STRANGE_M / 2.0:
+        own = "message-damaged" not in world.active.begun  # which may stand for any number
+        if own and max(session.loop.given.nominal[9], self._stand[9]) > STRANGE_M / 2.0:
             self._break("one sender", world, "a stranger's pose came into the loop")
 
     def _answers(self, world: World, silent: bool) -> None:
         """Over a line without faults every telegram is answered in its cycle, also where old ones come in between."""
         disturbed = not _UNDISTURBED.issuperset(world.active.now) or bool(world.people.off_s) or silent
-        disturbed |= world.now_s - world.active.begun.get("counter-jump", -1.0) < _BELIEVED_S
+        disturbed |= world.now_s - world.active.begun.get("counter-jump", -1.0) < _BELIEVED * self._period_s
         at_work = (
             world.sends and not world.controller.stopped and world.session is not None and world.session.cycles > 9
         )

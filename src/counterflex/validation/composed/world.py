@@ -30,7 +30,7 @@ from counterflex.twin.devices.abb_egm import FakeEgm
 from counterflex.twin.devices.kuka_rsi import FakeRsi
 from counterflex.validation.composed import bench
 from counterflex.validation.composed.cell import KeptLog, Others, opened
-from counterflex.validation.composed.controllers import Answer, controller_of
+from counterflex.validation.composed.controllers import ENDED, Answer, controller_of
 from counterflex.validation.composed.disk import DiskLog
 from counterflex.validation.composed.holder import Bridges
 from counterflex.validation.composed.line import Line
@@ -300,7 +300,7 @@ class World:
                 stopped=stopped or controller.guides,
                 override=controller.override,
             )
-        if self.sends and "controller-pauses" not in now and not controller.stopped:
+        if self.sends and "controller-pauses" not in now and controller.stopped in ("", ENDED):
             enable = self.people.enable(now, self._rng)
             self.disabled = 0 if enable else self.disabled + 1
             torque = self.side.drive_torque(int(self.robot.place), self.robot.force)
@@ -342,7 +342,7 @@ class World:
             unit = 4 if self.story.link == "rsi" else 1  # RSI counts ms, EGM messages
             self.controller.counter = max(0, self.controller.counter + round(fault.size / 4.0) * unit)
         elif kind == "movement-ended":
-            self.controller.stopped = "ended"
+            self.controller.stopped = ENDED
         elif kind == "controller-restart":
             self.people.recover(fault.size)
         elif kind.startswith("operator-"):
