@@ -61,14 +61,16 @@ class Controller(Protocol):
     """A controller in a story.
 
     Attributes:
-        device: The simulated controller.
         accepted: Newest answer of the loop that it took.
         largest: Longest datagram, bytes.
     """
 
-    device: FakeRsi | FakeEgm
     accepted: Answer | None
     largest: int
+
+    @property
+    def device(self) -> FakeRsi | FakeEgm:
+        """The simulated controller, in its present session."""
 
     @property
     def corrects(self) -> bool:
@@ -352,7 +354,7 @@ def stream(period_s: float) -> PoseStream:
         wholes + FEED,
         bench.FEED_M_S * ones,
         0.0 * ones,
-        np.arange(n) * bench.SPACING_M / bench.FEED_M_S,
+        np.arange(n, dtype=np.float64) * (bench.SPACING_M / bench.FEED_M_S),
         wholes,
         wholes,
     )

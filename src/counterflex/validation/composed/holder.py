@@ -33,6 +33,7 @@ _SEGMENT: Final = "sensor"
 """Body of the demonstration cell in whose place the holder sits."""
 _EPOCH_NS: Final = 7_000_000_000
 _SAMPLE_NS: Final = 1_000_000
+_LABORATORIES: Final = 8
 _CALIBRATED: Final = 0.01
 """Standard deviation of an identified sensitivity, as a share."""
 
@@ -43,15 +44,18 @@ def table() -> HolderTable:
     return HolderTable(**{**holder_case.cell_table()["holder"], "segment": _SEGMENT})
 
 
-@functools.cache
 def true_holder(seed: int) -> InstrumentedHolder:
-    """The holder as it is.
+    """The holder as it is, one of eight.
 
     Args:
-        seed: Of the laboratory.
+        seed: Of the story.
     """
-    gauges = (known().gauges[k] for k in range(len(table().gauges)))
-    return instrumented_holder([(*g.p_holder_gauge, g.angle_rad, g.factor) for g in gauges], seed % 8)
+    return _of_laboratory(seed % _LABORATORIES)
+
+
+@functools.cache
+def _of_laboratory(number: int) -> InstrumentedHolder:
+    return instrumented_holder([(*g.p_holder_gauge, g.angle_rad, g.factor) for g in known().gauges], number)
 
 
 @functools.cache
