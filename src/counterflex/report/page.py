@@ -170,11 +170,7 @@ def prediction_page(data: PredictionData) -> str:
 
 
 def write_page(page: str, path: str | os.PathLike[str]) -> None:
-    """Write a page whole or not at all.
-
-    Raises:
-        OutputError: The folder cannot be written.
-    """
+    """Write a page whole or not at all. Raises OutputError: the folder cannot be written."""
     write_text(path, page.encode("utf-8", "backslashreplace").decode("utf-8"))  # names of files need not be UTF-8
 
 
@@ -182,7 +178,6 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
     """Fill a template of this room that extends ``base.html.j2``.
 
     Args:
-        template: Its file name.
         figures: Plotly figures by the name that ``data-figure`` has in the template.
         scales: Colour scales of the maps, if any.
         values: Whatever the template names; ``data`` must have ``title``, ``subtitle`` and ``created``.
@@ -190,10 +185,7 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
     from plotly.offline import get_plotlyjs
 
     palettes = {"metrology": stepped(METROLOGY), "colour-blind": stepped(COLOUR_BLIND)}
-    solid = {
-        "metrology": stepped((*METROLOGY, NOT_MACHINED)),
-        "colour-blind": stepped((*COLOUR_BLIND, NOT_MACHINED)),
-    }
+    solid = {"metrology": stepped((*METROLOGY, NOT_MACHINED)), "colour-blind": stepped((*COLOUR_BLIND, NOT_MACHINED))}
     controls = {"palettes": palettes, "solid": solid, "beyond": 1.0 + 2.0 / STEPS, "scales": scales}
     return (
         _environment()

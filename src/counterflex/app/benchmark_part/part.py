@@ -180,9 +180,6 @@ def tolerances_text() -> str:
 def write(out: Path) -> list[str]:
     """Write program, drawing and tolerances into a folder, all or none.
 
-    Returns:
-        Names of the files.
-
     Raises:
         OutputError: The folder cannot be written.
     """

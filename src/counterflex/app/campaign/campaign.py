@@ -67,11 +67,6 @@ def rows_of_results(
 ) -> Iterator[dict[str, Any]]:
     """Rows of the table, in the order of set-ups, seeds, levels.
 
-    Args:
-        places: Simulated cells.
-        setups: Programs, placements and postures.
-        results: Of the tasks, by name.
-
     Yields:
         Values by column; figures are empty and ``fault`` says why where a task could not be done.
     """
@@ -151,26 +146,18 @@ def run(
 
     Args:
         cell_file: Cell as it is before any measurement.
-        out: Folder.
         grid: Programs to compensate and machine before and after, placements of the part, postures; without a program
             the cells are only identified. With several set-ups (program, placement, posture) one that cannot be run is
             a row with its fault, and of every machining only the figures are kept.
-        seeds: Truth seeds.
-        family: Family that the truths are drawn from.
         truth_file: The one truth to do it for, instead of ``seeds``.
         recipes: Only these; None is all that the cell allows, none identifies nothing.
         with_exact: Also machine the program planned with the truth's exact constants.
         workers: Processes of this machine; None is one per core, 1 starts none. Or the address of a scheduler of dask,
             whose workers do it instead.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
 
     Raises:
         InputError: Neither or both of ``seeds`` and ``truth_file``, an unknown recipe, nothing to do, no scheduler, or
             no set-up could be run.
-        CounterflexError: As the jobs it consists of.
     """
     if (seeds is None) == (truth_file is None):
         raise InputError("a campaign needs either a number of seeds or one truth file")
@@ -239,12 +226,7 @@ def _kept_inputs(cell_file: Path, out: Path, programs: Sequence[str | Path]) -> 
 
 
 def _places(
-    start: Path,
-    out: Path,
-    seeds: Sequence[int],
-    family: Family,
-    truth: Truth | None,
-    steps: tuple[Measurement, ...],
+    start: Path, out: Path, seeds: Sequence[int], family: Family, truth: Truth | None, steps: tuple[Measurement, ...]
 ) -> list[Place]:
     places = []
     if truth is not None:

@@ -52,10 +52,6 @@ def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, pr
     """Plan a program at feeds for a tolerance, see :func:`counterflex.plan.feed_for_tolerance.lower_feed`.
 
     Args:
-        job: The program.
-        cell: Its cell.
-        setting: What planning stands on.
-        wish: Tolerance and limits.
         progress: Progress callback, fraction 0 to 1, a share for each round that may come.
     """
     rounds = iter(range(ROUNDS + 1))
@@ -106,25 +102,15 @@ PAGE, _PAGE_SHARE = "writing the report", 0.05
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Result of the job.
-
-    Attributes:
-        plan: Everything predicted and decided.
-        files: Program files by name, text.
-        written: What the writer says about them, plain values.
-        summary: What ``summary.json`` holds.
-        encoding: Of the program files, that of the source.
-        limited: What ``[process_limits]`` made of the feed; None where they state none.
-        places: Of external axes that move along the program; None where they stand.
-    """
+    """Result of the job."""
 
     plan: Plan
     files: dict[str, str]
-    written: dict[str, Any]
-    summary: dict[str, Any]
-    encoding: str
-    limited: LimitedFeed | None = None
-    places: ExternalPlaces | None = None
+    written: dict[str, Any]  # What the writer says about them, plain values
+    summary: dict[str, Any]  # What ``summary.json`` holds
+    encoding: str  # Of the program files, that of the source
+    limited: LimitedFeed | None = None  # What ``[process_limits]`` made of the feed; None where they state none
+    places: ExternalPlaces | None = None  # Of external axes that move along the program; None where they stand
 
 
 def compensate(
@@ -144,16 +130,13 @@ def compensate(
 
     Args:
         program: G-code or KRL file.
-        cell: The cell.
         language: Of the output, one of :func:`counterflex.programs.language.at_prompt`; None is that of
             the program.
-        reading: How the program is read.
         tolerance_m: Largest distance between the written path and the planned one.
         normal_only: Correct square to the feed only.
         predict: Predict what the uncompensated program does and what remains after compensation.
         feed: Lower the feed where what remains would be outside a tolerance; None leaves it alone.
         programmed_feed: Leave the feed as programmed: for a robot that runs the original program, corrected online.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program, the cell or the reach does not allow it; one line says what and where.
@@ -222,12 +205,8 @@ def run(
 
     Args:
         program: G-code or KRL file.
-        cell_file: Cell file.
-        out: Folder; made when missing.
         assume_class: Give axes that no stiffness is known of the median of the robot's class, and say so.
-        report: Write the HTML page.
         shown: The program as commands on the page name it; None: as ``program``.
-        progress: Progress callback, fraction 0 to 1.
         options: As for :func:`compensate`; returned is its summary.
     """
     cell = read_cell(cell_file, assume_class=assume_class)
@@ -250,11 +229,8 @@ def write_folder(result: Compensated, cell: Cell, program: str | Path, folder: P
     """Write all files of a compensation into a folder.
 
     Args:
-        result: The compensation.
-        cell: What it was planned with.
         program: The original program, as commands on the page name it.
         folder: Where; best one that appears when it is whole (:func:`counterflex.core.atomic.atomic_folder`).
-        report: Write the HTML page.
     """
     about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
     about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}

@@ -65,12 +65,7 @@ _INCOMPLETE: Final = "Copy the folder of the plan again, or write it again with 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of the history.
-
-    Attributes:
-        error: Of its path.
-        facts: Figures, plain values.
-    """
+    """A part of the history."""
 
     error: MeasuredError
     facts: dict[str, Any]
@@ -143,13 +138,9 @@ def correct(
     """Correct the program of the next part.
 
     Args:
-        program: The original program.
-        cell: As the plan was made with.
         plan_folder: Of ``compensate`` or of an earlier ``correct``: the program that the measured parts were made by.
         scans: Parts made by it; see :func:`counterflex.app.correction.scans.read_scan`.
-        reading: How the program is read.
         limit_m: Largest change of a correction.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: Files do not fit together, or a limit is exceeded; one line says what and where.
@@ -226,9 +217,7 @@ def _read_plan(folder: Path, job: Job, cell: Cell) -> Plan:
     """
     if not (folder / PLAN).is_file():
         raise FileFormatError(
-            "no plan in this folder",
-            where=str(folder),
-            limit=f"{PLAN} of counterflex compensate or correct",
+            "no plan in this folder", where=str(folder), limit=f"{PLAN} of counterflex compensate or correct"
         )
     plan, about = read_plan(folder / PLAN)
     path = job.path
@@ -333,14 +322,8 @@ def run(
     All of them or none. With ``apply`` the likeliest constants go into a new cell file.
 
     Args:
-        program: The original G-code file.
-        cell_file: Cell file.
         plan_folder: Of ``compensate`` or ``correct``.
-        scans: Measured parts.
-        out: Folder; made when missing.
         apply: New cell file, or None.
-        report: Write the HTML page.
-        progress: Progress callback, fraction 0 to 1.
         options: As for :func:`correct`; returned is its summary.
     """
     cell = read_cell(cell_file)

@@ -37,11 +37,7 @@ def simulated_scan(
     """Scan a simulated part.
 
     Args:
-        surface: Nominal surface.
-        judged: The part.
-        seed: Of the places and the noise.
         noise_m: Standard deviation of the noise, independent from place to place.
-        pitch_m: Mean distance of places on floors.
 
     Returns:
         Deviations in the axes of the path; rows in no order of the path, as a scanner's.
@@ -90,17 +86,11 @@ _PARQUET: Final = b"PAR1"
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """A measured part.
-
-    Attributes:
-        deviations: In the axes of the path.
-        part: Where they come from.
-        simulated: Scanned on a simulated part, with the noise of a scanner.
-    """
+    """A measured part."""
 
     deviations: PartDeviations
-    part: MeasuredPart
-    simulated: bool
+    part: MeasuredPart  # Where they come from
+    simulated: bool  # Scanned on a simulated part, with the noise of a scanner
 
 
 def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> Scan:
@@ -110,7 +100,6 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
         path: File of ``inspect``, its folder, or a folder of ``simulate`` or ``prove``.
         program: The program that the part was to be made by.
         job: The same as read.
-        cell: The cell.
         number: Of the scan, so that simulated ones have noise of their own.
 
     Raises:

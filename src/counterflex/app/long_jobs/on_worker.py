@@ -47,12 +47,9 @@ def packed(root: Path, files: Iterable[Path], facts: Mapping[str, Any]) -> bytes
 
     Args:
         root: Folder that the names of the files are relative to.
-        files: Below it.
-        facts: Values that JSON has.
 
     Raises:
         InputError: A file is not below the folder.
-        FileFormatError: A file cannot be read.
     """
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
@@ -72,7 +69,6 @@ def unpacked(data: object, root: Path, below: str | None = None) -> dict[str, An
 
     Args:
         data: As :func:`packed` made it.
-        root: Folder that the names are relative to.
         below: Folder below it that all files must lie in; None takes any.
 
     Raises:
@@ -110,19 +106,12 @@ def _target(root: Path, name: str, below: str | None) -> Path:
 
 @dataclass(frozen=True)
 class Order:
-    """A task on its way to a worker.
+    """A task on its way to a worker."""
 
-    Attributes:
-        task: With paths relative to the folder of the job.
-        files: What it reads, as :func:`counterflex.app.long_jobs.on_worker.packed` packs it.
-        root: The folder of the job on the machine that ordered it, for messages.
-        program: :func:`program_now` there.
-    """
-
-    task: Task
-    files: bytes
-    root: str
-    program: str
+    task: Task  # With paths relative to the folder of the job
+    files: bytes  # What it reads, as :func:`counterflex.app.long_jobs.on_worker.packed` packs it
+    root: str  # The folder of the job on the machine that ordered it, for messages
+    program: str  # :func:`program_now` there
 
 
 @cache
@@ -133,12 +122,7 @@ def program_now() -> str:
 
 
 def ordered(task: Task, root: Path) -> Order:
-    """A task with everything that it needs.
-
-    Raises:
-        InputError: A file is not below the folder of the job.
-        FileFormatError: A file cannot be read.
-    """
+    """A task with everything that it needs. Raises InputError: a file is not below the folder of the job."""
     arguments = tuple(
         type(item)(name_below(root, Path(item.path))) if isinstance(item, Reads | Writes) else item
         for item in task.arguments
@@ -152,7 +136,6 @@ def carried_out(order: Order, progress: Progress = silent, scratch: str | None =
     """Do a task.
 
     Args:
-        order: The task.
         progress: Called with the fraction done.
         scratch: Folder for its files while it runs; None is that of the system.
 
@@ -188,8 +171,6 @@ def taken(parcel: object, task: Task, root: Path) -> Any:
 
     Args:
         parcel: As :func:`carried_out` made it.
-        task: Of this machine.
-        root: The folder of the job.
 
     Raises:
         InputError: The worker runs another program; no task would be the same there.

@@ -105,9 +105,6 @@ class ObservedRun:
     def acknowledge(self, who: str) -> dict[str, Any]:
         """Ask the loop to acknowledge, and note who did in the run log; waits up to 0.3 s.
 
-        Args:
-            who: Name of the user.
-
         Returns:
             ``done``, or why not (``refused``); ``state`` and more of
             :func:`counterflex.app.run.operator_requests.ask`.
@@ -151,7 +148,6 @@ class OpcuaServer:
 
     Args:
         settings: Checked by :func:`.settings.require_safe`.
-        started: Told the address, once.
 
     Raises:
         FileFormatError: The file of users is none.
@@ -170,11 +166,7 @@ class OpcuaServer:
         self._server = BoundedServer(self._inner)
 
     async def serve(self) -> None:
-        """Serve until the task is cancelled.
-
-        Raises:
-            OutputError: The port cannot be opened, or certificate or key cannot be read.
-        """
+        """Serve until the task is cancelled."""
         settings, server = self._settings, self._server
         with contextlib.suppress(OSError, AttributeError):
             os.nice(_NICE)
@@ -344,13 +336,8 @@ def _unit(name: str) -> Any:
 def serve(settings: OpcuaSettings, started: Callable[[str], None]) -> None:
     """Serve a run over OPC UA until the process is asked to end.
 
-    Args:
-        settings: See there.
-        started: Told the address.
-
     Raises:
         InputError: It would not be safe, or the library is missing.
-        CounterflexError: As :class:`OpcuaServer`.
     """
     require_safe(settings)
     logging.getLogger("asyncua").setLevel(logging.ERROR)

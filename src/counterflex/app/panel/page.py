@@ -138,11 +138,7 @@ class PanelPage:
     """One page in one browser.
 
     Args:
-        client: Of the page library.
         session: Whose it is.
-        run: What it shows.
-        range_um: Deviation at which the colours end.
-        valid: Whether the session still stands.
         report_action: Told in words what the operator did, for all pages.
     """
 
@@ -248,7 +244,6 @@ class PanelPage:
         Args:
             message: The same for all pages.
             last: What was last new, for a page that has just begun.
-            scene: Bodies of the cell.
         """
         if not self._ready or not self.client.has_socket_connection or self._sent - self._seen > BEHIND:
             return

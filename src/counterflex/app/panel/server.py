@@ -66,8 +66,6 @@ def login_routes(
 
     Args:
         users: Who may; None: nobody, a link opens the panel.
-        sessions: Of the panel.
-        secure: It is asked by TLS.
         note: Told of who logs in and out: name, address, what he did.
         refused: Told of who was not let through.
         tries: Which passwords are looked at; None: by the clock of the computer.
@@ -161,10 +159,7 @@ class PanelServer:
         self._keys: dict[str, tuple[str, Role]] = (
             {}
             if self._users is not None
-            else {
-                secrets.token_urlsafe(24): ("operator", "operator"),
-                secrets.token_urlsafe(24): ("viewer", "viewer"),
-            }
+            else {secrets.token_urlsafe(24): ("operator", "operator"), secrets.token_urlsafe(24): ("viewer", "viewer")}
         )
         self._actions: deque[str] = deque(maxlen=ACTIONS)
         self._refused = RefusedLogins(self.run.note)
@@ -176,11 +171,7 @@ class PanelServer:
         self._last: dict[str, Any] = {}
 
     def serve(self) -> None:
-        """Serve until the process is asked to end.
-
-        Raises:
-            OutputError: The port cannot be opened.
-        """
+        """Serve until the process is asked to end. Raises OutputError: the port cannot be opened."""
         settings = self._settings
         with contextlib.suppress(OSError, AttributeError):
             os.nice(NICE)
@@ -347,12 +338,10 @@ def serve(settings: PanelSettings, started: Callable[[list[tuple[str, str]]], No
     """Serve a panel until the process is asked to end.
 
     Args:
-        settings: See there.
         started: Told the links that open it: whose, and the address.
 
     Raises:
         InputError: It would not be safe, or the page library is missing.
-        CounterflexError: As :class:`PanelServer`.
     """
     require_safe(settings)
     PanelServer(settings, started).serve()

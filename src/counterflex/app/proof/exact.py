@@ -36,8 +36,6 @@ def responses(cell: Cell, truth: Truth, q: Float, axis: int) -> tuple[Float, Flo
     """Motion of the tool along a part axis under a force and under a command, both settling at :data:`MOVE_M`.
 
     Args:
-        cell: Gives the size of force and command.
-        truth: What answers.
         q: (6,) rad.
         axis: 0..2 of the part, of the base where the robot holds the part.
 
@@ -90,11 +88,6 @@ def exact_setting(job: Job, cell: Cell, truth: Truth) -> Setting:
 
     The first two are written in the truth. The lead is none of its numbers: it is measured on the truth as a shop would
     measure it (:mod:`counterflex.app.proof.exact`), in the middle of the program.
-
-    Args:
-        job: The program.
-        cell: What else is planned with.
-        truth: The truth.
 
     Raises:
         ReachError: The middle of the program is out of reach.

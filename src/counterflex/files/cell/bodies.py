@@ -33,9 +33,6 @@ THICK_M: Final = 0.05 * MM
 def convex_pieces(path: Path) -> list[Float]:
     """Read an STL mesh in mm and divide it into convex pieces.
 
-    Args:
-        path: The file.
-
     Returns:
         Corners (k, 3) m of each piece, at least one.
 
@@ -130,14 +127,7 @@ class CoarseBodyTable(PoseTable):
         return self.frame in ("base", "part") and self.name not in ROBOT_BODIES
 
     def pieces(self, folder: Path) -> list[Body]:
-        """The body in SI; a mesh as convex pieces. None for shape ``none``.
-
-        Args:
-            folder: That file names are relative to.
-
-        Raises:
-            FileFormatError: The mesh cannot be read.
-        """
+        """The body in SI; a mesh as convex pieces. None for shape ``none``."""
         if self.shape == "mesh":
             T = self.matrix()
             points = convex_pieces(folder / (self.stl or ""))
@@ -186,9 +176,6 @@ class SurroundingsTable(Table):
 
         Args:
             folder: Of the cell file: names of meshes are relative to it.
-
-        Raises:
-            FileFormatError: A mesh cannot be read.
         """
         there = [piece for row in self.body for piece in row.pieces(folder)]
         return there, [row.name for row in self.body if row.shape == "none"]

@@ -115,6 +115,8 @@ Percent = Annotated[float, Field(gt=0.0, le=100.0)]
 class OnlineTable(Table):
     """Which signals correct, through which filters, within which limits."""
 
+    protocol: str | None = None
+    link: dict[str, bool | int | float | str] = Field(default_factory=dict)
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
     force_from: Literal["sensor", "holder", "both"] = "sensor"
     pair: PairTable = PairTable()
@@ -226,11 +228,7 @@ class OnlineTable(Table):
             derivative_s=(d_feed * MS, d_across * MS, d_axial * MS),
             smoothing=Smoothing(self.corner_hz, self.average, period),
             inertia_hz=self.inertia_hz,
-            pilot=Pilot(
-                self.threshold_n,
-                self.blend_ms * MS,
-                None if self.lead_ms is None else self.lead_ms * MS,
-            ),
+            pilot=Pilot(self.threshold_n, self.blend_ms * MS, None if self.lead_ms is None else self.lead_ms * MS),
             delays=delays,
             tuning=self._tuning(delays, period, mode),
             fusion=FusionTuning(
@@ -316,8 +314,6 @@ def tracker_plant(delays: Delays, period_s: float, mode: tuple[float, float] | N
     """What the tracker sees of a correction, from identified delays.
 
     Args:
-        delays: Of the cell.
-        period_s: Cycle.
         mode: Lowest mode, Hz, and its damping ratio; None is a robot without one.
     """
     hz, damping = mode if mode is not None else (0.0, 0.1)

@@ -64,11 +64,7 @@ class FrameTable(Table):
         return self
 
     def source(self) -> FrameSource:
-        """Frames and how they are had.
-
-        Raises:
-            InputError: Fields, matrix or transport that cannot be.
-        """
+        """Frames and how they are had. Raises InputError: fields, matrix or transport that cannot be."""
         from counterflex.protocols.frame.link import FrameSource
 
         fields = []
@@ -98,6 +94,8 @@ _HOUR = 60.0 * MINUTE
 _GPA = KN * N_PER_MM2
 UNKNOWN_ERROR = 0.05
 """Share by which a force is off where identify holder has not stated it."""
+PROTOCOL = "netft"
+"""Of a force sensor whose table names none."""
 _SHAPE = "expected 0, 9 or 34 rows of six numbers"
 
 
@@ -119,7 +117,7 @@ class SensorTable(PoseTable):
     hose_from: str = ""
     range_n: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     range_nm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    protocol: Annotated[str, Field(min_length=1)] = "netft"
+    protocol: Annotated[str, Field(min_length=1)] = PROTOCOL
     link: dict[str, bool | int | float | str] = Field(default_factory=dict)
     frame: FrameTable | None = None
     source: str = ""
@@ -271,11 +269,6 @@ def strain_holder(table: HolderTable | None) -> StrainHolder | None:
 
 def sensing_of(sensor: SensorTable | None, holder: HolderTable | None, chain: ElasticChain) -> dict[str, Any]:
     """What measures forces in a cell, as objects, by the name of its table; nothing for tables that are not there.
-
-    Args:
-        sensor: Table of the flange sensor.
-        holder: Table of the instrumented holder.
-        chain: Of the cell.
 
     Raises:
         InputError: The end effector has no such body, or a gauge sits on no surface of the holder.

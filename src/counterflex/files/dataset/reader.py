@@ -32,10 +32,6 @@ _CHANNELS: Final = ("s_unloaded", "s_loaded")
 def sensor_frame(manifest: Manifest, where: str) -> SensorFrame | None:
     """Sensors that a manifest describes, or None where it has none.
 
-    Args:
-        manifest: Read.
-        where: Its path, for messages.
-
     Raises:
         FileFormatError: Sensors without readings or readings without sensors, another number of them, a name twice,
             axes that are not said, another kind of dataset.

@@ -48,14 +48,9 @@ _MOST_BYTES: Final = 16 << 20
 
 @dataclass(frozen=True, eq=False)
 class Indexed:
-    """What the index of a file leads to.
+    """What the index of a file leads to."""
 
-    Attributes:
-        metadata: In the order of the file; of what the run was made of one copy.
-        messages: Number of messages by channel.
-    """
-
-    metadata: list[Metadata]
+    metadata: list[Metadata]  # In the order of the file; of what the run was made of one copy
     messages: dict[int, int]
 
 
@@ -63,7 +58,6 @@ def indexed(stream: BinaryIO, count: Callable[[int], None]) -> Indexed | None:
     """Follow the index of a file; None where it was not finished, or where something of the index cannot be read.
 
     Args:
-        stream: Of the file.
         count: Told how many bytes are read, each time.
     """
     size = stream.seek(0, os.SEEK_END)
@@ -132,30 +126,19 @@ BRIEF: Final = (ABOUT, ACTION, DIGEST)
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One file of a run log.
-
-    Attributes:
-        name: Of the file.
-        rows: (n, WIDTH) records: all that stand in sound chunks.
-        about: What the run was made of; empty where nothing of it can be read.
-        finished: It ends as a finished file does; else it was cut short, or is being written.
-        states: Of the loop, in order.
-        damage: Stretches that cannot be read.
-        lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
-        absent: Columns that older code did not record: 0 in counts and flags, else not a number.
-        actions: What operators did meanwhile, with ``time_ns``.
-        digest: What stands in place of records that were not read: `rows` are those that it keeps; None where all were.
-    """
+    """One file of a run log."""
 
     name: str
-    rows: Float
-    about: dict[str, Any]
-    finished: bool
-    states: tuple[LoopState, ...] = ()
+    rows: Float  # (n, WIDTH) records: all that stand in sound chunks
+    about: dict[str, Any]  # What the run was made of; empty where nothing of it can be read
+    finished: bool  # It ends as a finished file does; else it was cut short, or is being written
+    states: tuple[LoopState, ...] = ()  # Of the loop, in order
     damage: tuple[Unreadable, ...] = ()
+    # Records behind the last one that can be read, as far as the file's own index still names them
     lost_at_end: int = 0
-    absent: tuple[str, ...] = ()
-    actions: tuple[dict[str, Any], ...] = ()
+    absent: tuple[str, ...] = ()  # Columns that older code did not record: 0 in counts and flags, else not a number
+    actions: tuple[dict[str, Any], ...] = ()  # What operators did meanwhile, with ``time_ns``
+    # What stands in place of records that were not read: `rows` are those that it keeps; None where all were
     digest: Digest | None = None
 
     @property
@@ -176,9 +159,6 @@ class Segment:
 
 def read_segment(path: str | Path) -> Segment:
     """Read a segment, also one that was cut short or is damaged: every record that stands in a sound chunk.
-
-    Args:
-        path: MCAP file.
 
     Raises:
         FileFormatError: Missing, not a run log, newer than this program reads, or without a single sound record.
@@ -246,7 +226,6 @@ def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) 
     The index of the file and the checksums of what is read are looked at, its chunks are not.
 
     Args:
-        path: MCAP file.
         count: Told how many bytes are read, each time.
 
     Returns:
@@ -279,7 +258,6 @@ def segments(folder: str | Path, *, brief: bool = False) -> Iterator[Segment]:
     A segment that has lost what it was made of belongs to the run whose cycles it continues, else to one of its own.
 
     Args:
-        folder: Of the run log.
         brief: Take the digest of a segment, where it has one, in place of its records: :func:`read_brief`.
 
     Raises:

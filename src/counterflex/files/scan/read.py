@@ -40,7 +40,6 @@ def read_mesh(path: Path, kind: str) -> Scan:
     """Read a mesh and cover its triangles with points: meshes of scanners are coarse where the part is flat.
 
     Args:
-        path: The file.
         kind: ``stl``, ``obj`` or ``ply``.
 
     Raises:
@@ -58,11 +57,7 @@ def read_mesh(path: Path, kind: str) -> Scan:
 
 
 def read_ply_cloud(path: Path) -> Scan:
-    """Read the vertices of a PLY file without faces whose vertices come behind other elements.
-
-    Raises:
-        FileFormatError: It cannot be read.
-    """
+    """Read the vertices of a PLY file without faces whose vertices come behind other elements."""
     import trimesh  # heavy
 
     with file_content.readable(path, "a cloud of points (PLY)", "Export it again"):

@@ -80,32 +80,20 @@ _MOST_SECTIONS: Final = 6
 
 @dataclass(frozen=True, eq=False)
 class InspectionData:
-    """Everything on the page.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
-        surface: Floors and walls of the nominal part.
-        deviations: Map of ``part``, or of ``before`` and ``after``.
-        features: Measured on each.
-        sections: Across grooves.
-        facts: By part, how it was scanned and placed.
-        coverage: By part, areas of the whole machined surface and of each feature.
-        notes: What the reader must know.
-        paths: By part, where the path of the tool was measured and not the surface; empty for scans.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
     created: str
-    surface: NominalSurface
-    deviations: Mapping[str, SurfaceDeviation]
-    features: tuple[FeatureRow, ...]
+    surface: NominalSurface  # Floors and walls of the nominal part
+    deviations: Mapping[str, SurfaceDeviation]  # Map of ``part``, or of ``before`` and ``after``
+    features: tuple[FeatureRow, ...]  # Measured on each
     sections: tuple[Section, ...]
-    facts: Mapping[str, Sequence[Fact]]
+    facts: Mapping[str, Sequence[Fact]]  # By part, how it was scanned and placed
+    # By part, areas of the whole machined surface and of each feature
     coverage: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # What the reader must know
+    # By part, where the path of the tool was measured and not the surface; empty for scans
     paths: Mapping[str, MeasuredPath] = field(default_factory=dict)
 
 

@@ -99,12 +99,7 @@ def time_figure(poses: Sequence[PoseCycles]) -> dict[str, Any] | None:
 
 
 def pose_page(summary: Mapping[str, Any], poses: Sequence[PoseCycles]) -> str:
-    """Page of a pose test, as HTML text.
-
-    Args:
-        summary: See :func:`counterflex.app.robot_tests.iso9283.run`.
-        poses: Attained poses.
-    """
+    """Page of a pose test, as HTML text."""
     rows = summary["poses"]
     worst = max(rows, key=lambda row: row["AP_um"]["value"])
     least = max(rows, key=lambda row: row.get("RP_um", row["AP_um"])["value"])
@@ -189,10 +184,6 @@ def path_page(
     """Page of a path test, as HTML text.
 
     Args:
-        summary: See :func:`counterflex.app.robot_tests.iso9283.run`.
-        path: As commanded.
-        figures: AT and RT.
-        cycles: Attained paths.
         velocity: Or None.
     """
     factor = drawn.magnified(path, figures)

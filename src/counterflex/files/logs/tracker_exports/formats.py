@@ -39,11 +39,7 @@ _POINT: Final = re.compile(
 
 
 class SpatialAnalyzerLines:
-    """Reads the export line by line.
-
-    Args:
-        where: For messages.
-    """
+    """Reads the export line by line."""
 
     def __init__(self, where: str) -> None:
         self._where, self._row, self._unit = where, 0, 0.0
@@ -109,11 +105,7 @@ _TURNED: Final = 1e-3
 
 
 class DTrackLines:
-    """Reads the output line by line.
-
-    Args:
-        where: For messages.
-    """
+    """Reads the output line by line."""
 
     def __init__(self, where: str) -> None:
         self._where, self._row = where, 0
@@ -201,29 +193,17 @@ FORMATS: Final[dict[str, tuple[Callable[[str], ExportLines], str]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What a tracker measured, bad readings left out.
+    """What a tracker measured, bad readings left out."""
 
-    Attributes:
-        Ts_tracker_target: (n, 4, 4) m; the rotation is the identity where there is no orientation.
-        time_s: (n,) s since the first reading, increasing; None where the stamps are too coarse or missing.
-        oriented: Whether orientations were measured.
-        left_out: Readings with a broken beam or marked inaccurate.
-        sigma_m: Standard deviation of a position as stated, 0 where it is not.
-    """
-
-    Ts_tracker_target: Float
-    time_s: Float | None
+    Ts_tracker_target: Float  # (n, 4, 4) m; the rotation is the identity where there is no orientation
+    time_s: Float | None  # (n,) s since the first reading, increasing; None where the stamps are too coarse or missing
     oriented: bool
-    left_out: int
-    sigma_m: float
+    left_out: int  # Readings with a broken beam or marked inaccurate
+    sigma_m: float  # Standard deviation of a position as stated, 0 where it is not
 
 
 def lines_of(name: str, where: str) -> ExportLines:
-    """A reader of lines.
-
-    Raises:
-        FileFormatError: There is no such format.
-    """
+    """A reader of lines. Raises FileFormatError: there is no such format."""
     if name not in FORMATS:
         raise FileFormatError("unknown format of a tracker's export", value=name, limit=", ".join(FORMATS))
     return FORMATS[name][0](where)

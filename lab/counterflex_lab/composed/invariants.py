@@ -1,0 +1,366 @@
+"""Rules that hold in every cycle whatever happens, checked at the controller against what is true.
+
+A rule is broken once per story and named with the cycle in which it was.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.protocols.processes.control_array import Kept, Life, Panel
+from counterflex.runtime.primitives.causes import yielding
+from counterflex.runtime.state.states import Cause, State
+from counterflex_lab.composed.controllers import STRANGE_M
+from counterflex_lab.composed.kinds import ALWAYS, KINDS
+from counterflex_lab.composed.robot import follow
+from counterflex_lab.composed.story import Story
+from counterflex_lab.composed.world import World
+
+SPEED_M_S: Final = 20.0 * MM
+"""Of the correction."""
+_MADE_UP: Final = 5
+"""Cycles of its motion that a step contains at most, after telegrams or answers were lost."""
+LARGEST_M: Final = 2.0 * MM
+_ROUNDED_M: Final = 0.4e-6
+"""Four decimal places of a millimetre, three coordinates, two values."""
+_ROUNDED_AXES_M: Final = 20e-6
+"""Four decimal places of a degree, at an arm of two metres, six axes."""
+_BRAKED_S: Final = 16e-3
+"""Until the correction comes to rest from its largest speed."""
+_VISIBLE: Final = 2
+_LATE_CYCLES: Final = 5
+"""Cycles without a telegram from which the loop must not correct any more: 3 of the watch, and two."""
+_DEBOUNCED: Final = 7
+_STALE: Final = 10
+"""Cycles without a force from which a loop that needs one must not correct any more: 3, and what a slow sensor leaves
+out."""
+_BRIDGED_S: Final = 80e-3
+"""For which it goes on by the plan."""
+_RUN_SILENT_NS: Final = 80_000_000
+_PANEL_SILENT_NS: Final = 1_000_000_000
+_UNCORRECTED: Final = 7
+"""Cycles until a program that cuts on uncorrected is held: the debounced Enable."""
+_UNCORRECTED_S: Final = 20e-3
+"""Until then the robot brakes."""
+_UNPLANNED_S: Final = 52e-3
+"""Later, where no plan tells of the cut: its filtered force does."""
+_MISSING_M: Final = 0.7 * MM
+_MISSING_S: Final = 1.2
+_CLEAN: Final = 30
+"""Cycles from which a line is taken to be without faults again."""
+_BELIEVED: Final = 25
+"""Cycles until a counter that jumped is believed: 8 telegrams."""
+_MOVES_M_S: Final = 1e-3
+_RADIUS_M: Final = 15.0 * MM
+"""Of the arcs, on which the path frame of EGM turns."""
+_STATES: Final = tuple(State)
+_CAUSES: Final = {int(cause): cause for cause in Cause}
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A rule that did not hold.
+
+    Attributes:
+        rule: Its name.
+        at_s: When.
+        words: What was seen against what may be.
+    """
+
+    rule: str
+    at_s: float
+    words: str
+
+
+class Invariants:
+    """Looks at a world, cycle by cycle.
+
+    Args:
+        story: Told in it.
+
+    Attributes:
+        broken: Rules that did not hold, each once.
+        states: Cycles in each state.
+        incidents: Cause by which the correction ended, how often.
+    """
+
+    def __init__(self, story: Story) -> None:
+        period = self._period_s = story.period_s
+        self._rounded = _ROUNDED_AXES_M if story.mode.endswith("axes") else _ROUNDED_M
+        self._step_m = SPEED_M_S * period
+        self._braked = 3 + math.ceil(_BRAKED_S / period)
+        uncorrected_s = _UNCORRECTED_S + (0.0 if story.planned else _UNPLANNED_S)
+        self._most_uncorrected = _UNCORRECTED + math.ceil(uncorrected_s / period)
+        self._most_missing = round(_MISSING_S / period)
+        self._stale = _STALE + round(_BRIDGED_S / period)
+        self._sent = self._told = 0
+        self.broken: dict[str, Broken] = {}
+        self.states: dict[str, int] = {}
+        self.incidents: dict[str, int] = {}
+        self._before: Float = np.zeros(3)
+        self._own: Float = np.zeros(3)
+        self._cycles = 0
+        self._number = 0
+        self._state = State.IDLE
+        self._cause = 0
+        self._in_state = 0
+        self._runs = 0
+        self._since: dict[str, int] = {}
+        self._cycle = 0
+        self._uncorrected = self._missing = self._clean = self._silent = 0
+        self._model: Float = np.zeros(3)
+        self._rate: Float = np.zeros(3)
+        self._stand: Float = np.zeros(12)
+        self._last_active_s = 0.0
+        self._acted = False
+        self._yielding = frozenset({0})
+
+    def __call__(self, world: World) -> None:
+        """Look at the end of a cycle of the controller."""
+        correction = world.correction_m
+        self._step(world, correction)
+        session = world.session
+        if session is None:
+            self._state, self._in_state = State.IDLE, 0
+            self._before = correction.copy()
+            self._number = world.number
+            return
+        if world.runs != self._runs:
+            self._runs, self._since, self._state, self._in_state = world.runs, {}, State.IDLE, 0
+            self._yielding = yielding(session.loop.records[0]["settings"][0])
+            self._acted = False
+        state = _STATES[session.loop.quick_result.state]
+        name = state.name
+        self.states[name] = self.states.get(name, 0) + 1
+        self._in_state = self._in_state + 1 if state == self._state else 0
+        self._by_state(world, state, correction)
+        self._causes(world, state)
+        self._visible(world, state)
+        self._senders(world)
+        result = session.loop.quick_result
+        unarmed = world.story.link != "rsi" and (result.stop == 1 or state < State.ARMED)  # EGM stops by silence
+        self._answers(world, result.silent == 1 or unarmed)
+        self._in_the_cut(world, state)
+        self._obeyed(world, state, correction)
+        if session.trouble:
+            self._break("no exception", world, session.trouble)
+        difference = world.log.replay.difference
+        if difference is not None:
+            self._break("replays bit for bit", world, f"{difference}")
+        if state == State.ACTIVE:
+            self._last_active_s, self._acted = world.now_s, True
+        self._state, self._cause = state, int(session.loop.quick_result.cause)
+        self._before = correction.copy()
+        self._number = world.number
+
+    def end(self, world: World) -> None:
+        """Look at the end of the story."""
+        for rule, problems in (
+            ("no exception", world.failed),
+            ("what is written can be read", world.unread),
+            ("replays bit for bit", world.differences),
+        ):
+            if problems:
+                self._break(rule, world, problems[0])
+        faults = world.story.faults
+        for_ever = any(fault.kind == "plan-deeper" for fault in faults)
+        quiet_s = world.story.length_s - max((fault.end_s for fault in faults), default=0.0)
+        again_s = world.story.quiet_s
+        if not for_ever and quiet_s > again_s - 0.1 and self._last_active_s < world.story.length_s - again_s:
+            self._break(
+                "corrects again",
+                world,
+                f"last active at {self._last_active_s:.2f} s, no fault in the last {quiet_s:.2f} s",
+            )
+
+    def _break(self, rule: str, world: World, words: str) -> None:
+        if rule not in self.broken:
+            self.broken[rule] = Broken(rule, round(world.now_s, 4), words)
+
+    def _step(self, world: World, correction: Float) -> None:
+        """At the controller: no step from one answer of the loop to its next beyond the limiter's; no size.
+
+        Answers of another program between them are not the loop's: it neither sees nor continues them.
+        """
+        size = _size(correction)
+        if size > LARGEST_M + self._rounded:
+            self._break("within its limit", world, f"{size / MM:.4f} mm > {LARGEST_M / MM:g} mm")
+        self._cycles += 1
+        if world.number != self._number:
+            self._before, self._own, self._cycles, self._sent = np.zeros(3), correction.copy(), 0, 0
+            return
+        if not world.side.corrects:
+            self._own, self._cycles = correction.copy(), 0
+            return
+        if world.obeyed_other or world.age > 0:
+            return
+        cycles = min(_MADE_UP, self._cycles)
+        if world.story.link != "rsi":  # it takes any answer, however late: what may have changed since that was sent
+            sent = world.side.accepted.cycle if world.side.accepted is not None else 0
+            cycles, self._sent = max(1, abs(sent - self._sent)), sent
+        step = _size(correction - self._own)
+        most = self._step_m * cycles + self._turns(world, size) * self._cycles + self._rounded
+        self._own, self._cycles = correction.copy(), 0
+        if step > most:
+            self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
+
+    def _turns(self, world: World, size: float) -> float:
+        """By how much a correction turns in a cycle with the path frame of EGM, the controller's and the sender's."""
+        return 2.0 * size * world.robot.speed * self._period_s / _RADIUS_M if world.story.link == "egm-path" else 0.0
+
+    def _by_state(self, world: World, state: State, correction: Float) -> None:
+        """What is sent in each state: zero, at rest, or towards zero."""
+        if world.age > 0 or world.controller.stopped or not world.sends or world.obeyed_other:
+            self._in_state = 0
+            return
+        told, self._told = self._told, world.side.reported_state
+        if told != int(state) or self._told != int(state):
+            return
+        size, before = _size(correction), _size(self._before)
+        rounded = self._rounded + self._turns(world, size)
+        if state <= State.ARMED and size > rounded:
+            self._break("zero unless it acts", world, f"{size / MM:.4f} mm in {state.name}")
+        if self._in_state < self._braked or world.number != self._number:
+            return
+        moved = _size(correction - self._before)
+        if state in (State.HOLD, State.FAULT) and moved > rounded:
+            self._break("at rest in hold", world, f"moved by {moved / MM:.4f} mm in {state.name}")
+        if state == State.RAMP_OUT and size > before + rounded:
+            self._break("ramp goes to zero", world, f"{before / MM:.4f} to {size / MM:.4f} mm")
+
+    def _causes(self, world: World, state: State) -> None:
+        """One cause, and one that is true."""
+        session = world.session
+        if session is None:
+            return
+        cause = _CAUSES[session.loop.quick_result.cause]
+        if state in (State.HOLD, State.RAMP_OUT, State.FAULT):
+            if cause == Cause.NONE:
+                self._break("a cause is told", world, f"{state.name} without a cause")
+            if state != self._state and self._state == State.ACTIVE:
+                key = cause.name.lower()
+                self.incidents[key] = self.incidents.get(key, 0) + 1
+            if cause not in self._true(world):
+                kinds = ", ".join(world.active.begun) or "nothing"
+                self._break("the true cause", world, f"{state.name} by {cause.name} after {kinds}")
+            held = self._cause != int(Cause.PROGRAM)  # the ordinary end of a program is no hold, and may become one
+            if held and int(cause) != self._cause and self._state == state and state != State.FAULT:
+                self._break("one cause", world, f"{Cause(self._cause).name} became {cause.name} in {state.name}")
+
+    def _true(self, world: World) -> frozenset[Cause]:
+        cannot_hold = {"ignores-hold"} if world.story.link == "egm-path" else set()
+        return _allowed(frozenset(world.active.begun) | cannot_hold)
+
+    def _visible(self, world: World, state: State) -> None:
+        """Out of ACTIVE within two cycles of what the loop can see."""
+        session = world.session
+        if session is None:
+            return
+        story, control, clock = world.story, world.control, world.clock_ns()
+        given = session.loop.quick_given
+        needs_force = story.mode.startswith(("measured", "pilot", "scale"))
+        panel_silent = clock - int(control[Panel.NS]) > _PANEL_SILENT_NS
+        seen = {
+            "a stop": (world.stop_asked and given.elapsed > 0, _VISIBLE),
+            "a dead process": (bool(control[Life.GONE]), _VISIBLE),
+            "a silent run": (clock - int(control[Life.RUN_NS]) > _RUN_SILENT_NS, _VISIBLE),
+            "a lost log": (story.without_log == "hold" and bool(control[Kept.TROUBLE]), _VISIBLE),
+            "a lost panel": (story.without_panel == "hold" and panel_silent, _VISIBLE),
+            "a cause": (given.hard != 0 or int(given.soft) not in self._yielding, _VISIBLE),
+            "no telegrams": (world.now_s - world.received_at > _LATE_CYCLES * self._period_s, _VISIBLE),
+            "no Enable": (world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
+            "no force": (needs_force and not _SILENT.isdisjoint(world.active.now), self._stale),
+        }
+        cycle = session.cycles
+        if world.frozen:
+            self._since.pop("no telegrams", None)
+        elif seen["no telegrams"][0]:
+            self._silent = world.cycles if "no telegrams" not in self._since else self._silent
+            silent = world.cycles - self._silent
+            if state == State.ACTIVE and silent > _VISIBLE:
+                self._break("reacts to no telegrams", world, f"ACTIVE {silent} cycles after it, {_VISIBLE} may be")
+        for what, (there, within) in seen.items():
+            if not there:
+                self._since.pop(what, None)
+                continue
+            first = self._since.setdefault(what, cycle)
+            if state == State.ACTIVE and cycle - first > within:
+                self._break(f"reacts to {what}", world, f"ACTIVE {cycle - first} cycles after it, {within} may be")
+        if state in (State.ARMED, State.ACTIVE) and self._state < State.ARMED and control[Kept.TROUBLE]:
+            self._break("not armed without a log", world, f"{state.name} with trouble {int(control[Kept.TROUBLE])}")
+
+    def _senders(self, world: World) -> None:
+        """Never two senders obeyed, and only the controller answered."""
+        session = world.session
+        if session is None:
+            return
+        if world.misdirected:
+            self._break("one sender", world, f"answered {world.misdirected[0]}")
+            world.misdirected.clear()
+        session.link.fill_actual(self._stand)
+        own = "message-damaged" not in world.active.begun  # which may stand for any number
+        if own and max(session.loop.given.nominal[9], self._stand[9]) > STRANGE_M / 2.0:
+            self._break("one sender", world, "a stranger's pose came into the loop")
+
+    def _answers(self, world: World, silent: bool) -> None:
+        """Over a line without faults every telegram is answered in its cycle, also where old ones come in between."""
+        disturbed = not _UNDISTURBED.issuperset(world.active.now) or bool(world.people.off_s) or silent
+        disturbed |= world.now_s - world.active.begun.get("counter-jump", -1.0) < _BELIEVED * self._period_s
+        at_work = (
+            world.sends and not world.controller.stopped and world.session is not None and world.session.cycles > 9
+        )
+        self._clean = 0 if disturbed or not at_work else self._clean + 1
+        if self._clean > _CLEAN and world.age > 1:
+            self._break("every telegram is answered", world, f"{world.age} cycles without an answer in time")
+
+    def _in_the_cut(self, world: World, state: State) -> None:
+        """A program that goes on in the cut is corrected, or it is held or stopped."""
+        robot = world.robot
+        goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0 and world.sends
+        measured = world.story.forced and not any(kind.startswith(("force-", "strain-")) for kind in world.active.now)
+        tells = world.story.planned or measured  # else nothing says that material is cut
+        if goes_on and tells and not world.side.held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
+            self._uncorrected += 1
+            if self._uncorrected > self._most_uncorrected:
+                self._break("no cut without its correction", world, f"{state.name} for {self._uncorrected} cycles")
+        else:
+            self._uncorrected = 0
+
+    def _obeyed(self, world: World, state: State, sent: Float) -> None:
+        """A robot that makes far less of the correction for long is not corrected on, and it is told."""
+        robot = world.robot
+        follow(self._model, self._rate, sent, 2.0 * np.pi * 4.0, 0.8, self._period_s)
+        missing = _size(self._model - robot.made_m)
+        told = world.story.link != "egm-path"  # whether its planned pose contains the correction is not documented
+        if told and state == State.ACTIVE and missing > _MISSING_M and robot.speed > _MOVES_M_S:
+            self._missing += 1
+            if self._missing > self._most_missing:
+                self._break("obedience is checked", world, f"{missing / MM:.2f} mm missing for {self._missing} cycles")
+        else:
+            self._missing = 0
+
+
+def _size(v: Float) -> float:
+    return math.hypot(*v.tolist())
+
+
+def _allowed(kinds: frozenset[str]) -> frozenset[Cause]:
+    """Causes that may be told after these kinds of faults."""
+    if kinds not in _ALLOWED:
+        _ALLOWED[kinds] = frozenset(ALWAYS).union(*(KINDS[kind].causes for kind in kinds))
+    return _ALLOWED[kinds]
+
+
+_SILENT: Final = frozenset(("force-silent", "strain-silent"))
+_DISTURBING: Final = (
+    *("late", "lost", "answers-lost", "reordered", "damaged", "two-senders", "loop-stopped", "loop-starved"),
+    *("controller-pauses", "cycle-drift", "clock-drift", "message-damaged", "message-short", "sequence-stuck"),
+)
+_UNDISTURBED: Final = frozenset(KINDS) - frozenset(_DISTURBING)
+_ALLOWED: dict[frozenset[str], frozenset[Cause]] = {}
