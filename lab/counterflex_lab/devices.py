@@ -1,9 +1,16 @@
-"""Controller and force sensor that faults are injected into: KUKA RSI and ATI Net F/T.
+"""Controllers and force sensor that faults are injected into: KUKA RSI, ABB EGM and ATI Net F/T.
 
 The laboratory takes them apart on both sides of the wire. It is the only place outside the makers' folders that names
 their parts, and this module the only one of it.
 """
 
+from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink as EgmGuidanceLink
+from counterflex.integrations.abb.link.guidance_link import Phase as Phase
+from counterflex.integrations.abb.link.link import LARGEST_DATAGRAM as LARGEST_MESSAGE
+from counterflex.integrations.abb.link.messages import MESSAGES as MESSAGES
+from counterflex.integrations.abb.link.path_link import EgmPathLink as EgmPathLink
+from counterflex.integrations.abb.simulated import EgmContext as EgmContext
+from counterflex.integrations.abb.simulated import FakeEgm as FakeEgm
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.integrations.ati.link.link import NetftLink as NetftLink
 from counterflex.integrations.ati.link.telegram import Scaling as Scaling
@@ -23,4 +30,4 @@ from counterflex.protocols.kuka_rsi.telegram import answer_writer as answer_writ
 from counterflex.twin.devices.kuka_rsi import FakeRsi as FakeRsi
 from counterflex.twin.devices.kuka_rsi import RsiContext as RsiContext
 
-__all__ = ["netft"]
+__all__ = ["LARGEST_MESSAGE", "netft"]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
 from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.robot.port import RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
@@ -20,6 +21,7 @@ from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.limiter import MotionLimit
 from counterflex_lab.composed import campaign, cell
+from counterflex_lab.composed.invariants import Invariants
 from counterflex_lab.composed.kinds import KINDS
 from counterflex_lab.composed.play import shrunk, tell
 from counterflex_lab.composed.story import Fault, Story, as_text, draw, read_stories
@@ -58,6 +60,39 @@ def test_a_story_depends_on_its_seed_alone() -> None:
     assert first == course(5)
     assert first != course(6)
     assert any(row[0] == State.ACTIVE and np.linalg.norm(row[1:]) > 1e-4 for row in first)
+
+
+CELLS = {
+    "rsi with 12 ms": Story(3, "measured", 3.5, period_ms=12),
+    "egm path correction": Story(3, "measured-plan", 6.0, link="egm-path", period_ms=24),
+    "egm guidance": Story(3, "measured", 1.5, link="egm-pose"),
+    "spindle holder": Story(3, "measured", 1.5, sensor="holder"),
+    "motor currents": Story(3, "fused", 1.5, currents=True),
+}
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_a_cell_without_a_fault_corrects_and_breaks_no_rule(name: str) -> None:
+    """The force bends the tool by half a millimetre; what the drives make of the correction takes that back."""
+    made: list[float] = []
+    looks = Invariants(CELLS[name])
+
+    def look(world: World) -> None:
+        looks(world)
+        made.append(float(np.linalg.norm(world.robot.made_m)))
+
+    world = World(CELLS[name], look)
+    world.run()
+    looks.end(world)
+    assert not looks.broken
+    assert looks.states["ACTIVE"] > 80
+    assert made[-1] > 0.4e-3
+
+
+def test_half_of_the_stories_have_the_cell_that_all_had_once() -> None:
+    usual = [one for one in map(draw, range(400)) if (one.link, one.period_ms, one.sensor) == ("rsi", 4, "netft")]
+    assert 170 < len(usual) < 230
+    assert not any(one.currents for one in usual)
 
 
 def test_stories_are_kept_as_text_and_read_again(tmp_path: Path) -> None:
@@ -173,6 +208,10 @@ def _nobody_looks(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(RsiLink, "fill_reported", lambda _self, _out: False)
 
 
+def _nobody_looks_at_a_guided_one(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(EgmGuidanceLink, "fill_reported", lambda _self, _out: False)
+
+
 def _records_another_number(patch: pytest.MonkeyPatch) -> None:
     right = vars(session_module)["write_record"]
 
@@ -196,6 +235,9 @@ def _silence_is_patience(patch: pytest.MonkeyPatch) -> None:
 
 def _told(mode: str, *faults: Fault, **chosen: Any) -> Story:
     return Story(3, mode, chosen.pop("length_s", 5.0), faults, **chosen)
+
+
+_DISOBEYS = (Fault("harder", 0.5, 2.5, 2.6), Fault("robot-share", 0.5, 0.05, 2.6))
 
 
 DEFECTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], Story, str]] = {
@@ -246,6 +288,11 @@ DEFECTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], Story, str]] = {
     "nobody looks whether the robot obeys": (
         _nobody_looks,
         _told("measured", Fault("robot-negates", 0.1, 1.0, 9.0), length_s=9.0),
+        "obedience is checked",
+    ),
+    "nobody looks whether a guided robot obeys": (
+        _nobody_looks_at_a_guided_one,
+        _told("measured", *_DISOBEYS, link="egm-pose", length_s=3.2),
         "obedience is checked",
     ),
     "the log holds another number": (_records_another_number, _told("measured"), "replays bit for bit"),

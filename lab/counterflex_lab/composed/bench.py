@@ -21,12 +21,13 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import forward
+from counterflex.robot.elasticity.chain import jacobian as rigid_jacobian
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex_lab.devices import RsiConfig, read_config
+from counterflex_lab.devices import RsiConfig, parse_config
 from counterflex_lab.faults.demonstration import Q, demo_cell
 
 CELL: Final = Path("cell.toml")
@@ -45,6 +46,10 @@ _PLAN_ROWS: Final = 5
 """Rows of the program's table per row of the plan."""
 _FORCE_N: Final = np.array([-80.0, 250.0, -60.0])
 """Along the feed, across it, along z."""
+_AROUND: Final = 60
+"""Rows of the program in which the place of a guided robot is looked for."""
+_DELAY: Final = b'<ELEMENT TAG="DEF_Delay"'
+_CURRENTS: Final = b'<ELEMENT TAG="DEF_MACur" TYPE="DOUBLE" INDX="INTERNAL"/>'
 _TRUTH: Final = 0.08
 """Standard deviation of the entries of the true compliance about the model's, as a share."""
 
@@ -71,10 +76,16 @@ class Program:
 
 
 @functools.cache
-def config() -> RsiConfig:
-    """RSI configuration with every tag that the loop has a word for."""
-    with resources.as_file(resources.files("counterflex_lab.composed") / "rsi.xml") as file:
-        return read_config(file)
+def config(*, currents: bool = False) -> RsiConfig:
+    """RSI configuration with every tag that the loop has a word for.
+
+    Args:
+        currents: Motor currents are sent too.
+    """
+    text = (resources.files("counterflex_lab.composed") / "rsi.xml").read_bytes()
+    if currents:
+        text = text.replace(_DELAY, _CURRENTS + _DELAY)
+    return parse_config(text, "rsi.xml")
 
 
 @functools.cache
@@ -141,10 +152,18 @@ def model_compliance() -> Float:
 
 @functools.cache
 def jacobian() -> Float:
-    """(3, 6) m/rad of the tool at the beginning of the program, part axes, by differences."""
-    chain, R, small = demo_cell().controller_chain, program().T_base_part[:3, :3], 1e-6
-    columns = [forward(chain, Q + small * row)[:3, 3] - forward(chain, Q - small * row)[:3, 3] for row in np.eye(6)]
-    out: Float = R.T @ np.array(columns).T / (2.0 * small)
+    """(n, 3, 6) m/rad of the tool at each row of the program, part axes."""
+    own = program()
+    out: Float = own.T_base_part[:3, :3].T @ rigid_jacobian(demo_cell().controller_chain, own.q)[:, :3]
+    return out
+
+
+@functools.cache
+def angles() -> Float:
+    """(n, 6, 3) rad/m of the axes for a displacement of the tool that does not turn, part axes."""
+    own = program()
+    J = rigid_jacobian(demo_cell().controller_chain, own.q)
+    out: Float = np.linalg.inv(J)[:, :, :3] @ own.T_base_part[:3, :3]
     return out
 
 
@@ -172,6 +191,37 @@ def reading() -> Float:
         out[:, k] = own(Q, np.eye(6)[k])
     inverse: Float = np.asarray(np.linalg.inv(out), dtype=np.float64)
     return inverse
+
+
+def beside(p: Float, row: int) -> tuple[float, Float]:
+    """Place on the program that is nearest to a point, and (3,) m from there to the point.
+
+    Args:
+        p: (3,) m, part frame.
+        row: Of the program; the place is looked for around it.
+    """
+    points = _points()
+    x, y, z = p.tolist()
+    last = len(points) - 2
+    k, turned, share = min(max(0, row), last), 0, 0.0
+    for _ in range(_AROUND):  # from segment to segment, in one direction
+        (ax, ay, az), (bx, by, bz) = points[k], points[k + 1]
+        dx, dy, dz = bx - ax, by - ay, bz - az
+        share = ((x - ax) * dx + (y - ay) * dy + (z - az) * dz) / (dx * dx + dy * dy + dz * dz)
+        if share > 1.0 and k < last and turned >= 0:
+            k, turned = k + 1, 1
+        elif share < 0.0 and k > 0 and turned <= 0:
+            k, turned = k - 1, -1
+        else:
+            break
+    share = min(1.0, max(0.0, share))
+    return k + share, np.array([x - ax - share * dx, y - ay - share * dy, z - az - share * dz])
+
+
+@functools.cache
+def _points() -> list[list[float]]:
+    points: list[list[float]] = program().p.tolist()
+    return points
 
 
 TRACKER_NOISE_M: Final = 5.0 * UM

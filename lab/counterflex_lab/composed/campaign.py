@@ -14,7 +14,6 @@ from counterflex.core.progress import Progress, silent
 from counterflex.files.summary_file import write_summary
 from counterflex_lab.composed.play import Outcome, shrunk, tell
 from counterflex_lab.composed.story import Story, as_text, draw
-from counterflex_lab.composed.world import PERIOD_S
 
 STORIES: Final = "stories.json"
 SUMMARY: Final = "summary.json"
@@ -28,6 +27,7 @@ class Campaign:
         seed: Of the first; each has the next.
         stories: Told so far.
         cycles: Of the controllers.
+        simulated_s: Time of all cells.
         compared: Records that were computed again.
         computing_s: Time of the processor.
         kinds: Faults that were injected, by kind.
@@ -41,6 +41,7 @@ class Campaign:
     seed: int
     stories: int = 0
     cycles: int = 0
+    simulated_s: float = 0.0
     compared: int = 0
     computing_s: float = 0.0
     kinds: Counter[str] = field(default_factory=Counter)
@@ -53,17 +54,18 @@ class Campaign:
     @property
     def minutes(self) -> float:
         """Simulated, of all cells."""
-        return self.cycles * PERIOD_S / 60.0
+        return self.simulated_s / 60.0
 
     @property
     def per_real(self) -> float:
         """Simulated time by the processor's."""
-        return self.cycles * PERIOD_S / self.computing_s if self.computing_s else 0.0
+        return self.simulated_s / self.computing_s if self.computing_s else 0.0
 
     def add(self, outcome: Outcome) -> None:
         """Count a story."""
         self.stories += 1
         self.cycles += outcome.cycles
+        self.simulated_s += outcome.cycles * outcome.story.period_s
         self.compared += outcome.compared
         self.kinds.update(fault.kind for fault in outcome.story.faults)
         self.incidents.update(outcome.incidents)

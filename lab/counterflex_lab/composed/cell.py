@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
+from counterflex.core.units import MS
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.logs.place import trouble_message
 from counterflex.protocols.session.senses import Sensing
@@ -17,15 +18,15 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility.axis_check import AxisCheck
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.replay import Replay
-from counterflex.runtime.settings import ForceMode, ForceOffset, Lost, OnlineSettings, Output, TrackerMode
+from counterflex.runtime.settings import Delays, ForceMode, ForceOffset, Lost, OnlineSettings, Output, TrackerMode
 from counterflex.runtime.state_slots import LoopState
-from counterflex_lab.composed import bench
+from counterflex_lab.composed import bench, holder, motors
+from counterflex_lab.composed.controllers import GUIDED, JOB, Controller
 from counterflex_lab.composed.story import Active, Story
 from counterflex_lab.composed.wires import VirtualInbox, VirtualWire
-from counterflex_lab.devices import COUNTS, NetftLink, RsiLink, Scaling
+from counterflex_lab.devices import COUNTS, NetftLink, Scaling
 from counterflex_lab.faults.demonstration import demo_cell
 
-JOB: Final = 7
 _NO_SPACE: Final = 28
 _FORCES: Final = {
     "measured": ForceMode.MEASURED,
@@ -47,8 +48,14 @@ _TRACKERS: Final = {
 
 
 def settings_of(story: Story) -> OnlineSettings:
-    """Settings of the loop."""
-    return OnlineSettings(
+    """Settings of the loop, of its cycle as a cell file has them."""
+    period_ms: Any = round(story.period_s / MS)
+    of_cycle = OnlineTable(period_ms=period_ms).settings(None, compensated=False)
+    settings = OnlineSettings(
+        period_s=of_cycle.period_s,
+        smoothing=of_cycle.smoothing,
+        supervisor=of_cycle.supervisor,
+        delays=GUIDED if story.link == "egm-pose" else Delays(),
         force=_FORCES[story.mode],
         tracker=_TRACKERS.get(story.mode, TrackerMode.NONE),
         normal_only=story.planned,
@@ -56,6 +63,7 @@ def settings_of(story: Story) -> OnlineSettings:
         force_offset=ForceOffset[story.force_offset.upper()],
         output=Output.AXES if story.mode.endswith("axes") else Output.CARTESIAN,
     )
+    return holder.with_uncertainty(settings, story.seed) if story.has("strain-silent") else settings
 
 
 def loop_of(story: Story) -> Loop:
@@ -67,6 +75,7 @@ def loop_of(story: Story) -> Loop:
 
 def opened(
     story: Story,
+    controller: Controller,
     wire: VirtualWire,
     force: VirtualInbox,
     tracker: VirtualInbox,
@@ -76,29 +85,44 @@ def opened(
 ) -> OnlineSession:
     """A session, its loop at the beginning."""
     loop = loop_of(story)
-    link = RsiLink(bench.config(), host=wire.address[0], port=wire.address[1], wire=wire)
+    link = controller.link(wire, clock_ns)
     angles = AxisCheck(
         demo_cell().controller_chain, bench.program().T_base_part, loop.settings.period_s, OnlineTable().axis_tolerance
     )
+    checks = SessionChecks(
+        hold_without_log=story.without_log == "hold", hold_without_panel=story.without_panel == "hold", job=JOB
+    )
     senses: dict[str, Any] = {"angles": angles}
-    if story.forced:
+    if story.has("strain-silent"):
+        senses |= holder.opened(story.seed, force, checks)
+    elif story.forced:
         scaling = Scaling(1.0 / COUNTS, 1.0 / COUNTS, 1000, "Net F/T")
         senses |= {"force": NetftLink(("192.168.0.20", 49152), scaling, inbox=force), "wrench": bench.wrench()}
+    if story.currents:
+        senses["currents"] = motors.read_back()
     if story.tracked:
         senses |= {
             "tracker": TrackerLink("192.168.0.1", 5000, inbox=tracker),
             "T_part_tracker": np.eye(4),
             "T_target_tcp": np.eye(4),
         }
-    checks = SessionChecks(
-        hold_without_log=story.without_log == "hold", hold_without_panel=story.without_panel == "hold", job=JOB
-    )
     session = OnlineSession(
         link, loop, sensing=Sensing(**senses), ring=ring, control=control, checks=checks, clock_ns=clock_ns
     )
     loop.run()
     loop.reset()
     return session
+
+
+class Others:
+    """The other processes of the run, as :class:`counterflex.protocols.processes.living.Living` sees them."""
+
+    def __init__(self) -> None:
+        self.dead = False
+
+    def gone(self) -> bool:
+        """Whether one of them has died."""
+        return self.dead
 
 
 class KeptLog:

@@ -24,7 +24,7 @@ from counterflex.runtime.state_slots import LoopState
 from counterflex_lab.composed.cell import KeptLog
 from counterflex_lab.composed.invariants import Invariants
 from counterflex_lab.composed.story import Active, Story
-from counterflex_lab.composed.world import PERIOD_S, World
+from counterflex_lab.composed.world import World
 
 TABLE: Final = "stretches.csv"
 SUMMARY: Final = "summary.json"
@@ -78,9 +78,9 @@ class Endurance:
 class _Table:
     """Looks at a world like the rules do, and writes a row when a stretch is over."""
 
-    def __init__(self, out: Path, stretch_s: float, length_s: float, progress: Progress) -> None:
-        self.looks, self.rows = Invariants(), list[dict[str, float]]()
-        self._file, self._stretch_s, self._length_s, self._progress = out / TABLE, stretch_s, length_s, progress
+    def __init__(self, story: Story, out: Path, stretch_s: float, progress: Progress) -> None:
+        self.looks, self.rows = Invariants(story), list[dict[str, float]]()
+        self._file, self._stretch_s, self._length_s, self._progress = out / TABLE, stretch_s, story.length_s, progress
         self._due_s, self._begun_s = stretch_s, time.process_time()
 
     def __call__(self, world: World) -> None:
@@ -161,7 +161,7 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     length_s = min(MOST_S, minutes * 60.0)
     story = Story(seed, mode, length_s)
-    table = _Table(folder, stretch_s, length_s, progress)
+    table = _Table(story, folder, stretch_s, progress)
     world = World(story, table)
     world.restart(max(1, 2**31 - round(500.0 * length_s)) if counter is None else counter)
     if keep_log:
@@ -181,7 +181,7 @@ def run(
             "job": "soak --simulated",
             "mode": mode,
             "seed": seed,
-            "hours": round(world.cycles * PERIOD_S / 3600.0, 4),
+            "hours": round(world.cycles * world.period_s / 3600.0, 4),
             "interrupted": done.interrupted,
             "broken": done.broken,
             "stretches": done.rows,

@@ -16,41 +16,49 @@ from counterflex.core.units import MM
 from counterflex.protocols.processes.control_array import Kept, Life, Panel
 from counterflex.runtime.primitives.causes import yielding
 from counterflex.runtime.state.states import Cause, State
+from counterflex_lab.composed.controllers import STRANGE_M
 from counterflex_lab.composed.kinds import ALWAYS, KINDS
-from counterflex_lab.composed.line import STRANGE_M
-from counterflex_lab.composed.world import PERIOD_S, World
+from counterflex_lab.composed.robot import follow
+from counterflex_lab.composed.story import Story
+from counterflex_lab.composed.world import World
 
-STEP_M: Final = 80e-6
-"""Largest step of the correction in one cycle: 20 mm/s."""
-LARGEST_STEP_M: Final = 0.40 * MM
+SPEED_M_S: Final = 20.0 * MM
+"""Of the correction."""
+_MADE_UP: Final = 5
+"""Cycles of its motion that a step contains at most, after telegrams or answers were lost."""
 LARGEST_M: Final = 2.0 * MM
 _ROUNDED_M: Final = 0.4e-6
 """Four decimal places of a millimetre, three coordinates, two values."""
 _ROUNDED_AXES_M: Final = 20e-6
-"""Four decimal places of a degree, at an arm of two metres, six axes; and a Jacobian of another place."""
-_BRAKED: Final = 7
-"""Cycles in which the correction comes to rest from its largest speed."""
+"""Four decimal places of a degree, at an arm of two metres, six axes."""
+_BRAKED_S: Final = 16e-3
+"""Until the correction comes to rest from its largest speed."""
 _VISIBLE: Final = 2
 _LATE_CYCLES: Final = 5
 """Cycles without a telegram from which the loop must not correct any more: 3 of the watch, and two."""
 _DEBOUNCED: Final = 7
-_STALE: Final = 30
-"""Cycles without a force from which a loop that needs one must not correct any more: 3, 20 by the plan, and what a slow
-sensor leaves out."""
+_STALE: Final = 10
+"""Cycles without a force from which a loop that needs one must not correct any more: 3, and what a slow sensor leaves
+out."""
+_BRIDGED_S: Final = 80e-3
+"""For which it goes on by the plan."""
 _RUN_SILENT_NS: Final = 80_000_000
 _PANEL_SILENT_NS: Final = 1_000_000_000
-_UNCORRECTED: Final = 12
-"""Cycles until a program that cuts on uncorrected is held: the debounced Enable, and the robot brakes."""
-_UNCORRECTED_UNPLANNED: Final = 25
-"""The same where no plan tells of the cut: its filtered force does, 50 ms later."""
+_UNCORRECTED: Final = 7
+"""Cycles until a program that cuts on uncorrected is held: the debounced Enable."""
+_UNCORRECTED_S: Final = 20e-3
+"""Until then the robot brakes."""
+_UNPLANNED_S: Final = 52e-3
+"""Later, where no plan tells of the cut: its filtered force does."""
 _MISSING_M: Final = 0.7 * MM
-_MISSING: Final = 300
+_MISSING_S: Final = 1.2
 _CLEAN: Final = 30
 """Cycles from which a line is taken to be without faults again."""
-_BELIEVED_S: Final = 0.1
-"""Until a counter that jumped is believed: 8 telegrams."""
+_BELIEVED: Final = 25
+"""Cycles until a counter that jumped is believed: 8 telegrams."""
 _MOVES_M_S: Final = 1e-3
-_AGAIN_S: Final = 12.0
+_RADIUS_M: Final = 15.0 * MM
+"""Of the arcs, on which the path frame of EGM turns."""
 _STATES: Final = tuple(State)
 _CAUSES: Final = {int(cause): cause for cause in Cause}
 
@@ -73,13 +81,25 @@ class Broken:
 class Invariants:
     """Looks at a world, cycle by cycle.
 
+    Args:
+        story: Told in it.
+
     Attributes:
         broken: Rules that did not hold, each once.
         states: Cycles in each state.
         incidents: Cause by which the correction ended, how often.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, story: Story) -> None:
+        period = self._period_s = story.period_s
+        self._rounded = _ROUNDED_AXES_M if story.mode.endswith("axes") else _ROUNDED_M
+        self._step_m = SPEED_M_S * period
+        self._braked = 3 + math.ceil(_BRAKED_S / period)
+        uncorrected_s = _UNCORRECTED_S + (0.0 if story.planned else _UNPLANNED_S)
+        self._most_uncorrected = _UNCORRECTED + math.ceil(uncorrected_s / period)
+        self._most_missing = round(_MISSING_S / period)
+        self._stale = _STALE + round(_BRIDGED_S / period)
+        self._sent = self._told = 0
         self.broken: dict[str, Broken] = {}
         self.states: dict[str, int] = {}
         self.incidents: dict[str, int] = {}
@@ -96,6 +116,7 @@ class Invariants:
         self._uncorrected = self._missing = self._clean = self._silent = 0
         self._model: Float = np.zeros(3)
         self._rate: Float = np.zeros(3)
+        self._stand: Float = np.zeros(12)
         self._last_active_s = 0.0
         self._acted = False
         self._yielding = frozenset({0})
@@ -122,9 +143,11 @@ class Invariants:
         self._causes(world, state)
         self._visible(world, state)
         self._senders(world)
-        self._answers(world, session.loop.quick_result.silent == 1)
+        result = session.loop.quick_result
+        unarmed = world.story.link != "rsi" and (result.stop == 1 or state < State.ARMED)  # EGM stops by silence
+        self._answers(world, result.silent == 1 or unarmed)
         self._in_the_cut(world, state)
-        self._obeyed(world, state)
+        self._obeyed(world, state, correction)
         if session.trouble:
             self._break("no exception", world, session.trouble)
         difference = world.log.replay.difference
@@ -148,7 +171,8 @@ class Invariants:
         faults = world.story.faults
         for_ever = any(fault.kind == "plan-deeper" for fault in faults)
         quiet_s = world.story.length_s - max((fault.end_s for fault in faults), default=0.0)
-        if not for_ever and quiet_s > _AGAIN_S - 0.1 and self._last_active_s < world.story.length_s - _AGAIN_S:
+        again_s = world.story.quiet_s
+        if not for_ever and quiet_s > again_s - 0.1 and self._last_active_s < world.story.length_s - again_s:
             self._break(
                 "corrects again",
                 world,
@@ -164,35 +188,45 @@ class Invariants:
 
         Answers of another program between them are not the loop's: it neither sees nor continues them.
         """
-        rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
         size = _size(correction)
-        if size > LARGEST_M * 1.002 + rounded:
+        if size > LARGEST_M + self._rounded:
             self._break("within its limit", world, f"{size / MM:.4f} mm > {LARGEST_M / MM:g} mm")
         self._cycles += 1
         if world.number != self._number:
-            self._before, self._own, self._cycles = np.zeros(3), correction.copy(), 0
+            self._before, self._own, self._cycles, self._sent = np.zeros(3), correction.copy(), 0, 0
+            return
+        if not world.side.corrects:
+            self._own, self._cycles = correction.copy(), 0
             return
         if world.obeyed_other or world.age > 0:
             return
+        cycles = min(_MADE_UP, self._cycles)
+        if world.story.link != "rsi":  # it takes any answer, however late: what may have changed since that was sent
+            sent = world.side.accepted.cycle if world.side.accepted is not None else 0
+            cycles, self._sent = max(1, abs(sent - self._sent)), sent
         step = _size(correction - self._own)
-        most = min(LARGEST_STEP_M, STEP_M * self._cycles) * (1.02 if rounded > 1e-6 else 1.0) + rounded
+        most = self._step_m * cycles + self._turns(world, size) * self._cycles + self._rounded
         self._own, self._cycles = correction.copy(), 0
         if step > most:
             self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
+
+    def _turns(self, world: World, size: float) -> float:
+        """By how much a correction turns in a cycle with the path frame of EGM, the controller's and the sender's."""
+        return 2.0 * size * world.robot.speed * self._period_s / _RADIUS_M if world.story.link == "egm-path" else 0.0
 
     def _by_state(self, world: World, state: State, correction: Float) -> None:
         """What is sent in each state: zero, at rest, or towards zero."""
         if world.age > 0 or world.controller.stopped or not world.sends or world.obeyed_other:
             self._in_state = 0
             return
-        reported = world.controller.reported_state
-        if reported != int(state):
+        told, self._told = self._told, world.side.reported_state
+        if told != int(state) or self._told != int(state):
             return
-        rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
         size, before = _size(correction), _size(self._before)
+        rounded = self._rounded + self._turns(world, size)
         if state <= State.ARMED and size > rounded:
             self._break("zero unless it acts", world, f"{size / MM:.4f} mm in {state.name}")
-        if self._in_state < _BRAKED or world.number != self._number:
+        if self._in_state < self._braked or world.number != self._number:
             return
         moved = _size(correction - self._before)
         if state in (State.HOLD, State.FAULT) and moved > rounded:
@@ -220,7 +254,8 @@ class Invariants:
                 self._break("one cause", world, f"{Cause(self._cause).name} became {cause.name} in {state.name}")
 
     def _true(self, world: World) -> frozenset[Cause]:
-        return _allowed(frozenset(world.active.begun))
+        cannot_hold = {"ignores-hold"} if world.story.link == "egm-path" else set()
+        return _allowed(frozenset(world.active.begun) | cannot_hold)
 
     def _visible(self, world: World, state: State) -> None:
         """Out of ACTIVE within two cycles of what the loop can see."""
@@ -238,9 +273,9 @@ class Invariants:
             "a lost log": (story.without_log == "hold" and bool(control[Kept.TROUBLE]), _VISIBLE),
             "a lost panel": (story.without_panel == "hold" and panel_silent, _VISIBLE),
             "a cause": (given.hard != 0 or int(given.soft) not in self._yielding, _VISIBLE),
-            "no telegrams": (world.now_s - world.received_at > _LATE_CYCLES * PERIOD_S, _VISIBLE),
+            "no telegrams": (world.now_s - world.received_at > _LATE_CYCLES * self._period_s, _VISIBLE),
             "no Enable": (world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
-            "no force": (needs_force and "force-silent" in world.active.now, _STALE),
+            "no force": (needs_force and not _SILENT.isdisjoint(world.active.now), self._stale),
         }
         cycle = session.cycles
         if world.frozen:
@@ -268,13 +303,15 @@ class Invariants:
         if world.misdirected:
             self._break("one sender", world, f"answered {world.misdirected[0]}")
             world.misdirected.clear()
-        if session.loop.given.nominal[9] > STRANGE_M / 2.0:
+        session.link.fill_actual(self._stand)
+        own = "message-damaged" not in world.active.begun  # which may stand for any number
+        if own and max(session.loop.given.nominal[9], self._stand[9]) > STRANGE_M / 2.0:
             self._break("one sender", world, "a stranger's pose came into the loop")
 
     def _answers(self, world: World, silent: bool) -> None:
         """Over a line without faults every telegram is answered in its cycle, also where old ones come in between."""
         disturbed = not _UNDISTURBED.issuperset(world.active.now) or bool(world.people.off_s) or silent
-        disturbed |= world.now_s - world.active.begun.get("counter-jump", -1.0) < _BELIEVED_S
+        disturbed |= world.now_s - world.active.begun.get("counter-jump", -1.0) < _BELIEVED * self._period_s
         at_work = (
             world.sends and not world.controller.stopped and world.session is not None and world.session.cycles > 9
         )
@@ -284,28 +321,26 @@ class Invariants:
 
     def _in_the_cut(self, world: World, state: State) -> None:
         """A program that goes on in the cut is corrected, or it is held or stopped."""
-        controller, robot = world.controller, world.robot
+        robot = world.robot
         goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0 and world.sends
-        held = controller.feed_hold or bool(controller.stopped)
-        measured = world.story.forced and not any(kind.startswith("force-") for kind in world.active.now)
+        measured = world.story.forced and not any(kind.startswith(("force-", "strain-")) for kind in world.active.now)
         tells = world.story.planned or measured  # else nothing says that material is cut
-        if goes_on and tells and not held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
+        if goes_on and tells and not world.side.held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
             self._uncorrected += 1
-            if self._uncorrected > (_UNCORRECTED if world.story.planned else _UNCORRECTED_UNPLANNED):
+            if self._uncorrected > self._most_uncorrected:
                 self._break("no cut without its correction", world, f"{state.name} for {self._uncorrected} cycles")
         else:
             self._uncorrected = 0
 
-    def _obeyed(self, world: World, state: State) -> None:
+    def _obeyed(self, world: World, state: State, sent: Float) -> None:
         """A robot that makes far less of the correction for long is not corrected on, and it is told."""
-        sent, robot = world.correction_m, world.robot
-        w = 2.0 * np.pi * 4.0
-        self._rate = self._rate + PERIOD_S * (w * w * (sent - self._model) - 1.6 * w * self._rate)
-        self._model = self._model + PERIOD_S * self._rate
+        robot = world.robot
+        follow(self._model, self._rate, sent, 2.0 * np.pi * 4.0, 0.8, self._period_s)
         missing = _size(self._model - robot.made_m)
-        if state == State.ACTIVE and missing > _MISSING_M and robot.speed > _MOVES_M_S:
+        told = world.story.link != "egm-path"  # whether its planned pose contains the correction is not documented
+        if told and state == State.ACTIVE and missing > _MISSING_M and robot.speed > _MOVES_M_S:
             self._missing += 1
-            if self._missing > _MISSING:
+            if self._missing > self._most_missing:
                 self._break("obedience is checked", world, f"{missing / MM:.2f} mm missing for {self._missing} cycles")
         else:
             self._missing = 0
@@ -322,9 +357,10 @@ def _allowed(kinds: frozenset[str]) -> frozenset[Cause]:
     return _ALLOWED[kinds]
 
 
+_SILENT: Final = frozenset(("force-silent", "strain-silent"))
 _DISTURBING: Final = (
     *("late", "lost", "answers-lost", "reordered", "damaged", "two-senders", "loop-stopped", "loop-starved"),
-    *("controller-pauses", "cycle-drift", "clock-drift"),
+    *("controller-pauses", "cycle-drift", "clock-drift", "message-damaged", "message-short", "sequence-stuck"),
 )
 _UNDISTURBED: Final = frozenset(KINDS) - frozenset(_DISTURBING)
 _ALLOWED: dict[frozenset[str], frozenset[Cause]] = {}

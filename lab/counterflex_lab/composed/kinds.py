@@ -41,6 +41,12 @@ _ROBOT: Final = (
 )
 _PLAN: Final = (_C.OFF_PATH, _C.FEED_DIFFERS, _C.FORCE_OFF_PLAN, _C.FORCE_OFFSET, _C.WRONG_FRAME, _C.FORCE_DIFFERS)
 
+_BASE: Final = (*_ROBOT, *_PLAN)
+_UNREAD: Final = (*_LATER, _C.TELEGRAM_MALFORMED)
+_ENDED: Final = (*_LATER, _C.ENABLE_LOST)
+_FALSE_MESSAGE: Final = (*_ENDED, *_ROBOT, *_PLAN, _C.TELEGRAM_MALFORMED)
+"""Bytes of a message of EGM stand for numbers without a check of their own: a damaged one may look like anything."""
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -51,7 +57,7 @@ class Kind:
         size: Least and largest size.
         causes: Those that the loop may name for it.
         weight: How often it is drawn.
-        needs: ``force``, ``tracker``, ``plan``, ``disk`` or nothing: without it there is no such fault.
+        needs: Parts of a cell, without which there is no such fault; see :attr:`.story.Story.parts`.
         event: It happens at once and has no duration.
         signed: Its size may be negative.
         before: It is there from the beginning.
@@ -74,10 +80,10 @@ KINDS: Final = {
     "answers-lost": Kind("answers alone are lost, share", (0.05, 1.0), _LATER),
     "repeated": Kind("datagrams come twice, share", (0.05, 1.0), _LINE),
     "reordered": Kind("telegrams are overtaken by the next, share", (0.02, 1.0), _LATER),
-    "damaged": Kind("bytes of telegrams are damaged, share", (0.02, 1.0), (*_LATER, _C.TELEGRAM_MALFORMED), 2.0),
+    "damaged": Kind("bytes of telegrams are damaged, share", (0.02, 1.0), (*_LATER, _C.TELEGRAM_MALFORMED), 2.0, "rsi"),
     "replayed": Kind("telegrams of so many s ago come again between the others", (0.05, 20.0), _LINE),
     "stranger": Kind("another computer sends telegrams too, so many a cycle", (1.0, 5.0), _LINE),
-    "two-senders": Kind("another program answers the robot where the loop does not", (1.0, 1.0), (_C.FOREIGN_PEER,)),
+    "two-senders": Kind("another program answers where the loop does not", (1.0, 1.0), (_C.FOREIGN_PEER,), needs="rsi"),
     # clocks
     "clock-jump": Kind("the computer's clock jumps by s", (1e-3, 0.2), _LATER, event=True, signed=True),
     "clock-drift": Kind("it runs fast or slow by a share", (2e-5, 0.05), _LATER, signed=True),
@@ -93,6 +99,21 @@ KINDS: Final = {
     "force-axes": Kind("two of its axes are exchanged", (1.0, 1.0), _FALSE_FORCE, needs="force"),
     "force-turned": Kind("its frame is turned about z by rad", (0.1, 3.14), _FALSE_FORCE, needs="force"),
     "force-nan": Kind("its status forbids the use of its records", (1.0, 1.0), _FALSE_FORCE, needs="force"),
+    # strain-gauge spindle holder
+    "strain-silent": Kind("it says nothing", (1.0, 1.0), _FALSE_FORCE, needs="holder"),
+    "strain-lost": Kind("its datagrams are lost, share", (0.05, 1.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-damaged": Kind("bytes of its datagrams are damaged, share", (0.02, 1.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-frozen": Kind("so many of its bridges stand still", (0.6, 6.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-broken": Kind("so many of its bridges show nothing", (0.6, 6.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-saturated": Kind("so many are beyond their range", (0.6, 6.0), _FALSE_FORCE, 2.0, "holder"),
+    "strain-offset": Kind("its bridges are off by um/m", (0.5, 500.0), _FALSE_FORCE, 2.0, "holder", signed=True),
+    "strain-drift": Kind("their zeros drift by um/m in a s", (0.05, 50.0), _FALSE_FORCE, 2.0, "holder", signed=True),
+    "strain-unit": Kind("they show another unit: times", (1e-3, 1e3), _FALSE_FORCE, needs="holder"),
+    # motor currents
+    "currents-missing": Kind("telegrams have no currents, share", (0.05, 1.0), _UNREAD, 3.0, "currents"),
+    "currents-frozen": Kind("they stand still", (1.0, 1.0), _FALSE_FORCE, 3.0, "currents"),
+    "currents-off": Kind("one of them is off by A", (0.1, 30.0), _FALSE_FORCE, 3.0, "currents", signed=True),
+    "currents-unit": Kind("they show another unit: times", (1e-2, 1e2), _FALSE_FORCE, 3.0, "currents"),
     # tracker
     "tracker-silent": Kind("it says nothing", (1.0, 1.0), _TRACKER, needs="tracker"),
     "tracker-frozen": Kind("it sends its last pose again", (1.0, 1.0), _TRACKER, needs="tracker"),
@@ -110,12 +131,12 @@ KINDS: Final = {
     "robot-stays": Kind("it stops obeying: what it makes of the correction stays as it is", (1.0, 1.0), _ROBOT),
     "axis-off": Kind("an axis angle that it reports is off by rad", (1e-4, 0.5), _ROBOT, signed=True),
     "pose-off": Kind("the pose that it reports is off by m", (5e-5, 0.05), _ROBOT, signed=True),
-    "base-off": Kind("BASE or TOOL of the program is off by m", (1e-4, 0.02), (*_ROBOT, *_PLAN), before=True),
-    "ignores-hold": Kind("it goes on although the feed is to be held", (1.0, 1.0), (_C.HELD_TOO_LONG,)),
-    "enable-flickers": Kind("the program's Enable is lost, share of telegrams", (0.05, 1.0), (_C.ENABLE_LOST,)),
-    "other-job": Kind("the program says the number of another job", (1.0, 1.0), (_C.WRONG_JOB,), before=True),
-    "feed-differs": Kind("the program runs at so many times its feed", (0.2, 2.5), _PLAN, needs="plan"),
-    "plan-deeper": Kind("the program runs m above its plan", (2e-4, 8e-3), _PLAN, needs="plan", before=True),
+    "base-off": Kind("BASE or TOOL of the program is off by m", (1e-4, 0.02), _BASE, needs="program", before=True),
+    "ignores-hold": Kind("it goes on although the feed is to be held", (1.0, 1.0), (_C.HELD_TOO_LONG,), needs="rsi"),
+    "enable-flickers": Kind("its Enable is lost, share of telegrams", (0.05, 1.0), (_C.ENABLE_LOST,), needs="program"),
+    "other-job": Kind("it says the number of another job", (1.0, 1.0), (_C.WRONG_JOB,), needs="rsi", before=True),
+    "feed-differs": Kind("the program runs at so many times its feed", (0.2, 2.5), _PLAN, needs="plan program"),
+    "plan-deeper": Kind("the program runs m above its plan", (2e-4, 8e-3), _PLAN, needs="plan program", before=True),
     "harder": Kind("the stock is harder: force times", (0.3, 4.0), (*_FALSE_FORCE, *_PLAN)),
     # disk and processes
     "disk-full": Kind("the disk is full", (1.0, 1.0), (_C.LOG_LOST,)),
@@ -138,6 +159,13 @@ KINDS: Final = {
     "controller-restart": Kind("it begins another session, after s", (4e-3, 3.0), _LATER, 2.0, event=True),
     "counter-jump": Kind("its counter jumps by ms", (4.0, 1e6), (*_LATER, _C.FOREIGN_PEER), event=True, signed=True),
     "controller-pauses": Kind("it sends nothing", (1.0, 1.0), _LATER),
+    # messages of EGM
+    "message-damaged": Kind("bytes of messages are damaged, share", (0.02, 1.0), _FALSE_MESSAGE, 4.0, "egm"),
+    "message-short": Kind("messages leave a field out, share", (0.02, 1.0), _FALSE_MESSAGE, 2.0, "egm"),
+    "sequence-stuck": Kind("messages have the number of the one before, share", (0.05, 1.0), _LATER, 2.0, "egm"),
+    "clock-missing": Kind("messages have no time", (1.0, 1.0), _LATER, needs="egm"),
+    "motion-limited": Kind("the controller limits the motion: utilization", (1.01, 3.0), _ROBOT, needs="egm"),
+    "movement-ended": Kind("the controller ends the movement", (1.0, 1.0), _ENDED, 2.0, "egm", event=True),
 }
 ALWAYS: Final = (_C.PROGRAM, _C.OPERATOR)
 """Causes that need no fault: the program ends, and people stop."""

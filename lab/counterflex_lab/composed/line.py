@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.units import MM
 from counterflex_lab.composed.story import Active
 
 WIRE_S: Final = 0.1e-3
 """Undisturbed."""
 _OVERTAKEN: Final = 1.3
 """Cycles by which a datagram is late that the next one overtakes."""
+
+_DAMAGED: Final = ("damaged", "message-damaged")
 
 
 class Line:
@@ -47,32 +49,36 @@ class Line:
             delay += size("late") * float(random())
         if "reordered" in now and not answer and random() < size("reordered"):
             delay += _OVERTAKEN * self._period_s
-        if "damaged" in now and not answer and random() < size("damaged"):
-            data = self._damaged(data)
+        for kind in _DAMAGED:
+            if kind in now and not answer and random() < size(kind):
+                data = damaged(data, self._rng)
         out = [(delay, data)]
         if "repeated" in now and random() < size("repeated"):
             out.append((delay + 2.0 * self._period_s * float(random()), data))
         return out
 
-    def _damaged(self, data: bytes) -> bytes:
-        """Some bytes changed, or the end cut off."""
-        if self._rng.random() < 0.3:
-            return data[: int(self._rng.integers(0, len(data)))]
-        out = bytearray(data)
-        for at in self._rng.integers(0, len(out), size=int(self._rng.integers(1, 5))):
-            out[at] = int(self._rng.integers(0, 256))
-        return bytes(out)
+    def others(self, sent: Sequence[bytes], rng: np.random.Generator) -> list[tuple[float, bytes, bool]]:
+        """Delay and bytes of telegrams that come beside the controller's newest, and whether a stranger sends them.
+
+        Args:
+            sent: Telegrams of the controller so far.
+            rng: Their chance.
+        """
+        now, size = self._active.now, self._active.size
+        out: list[tuple[float, bytes, bool]] = []
+        if "stranger" in now:
+            out += [(self._period_s * float(rng.random()), sent[-1], True) for _ in range(round(size("stranger")))]
+        if "replayed" in now and rng.random() < 0.3:
+            back = min(len(sent), round(size("replayed") / self._period_s))
+            out.append((self._period_s * float(rng.random()), sent[-back], False))
+        return out
 
 
-STRANGE_M: Final = 7.0
-"""How far from everything the pose in a stranger's telegrams lies: it must never be seen inside the loop."""
-
-
-def strange(telegram: bytes) -> bytes:
-    """A telegram of the controller as another computer sends it: whole, and of another place."""
-    begin = telegram.find(b'<RSol X="')
-    if begin < 0:
-        return telegram
-    begin += len(b'<RSol X="')
-    end = telegram.index(b'"', begin)
-    return telegram[:begin] + f"{STRANGE_M / MM:.4f}".encode("ascii") + telegram[end:]
+def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+    """Some bytes changed, or the end cut off."""
+    if rng.random() < 0.3:
+        return data[: int(rng.integers(0, len(data)))]
+    out = bytearray(data)
+    for at in rng.integers(0, len(out), size=int(rng.integers(1, 5))):
+        out[at] = int(rng.integers(0, 256))
+    return bytes(out)

@@ -8,13 +8,14 @@ import numpy as np
 
 from counterflex.protocols.processes.control_array import Life, Request, Shown
 from counterflex.runtime.state.states import State
-from counterflex_lab.composed.cell import JOB
+from counterflex_lab.composed.controllers import JOB
 
 _LOOKS: Final = 25
 """Cycles from one look of the operator to the next."""
 _ARMED_CYCLES: Final = 50
-_PATIENCE: Final = 600
-"""Cycles until the operator starts the controller again that does not go on, or a loop that does not get ready."""
+_PATIENCE_S: Final = 2.4
+_PATIENCE: Final = 250
+"""Cycles, and time, until the operator starts the controller again: nothing goes on, or the loop does not get ready."""
 _OTHER_JOB: Final = 99
 
 
@@ -36,6 +37,7 @@ class People:
     def __init__(self, world: Any, rng: np.random.Generator) -> None:
         self._world, self._rng = world, rng
         self.running = False
+        self._patience = max(_PATIENCE, round(_PATIENCE_S / world.period_s))
         self.waits = self._armed = self.wanted_at = 0
         self.off_s = 0.0
         self.programs = 0
@@ -43,7 +45,8 @@ class People:
 
     def enable(self, now: dict[str, Any], rng: np.random.Generator) -> float:
         """What the program says by its tag Enable."""
-        on = self.running and not self._world.robot.at_end
+        world = self._world
+        on = (self.running or world.controller.guides) and not world.robot.at_end
         if on and "enable-flickers" in now and rng.random() < self._world.active.size("enable-flickers"):
             on = False
         job = _OTHER_JOB if "other-job" in now else JOB
@@ -75,6 +78,8 @@ class People:
         self.running = False
         world.robot.runs = False
         self._reset_due = True
+        if world.session is not None and world.side.streamed:
+            self.asks("end")  # a path is streamed once; for the next one the loop is started again
 
     def act(self) -> None:
         """One cycle."""
@@ -87,6 +92,7 @@ class People:
             self.off_s, self.waits, self._armed = 0.0, 0, 0
             port = int(self._rng.integers(20000, 60000)) if self._rng.random() < 0.3 else None
             robot.begin()
+            robot.runs = world.controller.guides
             world.restart(int(self._rng.integers(1, 2**32)), port=port)
         if self.running:
             self._watch()
@@ -96,22 +102,29 @@ class People:
     def _watch(self) -> None:
         world = self._world
         robot, state = world.robot, world.state
-        if robot.at_end and robot.place >= world.robot.last:
+        if robot.at_end and world.controller.guides:
+            self.programs += 1
+            self.recover()
+        elif robot.at_end and robot.place >= world.robot.last:
             self.running = robot.runs = False
             self.programs += 1
             self.waits = self._armed = 0
             robot.begin()
         elif state in (State.ACTIVE, State.HOLD) and not world.controller.stopped:
             self.waits = 0
-        elif self.waits > _PATIENCE:
+        elif self.waits > self._patience:
             self.recover()
 
     def _prepare(self) -> None:
         world = self._world
         state = world.state
-        if self.waits > _PATIENCE:
+        if self.waits > self._patience:
             self.waits = 0
             self.recover()
+            return
+        if state >= State.ARMED and world.controller.guides and not world.controller.stopped:
+            self.running = True  # the loop itself lets its path begin
+            self.waits, self.wanted_at = 0, world.cycles
             return
         if state == State.ARMED and not world.controller.stopped:
             self._armed += 1

@@ -33,7 +33,7 @@ class Outcome:
 
 def tell(story: Story) -> Outcome:
     """Tell a story from its beginning to its end."""
-    looks = Invariants()
+    looks = Invariants(story)
     world = World(story, looks)
     world.run()
     looks.end(world)

@@ -20,13 +20,17 @@ from counterflex_lab.devices import COUNTS, SATURATED, netft
 _BRAKES_M_S2: Final = 0.5
 _RIPPLE_N: Final = 4.0
 _NOISE_N: Final = 0.3
-_SAMPLES: Final = 4
+_RATE_HZ: Final = 1000.0
+"""Of the force sensor."""
 _BLOCK: Final = 256
 _RAIL: Final = 2**31 - 1
 _CUTS_N: Final = 50.0
 _BAD_STATUS: Final = 0x80020000
 _TRACKER_EPOCH_NS: Final = 100_000_000_000
-_DEAD_CYCLES: Final = 3
+_DEAD_S: Final = 12e-3
+_STEP_S: Final = 4e-3
+"""Longest step of integration."""
+_TRACKER_AGE_S: Final = 4e-3
 
 
 class Robot:
@@ -36,6 +40,7 @@ class Robot:
         active: Faults that act.
         rng: Chance of noise and of the truth.
         period_s: Cycle.
+        measures_axes: The controller shows measured angles, which contain the correction.
 
     Attributes:
         place: Row of the program, with its fraction.
@@ -43,9 +48,14 @@ class Robot:
         runs: The program runs.
         made_m: (3,) what the drives have made of the correction.
         force: (3,) N on the tool.
+        samples_per_cycle: Of the force sensor.
     """
 
-    def __init__(self, active: Active, rng: np.random.Generator, period_s: float) -> None:
+    def __init__(
+        self, active: Active, rng: np.random.Generator, period_s: float, *, measures_axes: bool = False
+    ) -> None:
+        self._measures_axes, self.samples_per_cycle = measures_axes, round(period_s * _RATE_HZ)
+        self._dead = round(_DEAD_S / period_s)
         self._active, self._rng, self._dt = active, rng, period_s
         self._program = bench.program()
         self._C = bench.true_compliance(rng)
@@ -66,7 +76,7 @@ class Robot:
         self._seen: Float | None = None
         self._measured: tuple[Float, float] | None = None
         self._drift = 0.0
-        self._noises: Float = np.zeros((0, _SAMPLES, 6))
+        self._noises: Float = np.zeros((0, self.samples_per_cycle, 6))
         self._noise_at = 0
         self._T: Float = np.eye(4)
         self._T[:3, :3] = self._program.R
@@ -118,8 +128,22 @@ class Robot:
             self._follow(now)
         self._cut(now)
 
-    def _follow(self, now: Mapping[str, object]) -> None:
-        back = _DEAD_CYCLES
+    def guided(self, p: Float) -> None:
+        """One cycle after a pose that guides: what of it lies beside the path is the correction, as the drives make it.
+
+        Args:
+            p: (3,) m where the controller has the tool, part frame.
+        """
+        before, now = self.place, self._active.now
+        self.place, beside = bench.beside(p, int(before))
+        self.speed = abs(self.place - before) * bench.SPACING_M / self._dt
+        self._sent.append(beside)
+        if "robot-stays" not in now:
+            self.made_m = self._asked(now, 0).copy()
+        self._cut(now)
+
+    def _asked(self, now: Mapping[str, object], back: int) -> Float:
+        """What the drives are asked for, of what was sent some cycles ago."""
         size = self._active.size
         if "robot-delays" in now:
             back += min(180, round(size("robot-delays") / self._dt))
@@ -131,12 +155,14 @@ class Robot:
         if "robot-clamps" in now:
             length = float(np.linalg.norm(u))
             u = u * min(1.0, size("robot-clamps") / length) if length > 0.0 else u
+        return u
+
+    def _follow(self, now: Mapping[str, object]) -> None:
+        u = self._asked(now, self._dead)
         if "robot-stays" in now:
             self._rate[:] = 0.0
             return
-        w = self._natural
-        self._rate += self._dt * (w * w * (u - self.made_m) - 2.0 * self._damping * w * self._rate)
-        self.made_m += self._dt * self._rate
+        follow(self.made_m, self._rate, u, self._natural, self._damping, self._dt)
 
     def _cut(self, now: Mapping[str, object]) -> None:
         planned = self._program.force[int(self.place)]
@@ -148,8 +174,8 @@ class Robot:
             scale *= self._active.size("harder")
         self.force = scale * planned + _RIPPLE_N * self._rng.standard_normal(3)
 
-    def report(self, time_s: float) -> Report:
-        """What the controller shows of the robot."""
+    def report(self, time_s: float, drive_torque: Float) -> Report:
+        """What the controller shows of the robot, whose drives have a torque (6,) N m."""
         active, program = self._active, self._program
         row = int(self.place)
         share = self.place - row
@@ -168,7 +194,10 @@ class Robot:
         if "axis-off" in now:
             q = q.copy()
             q[self._axis] += active.size("axis-off")
-        return Report(time_s, T, made, q, q, self.runs, self.at_end)
+        actual = q
+        if self._measures_axes:
+            actual = q + bench.angles()[row] @ self.made_m
+        return Report(time_s, T, made, q, actual, self.runs, self.at_end, drive_torque)
 
     def samples(self) -> list[bytes]:
         """Records of the force sensor in this cycle."""
@@ -195,7 +224,7 @@ class Robot:
 
     def _noise(self) -> Float:
         if self._noise_at == len(self._noises):
-            self._noises = _NOISE_N * _MOMENTS * self._rng.standard_normal((_BLOCK, _SAMPLES, 6))
+            self._noises = _NOISE_N * _MOMENTS * self._rng.standard_normal((_BLOCK, self.samples_per_cycle, 6))
             self._noise_at = 0
         self._noise_at += 1
         out: Float = self._noises[self._noise_at - 1]
@@ -215,18 +244,18 @@ class Robot:
             w = w + size("force-offset") * np.r_[self._direction, np.zeros(3)]
         if "force-spikes" in now and self._rng.random() < 0.1:
             w = w.copy()
-            w[self._rng.integers(0, _SAMPLES), self._rng.integers(0, 3)] += size("force-spikes")
+            w[self._rng.integers(0, self.samples_per_cycle), self._rng.integers(0, 3)] += size("force-spikes")
         if "force-rail" in now:
             w = w.copy()
             w[:, 1] = np.sign(size("force-rail")) * _RAIL / COUNTS
         if "force-frozen" in now and self._shown is not None:
-            w = np.tile(self._shown, (_SAMPLES, 1))
+            w = np.tile(self._shown, (self.samples_per_cycle, 1))
         if "force-stuck" in now and self._shown is not None:
             w = self._shown + self._noise()
         return w, 0
 
     def pose(self, time_s: float) -> bytes | None:
-        """Datagram of the tracker in this cycle: what it measured a cycle ago."""
+        """Datagram of the tracker in this cycle: what it measured 4 ms ago, between the last cycle and this one."""
         now, size = self._active.now, self._active.size
         row = int(self.place)
         p = self._program.p[row] + (self.place - row) * (
@@ -236,7 +265,9 @@ class Robot:
         before, self._measured = self._measured, (tool, time_s)
         if before is None:
             return None
-        point, time_s = before
+        back = _TRACKER_AGE_S / self._dt
+        point = back * before[0] + (1.0 - back) * tool
+        time_s = back * before[1] + (1.0 - back) * time_s
         if "tracker-frozen" in now or "tracker-stuck" in now:
             point = point if self._seen is None else self._seen
             if "tracker-stuck" in now:
@@ -259,6 +290,26 @@ class Robot:
 _TURNED: Final = tuple(rotation.quat_wxyz(rotation.about_x(np.pi)).tolist())
 """Orientation of the tool, which never turns, as the tracker's datagram has it."""
 _MOMENTS: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
+
+
+def follow(value: Float, rate: Float, u: Float, w: float, damping: float, time_s: float) -> None:
+    """Follow ``x'' + 2 zeta w x' + w^2 x = w^2 u`` for a while.
+
+    Args:
+        value: (3,) x; changed.
+        rate: (3,) its rate; changed.
+        u: (3,) held.
+        w: rad/s.
+        damping: Ratio.
+        time_s: A multiple of 4 ms.
+    """
+    steps = max(1, round(time_s / _STEP_S))
+    dt, spring, drag = time_s / steps, w * w, 2.0 * damping * w
+    for k, (x, v, goal) in enumerate(zip(value.tolist(), rate.tolist(), u.tolist(), strict=True)):
+        for _ in range(steps):  # numbers of Python: arrays of three take three times as long
+            v += dt * (spring * (goal - x) - drag * v)
+            x += dt * v
+        value[k], rate[k] = x, v
 
 
 def _unit(rng: np.random.Generator) -> Float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,6 +26,8 @@ MODES: Final = (
     "fused-tracker",
 )
 """Sources of the correction."""
+LINKS: Final = ("rsi", "egm-path", "egm-pose")
+"""The robot's protocol; ``egm-pose`` is guidance."""
 _FIRST_S: Final = 0.2
 _QUIET_S: Final = 12.0
 """At the end of a story, without a fault: the cell must correct again."""
@@ -33,6 +35,12 @@ LENGTH_S: Final = (20.0, 36.0)
 _DENSE: Final = 0.65
 """Share of stories that are short and whose faults begin in the first cuts; whether it corrects again is not asked."""
 DENSE_S: Final = (5.0, 9.0)
+_USUAL: Final = 0.5
+"""Share of stories with RSI, 4 ms and a flange sensor."""
+_HOLDERS: Final = 0.3
+_LINKS: Final = (("rsi", 4), ("rsi", 12), ("egm-path", 24), ("egm-pose", 4))
+_ARMING: Final = 150
+"""Cycles until the loop is armed: as many, whatever the cycle."""
 _CUT_S: Final = 0.9
 _AFTER_S: Final = 1.5
 _BRIEF_S: Final = 4e-3
@@ -76,6 +84,10 @@ class Story:
         force_offset: ``tell``, ``plan`` or ``hold``.
         poll_cycles: Cycles between two rounds of the recorder.
         log: ``memory``, or ``disk``: the real files of the run log, read back at the end.
+        link: One of :data:`LINKS`.
+        period_ms: Cycle of the controller.
+        sensor: Of the force: ``netft``, or ``holder``, the strain-gauge spindle holder.
+        currents: The robot sends motor currents, which the estimator takes.
     """
 
     seed: int
@@ -88,6 +100,20 @@ class Story:
     force_offset: str = "hold"
     poll_cycles: int = 25
     log: str = "memory"
+    link: str = "rsi"
+    period_ms: int = 4
+    sensor: str = "netft"
+    currents: bool = False
+
+    @property
+    def period_s(self) -> float:
+        """Cycle of the controller."""
+        return self.period_ms * 1e-3
+
+    @property
+    def quiet_s(self) -> float:
+        """How long without a fault until it must correct again: longer where its cycle is, which all is counted in."""
+        return _QUIET_S + 400.0 * (self.period_s - 4e-3)
 
     @property
     def tracked(self) -> bool:
@@ -101,18 +127,28 @@ class Story:
 
     @property
     def planned(self) -> bool:
-        """Whether there is a plan."""
-        return self.mode in ("measured-plan", "pilot", "scale", "pilot-observer", "fused")
+        """Whether there is a plan; EGM moves a path square to the plan's direction, so it always needs one."""
+        return self.link == "egm-path" or self.mode in ("measured-plan", "pilot", "scale", "pilot-observer", "fused")
 
     def has(self, kind: str) -> bool:
-        """Whether a kind of fault can happen in this cell."""
-        needs = KINDS[kind].needs
-        return (
-            (needs != "tracker" or self.tracked)
-            and (needs != "force" or self.forced)
-            and (needs != "plan" or self.planned)
-            and (needs != "disk" or self.log == "disk")
-        )
+        """Whether a kind of fault can happen in this cell: it has all parts that the kind needs."""
+        return self.parts.issuperset(KINDS[kind].needs.split())
+
+    @property
+    def parts(self) -> frozenset[str]:
+        """Parts of the cell, as :attr:`counterflex_lab.composed.kinds.Kind.needs` names them."""
+        parts = {
+            "tracker": self.tracked,
+            "force": self.forced and self.sensor == "netft",
+            "holder": self.forced and self.sensor == "holder",
+            "plan": self.planned,
+            "disk": self.log == "disk",
+            "rsi": self.link == "rsi",
+            "egm": self.link != "rsi",
+            "currents": self.currents,
+            "program": self.link != "egm-pose",
+        }
+        return frozenset(part for part, there in parts.items() if there)
 
 
 def draw(seed: int) -> Story:
@@ -120,11 +156,16 @@ def draw(seed: int) -> Story:
     rng = np.random.default_rng([seed, 11])
     dense = bool(rng.random() < _DENSE)
     length = float(np.round(rng.uniform(*(DENSE_S if dense else LENGTH_S)), 1))
+    cell = _cell(seed, str(rng.choice(MODES)))
     first, latest = (_CUT_S, length - _AFTER_S) if dense else (_FIRST_S, length - _QUIET_S)
-    story = Story(
-        seed,
-        str(rng.choice(MODES)),
-        length,
+    later = round(_ARMING * (cell.period_s - 4e-3), 3)
+    if dense:
+        first, latest, length = first + later, latest + later, length + later
+    else:
+        length += cell.quiet_s - _QUIET_S
+    story = replace(
+        cell,
+        length_s=round(length, 3),
         without_log=str(rng.choice(["warn", "hold"])),
         without_panel=str(rng.choice(["warn", "warn", "hold"])),
         tracker_lost=str(rng.choice(["fallback", "hold"])),
@@ -141,7 +182,20 @@ def draw(seed: int) -> Story:
         if faults and rng.random() < 0.4:  # close to another one: what composes matters most
             at = max(first, faults[-1].at_s + float(rng.uniform(-0.3, 0.6)))
         faults.append(_drawn(str(kind), min(at, latest), latest, rng))
-    return Story(**{**asdict(story), "faults": tuple(sorted(faults, key=lambda fault: fault.at_s))})
+    return replace(story, faults=tuple(sorted(faults, key=lambda fault: fault.at_s)))
+
+
+def _cell(seed: int, mode: str) -> Story:
+    """Protocol, cycle and sensor: half of the stories have RSI, 4 ms and a flange sensor, as all had at first."""
+    rng = np.random.default_rng([seed, 12])
+    if rng.random() < _USUAL:
+        return Story(seed, mode, 0.0)
+    link, period_ms = _LINKS[int(rng.integers(0, len(_LINKS)))]
+    usual = link == "rsi" and period_ms == 4
+    sensor = "holder" if usual or rng.random() < _HOLDERS else "netft"
+    mode = mode.replace("-axes", "") if link != "rsi" else mode  # EGM takes no corrections of axes
+    currents = link == "rsi" and mode == "fused"
+    return Story(seed, mode, 0.0, link=link, period_ms=period_ms, sensor=sensor, currents=currents)
 
 
 def _drawn(kind: str, at_s: float, latest_s: float, rng: np.random.Generator) -> Fault:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -22,22 +21,23 @@ from counterflex.app.run.process import cycle_on
 from counterflex.app.run.recorder import Recorder
 from counterflex.app.run.session import RunSettings
 from counterflex.core.arrays import Float, Int
-from counterflex.core.units import MS
+from counterflex.core.errors import ProtocolError
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Panel, Request
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.state.supervisor import State
 from counterflex_lab.composed import bench
-from counterflex_lab.composed.cell import JOB, KeptLog, opened
+from counterflex_lab.composed.cell import KeptLog, Others, opened
+from counterflex_lab.composed.controllers import ENDED, Answer, controller_of
 from counterflex_lab.composed.disk import DiskLog
-from counterflex_lab.composed.line import Line, strange
+from counterflex_lab.composed.holder import Bridges
+from counterflex_lab.composed.line import Line
 from counterflex_lab.composed.people import People
 from counterflex_lab.composed.robot import Robot
 from counterflex_lab.composed.story import Active, Fault, Story
 from counterflex_lab.composed.wires import VirtualInbox, VirtualWire
-from counterflex_lab.devices import LARGEST_DATAGRAM, FakeRsi, RsiContext, answer_writer
+from counterflex_lab.devices import FakeEgm, FakeRsi
 
-PERIOD_S: Final = 4e-3
 LOOP_ADDRESS: Final = ("192.168.0.1", 49152)
 _ROBOT_HOST: Final = (192 << 24) | (168 << 16) | 10
 _STRANGER: Final = ((192 << 24) | (168 << 16) | 99) << 16 | 40000
@@ -59,17 +59,6 @@ class Killed(BaseException):
     """The loop's process is killed."""
 
 
-class _Others:
-    """The other processes of the run, as :class:`counterflex.protocols.processes.living.Living` sees them."""
-
-    def __init__(self) -> None:
-        self.dead = False
-
-    def gone(self) -> bool:
-        """Whether one of them has died."""
-        return self.dead
-
-
 class World:
     """One cell and what happens to it.
 
@@ -82,7 +71,7 @@ class World:
         now_s: Virtual time.
         cycles: Cycles of the controller.
         robot: The machine.
-        controller: Its controller.
+        side: Its controller.
         sends: The controller sends telegrams.
         session: The loop's side, or None while it does not run.
         control: Shared by its processes.
@@ -107,13 +96,18 @@ class World:
         self.story, self._looked = story, looked
         self.active = Active(story)
         self._rng = np.random.default_rng([story.seed, 1])
-        self._line = Line(self.active, np.random.default_rng([story.seed, 2]), PERIOD_S)
-        self.robot = Robot(self.active, np.random.default_rng([story.seed, 3]), PERIOD_S)
+        self.period_s = story.period_s
+        self._line = Line(self.active, np.random.default_rng([story.seed, 2]), self.period_s)
+        self.robot = Robot(
+            self.active, np.random.default_rng([story.seed, 3]), self.period_s, measures_axes=story.link != "rsi"
+        )
+        self._bridges = None
+        if story.has("strain-silent"):
+            rng = np.random.default_rng([story.seed, 5])
+            self._bridges = Bridges(story.seed, self.active, rng, self.robot.samples_per_cycle)
+        self.robot.runs = story.link == "egm-pose"
         self.people = People(self, np.random.default_rng([story.seed, 4]))
-        timeout = int(self._rng.choice([10, 30, 1000]))
-        self.context = RsiContext(timeout=timeout, first_counter=int(self._rng.integers(1, 2**32)))
-        self.controller = FakeRsi(bench.config(), self.context, {"Enable": 0.0}, job=JOB)
-        self._other = answer_writer(bench.config(), texts={"EStr": "other"})
+        self.side = controller_of(story, self.active, self._rng)
         self.number, self.peer = 0, _ROBOT_HOST << 16 | 30000
         self.sends = True
         self.now_s = self._clock_off = self._frozen_until = self.received_at = 0.0
@@ -125,13 +119,13 @@ class World:
         self.differences: list[str] = []
         self._events: list[tuple[float, int, int, Any]] = []
         self._tie = itertools.count()
-        self._arrived: list[bytes] = []
+        self._arrived: list[Answer] = []
         self._sent: list[bytes] = []
         self.session: OnlineSession | None = None
         self.log_of: Callable[[], KeptLog] = lambda: (
             DiskLog(story, self.active, lambda: self.now_s) if story.log == "disk" else KeptLog(story, self.active)
         )
-        self.others = _Others()
+        self.others = Others()
         self._push(0.0, _CYCLE, None)
 
     # The loop's process.
@@ -158,18 +152,23 @@ class World:
         try:
             cycle_on(session, settings, self.control, self.others, None, self.clock_ns)  # type: ignore[arg-type]
             self.control[Life.ENDED] = 1
+        except ProtocolError as fault:  # told, and the run ends: see loop_process
+            if not self.active.begun:
+                self.failed.append(f"ends without a fault: {fault}")
         except Exception as fault:
             self.failed.append(f"{type(fault).__name__}: {fault}")
 
     def _start(self) -> None:
         self.runs += 1
-        self.others = _Others()
+        self.others = Others()
         self.control: Int = np.zeros(CONTROL, dtype=np.int64)
         self.control[Life.MAY_ARM] = 1
         self.ring = RecordRing()
-        self.wire = VirtualWire(LOOP_ADDRESS, LARGEST_DATAGRAM, self.wait, self._answered, self.clock_ns)
+        self.wire = VirtualWire(LOOP_ADDRESS, self.side.largest, self.wait, self._answered, self.clock_ns)
         self.force, self.tracker = VirtualInbox(), VirtualInbox()
-        self.session = opened(self.story, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns)
+        self.session = opened(
+            self.story, self.side, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns
+        )
         self.log = self.log_of()
         self.recorder: Recorder | None = Recorder(self.ring.name, self.log, self.control)  # type: ignore[arg-type]
 
@@ -243,7 +242,8 @@ class World:
             self.misdirected.append(peer)
             return
         for delay_s, sent in self._line.carried(data, answer=True):
-            self._push(self.now_s + _REPLY_S + delay_s, _ANSWER, sent)
+            answer = Answer(sent, self.cycles, int(self.state))
+            self._push(self.now_s + _REPLY_S + delay_s, _ANSWER, answer)
 
     def _telegram(self, data: bytes) -> None:
         now = self.active.now
@@ -252,12 +252,10 @@ class World:
         if len(self._sent) == _OLDEST:
             del self._sent[: _OLDEST // 2]
         self._sent.append(data)
-        if "stranger" in now:
-            for _ in range(round(self.active.size("stranger"))):
-                self._push(self.now_s + PERIOD_S * float(self._rng.random()), _TELEGRAM, (strange(data), _STRANGER))
-        if "replayed" in now and self._rng.random() < 0.3:
-            back = min(len(self._sent), round(self.active.size("replayed") / PERIOD_S))
-            self._push(self.now_s + PERIOD_S * float(self._rng.random()), _TELEGRAM, (self._sent[-back], self.peer))
+        if "stranger" in now or "replayed" in now:
+            for delay_s, other, strange in self._line.others(self._sent, self._rng):
+                what = (self.side.strange(other), _STRANGER) if strange else (other, self.peer)
+                self._push(self.now_s + delay_s, _TELEGRAM, what)
 
     # The controller.
 
@@ -268,8 +266,7 @@ class World:
             counter: Its first.
             port: It sends from; None keeps it.
         """
-        self.context = replace(self.context, first_counter=counter)
-        self.controller = FakeRsi(bench.config(), self.context, {"Enable": 0.0}, job=JOB)
+        self.side.restart(counter)
         self.number += 1
         self.age = 0
         self.sends = True
@@ -291,25 +288,29 @@ class World:
         self.people.act()
         controller = self.controller
         self._processes(now)
-        correction = controller.correction[:3]
-        if self.story.mode.endswith("axes"):
-            correction = bench.jacobian() @ controller.axes
-        self.robot.move(
-            correction,
-            holds=controller.feed_hold,
-            stopped=bool(controller.stopped) or not self.sends,
-            override=controller.override,
-        )
-        if self.sends and "controller-pauses" not in now and not controller.stopped:
-            controller.frees["Enable"] = enable = self.people.enable(now, self._rng)
+        stopped = bool(controller.stopped) or not self.sends
+        guided = controller.guided_pose()
+        if guided is not None and not stopped:
+            self.robot.guided(guided[:3, 3])
+        else:
+            self.robot.move(
+                self.correction_m,
+                holds=controller.feed_hold,
+                stopped=stopped or controller.guides,
+                override=controller.override,
+            )
+        if self.sends and "controller-pauses" not in now and controller.stopped in ("", ENDED):
+            enable = self.people.enable(now, self._rng)
             self.disabled = 0 if enable else self.disabled + 1
-            self._telegram(controller.telegram(self.robot.report(self.now_s)))
+            torque = self.side.drive_torque(int(self.robot.place), self.robot.force)
+            self._telegram(self.side.telegram(self.robot.report(self.now_s, torque), enable))
         if self.session is not None:
             if self.story.forced:
-                self.force.waiting.extend(self.robot.samples())
+                samples = self.robot.samples() if self._bridges is None else self._bridges.samples(self.robot.force)
+                self.force.waiting.extend(samples)
             if self.story.tracked and (datagram := self.robot.pose(self.now_s)) is not None:
                 self.tracker.waiting.append(datagram)
-        period = PERIOD_S * (1.0 + active.size("cycle-drift"))
+        period = self.period_s * (1.0 + active.size("cycle-drift"))
         self._push(self.now_s + period, _CYCLE, None)
 
     def _take_answer(self) -> None:
@@ -318,21 +319,8 @@ class World:
         self.obeyed_other = False
         if not self.sends or controller.stopped or "controller-pauses" in self.active.now:
             return
-        mark = f"<IPOC>{controller.counter}</IPOC>".encode("ascii")
-        fitting = [data for data in arrived if mark in data]
-        if "two-senders" in self.active.now and (not fitting or self._rng.random() < 0.3):
-            fitting, self.obeyed_other = [self._others_answer()], True
-        controller.answer(fitting[-1] if fitting else arrived[-1] if arrived else None)
+        self.obeyed_other = self.side.take(arrived, other="two-senders" in self.active.now)
         self.age = self.age + 1 if controller.refused else 0
-
-    def _others_answer(self) -> bytes:
-        """An answer of another program: what is in force already."""
-        writer = self._other
-        writer.values[:] = 0.0
-        places = writer.place(*(f"RKorr.{a}" for a in "XYZ"))
-        writer.values[places] = self.controller.correction[:3] / MS
-        writer.values[writer.place("Override")] = 100.0
-        return writer.telegram(self.controller.counter)
 
     # What happens.
 
@@ -350,7 +338,10 @@ class World:
                 self.recorder.close()
                 self.recorder = None
         elif kind == "counter-jump":
-            self.controller.counter = max(0, self.controller.counter + round(fault.size / 4.0) * 4)
+            unit = 4 if self.story.link == "rsi" else 1  # RSI counts ms, EGM messages
+            self.controller.counter = max(0, self.controller.counter + round(fault.size / 4.0) * unit)
+        elif kind == "movement-ended":
+            self.controller.stopped = ENDED
         elif kind == "controller-restart":
             self.people.recover(fault.size)
         elif kind.startswith("operator-"):
@@ -358,9 +349,9 @@ class World:
 
     def _drift(self, now: dict[str, Fault]) -> None:
         if "clock-drift" in now:
-            self._clock_off += PERIOD_S * self.active.size("clock-drift")
+            self._clock_off += self.period_s * self.active.size("clock-drift")
         if "loop-starved" in now and self._rng.random() < self.active.size("loop-starved"):
-            late = PERIOD_S * float(self._rng.exponential(0.8))
+            late = self.period_s * float(self._rng.exponential(0.8))
             self._frozen_until = max(self._frozen_until, self.now_s + late)
 
     def _processes(self, now: dict[str, Fault]) -> None:
@@ -384,7 +375,7 @@ class World:
     @property
     def frozen(self) -> bool:
         """The loop's process stands still, or has just begun again."""
-        return self.now_s < self._frozen_until + 2.0 * PERIOD_S
+        return self.now_s < self._frozen_until + 2.0 * self.period_s
 
     @property
     def log_trouble(self) -> bool:
@@ -399,7 +390,9 @@ class World:
     @property
     def correction_m(self) -> Float:
         """(3,) in force at the controller."""
-        out: Float = self.controller.correction[:3]
-        if self.story.mode.endswith("axes"):
-            out = bench.jacobian() @ self.controller.axes
-        return out
+        return self.side.correction_m(int(self.robot.place))
+
+    @property
+    def controller(self) -> FakeRsi | FakeEgm:
+        """The simulated controller's session."""
+        return self.side.device

@@ -454,6 +454,23 @@ def test_a_correction_moves_the_tool_as_it_says() -> None:
     run.close()
 
 
+def test_what_a_guided_robot_makes_of_a_correction_is_reported() -> None:
+    """The measured pose less the planned one: all of it where the robot obeys, a tenth where it makes a tenth."""
+    run, shown = guided(settings=GuidanceSettings(lag_s=70e-3)), np.zeros(12)
+    run.fake.enabled = True
+    up = np.array([0.0, 0.0, 0.4e-3, 0.0, 0.0, 0.0])
+    for k in range(300):
+        run.cycle(State.ARMED if k < 20 else State.ACTIVE, up)
+        assert run.link.fill_reported(shown) is (k >= 124)  # the reference has gone over to the path
+    assert shown[11] - run.pose[11] == pytest.approx(0.4e-3, abs=1e-6)
+    run.T = run.T.copy()
+    run.T[2, 3] -= 0.9 * 0.4e-3
+    run.cycle(State.ACTIVE, up)
+    assert run.link.fill_reported(shown)
+    assert shown[11] - run.pose[11] == pytest.approx(0.04e-3, abs=1e-6)
+    run.close()
+
+
 def test_the_start_is_bumpless_from_where_the_robot_stands() -> None:
     start = stream().pose(0.0)
     start[:3, 3] += [0.3e-3, -0.4e-3, 0.2e-3]

@@ -112,6 +112,7 @@ class FakeEgm:
         force: (6,) N, N m that the robot measures itself, or None; set from outside.
         utilization: Share of the admitted speed.
         converged: The tool stands within the window.
+        reference: (4, 4) newest pose that guides, part frame, or None.
     """
 
     def __init__(self, context: EgmContext, T_part_frame: Float | None = None) -> None:
@@ -133,7 +134,7 @@ class FakeEgm:
         self._before: Float | None = None
         self._R_part_path: Float | None = None
         self._now: Float | None = None
-        self._reference: Float | None = None
+        self.reference: Float | None = None
         self._twist: Float = np.zeros(6)
         self._queue: list[tuple[Float, Float]] = []
         self._smooth: Float | None = None
@@ -231,7 +232,7 @@ class FakeEgm:
             self.correction[1:3] = offset[1:3]
         else:
             R = self._T_part_frame[:3, :3]
-            self._reference = self._T_part_frame @ T_frame_tcp
+            self.reference = self._T_part_frame @ T_frame_tcp
             self._twist = np.r_[R @ twist[:3], R @ twist[3:]]
         return ""
 
@@ -255,7 +256,7 @@ class FakeEgm:
         if now is None:
             return
         self._guided_s += context.cycle_s
-        self._queue.append((now if self._reference is None else self._reference, self._twist))
+        self._queue.append((now if self.reference is None else self.reference, self._twist))
         if len(self._queue) <= round(context.dead_s / context.cycle_s):
             return
         T_target, twist = self._queue.pop(0)

@@ -13,7 +13,7 @@ from counterflex.core.errors import InputError, OutputError
 from counterflex.core.records import Record, records
 from counterflex.protocols.strain import kernel as reading
 from counterflex.protocols.strain.drain_kernel import ARRAYS, drain_strains
-from counterflex.protocols.system.datagrams import ROWS, Datagrams, host_number
+from counterflex.protocols.system.datagrams import ROWS, Datagrams, Inbox, host_number
 
 MOST_SAMPLES: Final = 512
 """Samples of one drain that are kept; the newest ones beyond that are lost, and counted as taken."""
@@ -29,6 +29,7 @@ class StrainLink:
         range_: Strain beyond which a bridge is not believed, 1.
         least: Bridges that must show a number for the reading to be used.
         peers: Addresses that are listened to; None takes the first that sends a good datagram.
+        inbox: Takes the datagrams; None opens the port.
 
     Attributes:
         address: Where datagrams are expected.
@@ -55,24 +56,15 @@ class StrainLink:
         range_: float,
         least: int = 4,
         peers: tuple[str, ...] | None = None,
+        inbox: Inbox | None = None,
     ) -> None:
         if not reading.FEWEST <= bridges <= reading.MOST:
             raise InputError("bridges of the holder", value=bridges, limit=f"{reading.FEWEST}..{reading.MOST}")
         if not range_ > 0.0:
             raise InputError("the range of the bridges is not above 0", value=range_)
         self._least = min(least, bridges)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-        except OSError as fault:
-            self._socket.close()
-            raise OutputError(
-                f"the port for strains cannot be opened: {fault.strerror or fault}",
-                where=f"{host}:{port}",
-                hint="Is another program listening there?",
-            ) from fault
-        self.address: tuple[str, int] = self._socket.getsockname()
-        self._inbox = Datagrams(self._socket)
+        self.address = host, port
+        self._inbox: Inbox = self._opened(host, port) if inbox is None else inbox
         self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
         self._received = records(reading.RECEIVED)
         self.received: Record = self._received[0]
@@ -97,6 +89,20 @@ class StrainLink:
             times=self.times_ns,
             received=self._received,
         )
+
+    def _opened(self, host: str, port: int) -> Inbox:
+        bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            bound.bind((host, port))
+        except OSError as fault:
+            bound.close()
+            raise OutputError(
+                f"the port for strains cannot be opened: {fault.strerror or fault}",
+                where=f"{host}:{port}",
+                hint="Is another program listening there?",
+            ) from fault
+        self.address = bound.getsockname()
+        return Datagrams(bound)
 
     def drain(self) -> int:
         """Take every datagram that is there; returns their number, those with too few bridges included."""
@@ -151,4 +157,4 @@ class StrainLink:
 
     def close(self) -> None:
         """Free the port."""
-        self._socket.close()
+        self._inbox.close()

@@ -135,6 +135,16 @@ class EgmGuidanceLink(EgmLink):
         put_pose(nominal, self._nominal[self._place])
         q[:] = self._q
 
+    def fill_reported(self, out: Float) -> bool:
+        """Write the measured pose: unlike the planned one of :meth:`fill`, what was sent contains the correction.
+
+        False while the robot waits, and until the reference has gone over to the path: it stands elsewhere.
+        """
+        if self.phase != Phase.RUNNING or self._faded < self._fade:
+            return False
+        put_pose(out, self._T_part_actual)
+        return True
+
     def answer(
         self,
         correction: Float,
