@@ -147,8 +147,9 @@ class Invariants:
                 self._break(rule, world, problems[0])
         faults = world.story.faults
         for_ever = any(fault.kind == "plan-deeper" for fault in faults)
-        quiet_s = world.story.length_s - max((fault.end_s for fault in faults), default=0.0)
-        if not for_ever and quiet_s > _AGAIN_S - 0.1 and self._last_active_s < world.story.length_s - _AGAIN_S:
+        end_s = min(world.now_s, world.story.length_s)  # earlier where it was interrupted
+        quiet_s = end_s - max((fault.end_s for fault in faults), default=0.0)
+        if not for_ever and quiet_s > _AGAIN_S - 0.1 and self._last_active_s < end_s - _AGAIN_S:
             self._break(
                 "corrects again",
                 world,

@@ -52,6 +52,10 @@ _AGAIN_S: Final = 2.0
 """Until a loop that has ended is started again."""
 
 
+def _address(peer: int) -> tuple[str, int]:
+    return ".".join(str(peer >> shift & 255) for shift in (40, 32, 24, 16)), peer & 0xFFFF
+
+
 class Over(BaseException):
     """The story is told."""
 
@@ -116,10 +120,11 @@ class World:
         self.controller = FakeRsi(bench.config(), self.context, {"Enable": 0.0}, job=JOB)
         self._other = answer_writer(bench.config(), texts={"EStr": "other"})
         self.number, self.peer = 0, _ROBOT_HOST << 16 | 30000
+        self._at = _address(self.peer)
         self.sends = True
         self.now_s = self._clock_off = self._frozen_until = self.received_at = 0.0
         self.cycles = self.age = self.runs = self.compared = self.disabled = 0
-        self.obeyed_other = self._kill = False
+        self.obeyed_other = self._kill = self._not_closed = False
         self.misdirected: list[tuple[str, int]] = []
         self.failed: list[str] = []
         self.unread: list[str] = []
@@ -145,7 +150,7 @@ class World:
                 try:
                     self._cycle_on()
                 except Killed:
-                    self._kill = False
+                    self._kill, self._not_closed = False, True
                 self._end()
                 self._until(self.now_s + _AGAIN_S)
         except Over:
@@ -157,8 +162,9 @@ class World:
             return
         settings = RunSettings(cell=bench.CELL, arm=True)
         try:
-            cycle_on(session, settings, self.control, self.others, None, self.clock_ns)  # type: ignore[arg-type]
+            ended = cycle_on(session, settings, self.control, self.others, None, self.clock_ns)  # type: ignore[arg-type]
             self.control[Life.ENDED] = 1
+            self._not_closed = session.not_closed or not ended
         except Exception as fault:
             self.failed.append(f"{type(fault).__name__}: {fault}")
 
@@ -171,6 +177,7 @@ class World:
         self.wire = VirtualWire(LOOP_ADDRESS, LARGEST_DATAGRAM, self.wait, self._answered, self.clock_ns)
         self.force, self.tracker = VirtualInbox(), VirtualInbox()
         self.session = opened(self.story, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns)
+        self.session.not_closed = self._not_closed
         self.log = self.log_of()
         self.recorder: Recorder | None = Recorder(self.ring.name, self.log, self.control)  # type: ignore[arg-type]
 
@@ -240,7 +247,7 @@ class World:
                     self.received_at = self.now_s
 
     def _answered(self, data: bytes, peer: tuple[str, int]) -> None:
-        if (sum(int(part) << 8 * (3 - k) for k, part in enumerate(peer[0].split("."))) << 16 | peer[1]) != self.peer:
+        if peer != self._at:
             self.misdirected.append(peer)
             return
         for delay_s, sent in self._line.carried(data, answer=True):
@@ -276,6 +283,7 @@ class World:
         self.sends = True
         if port is not None:
             self.peer = _ROBOT_HOST << 16 | port
+            self._at = _address(self.peer)
 
     def _cycle(self) -> None:
         controller, active = self.controller, self.active
