@@ -223,6 +223,7 @@ def test_a_lock_tells_of_a_holder_that_did_not_end_by_itself_until_that_was_seen
         ("\n", ""),
         ('{"pid": 1, "boot": "another start of the machine", "run": "log"}', ""),
         (json.dumps({"pid": 1, "boot": boot_id()}), "unknown"),
+        (json.dumps({"pid": 1, "boot": boot_id(), "given": False, "run": "log"}), ""),
         ("{", "unknown"),
         ("[" * 3000, "unknown"),
         ("7", "unknown"),

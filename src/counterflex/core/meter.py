@@ -86,8 +86,10 @@ class Meter:
         return self._clock() - self._seen[0][0]
 
     def remaining_s(self) -> float | None:
-        """Time left, s; None while nothing is known yet, and when all is done that the job told of."""
-        if self.fraction >= 1.0 or self.fraction < (_FIRST if self._steps > 1 else _ALONE) or self.elapsed_s() <= 0.0:
+        """Time left, s; None while nothing is known yet, 0 when all is done that the job told of."""
+        if self.fraction >= 1.0:
+            return 0.0
+        if self.fraction < (_FIRST if self._steps > 1 else _ALONE) or self.elapsed_s() <= 0.0:
             return None
         at = min(bisect.bisect_right(self._ends, self.fraction), len(self._ends) - 1)
         begin, end = (self._ends[at - 1] if at else 0.0), self._ends[at]
@@ -109,7 +111,7 @@ class Meter:
     def line(self) -> str:
         """How far it is, in a line."""
         remaining = self.remaining_s()
-        rest = "" if remaining is None else f", about {duration(remaining)} left"
+        rest = "" if remaining is None or self.fraction >= 1.0 else f", about {duration(remaining)} left"
         percent = 100.0 if self.fraction >= 1.0 else min(99.0, 100.0 * self.fraction)
         return f"{self.what}: {percent:.0f} %{rest}"
 

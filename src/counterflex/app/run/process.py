@@ -67,10 +67,9 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         starts = Beat(control, Life.LOOP_NS, Life.LOOP_PID)  # what it compiles may take minutes
         ring = RecordRing(ring_name)
         session = open_session(settings, ring=ring, control=control)
-        lock = InstanceLock(machine_file().parent, session.link.address[1], run=str(out), words=str(words))
-        # A port of its own, given by the system, no robot goes on sending to.
-        before = "" if settings.port == 0 else lock.not_closed
-        session.not_closed = bool(before)
+        port, given = session.link.address[1], settings.port != 0
+        lock = InstanceLock(machine_file().parent, port, given=given, run=str(out), words=str(words))
+        session.not_closed = bool(lock.not_closed)
         session.loop.run()
         session.loop.reset()
         warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)]
@@ -88,7 +87,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
     control[Life.CANNOT_HOLD] = not session.link.holds_feed
     control[_LOOP_NS] = time.monotonic_ns()
-    _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, warnings, hidden, before))
+    _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, warnings, hidden, lock.not_closed))
     ended = False
     try:
         ended = cycle_on(session, settings, control, living, pipe)

@@ -26,6 +26,7 @@ class InstanceLock:
     Args:
         folder: Of lock files of this user; made where it is missing.
         port: UDP port at which the robot's telegrams come.
+        given: A person chose it; to one that the system chose no robot goes on sending after its loop.
         about: What else it says of its holder, for whoever looks for him.
 
     Attributes:
@@ -37,7 +38,7 @@ class InstanceLock:
         OutputError: Another process holds it, or the folder cannot be written, or others can write into it.
     """
 
-    def __init__(self, folder: Path, port: int, **about: str) -> None:
+    def __init__(self, folder: Path, port: int, *, given: bool = True, **about: str) -> None:
         self.path = folder / f"robot-{port}.lock"
         try:
             made_own(folder)
@@ -58,10 +59,10 @@ class InstanceLock:
         self._stream = stream
         stream.seek(0)
         self._former = stream.read(_LONGEST)
-        self.not_closed = _left(self._former)
+        self.not_closed = _left(self._former) if given else ""
         stream.seek(0)
         stream.truncate()
-        stream.write(json.dumps({"pid": os.getpid(), "boot": boot_id(), **about}) + "\n")
+        stream.write(json.dumps({"pid": os.getpid(), "boot": boot_id(), "given": given, **about}) + "\n")
         stream.flush()
 
     def __enter__(self) -> Self:
@@ -112,7 +113,8 @@ def _left(text: str) -> str:
         entry = json.loads(text)
         if not isinstance(entry, dict):
             return "unknown"
-        return "" if entry.get("boot") != boot_id() else str(entry.get("run") or "unknown")
+        told = entry.get("boot") == boot_id() and entry.get("given") is not False
+        return str(entry.get("run") or "unknown") if told else ""
     except (ValueError, RecursionError):
         return "unknown"
 

@@ -24,6 +24,7 @@ from counterflex.app.run.missing import counted
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.logs.repair import Repaired
+from counterflex.files.machine_file import machine_file
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.netft import NetftServer
 from counterflex.validation.faults.demonstration import PERIOD_S, demo_config, reported
@@ -105,6 +106,8 @@ class RunRig:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(number, signal.SIGKILL)
         self.process.wait(_PATIENCE_S)
+        # A loop that was killed is told to the next one of this port, which the system may give to anybody.
+        (machine_file().parent / f"robot-{self._address[1]}.lock").unlink(missing_ok=True)
         self.sensor.close()
         self._socket.close()
         self._output.close()
