@@ -160,7 +160,7 @@ def _broken(was: Any, given: Any, now: Any, result: Any, had: int, kept: int, aw
         or a > _READY
         or given.reset == 1
         or result.feed_hold == 1
-        or (now.enabled < _DEBOUNCE and now.uncorrected < _DEBOUNCE),
+        or ((now.enabled < _DEBOUNCE or given.enable == 0) and now.uncorrected < _DEBOUNCE),
     )
     out = 0
     for k in range(len(fine)):
