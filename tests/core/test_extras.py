@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
+from counterflex.protocols.ads import link as ads
 
 import counterflex
 from counterflex.app.log_export.rerun import require_rerun
@@ -20,7 +21,6 @@ from counterflex.core.errors import CounterflexError
 from counterflex.files.certificate.schema_check import require_library
 from counterflex.files.dataset import instrument_files
 from counterflex.files.scan import by_library
-from counterflex.protocols.ads import link as ads
 from counterflex.robot.model import urdf
 
 ROOT: Final = Path(counterflex.__file__).parent

@@ -94,3 +94,16 @@ def test_many_reports_cost_little_memory() -> None:
         clock.now_s += 0.01
         meter.report((k + 1) / 20_000)
     assert len(meter._seen) < 500
+
+
+def test_a_job_that_is_all_but_done_is_not_done_and_one_that_is_has_no_time_left() -> None:
+    """It said 100 %, and that 81 minutes were left: the longer it then stood, the more."""
+    now = [0.0]
+    meter = Meter("soaking", lambda: now[0])
+    for k in range(1, 101):
+        now[0] = 60.0 * k
+        meter(0.00998 * k)
+    assert meter.line() == "soaking: 99 %, about 12 s left"
+    meter(1.0)
+    for now[0] in (6001.0, 9000.0):
+        assert meter.line() == "soaking: 100 %"

@@ -24,7 +24,7 @@ from counterflex.evaluate.loop_timing import LatencyHistogram, percentiles
 from counterflex.evaluate.measured_values import flatness, values_row
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.process_record import ProcessRecord
-from counterflex.evaluate.run_curves import RunCurves, deviations, figures, sides_of
+from counterflex.evaluate.run_curves import RunCurves, curves_of, deviations, figures, needed_of, sides_of
 from counterflex.evaluate.run_trend import trend
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.monitoring.events import Event
@@ -336,6 +336,23 @@ def test_left_of_the_feed_changes_side_where_the_tool_turns_back(angle: float, t
     np.testing.assert_allclose(sides[: there - 11, 0], np.tile(left, (there - 11, 1)), atol=1e-9)
     np.testing.assert_allclose(sides[there + 11 :, 0], np.tile(-left, (back - 12, 1)), atol=1e-9)
     np.testing.assert_allclose(sides[:, 1], np.tile([0.0, 0.0, -1.0], (len(along), 1)))
+
+
+@given(st.lists(st.integers(1, 139), min_size=1, max_size=4, unique=True), st.integers(0, 2**32 - 1))
+def test_curves_do_not_depend_on_how_a_log_is_cut_into_segments(cuts: list[int], seed: int) -> None:
+    """A tool that stands from the end of one segment on into the next goes on having the feed that it had."""
+    rng = np.random.default_rng(seed)
+    rows = rng.standard_normal((140, record.WIDTH))
+    rows[:, record.column("received_ns")] = 4e6 * np.arange(140)
+    steps = np.repeat(rng.random(14) < 0.5, 10)[:, None] * np.repeat(rng.standard_normal((7, 3)), 20, axis=0)
+    for axis, name in enumerate("xyz"):
+        rows[:, record.column(f"nominal_{name}")] = np.cumsum(0.1 * MM * steps[:, axis])
+    whole = curves_of([needed_of(rows)], planned=True)
+    pieces = np.split(rows, sorted(cuts))
+    parts = curves_of([needed_of(one) for one in pieces], planned=True)
+    for name in ("sides", "deflection_m", "sent_m", "measured_m", "force_n", "cut"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    np.testing.assert_array_equal(whole.sides, sides_of(rows))
 
 
 def test_a_micrometre_is_seen() -> None:

@@ -59,6 +59,20 @@ def test_touches_count_from_the_first_one(tmp_path: Path, number: int, known: se
     np.testing.assert_allclose(found.warmer_k, kelvin)
 
 
+@pytest.mark.parametrize("missing", [1, 2])
+def test_a_first_touch_without_a_temperature_is_refused_where_others_have_one(tmp_path: Path, missing: int) -> None:
+    """All later temperatures were dropped, and the page said nothing of it."""
+    rows: list[object] = ["", 21.5, 22.0, 22.5]
+    rows[1] = "" if missing == 2 else rows[1]
+    columns: dict[str, list[object]] = {name: [0.0, 1.0, 2.0, 3.0] for name in ("time_s", "x_mm", "y_mm", "z_mm")}
+    file = table(tmp_path / "touches.csv", columns | {"temperature_c": rows}, [*columns, "temperature_c"])
+    with pytest.raises(FileFormatError, match="temperature_c of the first touch is missing") as fault:
+        read_touches(file)
+    assert f"{rows[missing]:g} first at time_s {missing}" in str(fault.value)
+    none = table(tmp_path / "none.csv", columns | {"temperature_c": [""] * 4}, [*columns, "temperature_c"])
+    assert np.isnan(read_touches(none).warmer_k).all()
+
+
 @QUICK
 @given(seed, st.sampled_from(["position_mm", "deviation_mm", "deviation_um"]), st.booleans(), st.booleans())
 def test_approaches_are_the_same_however_they_are_written(

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import json
+import signal
+import threading
 from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from counterflex.app.run.operator_requests import Clock, ask
-from counterflex.core.errors import OutputError
+from counterflex.core.errors import Interrupted, OutputError
 from counterflex.protocols.processes.control_array import Life, Request
 from counterflex.protocols.system.realtime import locked_kb, prepared
+from counterflex.protocols.system.signals import heard_when_asked
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.played_program import Phase, PlayedProgram
 from counterflex.twin.live.timed_block import NOT_REPORTED, Block, Times
+from counterflex_lab.composed import endurance
 from counterflex_lab.faults.rig import PATIENT, Rig
+from counterflex_lab.soak import soak
 from counterflex_lab.soak.figures import figures
 from counterflex_lab.soak.operator import PATIENCE, SteadyOperator, requested_words
 from counterflex_lab.soak.replay_figures import active, in_standstill, micro
@@ -208,3 +216,102 @@ def test_what_the_system_says_of_a_process() -> None:
     nobody = prepared(None)
     assert not nobody.fifo
     assert not nobody.locked
+
+
+class Pipe:
+    """What a cell tells: a block each time, and its end once it was asked to halt."""
+
+    def __init__(self, block: Block, most: int = 1000) -> None:
+        self.block, self.most, self.halted, self.told = block, most, threading.Event(), 0
+
+    def poll(self, _: float) -> bool:
+        if self.told == 2:
+            signal.raise_signal(signal.SIGINT)
+        return True
+
+    def recv(self) -> Block | None:
+        self.told += 1
+        return None if self.halted.is_set() or self.told > self.most else self.block
+
+
+def watched(pipe: Pipe) -> tuple[soak._Watched, list[float]]:
+    """What the job keeps of a cell that plays 160 cycles in blocks of 16."""
+    told: list[float] = []
+    looks: Any = SimpleNamespace(sample=lambda: {"loop_mb": 1.0})
+    out = soak._Watched(SteadyOperator(lambda _: {"state": "active", "feed_hold": False, "cause": "none"}))
+    watch = soak._Watch(out, looks, pipe, SimpleNamespace(), 160, lambda done, _="": told.append(done))  # type: ignore[arg-type]
+    with heard_when_asked() as asked:
+        watch.watch(asked, pipe.halted)
+    return out, told
+
+
+def test_a_run_that_is_interrupted_keeps_what_it_has_measured() -> None:
+    """An hour ended by Ctrl-C in its last minute had written nothing."""
+    block = block_of([State.ACTIVE] * 8, [300e-6] * 8, [0.0] * 8)
+    out, _ = watched(Pipe(block))
+    assert out.interrupted
+    assert len(out.blocks) == 2
+    whole, _ = watched(Pipe(block, most=1))
+    assert not whole.interrupted
+    assert len(whole.blocks) == 1
+    assert len(whole.samples) == 1
+
+
+def test_progress_is_what_the_cell_has_played_not_the_time_that_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine that stands still showed 100 %, and more and more time left."""
+    now = [0.0]
+    monkeypatch.setattr(soak, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    block, pipe = block_of([State.ACTIVE] * 8, [300e-6] * 8, [0.0] * 8, paused=8), SimpleNamespace()
+    told: list[float] = []
+    looks: Any = SimpleNamespace(sample=lambda: {"loop_mb": 1.0})
+    out = soak._Watched(SteadyOperator(lambda _: {"state": "active", "feed_hold": False, "cause": "none"}))
+    watch = soak._Watch(out, looks, pipe, SimpleNamespace(), 10 * soak._BLOCK, lambda done, _="": told.append(done))  # type: ignore[arg-type]
+
+    def poll(_: float) -> bool:
+        now[0] += 6.0
+        return now[0] > 3000.0
+
+    pipe.poll, pipe.recv = poll, lambda: None
+    watch.watch(lambda: False, threading.Event())
+    assert max(told) < 0.13  # one block may have been played since the last one was told, not more
+    assert block.paused == 8
+
+
+def test_hours_of_simulated_time_that_are_interrupted_are_written(tmp_path: Path) -> None:
+    """No row was written, and the summary said that a rule was broken."""
+
+    def progress(fraction: float, _: str = "") -> None:
+        if fraction > 0.4:
+            raise Interrupted("as Ctrl-C")
+
+    done = endurance.run(tmp_path, minutes=0.5, mode="measured", stretch_s=5.0, progress=progress)
+    assert done.interrupted
+    assert not done.broken
+    assert [row["hours"] for row in done.rows[:2]] == [round(k * 5.0 / 3600.0, 4) for k in (1, 2)]
+    last = done.rows[-1]
+    assert 12.0 < 3600.0 * last["hours"] < 15.0
+    assert last["written"] == last["replayed"] > 2500
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["interrupted"], len(summary["stretches"])) == (True, len(done.rows))
+    assert len((tmp_path / "stretches.csv").read_text(encoding="utf-8").splitlines()) == len(done.rows) + 1
+
+
+def test_the_first_signal_is_heard_where_the_job_asks_and_the_second_at_once() -> None:
+    counted: list[int] = []
+
+    def former(number: int, _: Any) -> None:
+        counted.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, former)
+    try:
+        with heard_when_asked() as asked:
+            assert not asked()
+            signal.raise_signal(signal.SIGINT)
+            assert asked()
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is former
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert counted == [signal.SIGINT] * 2  # who counts them hears of both

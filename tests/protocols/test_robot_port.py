@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import multiprocessing
 import socket
 import threading
@@ -173,7 +174,7 @@ def test_a_port_has_one_owner(host: str) -> None:
 
 
 def _hold(folder: Path, pipe: Connection) -> None:
-    with InstanceLock(folder, 49152):
+    with InstanceLock(folder, 49152, run="former log"):
         pipe.send("held")
         pipe.recv()
 
@@ -192,7 +193,44 @@ def test_a_lock_is_refused_while_held_and_free_when_its_holder_is_killed(tmp_pat
         process.kill()
         process.join(10)
     with InstanceLock(tmp_path, 49152) as lock:
+        assert lock.not_closed == "former log"
         text = lock.path.read_text(encoding="utf-8")
         assert '"pid"' in text
         assert boot_id() in text
     InstanceLock(tmp_path, 49152).close()
+
+
+def test_a_lock_tells_of_a_holder_that_did_not_end_by_itself_until_that_was_seen(tmp_path: Path) -> None:
+    first = InstanceLock(tmp_path, 49152, run="a")
+    assert first.not_closed == ""
+    first.close(ended=False)
+    InstanceLock(tmp_path, 49152, run="b").close(acknowledged=False)
+    unseen = InstanceLock(tmp_path, 49152, run="c")
+    assert unseen.not_closed == "a"
+    unseen.close(ended=False)
+    seen = InstanceLock(tmp_path, 49152, run="d")
+    assert seen.not_closed == "c"
+    seen.close()
+    last = InstanceLock(tmp_path, 49152)
+    assert last.not_closed == ""
+    last.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ("", ""),
+        ("\n", ""),
+        ('{"pid": 1, "boot": "another start of the machine", "run": "log"}', ""),
+        (json.dumps({"pid": 1, "boot": boot_id()}), "unknown"),
+        (json.dumps({"pid": 1, "boot": boot_id(), "given": False, "run": "log"}), ""),
+        ("{", "unknown"),
+        ("[" * 3000, "unknown"),
+        ("7", "unknown"),
+    ],
+)
+def test_what_a_lock_file_says_is_judged(tmp_path: Path, text: str, left: str) -> None:
+    """What cannot be read is of somebody who did not close it; a loop of another start of the machine is none."""
+    (tmp_path / "robot-49152.lock").write_text(text, encoding="utf-8")
+    with InstanceLock(tmp_path, 49152) as lock:
+        assert lock.not_closed == left

@@ -47,17 +47,18 @@ RULES: Final = (
     "the feed is held in the step as in the supervisor, and stop only with it",
     "a session that may be another one is not answered in a fault",
     "a program that is out of the cut and off is not held once it was acknowledged",
+    "behind a loop that did not end by itself a program that wants it, or cuts, is held within the debounce",
 )
 _DEBOUNCE: Final = stage.DEBOUNCE
 _BITS: Final = np.array([3, 5, 1, 2, 1, 1, 1, 1, 1, 2, 1, 1, 1, 1, 3, 3, 3, 1, 1, 1])
 _NAMED: Final = (
     Cause.NONE, Cause.OPERATOR, Cause.PROGRAM, Cause.FORCE_STALE, Cause.NOT_FINITE, Cause.TELEGRAMS_STOPPED,
-    Cause.SESSION_RESTARTED, Cause.HELD_TOO_LONG, Cause.ENABLE_LOST,
+    Cause.SESSION_RESTARTED, Cause.HELD_TOO_LONG, Cause.ENABLE_LOST, Cause.NOT_CLOSED,
 )  # fmt: skip
 _CAUSES: Final = np.array([int(cause) for cause in _NAMED])
 _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
-_SESSION = int(Cause.SESSION_RESTARTED)
+_SESSION, _NOT_CLOSED = int(Cause.SESSION_RESTARTED), int(Cause.NOT_CLOSED)
 _LAST, _NONE, _UNKNOWN = stage.LAST_CORRECTION, stage.NO_CORRECTION, stage.UNKNOWN
 _NO_CUT, _CUT, _MAY_CUT = stage.NO_CUT, stage.CUT, stage.MAY_CUT
 _LONG = 10_000
@@ -82,7 +83,7 @@ class StepSpace:
 def all_inputs() -> Records:
     """Every input of the stage: what cannot come together is left out."""
     rows = []
-    causes = [(int(soft), 0, _LAST) for soft in (Cause.NONE, Cause.FORCE_STALE)]
+    causes = [(int(soft), 0, _LAST) for soft in (Cause.NONE, Cause.FORCE_STALE, Cause.NOT_CLOSED)]
     causes += [(0, int(hard), _LAST) for hard in (Cause.TELEGRAMS_STOPPED, Cause.NOT_FINITE)]
     causes += [(0, _SESSION, session) for session in (_LAST, _NONE, _UNKNOWN)]
     yes = (0, 1)
@@ -155,6 +156,11 @@ def _broken(was: Any, given: Any, now: Any, result: Any, had: int, kept: int, aw
             b != _FAULT or result.silent == 1 or not (given.session == _UNKNOWN or (given.session == _NONE and a == b))
         ),
         not (b <= _ARMED and given.enable == 0 and given.cuts == _NO_CUT and now.away == 0) or result.feed_hold == 0,
+        given.soft != _NOT_CLOSED
+        or a > _READY
+        or given.reset == 1
+        or result.feed_hold == 1
+        or ((now.enabled < _DEBOUNCE or given.enable == 0) and now.uncorrected < _DEBOUNCE),
     )
     out = 0
     for k in range(len(fine)):

@@ -41,6 +41,7 @@ RULES: Final = (
 _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _PROGRAM, _ENABLE_LOST, _OPERATOR = int(Cause.PROGRAM), int(Cause.ENABLE_LOST), int(Cause.OPERATOR)
+_NOT_CLOSED = int(Cause.NOT_CLOSED)
 _STOPPED, _TOO_LONG = int(Cause.TELEGRAMS_STOPPED), int(Cause.HELD_TOO_LONG)
 _PROCESS, _RUN_LOST = int(Cause.PROCESS_MISSING_CUT), int(Cause.RUN_LOST)
 _NEIGHBOURS: Final = (
@@ -95,7 +96,8 @@ def broken_rules(before: Any, given: Any, after: Any, limits: Any, key: int) -> 
         after.stop == 0 or (after.feed_hold == 1 and b <= _ARMED),
         not (a == _RAMP and b <= _READY and after.feed_hold == 1) or after.stop == limits.stop,
         not (a in (_HOLD, _RAMP) and b in (_HOLD, _RAMP, _READY, _IDLE)) or after.cause == before.cause
-            or (before.cause in (0, _PROGRAM) and after.cause == _ENABLE_LOST),
+            or (before.cause in (0, _PROGRAM)
+                and after.cause == (_NOT_CLOSED if given.soft == _NOT_CLOSED else _ENABLE_LOST)),
         b not in (_HOLD, _RAMP, _FAULT) or after.cause != 0,
         (after.risen == (min(before.risen, limits.rise - 1) + 1 if a != _ARMED else 1)) if b == _ACTIVE
             else after.risen == (before.risen if b == _HOLD and correcting and a != _RAMP else 0),

@@ -26,7 +26,7 @@ from supervisor_rules import RULES, broken_rules, compiled
 Supervise: TypeAlias = Callable[[Any, Any, Any], None]
 SMALL: Final = supervisor.SupervisorSettings(hold=3, good=2, rise=2, stop=2, returns=1, calm=3)
 FLAGS: Final = ("healthy", "arm", "enable", "stop", "reset", "at_zero", "stands", "away", "in_cut")
-SOFT: Final = (Cause.NONE, Cause.FORCE_STALE, Cause.PROCESS_OVERLOAD)
+SOFT: Final = (Cause.NONE, Cause.FORCE_STALE, Cause.PROCESS_OVERLOAD, Cause.NOT_CLOSED)
 HARD: Final = (Cause.NONE, Cause.TELEGRAMS_STOPPED, Cause.NOT_FINITE)
 FEATURES: Final = (
     *FLAGS,
@@ -50,7 +50,7 @@ _STOPPED = int(Cause.TELEGRAMS_STOPPED)
 
 
 def all_inputs() -> Records:
-    """(4608,) every input of the supervisor."""
+    """(6144,) every input of the supervisor."""
     combinations = list(itertools.product(SOFT, HARD, *[(0, 1)] * len(FLAGS)))
     out = records(SUPERVISED, len(combinations))
     out["telegram"] = 1

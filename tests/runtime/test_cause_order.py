@@ -110,11 +110,22 @@ def test_it_holds_as_early_and_by_the_same_cause_as_with_a_good_sensor(name: str
     assert Job(soft).held_after(most, **inputs) == good
 
 
-@pytest.mark.parametrize("soft", OF_SENSORS[3:])
-def test_another_feed_than_planned_holds_behind_a_sensor_that_is_read(soft: Cause) -> None:
+@pytest.mark.parametrize("soft", OF_SENSORS)
+def test_another_feed_than_planned_holds_whatever_the_sensors_show(soft: Cause) -> None:
+    """While the force sensor showed nothing, nobody looked at the feed."""
     good = Job(Cause.NONE).held_after(400, times=2.0)
     assert good[1] == Cause.FEED_DIFFERS
     assert Job(soft).held_after(400, times=2.0) == good
+
+
+def test_a_force_that_is_not_read_is_not_told_by_its_former_ratio() -> None:
+    job = Job(Cause.NONE)
+    assert job.loop.monitor.results.ratio > 0.5
+    for _ in range(20):
+        job.cycle(Cause.FORCE_STALE)
+        assert job.loop.monitor.results.ratio == 0.0
+    job.cycle(Cause.NONE)
+    assert job.loop.monitor.results.ratio > 0.5
 
 
 def test_three_telegrams_lost_hold() -> None:

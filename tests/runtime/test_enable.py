@@ -166,3 +166,37 @@ def test_a_hold_that_the_program_has_left_in_air_does_not_let_the_next_cut_be_un
     assert not program.held
     program.go(CUT[0] + 0.002)
     assert program.held
+
+
+@pytest.mark.parametrize("planned", [True, False])
+@pytest.mark.parametrize("enable", [True, False])
+def test_behind_a_loop_that_did_not_end_by_itself_a_program_in_the_cut_is_held(enable: bool, planned: bool) -> None:
+    """Started again in the cut it only watched: it had never been armed itself."""
+    program = Program(planned=planned)
+    program.x = 0.06
+    for _ in range(DEBOUNCE if enable else 60):  # without its word the cut must be seen, and that it goes on
+        program.cycle(enable=enable, soft=Cause.NOT_CLOSED, arm=True)
+    assert program.held
+    assert program.told_to_stop
+    assert (program.loop.state, program.loop.cause) == (State.IDLE, Cause.NOT_CLOSED)
+    for _ in range(100):
+        program.cycle(enable=enable, soft=Cause.NOT_CLOSED, arm=True, moves=False)
+    assert program.held
+    assert program.loop.state == State.IDLE
+    program.cycle(enable=False, reset=True, moves=False)
+    assert not program.held
+    for arm in (False, True):
+        program.cycle(enable=False, arm=arm, moves=False)
+    assert int(program.cycle()) == State.ACTIVE
+
+
+def test_behind_such_a_loop_a_program_that_waits_is_not_held_and_not_armed() -> None:
+    program = Program()
+    for _ in range(200):
+        program.cycle(enable=False, moves=False, soft=Cause.NOT_CLOSED, arm=True)
+        assert not program.held
+        assert program.loop.state == State.IDLE
+    program.cycle(enable=False, moves=False, reset=True)
+    for arm in (False, True):
+        program.cycle(enable=False, moves=False, arm=arm)
+    assert program.cycle() == State.ACTIVE

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.records import Records, records
+from counterflex.files.cell.cell import read_cell
+from counterflex.geometry import pose, rotation
+from counterflex.runtime.cycle_inputs import CycleInputs
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.primitives.localize import (
     SEEK_ROWS,
     contained_at,
@@ -14,6 +22,7 @@ from counterflex.runtime.primitives.localize import (
     seek,
     wrench_at,
 )
+from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.step.feed_forward import add_play_compensation
 
@@ -163,3 +172,21 @@ def test_a_robot_that_stands_at_the_corner_of_a_closed_path_is_at_its_beginning(
     assert place[0] < 2.0
     worst = max(follow(plan, place, value, 0.0, 0.0, 200) for value in np.arange(0.0, 0.05, 2e-4))
     assert worst < 1e-6
+
+
+@pytest.mark.parametrize("silent", [1, 2, 3, 4, 7])
+def test_nothing_is_looked_for_before_the_first_telegram(silent: int) -> None:
+    """A sweep that had begun without a telegram ended at the place of the robot: it was found in lap three."""
+    cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
+    points = there_and_back(4) + np.array([0.0, 0.0, 0.3])
+    nothing = np.zeros((len(points), 6))
+    plan = LoopPlan(points, 0.01 * np.arange(len(points)), nothing, np.zeros(len(points)), nothing)
+    loop = Loop(cell.chain, OnlineSettings(), cell.T_base_part, plan)
+    q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
+    for _ in range(silent):
+        loop.feed(CycleInputs(T_part_tcp=np.eye(4), q=q, elapsed=0))
+        loop.run()
+    for _ in range(30):
+        loop.feed(CycleInputs(T_part_tcp=pose.make(rotation.about_x(np.pi), points[0]), q=q))
+        loop.run()
+    assert loop.place == 0.0

@@ -208,6 +208,36 @@ def test_a_robot_that_was_moved_between_two_sessions_is_no_frozen_tracker(tracke
 
 
 @pytest.mark.parametrize("tracker", MODES)
+@pytest.mark.parametrize("earlier", ["telegrams lost", "sooner than thought"])
+def test_a_robot_that_has_come_to_rest_is_no_frozen_tracker(tracker: str, earlier: str) -> None:
+    """Its first sample at rest was held against a place that it had left; it was called frozen for as long as it stood.
+
+    Because it went there while telegrams were lost, or because it follows its program sooner than was identified.
+    """
+    rng, loop = np.random.default_rng(4), Tracked(tracker).loop
+    ahead = 20 if earlier == "sooner than thought" else 0
+
+    def cycle(seen_m: float, commanded_m: float, **given: Any) -> bool:
+        nominal = pose.make(R, np.array([commanded_m, 0.0, 0.0]))
+        seen = pose.make(R, np.array([seen_m, 0.0, 0.0]) + 10.0 * UM * rng.standard_normal(3))
+        loop.feed(CycleInputs(
+            T_part_tcp=nominal, q=Q, w_tcp_part=np.zeros(6), T_part_actual=seen, tracker_late_s=0.0, **given
+        ))  # fmt: skip
+        loop.run()
+        return bool(int(loop.result.doubt) & pk.DOUBT_FROZEN)
+
+    way = np.r_[np.zeros(200), 2e-4 * np.arange(300), np.full(400, 0.06)]
+    for k in range(491 if ahead == 0 else len(way) - 20):
+        cycle(way[k + ahead], way[k])
+    if ahead == 0:
+        for k in range(491, 499):
+            cycle(way[k], way[490], elapsed=0)
+        cycle(0.06, 0.06, elapsed=9)
+    assert not any([cycle(0.06, 0.06) for _ in range(300)][50:])
+    assert loop.state == State.READY
+
+
+@pytest.mark.parametrize("tracker", MODES)
 def test_a_nan_is_not_used(tracker: str) -> None:
     robot = Tracked(tracker).settled()
     before = robot.learnt()

@@ -108,6 +108,13 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
         read_decisions(path)
     with pytest.raises(FileFormatError):
         read_decisions(tmp_path / "none.csv")
+    stream = io.StringIO()
+    carried(Schedule(BAD, 7), Schedule(BAD, 7, 1), DecisionLog(stream))
+    first, second, *rest = stream.getvalue().splitlines()
+    for row in (f"{second},7", second.rsplit(",", 1)[0]):
+        path.write_text("\n".join([first, row, *rest]) + "\n", encoding="utf-8")
+        with pytest.raises(FileFormatError, match="a row of another length"):
+            read_decisions(path)
 
 
 def test_an_address_in_use_is_said() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from counterflex.geometry import pose
 from counterflex.protocols.kuka_rsi.config import parse_config
 from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.protocols.tracker.telegram import DATAGRAM
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.played_program import ACTIVE, ARMED, NO_TAG, PlayedProgram
@@ -165,8 +168,8 @@ class Answered(ReplayedCell):
         assert answers(f"<IPOC>{self.controller.counter}</IPOC>".encode())
         return self.writer.telegram(self.controller.counter), 0.2e-3
 
-    def _telegram(self, row: int) -> bytes:
-        data = super()._telegram(row)
+    def _telegram(self, commanded: int, row: int) -> bytes:
+        data = super()._telegram(commanded, row)
         self.reader.read_bytes(data)
         return data
 
@@ -288,3 +291,68 @@ def test_no_reading_comes_twice_while_the_robot_stands(clock: Clock, monkeypatch
     assert len(force) == len(poses) == 200 * SAMPLES
     assert len(set(force)) == len(set(poses)) == 200 * SAMPLES
     assert np.abs(np.array(force)).max() < 1.0
+
+
+LAG, SPAN = 7, 60
+"""Cycles by which the recorded robot trails, and cycles of the pass."""
+
+
+class Trailing(Answered):
+    """A pass of a robot that trails its program by some cycles, and what its tracker sees in each cycle."""
+
+    def __init__(self, clock: Clock, **chosen: Any) -> None:
+        super().__init__(clock, **chosen)
+        ramp = np.clip(np.arange(SPAN) - 10.0, 0.0, SPAN - 20.0) * 1e-4
+        nominal, actual = (np.broadcast_to(np.eye(4), (SPAN, 4, 4)).copy() for _ in range(2))
+        nominal[:, 0, 3] = ramp
+        actual[LAG:, 0, 3] = ramp[:-LAG]
+        p = np.zeros((SPAN, SAMPLES, 3))
+        p[:, :, 0] = actual[:, 0, 3, None]
+        self.played = replace(
+            self.played, T_part_nominal=nominal, T_part_actual=actual, p_tracker_target=p,
+            q_command=np.zeros((SPAN, 6)), q_actual=np.zeros((SPAN, 6)), w_sensor=np.zeros((SPAN, SAMPLES, 6)),
+            quat_wxyz=np.broadcast_to(pose.make()[0], (SPAN, SAMPLES, 4)).copy(),
+        )  # fmt: skip
+        self._places = deque([0] * (self.played.lag + 1), self.played.lag + 1)
+        self.seen: list[tuple[float, float]] = []
+
+    def _instruments(self, row: int, tick: int, tracker: Any, due: float) -> None:
+        super()._instruments(row, tick, tracker, due)
+        if tick == 0:
+            named = dict(zip(self.reader.names, self.reader.values, strict=True))
+            self.seen.append((named["RSol.X"], 1e3 * self.played.p_tracker_target[row, 0, 0]))
+
+
+def test_a_robot_trails_its_program_on_the_way_back_too(clock: Clock) -> None:
+    """It was ahead of its program on each way back: the loop saw a tracker that stood while the program arrived."""
+    cell = Trailing(clock, program=PlayedProgram(GATE))
+    assert cell.played.lag == LAG
+    played(cell, GATE + 4 * SPAN)
+    commanded, seen = np.array(cell.seen).T
+    np.testing.assert_allclose(seen[LAG:], commanded[:-LAG], atol=2e-6)
+    assert np.ptp(commanded[GATE + SPAN :]) > 3.0
+
+
+def test_a_robot_that_is_held_comes_to_where_its_program_stands(clock: Clock) -> None:
+    cell = Trailing(clock, program=PlayedProgram(GATE))
+    cell.then = {GATE + 30: {"FeedHold": 1.0, "State": HOLD}}
+    played(cell, GATE + 60)
+    (commanded, seen), (before, _) = cell.seen[-1], cell.seen[GATE + 32]
+    assert commanded == before
+    assert 1.0 < commanded < 3.0
+    assert seen == pytest.approx(commanded, abs=1e-6)
+
+
+def test_a_pose_is_stamped_with_the_time_of_its_measurement(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that this machine sends late was measured when the robot was there, not when it is sent."""
+    stamps: list[int] = []
+
+    def sent(_: Any, data: bytes, __: Any) -> None:
+        if len(data) == DATAGRAM.size:
+            stamps.append(DATAGRAM.unpack(data)[2])
+
+    monkeypatch.setattr(replayed_cell, "_send", sent)
+    cell = Answered(clock, program=PlayedProgram(GATE))
+    clock.stalls[4 * 10 + 1] = 2.6e-3  # within a cycle
+    played(cell, 20, tracker=("127.0.0.1", 9))
+    np.testing.assert_allclose(np.diff(stamps), 1e6, atol=2.0)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from counterflex.cli import interrupt
 from counterflex.cli.commands.program import Out
 from counterflex.cli.output import print_json, print_table, progress_bar
 
@@ -47,19 +48,25 @@ def soak(
     each cycle, DIR gets a row for each half hour as it goes (`stretches.csv`). It may be stopped and continued (kill
     -STOP, -CONT). It ends with status 1 where a rule did not hold.
 
+    Ctrl-C or a request to terminate ends both in order: DIR gets what was measured until then, marked as interrupted.
+
     Example: `counterflex soak --minutes 60 --out soak`
     """
     if simulated:
         _soak_simulated(out, minutes / 60.0, keep_log=keep_log, as_json=as_json)
         return
+    from counterflex.files.identification_file import plain_json
     from counterflex_lab.soak import soak as job
 
     settings = job.SoakSettings(minutes=minutes, force=force, tracker=tracker, keep_log=keep_log, onlookers=onlookers)
     with progress_bar("soaking") as progress:
         summary = job.run(settings, out, progress=progress)
+    interrupt.keeps(f"what was measured is in {out}")
     if as_json:
-        print_json(summary)
+        print_json(plain_json(summary))
         return
+    if summary["interrupted"]:
+        typer.echo(f"interrupted after {summary['cycles'] * 4e-3 / 60.0:.2f} of {minutes:g} minutes", err=True)
     names = ("p50", "p99", "p999", "max")
     rows = {
         "reply, all telegrams": "reply_us",
@@ -113,6 +120,9 @@ def _soak_simulated(out: Path, hours: float, *, keep_log: bool, as_json: bool) -
     stretch_s = min(endurance.STRETCH_S, 3600.0 * hours / 4.0)
     with progress_bar("soaking") as progress:
         done = endurance.run(out, minutes=60.0 * hours, keep_log=keep_log, stretch_s=stretch_s, progress=progress)
+    interrupt.keeps(f"what was simulated is in {out}")
+    if done.interrupted:
+        typer.echo(f"interrupted after {done.rows[-1]['hours']:g} of {hours:g} hours", err=True)
     if as_json:
         print_json({"interrupted": done.interrupted, "broken": done.broken, "stretches": done.rows})
     else:
@@ -126,4 +136,5 @@ def _soak_simulated(out: Path, hours: float, *, keep_log: bool, as_json: bool) -
             typer.echo(f"rule broken: {one['rule']} at {one['at_s']:g} s: {one['happened']}")
         typer.echo(f"wrote {out}")
     if done.broken:
+        interrupt.went_wrong(1)
         raise typer.Exit(1)

@@ -1,7 +1,7 @@
 """One cell without a fault for many hours of its virtual time: what grows, what overflows, which rule does not hold.
 
 Nothing in it waits for the computer's clock: stopped by a signal and continued hours later it goes on as if nothing
-had been. Each row of the table is written when its stretch is over, so an interrupted run keeps what it has seen.
+had been. Each row of the table is written when its stretch is over, and an interrupted run writes what it has seen.
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ from counterflex.core.progress import Progress, silent
 from counterflex.files.logs.run_log import RunLog
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.control_array import Kept, Tally
+from counterflex.protocols.system.signals import heard_when_asked
 from counterflex.runtime.state_slots import LoopState
 from counterflex_lab.composed.cell import KeptLog
 from counterflex_lab.composed.invariants import Invariants
 from counterflex_lab.composed.story import Active, Story
-from counterflex_lab.composed.world import World
+from counterflex_lab.composed.world import Over, World
 
 TABLE: Final = "stretches.csv"
 SUMMARY: Final = "summary.json"
 LOG: Final = "log"
 STRETCH_S: Final = 1800.0
 MOST_S: Final = 30.0 * 86400.0
+_SAID_S: Final = 2.0
+"""Virtual time from one report of the progress to the next."""
 LAST_COUNTER: Final = 2**32 - 1
 """Largest counter of a telegram."""
 
@@ -78,16 +81,35 @@ class Endurance:
 class _Table:
     """Looks at a world like the rules do, and writes a row when a stretch is over."""
 
-    def __init__(self, story: Story, out: Path, stretch_s: float, progress: Progress) -> None:
+    def __init__(
+        self, story: Story, out: Path, stretch_s: float, progress: Progress, asked: Callable[[], bool]
+    ) -> None:
         self.looks, self.rows = Invariants(story), list[dict[str, float]]()
         self._file, self._stretch_s, self._length_s, self._progress = out / TABLE, stretch_s, story.length_s, progress
-        self._due_s, self._begun_s = stretch_s, time.process_time()
+        self._asked = asked
+        self._due_s, self._begun_s, self._said_s = stretch_s, time.process_time(), 0.0
+        self.interrupted = False
 
     def __call__(self, world: World) -> None:
         self.looks(world)
         if world.now_s >= self._due_s:
             self.add(world)
             self._due_s += self._stretch_s
+        if world.now_s >= self._said_s:
+            self._said_s += _SAID_S
+            self._tell(world)
+        if self.interrupted or self._asked():  # here a cycle is over: log, replay and rules agree
+            self.interrupted = True
+            if world.now_s < self._length_s:
+                if not self.rows or self.rows[-1]["cycles"] < world.cycles:
+                    self.add(world)
+                raise Over
+
+    def _tell(self, world: World) -> None:
+        try:
+            self._progress(min(1.0, world.now_s / self._length_s), f"{world.now_s / 3600.0:.2f} h")
+        except (KeyboardInterrupt, Interrupted):
+            self.interrupted = True
 
     def add(self, world: World) -> None:
         """Write the row of the stretch that is over."""
@@ -95,7 +117,7 @@ class _Table:
         row = {
             "hours": round(world.now_s / 3600.0, 4),
             "cycles": world.cycles,
-            "counter": world.controller.counter,
+            "counter": world.side.device.counter,
             "resident_mb": _resident_mb(),
             "open_files": _open_files(),
             "active": self.looks.states.get("ACTIVE", 0),
@@ -113,7 +135,6 @@ class _Table:
         self.rows.append(row)
         lines = [",".join(row), *(",".join(f"{value:.12g}" for value in one.values()) for one in self.rows)]
         atomic.write_text(self._file, "\n".join(lines) + "\n")
-        self._progress(min(1.0, world.now_s / self._length_s), f"{row['hours']:g} h, {row['resident_mb']:g} MB")
 
 
 def _open_files() -> float:
@@ -152,7 +173,8 @@ def run(
         counter: First of the controller, ms; None: the one that passes 2^31 in the middle.
         keep_log: Write the run log as well, about 1 GB per hour.
         stretch_s: Virtual time of a row.
-        progress: Progress callback, fraction 0 to 1; an interruption ends it with the rows that there are.
+        progress: Progress callback, fraction 0 to 1; an interruption, by it or by a signal, ends the cell behind the
+            cycle that it is in: the stretch that was begun becomes the last row, and all is written.
 
     Raises:
         OutputError: The folder cannot be written.
@@ -161,19 +183,17 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     length_s = min(MOST_S, minutes * 60.0)
     story = Story(seed, mode, length_s)
-    table = _Table(story, folder, stretch_s, progress)
-    world = World(story, table)
-    world.restart(max(1, 2**31 - round(500.0 * length_s)) if counter is None else counter)
-    if keep_log:
-        world.log_of = lambda: WrittenLog(story, world.active, folder / LOG, lambda: world.now_s)
-    done = Endurance(table.rows, [])
-    try:
+    with heard_when_asked() as asked:
+        table = _Table(story, folder, stretch_s, progress, asked)
+        world = World(story, table)
+        world.restart(max(1, 2**31 - round(500.0 * length_s)) if counter is None else counter)
+        if keep_log:
+            world.log_of = lambda: WrittenLog(story, world.active, folder / LOG, lambda: world.now_s)
         world.run()
-    except (KeyboardInterrupt, Interrupted):
-        done.interrupted = True
-    table.looks.end(world)
-    if isinstance(world.log, WrittenLog):
-        world.log.on_disk.close()
+        table.looks.end(world)
+        if isinstance(world.log, WrittenLog):
+            world.log.on_disk.close()
+    done = Endurance(table.rows, [], table.interrupted)
     done.broken = [{"rule": one.rule, "at_s": one.at_s, "happened": one.words} for one in table.looks.broken.values()]
     write_summary(
         folder / SUMMARY,

@@ -170,9 +170,10 @@ class Invariants:
                 self._break(rule, world, problems[0])
         faults = world.story.faults
         for_ever = any(fault.kind == "plan-deeper" for fault in faults)
-        quiet_s = world.story.length_s - max((fault.end_s for fault in faults), default=0.0)
+        end_s = min(world.now_s, world.story.length_s)  # earlier where it was interrupted
+        quiet_s = end_s - max((fault.end_s for fault in faults), default=0.0)
         again_s = world.story.quiet_s
-        if not for_ever and quiet_s > again_s - 0.1 and self._last_active_s < world.story.length_s - again_s:
+        if not for_ever and quiet_s > again_s - 0.1 and self._last_active_s < end_s - again_s:
             self._break(
                 "corrects again",
                 world,

@@ -149,7 +149,9 @@ KINDS: Final = {
     "panel-gone": Kind("the panel stands still", (1.0, 1.0), (_C.PANEL_LOST,)),
     "loop-stopped": Kind("the loop's process is stopped and continued", (1.0, 1.0), _LATER, 2.0),
     "loop-starved": Kind("it gets the processor late, in this share of its cycles", (0.02, 0.9), _LATER),
-    "loop-killed": Kind("it is killed, and started again by a person", (1.0, 1.0), _LATER, 0.5, event=True),
+    "loop-killed": Kind(
+        "it is killed, and started again by a person", (1.0, 1.0), (*_LATER, _C.NOT_CLOSED), 0.5, event=True
+    ),
     # people
     "operator-stop": Kind("a person stops", (1.0, 1.0), (_C.OPERATOR,), 1.5, event=True),
     "operator-reset": Kind("a person acknowledges", (1.0, 1.0), (), 1.5, event=True),

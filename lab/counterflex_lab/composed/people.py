@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.protocols.processes.control_array import Life, Request, Shown
-from counterflex.runtime.state.states import State
+from counterflex.runtime.state.states import Cause, State
 from counterflex_lab.composed.controllers import JOB
 
 _LOOKS: Final = 25
@@ -136,7 +136,7 @@ class People:
         if world.session is None or self.waits % _LOOKS:
             return
         words = world.control
-        if self._reset_due or words[Shown.FEED_HOLD] or state == State.FAULT:
+        if self._reset_due or words[Shown.FEED_HOLD] or state == State.FAULT or words[Shown.CAUSE] == Cause.NOT_CLOSED:
             self._reset_due = False
             self.asks("reset")
         elif state == State.READY:

@@ -51,6 +51,10 @@ _AGAIN_S: Final = 2.0
 """Until a loop that has ended is started again."""
 
 
+def _address(peer: int) -> tuple[str, int]:
+    return ".".join(str(peer >> shift & 255) for shift in (40, 32, 24, 16)), peer & 0xFFFF
+
+
 class Over(BaseException):
     """The story is told."""
 
@@ -109,10 +113,11 @@ class World:
         self.people = People(self, np.random.default_rng([story.seed, 4]))
         self.side = controller_of(story, self.active, self._rng)
         self.number, self.peer = 0, _ROBOT_HOST << 16 | 30000
+        self._at = _address(self.peer)
         self.sends = True
         self.now_s = self._clock_off = self._frozen_until = self.received_at = 0.0
         self.cycles = self.age = self.runs = self.compared = self.disabled = 0
-        self.obeyed_other = self._kill = False
+        self.obeyed_other = self._kill = self._not_closed = False
         self.misdirected: list[tuple[str, int]] = []
         self.failed: list[str] = []
         self.unread: list[str] = []
@@ -138,7 +143,7 @@ class World:
                 try:
                     self._cycle_on()
                 except Killed:
-                    self._kill = False
+                    self._kill, self._not_closed = False, True
                 self._end()
                 self._until(self.now_s + _AGAIN_S)
         except Over:
@@ -150,8 +155,9 @@ class World:
             return
         settings = RunSettings(cell=bench.CELL, arm=True)
         try:
-            cycle_on(session, settings, self.control, self.others, None, self.clock_ns)  # type: ignore[arg-type]
+            ended = cycle_on(session, settings, self.control, self.others, None, self.clock_ns)  # type: ignore[arg-type]
             self.control[Life.ENDED] = 1
+            self._not_closed = session.not_closed or not ended
         except ProtocolError as fault:  # told, and the run ends: see loop_process
             if not self.active.begun:
                 self.failed.append(f"ends without a fault: {fault}")
@@ -169,6 +175,7 @@ class World:
         self.session = opened(
             self.story, self.side, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns
         )
+        self.session.not_closed = self._not_closed
         self.log = self.log_of()
         self.recorder: Recorder | None = Recorder(self.ring.name, self.log, self.control)  # type: ignore[arg-type]
 
@@ -238,7 +245,7 @@ class World:
                     self.received_at = self.now_s
 
     def _answered(self, data: bytes, peer: tuple[str, int]) -> None:
-        if (sum(int(part) << 8 * (3 - k) for k, part in enumerate(peer[0].split("."))) << 16 | peer[1]) != self.peer:
+        if peer != self._at:
             self.misdirected.append(peer)
             return
         for delay_s, sent in self._line.carried(data, answer=True):
@@ -272,6 +279,7 @@ class World:
         self.sends = True
         if port is not None:
             self.peer = _ROBOT_HOST << 16 | port
+            self._at = _address(self.peer)
 
     def _cycle(self) -> None:
         controller, active = self.controller, self.active

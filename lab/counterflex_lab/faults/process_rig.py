@@ -24,6 +24,7 @@ from counterflex.app.run.session import RunSettings
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.logs.run_log import RunLog
+from counterflex.files.machine_file import machine_file
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Request
 from counterflex.protocols.processes.living import Beat
 from counterflex.protocols.processes.shared_words import SharedWords
@@ -102,6 +103,7 @@ class ProcessRig:
     Args:
         folder: For cell, configuration and logs.
         seed: Of the sensor's noise.
+        port: Of the loop; 0: the system chooses another one for each.
 
     Attributes:
         robot: The controller; judges what is in force.
@@ -112,8 +114,8 @@ class ProcessRig:
         corrections: (n, 3) m in force, one for every cycle.
     """
 
-    def __init__(self, folder: Path, seed: int = 0) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, seed: int = 0, port: int = 0) -> None:
+        self.folder, self._port = folder, port
         self.cell, self.rsi = write_files(folder)
         self._context = multiprocessing.get_context("forkserver")  # starts hundreds of processes: imports once
         self._context.set_forkserver_preload([__name__])
@@ -144,6 +146,8 @@ class ProcessRig:
             if process is not None and process.pid is not None:
                 os.kill(process.pid, signal.SIGKILL) if process.is_alive() else None
                 process.join(_PATIENCE_S)
+        # A loop that was killed is told to the next one of this port.
+        (machine_file().parent / f"robot-{self._port}.lock").unlink(missing_ok=True)
         self._reader.close()
         self.ring.close()
         self._words.remove()
@@ -167,7 +171,7 @@ class ProcessRig:
         settings = RunSettings(
             self.cell,
             ("rsi", self.rsi),
-            port=0,
+            port=self._port,
             force=self.sensor.address,
             force_http_port=80 if document is None else document[1],
             lockstep=True,

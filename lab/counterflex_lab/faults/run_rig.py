@@ -24,6 +24,7 @@ from counterflex.app.run.missing import counted
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.logs.repair import Repaired
+from counterflex.files.machine_file import machine_file
 from counterflex_lab.devices import FakeRsi, NetftServer, RsiContext
 from counterflex_lab.faults.demonstration import PERIOD_S, demo_config, reported
 from counterflex_lab.faults.process_rig import write_files
@@ -104,6 +105,8 @@ class RunRig:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(number, signal.SIGKILL)
         self.process.wait(_PATIENCE_S)
+        # A loop that was killed is told to the next one of this port, which the system may give to anybody.
+        (machine_file().parent / f"robot-{self._address[1]}.lock").unlink(missing_ok=True)
         self.sensor.close()
         self._socket.close()
         self._output.close()

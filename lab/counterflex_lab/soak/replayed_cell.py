@@ -45,6 +45,8 @@ G0 Z60
 M5
 M30
 """
+_ENDS: Final = 15_000
+"""Cycles that a cell goes on while panel, servers and recorder are ended: a minute."""
 _CYCLES: Final = 2500
 """10 s: nearly the whole groove."""
 
@@ -78,7 +80,8 @@ def prepare(
 
     Args:
         folder: That is there.
-        cycles: For how many the pass is to be played, there and back: so many laps the plan has.
+        cycles: For how many the pass is to be played, there and back: so many laps the plan has, and more for the time
+            in which all else is ended.
         force: Value of the key of the table ``[online]``.
         tracker: Likewise.
         progress: Progress callback, fraction 0 to 1.
@@ -126,7 +129,9 @@ def prepare(
     cell_file.write_text(weighed + tables, encoding="utf-8")
     played = record_pass(live, sensor, room, _CYCLES, progress)
     ends = played.T_part_nominal[[0, -1], :3, 3]
-    write_plan(folder / "plan.parquet", there_and_back(plan, ends, math.ceil(cycles / played.cycles) + 1), about)
+    write_plan(
+        folder / "plan.parquet", there_and_back(plan, ends, math.ceil((cycles + _ENDS) / played.cycles) + 1), about
+    )
     return SteadyJob(cell_file, rsi, folder / "plan.parquet", played)
 
 

@@ -15,6 +15,7 @@ import socket
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -31,11 +32,12 @@ from counterflex.app.run import session as online_session
 from counterflex.app.run.operator_requests import request
 from counterflex.core import atomic
 from counterflex.core.errors import InputError, OutputError
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import processor_times
 from counterflex.protocols.system.realtime import Prepared, prepare, prepared
+from counterflex.protocols.system.signals import heard_when_asked
 from counterflex.twin.live.recorded_pass import RecordedPass
 from counterflex.twin.live.replayed_cell import ReplayedCell
 from counterflex.twin.live.timed_block import Block
@@ -54,9 +56,12 @@ _LOOKED_S: Final = 0.5
 """How often the operator looks."""
 _ABSENT_S: Final = 60.0
 """Without a telegram for so long, the loop ends by itself: longer than a robot program needs to be started again."""
+_PERIOD_S: Final = 4e-3
+_BLOCK: Final = round(60.0 / _PERIOD_S)
+"""Cycles of a minute, which the cell tells together."""
 _LAST_CYCLES: Final = 50
-_PREPARED: Final = 0.02
-"""Of the progress that is shown: the pass is recorded."""
+_PREPARE_S: Final = 60.0
+"""Time to plan and record the pass, about: its weight in the progress that is shown."""
 _LATENESS_ALLOWED: Final = 1 << 30
 """Timeout of the simulated controller, cycles: late answers are counted, they do not end the run."""
 
@@ -85,6 +90,7 @@ class _Watched:
     """What a run left.
 
     Attributes:
+        interrupted: It was ended early, by a signal.
         blocks: What the simulated cell timed, minute by minute.
         samples: Memory and load, every 5 s.
         operator: Requests.
@@ -95,6 +101,7 @@ class _Watched:
     """
 
     operator: SteadyOperator
+    interrupted: bool = False
     blocks: list[Block] = field(default_factory=list)
     samples: list[dict[str, float]] = field(default_factory=list)
     run: dict[str, Any] = field(default_factory=dict)
@@ -115,22 +122,26 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
         The summary: times to answer beside those of a do-nothing echo, growth with its standard error, every hold and
         fault with what the operator did.
 
+    A request to end (Ctrl-C, SIGTERM) once cycles are timed ends the run in order, and all of it is written.
+
     Raises:
         InputError: ``minutes`` out of range.
         OutputError: A process of the run ended early.
+        KeyboardInterrupt: Nothing was timed yet, or it came a second time; then nothing is written.
     """
     if not 0.02 <= settings.minutes <= 10_000.0:
         raise InputError("minutes to run", value=settings.minutes, limit="0.02 .. 10000")
+    part = in_parts(progress, {"preparing": _PREPARE_S, "soaking": 60.0 * settings.minutes})
     with atomic.atomic_folder(out) as staging, tempfile.TemporaryDirectory() as work:
         job = steady.prepare(
             Path(work),
             _cycles(settings),
             force=settings.force,
             tracker=settings.tracker,
-            progress=lambda fraction, what="": progress(_PREPARED * fraction, what),
+            progress=part["preparing"],
         )
         log = staging / LOG if settings.keep_log else Path(work) / LOG
-        watched = _watched(settings, job, log, progress)
+        watched = _watched(settings, job, log, part["soaking"])
         minutes = [minute(k, block) for k, block in enumerate(watched.blocks)]
         _write_table(staging / MINUTES, minutes)
         _write_table(staging / MEMORY, watched.samples)
@@ -138,6 +149,7 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
         summary = {
             "job": "soak",
             "minutes": settings.minutes,
+            "interrupted": watched.interrupted,
             "force": settings.force,
             "tracker": settings.tracker,
             **figures(watched.blocks, minutes, samples),
@@ -155,7 +167,7 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
 
 
 def _cycles(settings: SoakSettings) -> int:
-    return round(settings.minutes * 60.0 / 4e-3)
+    return round(settings.minutes * 60.0 / _PERIOD_S)
 
 
 def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress: Progress) -> _Watched:
@@ -164,11 +176,11 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
     tracker_port = _free_port() if settings.tracker != "none" else None
     cell_end, cell_pipe = context.Pipe()
     run_end, run_pipe = context.Pipe()
-    ended = context.Event()
+    ended, halt = context.Event(), context.Event()
     own = timing_probe.echo_socket()
     echo_address = own.getsockname()
     echo = context.Process(target=_echo_process, args=(own,), daemon=True)
-    cell = context.Process(target=_cell_process, args=(job.rsi, job.played, cycles, cell_pipe), daemon=True)
+    cell = context.Process(target=_cell_process, args=(job.rsi, job.played, cycles, cell_pipe, halt), daemon=True)
     started = [echo, cell]
     out = _Watched(SteadyOperator(lambda action: request(log, action)))
     before = processor_times()
@@ -200,7 +212,10 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
         echo.start()  # it waits for 10 s at most
         timing_probe.await_echo(echo_address)
         cell_end.send((address, tracker, echo_address))
-        _watch(out, _Looks(log, pids, onlookers), cell_end, cell, settings.minutes, progress)
+        with heard_when_asked() as asked:
+            _Watch(out, _Looks(log, pids, onlookers), cell_end, cell, cycles, progress).watch(asked, halt)
+        if not any(len(block.reply_s) for block in out.blocks):
+            raise KeyboardInterrupt  # nothing was timed
         fast = ("loop", "cell")
         out.realtime = {name: prepared(pids[name]) for name in fast} | {"echo": prepared(echo.pid)}
         if onlookers is not None:
@@ -213,14 +228,19 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
         own.close()
         if onlookers is not None:
             onlookers.close()
-        for process in started:
-            if process.pid is not None:
-                process.join(3.0 if process is not echo else 0.0)
-                process.terminate()
-                process.join()
+        _end(started, echo)
     after = processor_times()
     out.stolen = (after[1] - before[1]) / max(1, after[0] - before[0])
     return out
+
+
+def _end(started: list[Any], echo: Any) -> None:
+    """Wait for the processes, and end those that do not end; the echo waits for nobody."""
+    for process in started:
+        if process.pid is not None:
+            process.join(3.0 if process is not echo else 0.0)
+            process.terminate()
+            process.join()
 
 
 @dataclass(frozen=True)
@@ -258,29 +278,67 @@ def _log_figures(log: Path) -> dict[str, Any]:
     }
 
 
-def _watch(out: _Watched, looks: _Looks, pipe: Any, cell: BaseProcess, minutes: float, progress: Progress) -> None:
-    """Sample memory and load, be the operator, and take what the cell tells, until it has finished."""
-    begin = time.monotonic()
-    due = look = begin
-    times = processor_times()
-    while True:
-        now = time.monotonic()
-        if now >= due:
-            due += _SAMPLE_S
-            last, times = times, processor_times()
-            stolen = (times[1] - last[1]) / max(1, times[0] - last[0])
-            out.samples.append(
-                {"seconds": round(now - begin, 3), **looks.sample(), "load": os.getloadavg()[0], "stolen": stolen}
-            )
-            progress(_PREPARED + (0.99 - _PREPARED) * min(1.0, (now - begin) / (60.0 * minutes)), "soaking")
-        if now >= look:
-            out.operator.look(now - begin)
-            look = time.monotonic() + _LOOKED_S
-        if pipe.poll(max(0.0, min(due, look) - time.monotonic())):
-            message = _message(pipe, cell)
-            if message is None:
-                return
-            out.blocks.append(message)
+class _Watch:
+    """Samples memory and load, is the operator, and takes what the cell tells, until it has finished.
+
+    Args:
+        out: What comes of it; written.
+        looks: What is sampled.
+        pipe: From the cell.
+        cell: Its process.
+        cycles: That it is to play.
+        progress: Told by what the cell has played: a machine that stands still takes longer than the cycles last.
+    """
+
+    def __init__(
+        self, out: _Watched, looks: _Looks, pipe: Any, cell: BaseProcess, cycles: int, progress: Progress
+    ) -> None:
+        self._out, self._looks, self._pipe, self._cell = out, looks, pipe, cell
+        self._cycles, self._progress = cycles, progress
+        self._begin = self._due = self._look = self._told = time.monotonic()
+        self._times = processor_times()
+        self._played = 0
+
+    def watch(self, asked: Callable[[], bool], halt: Any) -> None:
+        """Go on until the cell has finished.
+
+        Args:
+            asked: Whether a signal asks to end.
+            halt: Set then: the cell finishes its cycle and tells what it has timed.
+        """
+        while True:
+            if asked() and not self._out.interrupted:
+                self._out.interrupted = True
+                halt.set()
+            now = time.monotonic()
+            if now >= self._due:
+                self._due += _SAMPLE_S
+                self._sample(now)
+            if now >= self._look:
+                self._out.operator.look(now - self._begin)
+                self._look = time.monotonic() + _LOOKED_S
+            if self._pipe.poll(max(0.0, min(self._due, self._look) - time.monotonic())):
+                message = _message(self._pipe, self._cell)
+                if message is None:
+                    return
+                self._out.blocks.append(message)
+                self._played += len(message.reply_s) + message.paused
+                self._told = time.monotonic()
+
+    def _sample(self, now: float) -> None:
+        before, self._times = self._times, processor_times()
+        stolen = (self._times[1] - before[1]) / max(1, self._times[0] - before[0])
+        self._out.samples.append(
+            {
+                "seconds": round(now - self._begin, 3),
+                **self._looks.sample(),
+                "load": os.getloadavg()[0],
+                "stolen": stolen,
+            }
+        )
+        since = min(_BLOCK, (now - self._told) / _PERIOD_S)
+        done = min(1.0, (self._played + since) / self._cycles)
+        self._progress(done)
 
 
 def _memory(pids: dict[str, int | None]) -> dict[str, float]:
@@ -309,14 +367,17 @@ def _message(pipe: Any, process: BaseProcess) -> Any:
     """What a process says next.
 
     Raises:
-        OutputError: It ended silently.
+        OutputError: It ended silently, or by what would be taken for an interruption of this process.
+        Exception: What it says went wrong.
     """
     while not pipe.poll(0.2):
         if not process.is_alive() and not pipe.poll(0.0):
             raise OutputError("a process of the run ended early", value=f"exit status {process.exitcode}")
     message = pipe.recv()
     if isinstance(message, BaseException):
-        raise message
+        if isinstance(message, Exception) and not isinstance(message, EOFError):
+            raise message
+        raise OutputError("a process of the run was ended", value=f"{type(message).__name__} {message}".strip())
     return message
 
 
@@ -332,7 +393,7 @@ def _echo_process(own: socket.socket) -> None:
     timing_probe.echo(own)
 
 
-def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> None:
+def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any, halt: Any) -> None:
     """The simulated cell's side, in real time."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -351,7 +412,7 @@ def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> No
         pipe.send(fault)
         return
     try:
-        cell.run(peer, cycles, tracker=tracker, echo=echo, on_block=tell.put)
+        cell.run(peer, cycles, tracker=tracker, echo=echo, block=_BLOCK, on_block=tell.put, ended=halt.is_set)
         tell.put(None)
         while not pipe.poll(0.0):  # a robot does not fall silent before the loop has ended
             cell.run(peer, _LAST_CYCLES, tracker=tracker)

@@ -85,7 +85,9 @@ class Meter:
         return self._clock() - self._seen[0][0]
 
     def remaining_s(self) -> float | None:
-        """Time left, s; None while nothing is known yet."""
+        """Time left, s; None while nothing is known yet, 0 when all is done that the job told of."""
+        if self.fraction >= 1.0:
+            return 0.0
         if self.fraction < (_FIRST if self._steps > 1 else _ALONE) or self.elapsed_s() <= 0.0:
             return None
         at = min(bisect.bisect_right(self._ends, self.fraction), len(self._ends) - 1)
@@ -108,8 +110,9 @@ class Meter:
     def line(self) -> str:
         """How far it is, in a line."""
         remaining = self.remaining_s()
-        rest = "" if remaining is None else f", about {duration(remaining)} left"
-        return f"{self.what}: {100.0 * self.fraction:.0f} %{rest}"
+        rest = "" if remaining is None or self.fraction >= 1.0 else f", about {duration(remaining)} left"
+        percent = 100.0 if self.fraction >= 1.0 else min(99.0, 100.0 * self.fraction)
+        return f"{self.what}: {percent:.0f} %{rest}"
 
     def _rates(self, ends: Sequence[float]) -> list[tuple[float, float]]:
         """(rate, work) of the parts that are done."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +20,13 @@ _STANDS_M_S: Final = 1e-3
 _LEAST_N: Final = 50.0
 """Force that counts as a cut where no plan says where it cuts."""
 SHARE: Final = 0.997
+_NEEDED: Final = (
+    *("received_ns", "path_m", "cutting", "out_state", "w_good", "force_ratio", "flag_tracker_new"),
+    *("nominal_x", "nominal_y", "nominal_z", "nominal_R02", "nominal_R12", "nominal_R22"),
+    *(f"{name}_{axis}" for name in ("deflection", "correction", "deviation") for axis in "xyz"),
+    *(f"{name}_f{axis}" for name in ("wrench", "predicted") for axis in "xyz"),
+)
+"""Columns of records that curves are made of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,34 +72,45 @@ class RunCurves:
         return self.cut if self.cut.any() else self.active
 
 
-def curves_of(rows: Float, *, planned: bool) -> RunCurves:
-    """Curves of records that follow each other.
+def needed_of(rows: Float) -> Float:
+    """Return the columns of records that curves are made of, (n, m): few, so that a run of hours fits into memory.
 
     Args:
         rows: (n, WIDTH) of :class:`counterflex.runtime.record_ring.RecordRing`.
+    """
+    return rows[:, [column(name) for name in _NEEDED]]
+
+
+def curves_of(parts: Sequence[Float], *, planned: bool) -> RunCurves:
+    """Curves of a whole run: a feed is followed across the segments of its log.
+
+    Args:
+        parts: (n, m) each, :func:`needed_of` records that follow each other; at least one.
         planned: The run had a plan.
     """
-    sides = sides_of(rows)
+    rows = np.concatenate(parts)
+    value = dict(zip(_NEEDED, rows.T, strict=True))
 
     def three(name: str, *axes: str) -> Float:
-        return rows[:, [column(f"{name}_{axis}") for axis in axes or ("x", "y", "z")]]
+        return np.stack([value[f"{name}_{axis}"] for axis in axes or ("x", "y", "z")], axis=1)
 
     def pair(values: Float) -> Float:
         out: Float = np.einsum("nij,nj->ni", sides, values)
         return out
 
+    sides = _sides(value["received_ns"], three("nominal"), three("nominal", "R02", "R12", "R22"))
     force = np.linalg.norm(three("wrench", "fx", "fy", "fz"), axis=1)
-    force = np.where(rows[:, column("w_good")] > 0, force, np.nan)
+    force = np.where(value["w_good"] > 0, force, np.nan)
     plan = np.linalg.norm(three("predicted", "fx", "fy", "fz"), axis=1) if planned else np.full(len(rows), np.nan)
-    deviation, new = three("deviation"), rows[:, column("flag_tracker_new")] > 0
+    deviation, new = three("deviation"), value["flag_tracker_new"] > 0
     seen = new & np.any(deviation != 0.0, axis=1)
-    ratio = rows[:, column("force_ratio")]
-    cut = rows[:, column("cutting")] > 0.5 if planned else np.nan_to_num(force) > _LEAST_N
+    ratio = value["force_ratio"]
+    cut = value["cutting"] > 0.5 if planned else np.nan_to_num(force) > _LEAST_N
     return RunCurves(
-        rows[:, column("received_ns")],
-        rows[:, column("path_m")],
+        value["received_ns"],
+        value["path_m"],
         cut,
-        rows[:, column("out_state")] == State.ACTIVE,
+        value["out_state"] == State.ACTIVE,
         sides,
         pair(three("deflection")),
         pair(three("correction")),
@@ -109,15 +127,20 @@ def sides_of(rows: Float) -> Float:
     Args:
         rows: (n, WIDTH).
     """
-    n = len(rows)
     place = rows[:, [column(f"nominal_{axis}") for axis in "xyz"]]
     tool = rows[:, [column(f"nominal_R{axis}2") for axis in range(3)]]
+    return _sides(rows[:, column("received_ns")], place, tool)
+
+
+def _sides(time_ns: Float, place: Float, tool: Float) -> Float:
+    """Directions of :func:`sides_of` from times, places and directions of the tool."""
+    n = len(place)
     if n < 2:
         return np.stack([np.zeros((n, 3)), tool], axis=1)
     k = np.arange(n)
     before, after = np.maximum(k - _BASE, 0), np.minimum(k + _BASE, n - 1)
     step = place[after] - place[before]
-    span = NS * (rows[after, column("received_ns")] - rows[before, column("received_ns")])
+    span = NS * (time_ns[after] - time_ns[before])
     moves = np.linalg.norm(step, axis=1) > _STANDS_M_S * np.maximum(span, 1e-9)
     last = np.maximum.accumulate(np.where(moves, k, -1))
     first = int(np.argmax(moves)) if moves.any() else 0
@@ -126,11 +149,6 @@ def sides_of(rows: Float) -> Float:
     length = np.linalg.norm(across, axis=1, keepdims=True)
     across = np.divide(across, length, out=np.zeros_like(across), where=length > 1e-12)
     return np.stack([across, tool], axis=1)
-
-
-def joined(parts: Sequence[RunCurves]) -> RunCurves:
-    """Curves of a whole run from those of its segments; at least one."""
-    return RunCurves(*(np.concatenate([getattr(one, field.name) for one in parts]) for field in fields(RunCurves)))
 
 
 def largest_share(pairs_m: Float, where: Bool) -> float | None:

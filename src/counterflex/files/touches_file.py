@@ -1,7 +1,8 @@
 """Touches of one place between cuts as text: one row per touch, by a probe or a tracker at the same programmed pose.
 
 Columns ``time_s,x_mm,y_mm,z_mm`` in part axes and, where known, ``spindle_rpm`` (mean since the row before),
-``sigma_um`` and ``temperature_c`` of the spindle, in any order. Lines that begin with ``#`` are comments.
+``sigma_um`` and ``temperature_c`` of the spindle, in any order. Lines that begin with ``#`` are comments. A temperature
+may be missing in any row but the first, from which the others count.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def read_touches(path: str | Path) -> Touches:
     """Read touches; deviations are from the first.
 
     Raises:
-        FileFormatError: Missing, not text, other columns, or not a number.
+        FileFormatError: Missing, not text, other columns, not a number, or a temperature that the first touch lacks.
         InputError: Fewer than two touches, times that do not rise, or an uncertainty that is not above 0.
     """
     file = Path(path)
@@ -37,6 +38,15 @@ def read_touches(path: str | Path) -> Touches:
     n = len(rows)
     place = np.stack([column[name] for name in NEEDED[1:]], axis=1) * MM
     warm = column.get("temperature_c", np.full(n, np.nan))
+    known = np.isfinite(warm)
+    if known.any() and not known[0]:
+        k = int(np.argmax(known))
+        raise FileFormatError(
+            "temperature_c of the first touch is missing, and later ones count from it",
+            where=str(file),
+            value=f"{warm[k]:g} first at time_s {column['time_s'][k]:g}",
+            hint="Enter the temperature of the first touch, or leave out the rows before it",
+        )
     still: Float = np.zeros(n)
     return Touches(
         time_s=column["time_s"],

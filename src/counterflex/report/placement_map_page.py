@@ -13,11 +13,11 @@ from counterflex.report.page import render
 _VIEWS: Final = {"level": ("x_mm", "y_mm", "x of the base, mm", "y of the base, mm"),
                  "upright": ("x_mm", "z_mm", "x of the base, mm", "height of the part frame, mm")}  # fmt: skip
 _FIGURES: Final = {
-    "deflection_um": ("Deflection by the program", "um", True),
-    "stiffness_n_per_um": ("Stiffness in the softest direction", "N/um", False),
-    "first_mode_hz": ("First natural frequency", "Hz", False),
+    "deflection_um": ("Deflection by the program", "um"),
+    "stiffness_n_per_um": ("Stiffness in the softest direction", "N/um"),
+    "first_mode_hz": ("First natural frequency", "Hz"),
 }
-"""Title, unit, and whether small is good."""
+"""Title and unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +39,12 @@ def placement_map_page(data: MapData) -> str:
     """The page, as HTML text."""
     summary = data.summary
     figures, listed = {}, []
-    for key, (title, unit, small) in _FIGURES.items():
+    for key, (title, unit) in _FIGURES.items():
         for view in _VIEWS:
             name = f"{key}_{view}"
             figures[name] = map_figure(data.rows, summary["present"], view, key)
             place = "at the present height" if view == "level" else "at the present y"
-            listed.append({"name": name, "title": f"{title}, {unit}, {place}", "good": "dark" if small else "bright"})
+            listed.append({"name": name, "title": f"{title}, {unit}, {place}"})
     best = summary["best"]["level"]
     present = summary["present"]["deflection_um"]
     verdict = "The program can be run in no place of the map."

@@ -136,6 +136,7 @@ class Loop:
             self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
         self._axis_pid = axis_pid(settings)
         self._place: Float = self.step_state.place
+        self._cycles: Int = self._loop["state"]["cycles"]
         self.state_cycles = max(1, round(_STATE_S / settings.period_s))
         self._table = self._arrays()
         self.memory = self._memory()
@@ -320,7 +321,7 @@ class Loop:
     @property
     def cycle(self) -> int:
         """Cycles run since the start or the last :meth:`reset`; after the first :meth:`run` it is 1."""
-        return int(self.step_state.cycles)
+        return int(self._cycles[0])
 
     def sha256(self) -> str:
         """Hash over every number the step is given besides its inputs: two loops that agree in it compute the same."""

@@ -111,7 +111,9 @@ def test_placements_are_read(tmp_path: Path) -> None:
         ("name,x_mm\na,1\nA,2\n", "same name"),
         ("name,x_mm\na,nan\n", "places.csv:2: x_mm is no number"),
         ("name,x_mm\na\n", "x_mm is no number"),
-        ("name,x_mm\na,1,2\n", "columns"),
+        ("name,x_mm\na,1,2\n", "more cells than the header"),
+        ("name,x_mm\na,1\nb,2,3\n", "more cells than the header"),
+        ("name,x_mm,x_mm\na,1,2\n", "columns"),
     ],
 )
 def test_what_are_no_placements(tmp_path: Path, text: str, message: str) -> None:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from counterflex.protocols.processes.control_array import Life, Shown
+from counterflex.protocols.processes.control_array import Life, Request, Shown
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.state.supervisor import Cause, State
+from counterflex.runtime.step.supervise import DEBOUNCE
 from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex_lab.faults.process_rig import ProcessRig
 from counterflex_lab.faults.rig import Rig
@@ -108,3 +110,35 @@ if hasattr(signal, "SIGKILL"):
             assert np.linalg.norm(rig.robot.correction[:3]) < 1e-6
             assert rig.steps(first).max() < 0.081e-3
             assert (rig.control[Life.ENDED], rig.control[Life.GONE]) == (1, 1)
+
+    def test_a_loop_behind_one_that_was_killed_in_the_cut_holds_and_waits_for_a_person(tmp_path: Path) -> None:
+        """Started again it only watched: the robot went on in the cut, and nobody held it."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = int(probe.getsockname()[1])
+        with ProcessRig(tmp_path, port=port) as rig:
+            rig.start_loop()
+            rig.activate()
+            rig.run(60)
+            assert rig.loop is not None
+            os.kill(rig.loop.pid or 0, signal.SIGKILL)
+            rig.loop.join()
+            rig.start_loop()
+            rig.control[Request.ARM] = 1
+            rig.run(DEBOUNCE)
+            assert rig.robot.feed_hold
+            rig.run(100, lambda _: 0.0)
+            assert (rig.state, rig.control[Shown.CAUSE]) == (State.IDLE, Cause.NOT_CLOSED)
+            assert rig.robot.stopped == "Stop"
+            rig.new_session()  # its program waits, and a person has looked
+            rig.control[Request.RESET] = 1
+            rig.activate()
+            assert rig.state == State.ACTIVE
+            rig.control[Request.END] = 1
+            while rig.cycle(0.0, patience_s=0.2):
+                pass
+            rig.loop.join()
+            rig.start_loop()  # that one has ended by itself
+            rig.new_session()
+            rig.activate()
+            assert rig.state == State.ACTIVE

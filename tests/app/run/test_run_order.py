@@ -21,7 +21,7 @@ def test_recorder_and_permission_to_arm_do_not_wait_for_the_beat_without_lock(
     control = np.zeros(CONTROL, dtype=np.int64)
     told: list[object] = []
     seen: list[tuple[int, bool]] = []
-    words = iter([(("127.0.0.1", 49152), "hash", (), ["feed"], ["tooth"]), 1])
+    words = iter([(("127.0.0.1", 49152), "hash", (), ["feed"], ["tooth"], "former"), 1])
     for name, stand_in in {
         "OneRun": lambda _: None,
         "Beat": lambda *_: SimpleNamespace(unlock=lambda _: None),
@@ -52,7 +52,10 @@ def test_recorder_and_permission_to_arm_do_not_wait_for_the_beat_without_lock(
         control=control,
     )
     _, lines = online.Supervised.begin(cast("online.Supervised", run))
-    assert lines == ["feed", "tooth"]
+    assert lines[:2] == ["feed", "tooth"]
+    assert len(lines) == 3
+    assert "its log: former" in lines[2]
     assert run._about["not_looked_at"] == ["tooth"]  # and so in the log
+    assert run._about["not_closed"] == "former"
     assert seen == [(1, True)]
     assert control[Life.MAY_ARM] == 1

@@ -70,18 +70,20 @@ def read_placements(file: str | Path) -> tuple[Placement, ...]:
     where = str(file)
     text = file_content.text(file, "Save it as CSV, UTF-8")
     with file_content.readable(file, "CSV", "Save it as CSV, UTF-8"):
-        rows = list(csv.DictReader(text.splitlines(), strict=True))
+        table = csv.DictReader(text.splitlines(), strict=True)
+        columns, rows = list(table.fieldnames or ()), list(table)
     if not rows:
         raise FileFormatError("there is no placement in this file", where=where, limit="a header and a row for each")
     known = ("name", *POSE_KEYS)
-    columns = list(rows[0])
-    if "name" not in columns or any(column not in known for column in columns):
+    if "name" not in columns or not set(columns) <= set(known) or len(set(columns)) < len(columns):
         raise FileFormatError("the columns are not those of placements", where=where, value=columns, limit=known)
     if len(rows) > MOST_PLACEMENTS:
         raise FileFormatError("too many placements", where=where, value=len(rows), limit=MOST_PLACEMENTS)
     placements = []
     for number, row in enumerate(rows, start=2):
         line = f"{where}:{number}"
+        if None in row:  # what stands behind the last column
+            raise FileFormatError("a row has more cells than the header", where=line, limit=len(columns))
         name = row["name"] or ""
         if not _NAME.fullmatch(name):
             raise FileFormatError("no name for a folder", where=line, value=name, limit="letters, digits, . _ -")

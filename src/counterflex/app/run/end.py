@@ -122,6 +122,16 @@ def _missing(summary: Mapping[str, Any]) -> str:
     return f", but up to {missing:.2f} mm of the correction were missing at the robot" if missing else ""
 
 
+def _never_why(summary: Mapping[str, Any]) -> str:
+    """Reason why a run was never armed, where one number or fact says it."""
+    off = summary.get("tracker_off")
+    if not summary["cycles"]:
+        return ": no telegram came"
+    if "not_closed" in summary.get("causes", ()):
+        return ": the loop before did not end by itself, and nobody has acknowledged that (counterflex operator reset)"
+    return f": {offset_message(off)}" if off is not None else ""
+
+
 def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     """How a run ended.
 
@@ -130,7 +140,7 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
             ``holds_feed`` (the robot's link has a word for it),
             ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`), ``compared``
             (:func:`counterflex.protocols.session.comparison.compared`), ``another_port`` of a session that is not
-            answered.
+            answered, ``causes`` by name.
         arm: It was started to correct.
 
     Returns:
@@ -167,9 +177,7 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         sentence = "the correction ended before its program; without a feed hold the robot was stopped"
     elif arm and by in ("never", "armed"):
         what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
-        off = summary.get("tracker_off")
-        why = ": no telegram came" if not summary["cycles"] else f": {offset_message(off)}" if off is not None else ""
-        end, sentence = End.NEVER_ARMED, what + why
+        end, sentence = End.NEVER_ARMED, what + _never_why(summary)
     else:
         end, sentence = End.PLANNED, "as planned" + _missing(summary)
     wrong = end in (End.DIED, End.FAULT, End.LOG_LOST)

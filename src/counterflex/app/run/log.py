@@ -123,6 +123,7 @@ def _facts(about: dict[str, Any]) -> dict[str, Any]:
         "sha256": about.get("sha256", {}),
         "compensated": bool(about.get("compensated", True)),
         "not_looked_at": about.get("not_looked_at", []),
+        "not_closed": about.get("not_closed"),
     }
 
 

@@ -96,8 +96,9 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         ring_name: Of the ring of records.
         words: Where the shared numbers of :data:`counterflex.protocols.processes.control_array.CONTROL` are.
         out: Folder of the log: its name stands in the lock file, so that an operator finds the run by it.
-        pipe: Told the address, the loop's hash and the layout of its memory, what is unusual in the cell file, and what
-            monitoring cannot see in this program; or what went wrong.
+        pipe: Told the address, the loop's hash and the layout of its memory, what is unusual in the cell file, what
+            monitoring cannot see in this program, and the log of the loop before that did not end by itself; or what
+            went wrong.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -108,7 +109,9 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         starts = Beat(control, Life.LOOP_NS, Life.LOOP_PID)  # what it compiles may take minutes
         ring = RecordRing(ring_name)
         session = open_session(settings, ring=ring, control=control)
-        lock = InstanceLock(machine_file().parent, session.link.address[1], run=str(out), words=str(words))
+        port, given = session.link.address[1], settings.port != 0
+        lock = InstanceLock(machine_file().parent, port, given=given, run=str(out), words=str(words))
+        session.not_closed = bool(lock.not_closed)
         session.loop.run()
         session.loop.reset()
         warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)]
@@ -126,9 +129,10 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     living, run = Living(control, Life.RUN_PID, Life.RECORDER_PID), Living(control, Life.RUN_PID)
     control[Life.CANNOT_HOLD] = not session.link.holds_feed
     control[_LOOP_NS] = time.monotonic_ns()
-    _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, warnings, hidden))
+    _say(pipe, (session.link.address, session.loop.sha256(), session.loop.layout, warnings, hidden, lock.not_closed))
+    ended = False
     try:
-        cycle_on(session, settings, control, living, pipe)
+        ended = cycle_on(session, settings, control, living, pipe)
         control[Life.ENDED] = 1
         if publisher is not None:
             publisher.end()
@@ -137,7 +141,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
     session.link.close()
     if session.force is not None:
         session.force.close()
-    lock.close()
+    lock.close(ended=ended, acknowledged=not session.not_closed)
     living.close()
     ring.close()
     if run.gone():
@@ -172,7 +176,7 @@ def cycle_on(
     living: Living,
     pipe: Any,
     clock_ns: Callable[[], int] = time.monotonic_ns,
-) -> None:
+) -> bool:
     """Cycle until asked to end, until the telegrams stop, or until the loop is alone.
 
     A correction that is there is ramped out first.
@@ -184,6 +188,9 @@ def cycle_on(
         living: The other processes of the run.
         pipe: Told what fails in the loop's own program.
         clock_ns: Monotonic.
+
+    Returns:
+        False where a correction is still in effect at a robot that goes on.
     """
     quiet = 0.0
     counters = session.link.counters
@@ -199,18 +206,18 @@ def cycle_on(
         if control[_GONE] or living.gone():
             control[_GONE] = 1
             if _at_rest(session) or quiet >= (END_S if session.loop.state in _ACTING else _SILENT_S):
-                return
+                return True
         if control[_END]:
             end_ns = end_ns or clock_ns() + round(END_S * 1e9)
             control[Request.STOP] = 1
             if _at_rest(session) or clock_ns() > end_ns:
-                return
+                return _at_rest(session)
         if session.cycles == 0:
             session.cycle(_SLICE_S)
             continue
         if session.another_port:
             control[Course.ANOTHER_PORT] = session.another_port
-            return
+            return True
         if settings.lockstep:  # a robot that waits is never late: no cycle without a telegram
             received, waited = session.link.wait(_SLICE_S), _SLICE_S
             if received or counters.malformed != malformed:
@@ -221,7 +228,7 @@ def cycle_on(
             received = session.cycle(waited)
         quiet = 0.0 if received else quiet + waited
         if quiet >= settings.quiet_s or (settings.lockstep and not received and control[_END]):
-            return
+            return True
 
 
 def _at_rest(session: OnlineSession) -> bool:

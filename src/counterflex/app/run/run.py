@@ -37,7 +37,7 @@ from counterflex.protocols.processes.one_run import OneRun
 from counterflex.protocols.processes.operator_words import OperatorFile
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.processes.snapshot import SnapshotMemory
-from counterflex.protocols.session.comparison import compared
+from counterflex.protocols.session.comparison import compared, not_closed_line
 from counterflex.protocols.session.tracker_off import tracker_off
 from counterflex.runtime.record_ring import RecordRing
 
@@ -197,7 +197,7 @@ class Supervised:
         # While the others get ready: once the robot sends, recorder and permission to arm must not wait for it.
         from counterflex.protocols.system.system_calls import unlocked_beat
 
-        where, loop_sha256, layout, unusual, hidden = first_word(
+        where, loop_sha256, layout, unusual, hidden, before = first_word(
             self.loop,
             self._loop_pipe,
             "the loop's process",
@@ -206,6 +206,8 @@ class Supervised:
         )
         self._up.append(self.loop)
         self._about = {**_about(self._settings, loop_sha256), LAYOUT: layout, "not_looked_at": hidden}
+        if before:
+            self._about["not_closed"] = before
         with contextlib.suppress(OSError):  # who has died is told below
             self._recorder_pipe.send(self._about)
         self._up.append(self.recorder)
@@ -218,7 +220,7 @@ class Supervised:
         beat_on = unlocked_beat()  # the loop has compiled it: this process reads it from the cache
         if beat_on is not None:
             self._beat.unlock(beat_on)
-        return where, [*unusual, *hidden]
+        return where, [*unusual, *hidden, *([not_closed_line(before)] if before else [])]
 
     def watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
         """Watch until the loop has ended; the first interrupt asks it to end.
@@ -298,6 +300,7 @@ class Supervised:
             "another_port": int(self.control[Course.ANOTHER_PORT]) or None,
             "holds_feed": not self.control[Life.CANNOT_HOLD],
             "not_looked_at": self._about.get("not_looked_at", []),
+            "not_closed": self._about.get("not_closed"),
             "loop_ended": AS_REQUESTED if exit_code == 0 and self.control[Life.ENDED] else f"died ({exit_code})",
         }
 

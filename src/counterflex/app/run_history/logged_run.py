@@ -19,7 +19,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import NS, PERCENT, UM
 from counterflex.evaluate.incidents import IncidentFinder
-from counterflex.evaluate.run_curves import RunCurves, curves_of, figures, joined
+from counterflex.evaluate.run_curves import RunCurves, curves_of, figures, needed_of
 from counterflex.evaluate.run_record import RunRecord
 from counterflex.files.logs.segments import segments
 from counterflex.files.plan_file import read_plan
@@ -49,7 +49,7 @@ class _Open:
     about: dict[str, Any]
     record: RunRecord
     finder: IncidentFinder
-    parts: list[RunCurves]
+    parts: list[Float]
     actions: list[dict[str, Any]]
 
 
@@ -75,7 +75,7 @@ def read_runs(folder: Path) -> list[LoggedRun]:
         one.finder.add(segment.rows)
         one.actions.extend(segment.actions)
         if len(segment.rows):
-            one.parts.append(curves_of(segment.rows, planned="plan" in one.about.get("files", {})))
+            one.parts.append(needed_of(segment.rows))
     for number, lost in missing.end(folder).at_end.items():
         open_runs[number].record.end(lost)
     incidents = numbered({number: one.finder for number, one in open_runs.items()})
@@ -113,7 +113,8 @@ def one_run(folder: Path, number: int | None, option: str = "--run") -> LoggedRu
 
 
 def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *, incomplete: bool) -> LoggedRun:
-    curves, record, about = joined(one.parts), one.record.figures(), one.about
+    record, about = one.record.figures(), one.about
+    curves = curves_of(one.parts, planned="plan" in about.get("files", {}))
     begin_ns = int(curves.time_ns[0])
     plan = _plan_of(about, folder)
     compensated = "plan" in about.get("files", {}) and bool(about.get("compensated", True))

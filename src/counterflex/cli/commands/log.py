@@ -109,6 +109,10 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
     _show_incidents(run["incidents"], run["incidents_total"])
     _show_actions(run["operator_actions"])
     show_process(run)
+    if run["not_closed"]:
+        from counterflex.protocols.session.comparison import not_closed_line
+
+        typer.echo(f"at its start: {not_closed_line(run['not_closed'])}")
     if run["causes"]:
         causes = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
         typer.echo("cycles with a cause: " + ", ".join(causes))

@@ -1,4 +1,8 @@
-"""One loop at a time for a robot: a lock file that names who holds it and that the system gives back when he dies."""
+"""One loop at a time for a robot: a lock file that names who holds it and that the system gives back when he dies.
+
+A loop that ends by itself leaves the file empty. What is found in a file that nobody holds is therefore of one that was
+killed, or that ended while its correction was in effect: its robot program may still go on, without its correction.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +26,19 @@ class InstanceLock:
     Args:
         folder: Of lock files of this user; made where it is missing.
         port: UDP port at which the robot's telegrams come.
+        given: A person chose it; to one that the system chose no robot goes on sending after its loop.
         about: What else it says of its holder, for whoever looks for him.
 
     Attributes:
         path: Of the lock file.
+        not_closed: Folder of the log of the loop that held it before and did not close it, in this start of the
+            machine; "" where there is none.
 
     Raises:
         OutputError: Another process holds it, or the folder cannot be written, or others can write into it.
     """
 
-    def __init__(self, folder: Path, port: int, **about: str) -> None:
+    def __init__(self, folder: Path, port: int, *, given: bool = True, **about: str) -> None:
         self.path = folder / f"robot-{port}.lock"
         try:
             made_own(folder)
@@ -51,8 +58,11 @@ class InstanceLock:
             )
         self._stream = stream
         stream.seek(0)
+        self._former = stream.read(_LONGEST)
+        self.not_closed = _left(self._former) if given else ""
+        stream.seek(0)
         stream.truncate()
-        stream.write(json.dumps({"pid": os.getpid(), "boot": boot_id(), **about}) + "\n")
+        stream.write(json.dumps({"pid": os.getpid(), "boot": boot_id(), "given": given, **about}) + "\n")
         stream.flush()
 
     def __enter__(self) -> Self:
@@ -63,11 +73,18 @@ class InstanceLock:
         """Give it back."""
         self.close()
 
-    def close(self) -> None:
-        """Give it back; the file stays, empty."""
+    def close(self, *, ended: bool = True, acknowledged: bool = True) -> None:
+        """Give it back; the file stays, empty.
+
+        Args:
+            ended: Nothing is in effect at the robot. Else the file keeps its entry, for the next loop.
+            acknowledged: A person has seen what the loop before left, or it left nothing. Else its entry is kept.
+        """
         if not self._stream.closed:
-            self._stream.seek(0)
-            self._stream.truncate()
+            if ended:
+                self._stream.seek(0)
+                self._stream.truncate()
+                self._stream.write("" if acknowledged else self._former)
             self._stream.close()
 
 
@@ -86,6 +103,20 @@ def holders(folder: Path) -> list[dict[str, Any]]:
         if isinstance(content, dict):
             locks.append(content)
     return locks
+
+
+def _left(text: str) -> str:
+    """Folder of the log of the loop that has left an entry; ``"unknown"`` where that cannot be read."""
+    if not text.strip():
+        return ""
+    try:
+        entry = json.loads(text)
+        if not isinstance(entry, dict):
+            return "unknown"
+        told = entry.get("boot") == boot_id() and entry.get("given") is not False
+        return str(entry.get("run") or "unknown") if told else ""
+    except (ValueError, RecursionError):
+        return "unknown"
 
 
 def _holder(stream: TextIOWrapper) -> str:

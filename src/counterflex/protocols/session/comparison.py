@@ -42,6 +42,11 @@ def comparison_lines(numbers: Mapping[str, Any], cause: Cause, degraded: Cause) 
         degraded: Why the correction is worse than it could be.
     """
     causes = (cause, degraded)
+    if cause == Cause.NOT_CLOSED:
+        yield (
+            "THE LOOP BEFORE DID NOT END BY ITSELF: the program may be in the cut without its correction, and its feed"
+            " is held where it is; take the tool out of the cut, then counterflex operator reset"
+        )
     if numbers["missing_mm"] or cause == Cause.ANSWER_SHORT:
         yield (
             f"MISSING AT THE ROBOT: {numbers['missing_most_mm'] or 0.0:.2f} mm of the correction; look for a limit or"
@@ -69,6 +74,18 @@ def comparison_lines(numbers: Mapping[str, Any], cause: Cause, degraded: Cause) 
     force = numbers["force_by_plan"]
     if Cause.FORCE_OFF_PLAN in causes and force is not None:
         yield f"FORCE {100.0 * force:.0f} % of the planned one since the contact: look for another depth or material"
+
+
+def not_closed_line(log: str) -> str:
+    """Return what is said at the start of a run whose predecessor did not end by itself.
+
+    Args:
+        log: Its folder.
+    """
+    return (
+        f"the loop that answered this robot before did not end by itself (its log: {log}); this one is not armed before"
+        " counterflex operator reset, and holds the feed of a program that wants the correction, or cuts"
+    )
 
 
 def frame_line(numbers: Mapping[str, Any]) -> str:

@@ -38,7 +38,7 @@ _IDLE, _READY, _ARMED = int(State.IDLE), int(State.READY), int(State.ARMED)
 _STATES = tuple(State)
 _RESTARTED, _CLAMPED = int(Cause.SESSION_RESTARTED), int(Cause.CLAMPED_BY_ROBOT)
 _INTERNAL, _LOG_LOST, _WRONG_JOB = int(Cause.INTERNAL), int(Cause.LOG_LOST), int(Cause.WRONG_JOB)
-_RUN_LOST, _PANEL_LOST = int(Cause.RUN_LOST), int(Cause.PANEL_LOST)
+_RUN_LOST, _PANEL_LOST, _NOT_CLOSED = int(Cause.RUN_LOST), int(Cause.PANEL_LOST), int(Cause.NOT_CLOSED)
 _LOG_LATE_ROWS = 125
 """Records that may wait before the loop is armed: half a second."""
 _ARM, _STOP, _RESET = int(Request.ARM), int(Request.STOP), int(Request.RESET)
@@ -71,6 +71,8 @@ class OnlineSession:
         cycles: Telegrams answered or passed over in silence.
         compute_ns: Time of the last cycle from the return of the receive call to the return of the send call.
         trouble: What failed in the loop's own program, or empty; it is a fault until it is reset.
+        not_closed: The loop that answered this robot before did not end by itself. Until a person resets, this one is
+            not armed, and holds the feed of a program that wants the correction, or cuts.
     """
 
     _publisher: Publisher | None = None
@@ -121,6 +123,7 @@ class OnlineSession:
                 angles=self._angles,
             )
         self.trouble = ""
+        self.not_closed = False
         self._silent_cycles = self._repeated = 0
         self._next = AnotherSession(link.counters)
         self._another, self._answered = False, True
@@ -341,6 +344,8 @@ class OnlineSession:
                 soft = _LOG_LOST
             if soft in self._yielding and self._checks.hold_without_panel:
                 soft = soft if panel_state(self.control, now_ns) == THERE else _PANEL_LOST
+        if self.not_closed and self._result.state <= _READY and not self.control[_RESET]:
+            soft = _NOT_CLOSED  # before what else keeps it from being armed: the robot may be in the cut
         if self._teller is not None and self._run_lost(now_ns):
             soft = _RUN_LOST  # before all else: nobody may be there to see what else is wrong
         return soft, hard
@@ -363,7 +368,7 @@ class OnlineSession:
         """A person's: out of what was latched here; the sensor's zero is taken again where nothing is corrected."""
         state = self._result.state
         if state <= _READY:
-            self.trouble = ""
+            self.trouble, self.not_closed = "", False
             self._tare.again()
 
     def _let_go(self, reset: bool) -> None:

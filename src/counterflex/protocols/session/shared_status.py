@@ -157,7 +157,9 @@ class Teller:
         tests = self._tests
         if not self._rows or tests.plan_cycles < self._plan_cycles:
             return _NOTHING, _NOTHING, _NOTHING
-        return round(1e9 * tests.plan_place), round(1e6 * tests.plan_feed), round(1e6 * tests.plan_force)
+        judged = self._loop.monitor.results.ratio > 0.0  # else nothing shows the force, and none is told as planned
+        force_ppm = round(1e6 * tests.plan_force) if judged else _NOTHING
+        return round(1e9 * tests.plan_place), round(1e6 * tests.plan_feed), force_ppm
 
     def _tracker_off(self) -> tuple[int, int, int, int]:
         """Distance, its limit, angle, its limit; -1 for what was found where that does not keep the loop idle."""

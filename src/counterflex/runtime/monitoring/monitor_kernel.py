@@ -50,14 +50,21 @@ _FIRST_CAUSE = int(Cause.PROCESS_MISSING_CUT)
 _ARMED, _FAULT = int(State.ARMED), int(State.FAULT)
 
 
-@kernel("boolean(Given, Settings)", Given=GIVEN, Settings=SETTINGS)
-def _complete(given: Record, s: Record) -> bool:
-    """A telegram came, and force and pose are numbers and fresh."""
-    good = given.elapsed > 0 and given.force_age < s.stale_cycles
-    for k in range(6):
-        good = good and math.isfinite(given.wrench[k])
+@kernel("boolean(Given)", Given=GIVEN)
+def _goes_on(given: Record) -> bool:
+    """A telegram came, and its pose is numbers: feed and place can be judged."""
+    good = given.elapsed > 0
     for k in range(12):
         good = good and math.isfinite(given.nominal[k])
+    return bool(good)
+
+
+@kernel("boolean(Given, Settings)", Given=GIVEN, Settings=SETTINGS)
+def _is_read(given: Record, s: Record) -> bool:
+    """The force is numbers and fresh."""
+    good = given.force_age < s.stale_cycles
+    for k in range(6):
+        good = good and math.isfinite(given.wrench[k])
     return bool(good)
 
 
@@ -256,17 +263,22 @@ def watch(
     m.outcome.new = m.outcome.seen = 0
     if given.reset == 1:
         _reset_events(m)
-    if _complete(given, s):
-        planned = s.planned == 1 and place[0] >= 0.0 and result.path_distance <= s.off_path
-        row = max(0, int(place[0])) if s.planned == 1 else 0
-        here, there, u = plan[row], plan[min(row + 1, plan.shape[0] - 1)], place[1]
+    goes_on, read = _goes_on(given), _is_read(given, s)
+    if not read:
+        m.results.ratio = 0.0  # nothing is known of it: no former one stands for it
+    planned = s.planned == 1 and place[0] >= 0.0 and result.path_distance <= s.off_path
+    row = max(0, int(place[0])) if s.planned == 1 else 0
+    here, there, u = plan[row], plan[min(row + 1, plan.shape[0] - 1)], place[1]
+    moved = 0.0
+    if goes_on:  # the feed is held against the plan whatever the force sensor shows
+        moved = _progress(m, s, here, there, u, given.elapsed) if planned else 0.0
+        m.results.rate = m.rate
+    if goes_on and read:
         feed = path[row].direction[:]
         feed_frame(
             feed[0], feed[1], feed[2],
             -given.nominal[2], -given.nominal[5], -given.nominal[8], m.directions[:], m.now.frame[:],
         )  # fmt: skip
-        moved = _progress(m, s, here, there, u, given.elapsed) if planned else 0.0
-        m.results.rate = m.rate
         _expect(m, s, here, there, u, planned)
         size = _filter_forces(m, s, given)
         follow_motion(m, s, given, result)

@@ -97,9 +97,29 @@ def stamped_pose(
         False where that is longer ago than the loop remembers.
     """
     late = given.tracker_late if given.tracker_late >= 0.0 else limits.tracker_late
+    return pose_at(given, ring, here, (late + earlier_s) / limits.period, state, out)
+
+
+@kernel("boolean(Given, Past[::1], int64, float64, State, float64[::1])", Given=GIVEN, Past=PAST, State=STATE)
+def pose_at(given: Record, ring: Records, here: int, ago: float, state: Record, out: Float) -> bool:
+    """Commanded pose some cycles of the controller ago; between two telegrams as if it had gone on evenly.
+
+    Counted by the controller's cycles and not by those of the loop: where telegrams were lost both part.
+
+    Args:
+        given: Inputs of the cycle.
+        ring: Past cycles.
+        here: Its next row.
+        ago: Cycles.
+        state: Of the step; written.
+        out: (12,) written.
+
+    Returns:
+        False where that is longer ago than the loop remembers; then ``out`` is the present pose.
+    """
     now = state.clock + given.elapsed
     newest = (here - 1 + PAST_ROWS) % PAST_ROWS
-    clock, stamp = now - (late + earlier_s) / limits.period, ring[newest].clock
+    clock, stamp = now - ago, ring[newest].clock
     for k in range(12):
         out[k] = given.nominal[k]
     if clock >= now:
@@ -121,17 +141,24 @@ def stamped_pose(
 def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
     """Return whether the samples stay within their noise although the program has moved the tool by many times as much.
 
-    Against the first of them: one that leaves the noise, or that the program has not moved, is the next first one.
+    Against the first of them: one that leaves the noise is the next first one. So is one that agrees better with the
+    program than the first did: that one was held against a place that the robot had left while telegrams were lost,
+    and a living tracker of a robot that now stands would be called frozen for as long as it stands.
     """
     if memory.anchor[6] < 0.0:
         return False
     noise = SIGMAS * max(LEAST_SIGMA_M, given.tracker_sigma)
-    seen = moved = 0.0
+    seen = moved = off = off_first = 0.0
     for k in range(3):
         seen += (given.actual[9 + k] - memory.anchor[k]) ** 2
         moved += (stands[k] - memory.anchor[3 + k]) ** 2
+        off += (given.actual[9 + k] - stands[k]) ** 2
+        off_first += (memory.anchor[k] - memory.anchor[3 + k]) ** 2
     if memory.anchor[6] == 1.0 and seen <= noise * noise:
-        return bool(moved > (BEYOND_NOISE * noise) ** 2)
+        if moved <= (BEYOND_NOISE * noise) ** 2:
+            return False
+        if off > off_first:
+            return True
     for k in range(3):
         memory.anchor[k], memory.anchor[3 + k] = given.actual[9 + k], stands[k]
     memory.anchor[6] = 1.0

@@ -25,6 +25,7 @@ from counterflex.runtime.plausibility.kernel import (
 from counterflex.runtime.plausibility.tracker_gate import (
     REPEATED,
     count_sample,
+    pose_at,
     sample_doubt,
     stamped_pose,
     watch_session,
@@ -175,15 +176,14 @@ def judge_sample(
     model = state.residual[:]  # work space of the estimator
     in_force, expected = model[:3], model[3:]
     stamped = fused or settings.tracker == _DESIGNED
-    back, remembered = settings.nominal_back, True
-    row = (here - back + PAST_ROWS) % PAST_ROWS
-    for k in range(12):
-        past[k] = given.nominal[k] if back == 0 else ring[row].nominal[k]
+    remembered = True
     if fused:
         _paused(memory)
         remembered = known_then(given, settings, ring, here, limits, state, past, model)
     elif stamped:
         stamped_pose(given, ring, here, 0.0, limits, state, past)
+    else:
+        pose_at(given, ring, here, float(settings.nominal_back), state, past)
     for k in range(6):
         nothing[k] = 0.0  # what the program contains moves the commanded pose itself
     pose_deviation(given.actual[:], 0, past, nothing, deviation)

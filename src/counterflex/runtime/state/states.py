@@ -92,3 +92,5 @@ class Cause(IntEnum):
     """The program runs at another feed than the plan was made for."""
     FORCE_OFF_PLAN = 45
     """The measured force lasts off the predicted one by more than a stated share, from the first contact on."""
+    NOT_CLOSED = 46
+    """The loop that answered this robot before did not end by itself: its program may go on, without its correction."""

@@ -62,6 +62,7 @@ _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.AR
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _OPERATOR, _PROGRAM, _TOO_LONG = int(Cause.OPERATOR), int(Cause.PROGRAM), int(Cause.HELD_TOO_LONG)
 _STOPPED, _ENABLE_LOST = int(Cause.TELEGRAMS_STOPPED), int(Cause.ENABLE_LOST)
+_NOT_CLOSED = int(Cause.NOT_CLOSED)
 _OF_PROCESS, _RUN_LOST = int(Cause.PROCESS_MISSING_CUT), int(Cause.RUN_LOST)
 
 
@@ -194,7 +195,7 @@ def supervise(at: Record, given: Record, settings: Record) -> None:
         # A controller whose next session nobody answered would not wait for a reset: it may come before.
         following, cause = _IDLE, 0
     if given.away == 1 and following in (_IDLE, _READY, _RAMP_OUT, _HOLD) and cause in (0, _PROGRAM):
-        cause = _ENABLE_LOST
+        cause = _NOT_CLOSED if soft == _NOT_CLOSED else _ENABLE_LOST
     _ask_the_robot(at, given, settings, following, cause)
     if following not in (_HOLD, _RAMP_OUT):
         at.held = at.ending = 0

@@ -23,6 +23,7 @@ MOST_ELAPSED: Final = 4
 """Cycles that are made up for at most after telegrams were lost."""
 _READY, _ACTIVE, _HOLD = int(State.READY), int(State.ACTIVE), int(State.HOLD)
 _LATE, _STOPPED = int(Cause.TELEGRAMS_LATE), int(Cause.TELEGRAMS_STOPPED)
+_SESSION = int(Cause.SESSION_RESTARTED)
 _NOT_FINITE, _OFF_PATH = int(Cause.NOT_FINITE), int(Cause.OFF_PATH)
 
 
@@ -80,7 +81,9 @@ def localize(given: Record, settings: Record, state: Record, plan: Records, cycl
     if cycle.planned == 0:
         return
     place, p = state.place[:], given.nominal[9:]
-    if state.supervisor.state <= _READY and place[0] >= 0.0:
+    if given.hard == _SESSION:
+        state.sweep[0] = 0.0  # what was nearest to the place of another session is no candidate
+    if state.supervisor.state <= _READY and place[0] >= 0.0 and state.clock > 0.0:
         seek(plan, place, state.sweep[:], p[0], p[1], p[2])
     cycle.path_distance = follow(plan, place, p[0], p[1], p[2], settings.window)
     cycle.row = int(place[0])

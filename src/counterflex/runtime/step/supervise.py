@@ -45,6 +45,7 @@ _AT_ZERO_RAD = 1e-7
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _PROGRAM, _SESSION = int(Cause.PROGRAM), int(Cause.SESSION_RESTARTED)
+_NOT_CLOSED = int(Cause.NOT_CLOSED)
 
 
 @kernel("int64(Given, Past[::1], int64, State)", Given=GIVEN, Past=PAST, State=STATE)
@@ -210,6 +211,8 @@ def ask_supervisor(
     inputs = state.inputs
     inputs.telegram = 1 if given.elapsed > 0 else 0
     inputs.healthy, inputs.arm = given.healthy, given.arm
+    if cycle.soft == _NOT_CLOSED:  # the loop before this one may have been armed, and have corrected
+        state.acted = state.armed = 1
     inputs.enable = _is_requested(given, cuts, standing, state)
     # A program that switches the correction off says that it has left the cut, where nothing else tells.
     inputs.in_cut = 1 if cuts == CUT or (cuts == MAY_CUT and inputs.enable == 1) else 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +18,8 @@ from counterflex.twin.plant.force_sensor import ForceSensor
 
 SAMPLES: Final = 4
 """Readings of the instruments in a cycle of 4 ms."""
+_LONGEST_LAG: Final = 50
+"""Cycles by which a robot may trail its program."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,21 @@ class RecordedPass:
         turn = max(1, 2 * (self.cycles - 1))
         k %= turn
         return k if k < self.cycles else turn - k
+
+    @functools.cached_property
+    def lag(self) -> int:
+        """Cycles by which the robot trails its program: where the actual path lies nearest to the commanded one."""
+        nominal, actual = self.T_part_nominal[:, :3, 3], self.T_part_actual[:, :3, 3]
+        most = min(_LONGEST_LAG, self.cycles - 1)
+        off = [np.mean((actual[d:] - nominal[: self.cycles - d]) ** 2) for d in range(most + 1)]
+        return int(np.argmin(off))
+
+    def reached(self, k: int) -> int:
+        """Row that shows the robot where the program is in cycle ``k``: :attr:`lag` rows later, also on the way back.
+
+        Backwards, the recorded rows as they are would show a robot that is ahead of its program.
+        """
+        return min(self.cycles - 1, self.there_and_back(k) + self.lag)
 
 
 def record_pass(

@@ -13,6 +13,7 @@ import contextlib
 import select
 import socket
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Final
 
@@ -79,6 +80,8 @@ class ReplayedCell:
         self._largest = 0.0
         self._refused = 0
         self._due = self._time_s = 0.0
+        self._places = deque([0] * (played.lag + 1), played.lag + 1)  # where the robot is, it is late
+        self._stamp_zero_ns = time.monotonic_ns() - round(time.perf_counter() * 1e9)
 
     def run(
         self,
@@ -89,6 +92,7 @@ class ReplayedCell:
         echo: tuple[str, int] | None = None,
         block: int = 15_000,
         on_block: Callable[[Block], None] = lambda _: None,
+        ended: Callable[[], bool] = lambda: False,
     ) -> None:
         """Play in real time; another call goes on where the last one ended.
 
@@ -99,6 +103,7 @@ class ReplayedCell:
             echo: Where the datagram goes that is sent back, or None.
             block: Cycles that are told together.
             on_block: Told every block, the last one shorter.
+            ended: Asked after each cycle whether it is the last one.
         """
         period = self.controller.cycle_s
         times = Times(block)
@@ -116,7 +121,7 @@ class ReplayedCell:
                 _until(due)
             if self.sensor is not None and k % 250 == 0:
                 self.sensor.poll()
-            self._instruments(row, 0, tracker)
+            self._instruments(row, 0, tracker, due)
             data: bytes | None = None
             reply_s = echo_s = np.nan
             woken_s = late_s
@@ -131,11 +136,9 @@ class ReplayedCell:
                 if tick == SAMPLES - 1:
                     break
                 woken_s = max(woken_s, _until(end))
-                self._instruments(row, tick + 1, tracker)
+                self._instruments(row, tick + 1, tracker, end)
                 if echo is not None and running and tick + 1 == _ECHO_AT:
-                    sent_echo = time.perf_counter()
-                    _send(self._echo, telegram, echo)
-                    _, echo_s = self._await(self._echo, sent_echo, end + 0.9 * MS, answers)
+                    echo_s = self._echoed(telegram, echo, end + 0.9 * MS, answers)
             if running:
                 times.add(reply_s, echo_s, late_s, woken_s, self._take(data))
                 why = self._go_on(answered=data is not None)
@@ -148,9 +151,12 @@ class ReplayedCell:
             times.held_cycles += self.program.held_cycles - held_before
             self._due = due = due + period
             self._time_s += period
-            if (k + 1) % block == 0 or k == cycles - 1:
+            last = k == cycles - 1 or ended()
+            if (k + 1) % block == 0 or last:
                 on_block(times.block(self._largest, self.refused))
                 times = Times(block)
+            if last:
+                return
 
     @property
     def refused(self) -> int:
@@ -178,6 +184,7 @@ class ReplayedCell:
         self._refused += self.controller.late
         self.controller = self.controller.again(_SESSION_MS)
         self._answer.reset()
+        self._places.extend([0] * len(self._places))
         self._moved = np.zeros(3)
 
     def _miss(self, cycles: int, *, running: bool) -> None:
@@ -191,31 +198,37 @@ class ReplayedCell:
             self.controller.late += cycles
             for _ in range(cycles):  # what was corrected last is held meanwhile, and goes on being answered
                 self._take_in()
+            before = self.program.place
             self.program.go_on(cycles)
+            self._places.extend(min(before + k, self.program.place) for k in range(1, cycles))
 
     def _prepared(self, *, running: bool) -> tuple[int, bytes]:
-        """Row of the pass, and the telegram of it."""
-        row = self.played.there_and_back(self.program.place)
+        """Row of the pass that robot and instruments show, and the telegram."""
+        self._places.append(self.program.place)
+        commanded, row = self.played.there_and_back(self._places[-1]), self.played.reached(self._places[0])
         self.controller.enabled = self.program.enabled
-        return row, self._telegram(row) if running else b""
+        return row, self._telegram(commanded, row) if running else b""
 
-    def _telegram(self, row: int) -> bytes:
+    def _telegram(self, commanded: int, row: int) -> bytes:
         played = self.played
         T_part_actual = played.T_part_actual[row].copy()
         T_part_actual[:3, 3] += self._answer.value[:3]
         report = Report(
             time_s=self._time_s,
-            T_part_nominal=played.T_part_nominal[row],
+            T_part_nominal=played.T_part_nominal[commanded],
             T_part_actual=T_part_actual,
-            q_command=played.q_command[row],
+            q_command=played.q_command[commanded],
             q_actual=played.q_actual[row],
             cutting_program=True,
             finished=False,
         )
         return self.controller.telegram(report)
 
-    def _instruments(self, row: int, tick: int, tracker: tuple[str, int] | None) -> None:
-        """Readings of a millisecond: no two are the same, also while the robot stands and its row is played again."""
+    def _instruments(self, row: int, tick: int, tracker: tuple[str, int] | None, due: float) -> None:
+        """Readings of a millisecond: no two are the same, also while the robot stands and its row is played again.
+
+        A pose is stamped with the time at which it is measured, however late this machine sends it.
+        """
         k = self._readings = (self._readings + 1) % _SCATTERED
         if self.sensor is not None:
             self.sensor.send(self.played.w_sensor[row, tick] + self._w_scatter[k])
@@ -223,8 +236,14 @@ class ReplayedCell:
             self._sequence = (self._sequence + 1) & 0xFFFFFFFF
             p = (self.played.p_tracker_target[row, tick] + self._moved + self._p_scatter[k]) / MM
             quat = self.played.quat_wxyz[row, tick]
-            now = time.monotonic_ns()
-            _send(self._tracker, DATAGRAM.pack(MAGIC, self._sequence, now, 0, 0, *p, *quat, 0.015), tracker)
+            stamp = self._stamp_zero_ns + round(due * 1e9)
+            _send(self._tracker, DATAGRAM.pack(MAGIC, self._sequence, stamp, 0, 0, *p, *quat, 0.015), tracker)
+
+    def _echoed(self, telegram: bytes, echo: tuple[str, int], end: float, answers: Callable[[bytes], bool]) -> float:
+        """Send a telegram to who only sends it back; how long that took, s."""
+        sent = time.perf_counter()
+        _send(self._echo, telegram, echo)
+        return self._await(self._echo, sent, end, answers)[1]
 
     @staticmethod
     def _await(

@@ -88,6 +88,10 @@ def read_decisions(path: Path) -> tuple[Recorded, Recorded]:
         if tuple(rows.fieldnames or ()) != COLUMNS:
             raise FileFormatError("not a log of the proxy", where=str(path), hint=hint)
         for row in rows:
+            if None in row or None in row.values():
+                raise FileFormatError(
+                    "a row of another length", where=f"{path}:{rows.line_num}", limit=f"{len(COLUMNS)} cells", hint=hint
+                )
             way, number = decisions[WAYS.index(row["way"])], int(row["number"])
             copies = way.get(number, ())
             way[number] = (*copies, *_delivery(row))
