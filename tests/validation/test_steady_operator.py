@@ -10,10 +10,10 @@ import pytest
 
 from counterflex.app.run.operator_requests import Clock, ask
 from counterflex.core.errors import OutputError
+from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes.control_array import Life, Request
 from counterflex.protocols.system.realtime import locked_kb, prepared
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.played_program import Phase, PlayedProgram
 from counterflex.twin.live.timed_block import NOT_REPORTED, Block, Times
 from counterflex.validation.faults.rig import PATIENT, Rig

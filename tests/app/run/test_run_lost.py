@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes.control_array import Life, Shown
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.validation.faults.process_rig import ProcessRig
 from counterflex.validation.faults.rig import Rig
 
