@@ -17,7 +17,8 @@ from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.runtime.plausibility.axis_check import ABSENT, EXACT
 from counterflex.runtime.settings import Output
 from counterflex.runtime.state.supervisor import State
-from counterflex_example.melfa import telegram
+
+from . import telegram
 
 
 class MelfaLink:

@@ -10,7 +10,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import rotation
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex_example.melfa import telegram
+
+from . import telegram
 
 if TYPE_CHECKING:
     from counterflex.app.run.robot_links import ControllerOrder
