@@ -39,7 +39,8 @@ from counterflex.app.environment import environment
 from counterflex.app.run import session as online_session
 from counterflex.files.cell.cell import read_cell
 from counterflex.integrations.ati.simulated import NetftServer
-from counterflex.protocols.kuka_rsi.config import read_config
+from counterflex.integrations.kuka.link.config import read_config
+from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.protocols.processes.control_array import Request
 from counterflex.protocols.session import session as online
 from counterflex.protocols.session.session import OnlineSession
@@ -51,7 +52,6 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.live.live_cell import Report
 from counterflex.twin.live.recorded_pass import RecordedPass
 from counterflex.twin.live.replayed_cell import GATE, ReplayedCell

@@ -16,10 +16,10 @@ from counterflex.files.logs.tracker_log import measurements
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.integrations.beckhoff.link import telegram as ads
 from counterflex.integrations.beckhoff.simulated import AdsServer, PlcVariable
+from counterflex.integrations.kuka.link.context import parse_context
+from counterflex.integrations.kuka.link.make.files import RsiFiles
+from counterflex.integrations.kuka.link.whole_setup import OnlineLimits
 from counterflex.protocols.force.stream import SampleStream
-from counterflex.protocols.kuka_rsi.context import parse_context
-from counterflex.protocols.kuka_rsi.make.files import RsiFiles
-from counterflex.protocols.kuka_rsi.setup import OnlineLimits
 from counterflex.protocols.wrench import telegram as wrenches
 from fuzz_frame_targets import FRAMES
 from fuzz_target import Finding, Target

@@ -22,9 +22,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from counterflex.core.arrays import Float
-from counterflex.protocols.kuka_rsi.config import RsiConfig
-from counterflex.protocols.kuka_rsi.link import RsiLink
-from counterflex.protocols.kuka_rsi.telegram import Writer, robot_writer
+from counterflex.integrations.kuka.link.config import RsiConfig
+from counterflex.integrations.kuka.link.link import RsiLink
+from counterflex.integrations.kuka.link.telegram import Writer, robot_writer
 from counterflex.protocols.processes.control_array import Request
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession

@@ -18,17 +18,17 @@ from counterflex.integrations.ati.link.telegram import Scaling as Scaling
 from counterflex.integrations.ati.simulated import COUNTS as COUNTS
 from counterflex.integrations.ati.simulated import SATURATED as SATURATED
 from counterflex.integrations.ati.simulated import NetftServer as NetftServer
-from counterflex.protocols.kuka_rsi.config import RsiConfig as RsiConfig
-from counterflex.protocols.kuka_rsi.config import parse_config as parse_config
-from counterflex.protocols.kuka_rsi.config import read_config as read_config
-from counterflex.protocols.kuka_rsi.kernel import OK as OK
-from counterflex.protocols.kuka_rsi.link import RsiLink as RsiLink
-from counterflex.protocols.kuka_rsi.make.files import RsiFiles as RsiFiles
-from counterflex.protocols.kuka_rsi.setup import OnlineLimits as OnlineLimits
-from counterflex.protocols.kuka_rsi.telegram import LARGEST_DATAGRAM as LARGEST_DATAGRAM
-from counterflex.protocols.kuka_rsi.telegram import answer_reader as answer_reader
-from counterflex.protocols.kuka_rsi.telegram import answer_writer as answer_writer
-from counterflex.twin.devices.kuka_rsi import FakeRsi as FakeRsi
-from counterflex.twin.devices.kuka_rsi import RsiContext as RsiContext
+from counterflex.integrations.kuka.link.config import RsiConfig as RsiConfig
+from counterflex.integrations.kuka.link.config import parse_config as parse_config
+from counterflex.integrations.kuka.link.config import read_config as read_config
+from counterflex.integrations.kuka.link.kernel import OK as OK
+from counterflex.integrations.kuka.link.link import RsiLink as RsiLink
+from counterflex.integrations.kuka.link.make.files import RsiFiles as RsiFiles
+from counterflex.integrations.kuka.link.telegram import LARGEST_DATAGRAM as LARGEST_DATAGRAM
+from counterflex.integrations.kuka.link.telegram import answer_reader as answer_reader
+from counterflex.integrations.kuka.link.telegram import answer_writer as answer_writer
+from counterflex.integrations.kuka.link.whole_setup import OnlineLimits as OnlineLimits
+from counterflex.integrations.kuka.simulated import FakeRsi as FakeRsi
+from counterflex.integrations.kuka.simulated import RsiContext as RsiContext
 
 __all__ = ["LARGEST_MESSAGE", "netft"]

@@ -15,13 +15,13 @@ import pytest
 from counterflex.app import examples
 from counterflex.core.errors import CounterflexError, InputError, OutputError, ProgramError
 from counterflex.core.units import DEG, MM
+from counterflex.integrations.kuka.link.calls import read_calls
+from counterflex.integrations.kuka.link.config import read_config
+from counterflex.integrations.kuka.link.context import read_context
+from counterflex.integrations.kuka.link.link import RsiLink
 from counterflex.integrations.kuka.link.setup import CheckSettings, MakeSettings, check, make
-from counterflex.protocols.kuka_rsi.calls import read_calls
-from counterflex.protocols.kuka_rsi.config import read_config
-from counterflex.protocols.kuka_rsi.context import read_context
-from counterflex.protocols.kuka_rsi.link import RsiLink
+from counterflex.integrations.kuka.simulated import CORRECTING, FakeRsi, RsiContext
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import CORRECTING, FakeRsi, RsiContext
 
 COMPENSATED = """&ACCESS RVP
 &REL 1

@@ -18,13 +18,13 @@ from counterflex.app.proof.truth import make_truth
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose
 from counterflex.integrations.kuka import alone as simulated_rsi
-from counterflex.protocols.kuka_rsi.config import read_config
-from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.integrations.kuka.link.config import read_config
+from counterflex.integrations.kuka.link.telegram import answer_writer, robot_reader
+from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.plausibility.axis_check import AxisCheck
 from counterflex.twin.devices import robot_server
 from counterflex.twin.devices.exact_robot import StandingRobot, Standstill
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.robot_server import RobotServer
 
 DEMO = Path(package.__file__).parent / "app" / "demo"

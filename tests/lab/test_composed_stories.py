@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
-from counterflex.protocols.kuka_rsi.link import RsiLink
+from counterflex.integrations.kuka.link.link import RsiLink
 from counterflex.protocols.robot.port import RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.protocols.session import session as session_module

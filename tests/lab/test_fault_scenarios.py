@@ -10,10 +10,10 @@ import pytest
 from counterflex.core.errors import InputError
 from counterflex.files.summary_file import read_summary
 from counterflex.geometry import pose
+from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.network.impairment import Impairment
 from counterflex_lab.faults import SCENARIOS, disobedience, faults, lying_sensors
 from counterflex_lab.faults.demonstration import demo_cell, demo_config, force_only, reported

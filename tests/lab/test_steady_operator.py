@@ -19,7 +19,6 @@ from counterflex.protocols.processes.control_array import Life, Request
 from counterflex.protocols.system.realtime import locked_kb, prepared
 from counterflex.protocols.system.signals import heard_when_asked
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.played_program import Phase, PlayedProgram
 from counterflex.twin.live.timed_block import NOT_REPORTED, Block, Times
 from counterflex_lab.composed import endurance

@@ -32,6 +32,7 @@ from counterflex_lab.faults.rig import Rig
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
+LANGUAGES = (("languages", "poses"), ("languages", "melfa"))
 RAKE = """law = "rake"
 chip_min_um = 1.0
 chip_max_um = 300.0
@@ -196,9 +197,11 @@ def test_the_command_lists_what_the_package_brings(installed: Path) -> None:
     added = {
         (row["group"], row["name"]) for row in json.loads(done.stdout) if row["package"] == "counterflex-example 1.0"
     }
-    groups = ("force_laws", "force_sensors", "recipes", "languages", "languages", "controllers", "robots", "materials")
-    names = ("rake", "ascii", "nose", "poses", "melfa", "mitsubishi", "example_arm", "example")
-    assert added == {(f"counterflex.{group}", name) for group, name in zip(groups, names, strict=True)}
+    brought = {
+        "force_laws": "rake", "force_sensors": "ascii", "recipes": "nose", "controllers": "mitsubishi",
+        "robot_links": "melfa", "robots": "example_arm", "materials": "example",
+    }  # fmt: skip
+    assert added == {(f"counterflex.{group}", name) for group, name in (*brought.items(), *LANGUAGES)}
 
 
 @pytest.mark.parametrize(

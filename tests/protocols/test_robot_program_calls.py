@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import CounterflexError
 from counterflex.integrations.abb.link.calls import parse_egm_calls
-from counterflex.protocols.kuka_rsi.calls import parse_calls
+from counterflex.integrations.kuka.link.calls import parse_calls
 
 KRL = (
     'DEF groove()\nDECL INT ret, id ; x\nPTP {A1 0}\nret = RSI_CREATE("counterflex.rsi", id, TRUE)\n'

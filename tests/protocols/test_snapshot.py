@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.records import count_of
+from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes import snapshot_layout as layout
 from counterflex.protocols.processes.control_array import Panel, Request
 from counterflex.protocols.processes.snapshot import SnapshotMemory, SnapshotReader, SnapshotSlots, check_of
@@ -19,7 +20,6 @@ from counterflex.protocols.session.publisher import LOST, NO_PANEL, THERE
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.protocols.session.snapshot_kernel import lengths_of, share_of
 from counterflex.runtime.state.states import Cause, State
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex_lab.faults.rig import Rig
 
 

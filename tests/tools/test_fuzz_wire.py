@@ -17,9 +17,9 @@ from counterflex.files.logs.tracker_log import measurements
 from counterflex.integrations.ati.link import kernel as netft_kernel
 from counterflex.integrations.beckhoff.link import telegram as ads
 from counterflex.integrations.beckhoff.simulated import AdsServer, PlcVariable
+from counterflex.integrations.kuka.link import kernel as rsi_kernel
+from counterflex.integrations.kuka.link.telegram import answer_reader, robot_reader
 from counterflex.protocols import decimal_kernel
-from counterflex.protocols.kuka_rsi import kernel as rsi_kernel
-from counterflex.protocols.kuka_rsi.telegram import answer_reader, robot_reader
 from counterflex.protocols.tracker import kernel as tracker_pose_kernel
 
 ROOT = Path(__file__).parents[2]

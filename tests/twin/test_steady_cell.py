@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from counterflex.geometry import pose
-from counterflex.protocols.kuka_rsi.config import parse_config
-from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.integrations.kuka.link.config import parse_config
+from counterflex.integrations.kuka.link.telegram import answer_writer, robot_reader
+from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.protocols.tracker.telegram import DATAGRAM
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.played_program import ACTIVE, ARMED, NO_TAG, PlayedProgram
 from counterflex.twin.live import replayed_cell

@@ -10,6 +10,7 @@ from typing import Final
 from counterflex.core import atomic
 from counterflex.core.errors import OutputError
 from counterflex.robot.model import catalog
+from counterflex.robot.model.controller_axes import MAKERS
 
 ROBOT: Final = "kuka_kr300_r2500_ultra"
 """Robot of the demonstration cell."""
@@ -65,11 +66,12 @@ def with_robot(cell: str, robot: str) -> str:
 
 
 def write_all(cell: Path, robot: str = ROBOT) -> list[Path]:
-    """Write what the first steps need: a cell that also corrects online, its part, an RSI configuration, a small job.
+    """Write what the first steps need: a cell that also corrects online, its part, set-up of the link, a small job.
 
     Args:
-        cell: Of the cell file, ``NAME.toml``. Beside it: ``part.ngc``, for a KUKA ``rsi.xml``, and ``NAME-small.toml``
-            with ``groove.ngc``, which take seconds where the others take minutes.
+        cell: Of the cell file, ``NAME.toml``. Beside it: ``part.ngc``, what sets up the link of the robot (for a
+            KUKA ``rsi.xml``), and ``NAME-small.toml`` with ``groove.ngc``, which take seconds where the others take
+            minutes.
         robot: Of the catalogue, in place of that of the demonstration.
 
     Raises:
@@ -77,13 +79,15 @@ def write_all(cell: Path, robot: str = ROBOT) -> list[Path]:
         OutputError: A file is there already, or the folder cannot be written.
     """
     folder, large, little = cell.parent, text("cell.toml"), small()
+    maker = catalog.load(robot).axes.maker
+    set_up = "" if maker is None else MAKERS[maker].set_up
     if robot != ROBOT:
         large, little = with_robot(large, robot), with_robot(little, robot)
     return _write(
         {
             cell: large + _ONLINE,
             folder / "part.ngc": text("part.ngc"),
-            **({folder / "rsi.xml": text("rsi.xml")} if catalog.load(robot).axes.maker == "kuka" else {}),
+            **({folder / set_up: text(set_up)} if set_up else {}),
             folder / f"{cell.stem}-small{cell.suffix}": little + _ONLINE,
             folder / "groove.ngc": text("groove.ngc"),
         }

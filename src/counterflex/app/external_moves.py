@@ -21,7 +21,7 @@ from counterflex.path.turning import TurnedPath
 from counterflex.plan.inputs import Setting
 from counterflex.plan.preflight.external_moves import external_row
 from counterflex.plan.preflight.process.cut_rows import cutter_or_none
-from counterflex.programs.language import is_robot
+from counterflex.programs.language import LANGUAGES, is_robot
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 
@@ -146,12 +146,13 @@ def require_frames(places: ExternalPlaces | None, cell: Cell, language: str) -> 
                 limit="true", hint="Say coupled = true where the frame of the part stays right when the axis moves: it "
                 f"is part of the robot's kinematics on the controller; {one}",
             )  # fmt: skip
-        named = language == "rapid" and cell.tables.controller.work_object
+        named = cell.tables.controller.work_object and LANGUAGES[language].work_object
         if axis.carries == "part" and not named:
+            naming = ", ".join(kind.short for _, kind in LANGUAGES.items() if kind.work_object)
             raise InputError(
                 f"{axis.name} carries the part, and the frame of the targets that this program names stands",
-                where=str(cell.path), value=language, limit='RAPID with "controller.work_object", a work object that '
-                "goes with the axis (ufmec)", hint=f"Give its name for RAPID; {one}",
+                where=str(cell.path), value=language, limit=f'{naming} with "controller.work_object", a work object '
+                "that goes with the axis (ufmec)", hint=f"Give its name for {naming}; {one}",
             )  # fmt: skip
 
 

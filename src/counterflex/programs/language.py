@@ -69,6 +69,7 @@ class Language:
         comment: Comment in the text of a block; the first group that matches is its text.
         tool_stays: A program that names no tool runs with the one that is active.
         orientation: What is written states the orientation of the tool, so that it can be corrected.
+        work_object: Its programs can name the frame of their targets, ``controller.work_object``; it goes with an axis.
         read: ``(file, *, machine, complete) -> Program``; of a robot ``cell`` in place of ``machine``.
         files: ``(file) -> tuple[Path, ...]``, files that are read with a program, of languages with jobs of several.
         table: The :class:`~counterflex.programs.statement_table.StatementTable`.
@@ -97,6 +98,7 @@ class Language:
     comment: re.Pattern[str] | None = None
     tool_stays: bool = False
     orientation: bool = True
+    work_object: bool = False
     read: Place = None
     files: Place = None
     table: Place = None

@@ -17,6 +17,7 @@ from counterflex.app.panel.watched_run import Seen, WatchedRun
 from counterflex.core.errors import OutputError
 from counterflex.core.records import Records
 from counterflex.geometry import pose
+from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes.actions import Actions, actions_path
 from counterflex.protocols.processes.control_array import CONTROL, Life, Panel, Request
 from counterflex.protocols.processes.operator_words import OperatorFile
@@ -26,7 +27,6 @@ from counterflex.protocols.processes.snapshot_layout import SNAPSHOT
 from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.state.states import Cause, State
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex_lab.faults.rig import Rig
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "cells" / "kr300_d16_small.toml"

@@ -20,8 +20,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.segments import read_log
+from counterflex.integrations.kuka.link.config import parse_config
 from counterflex.integrations.kuka.link.setup import MakeSettings, make
-from counterflex.protocols.kuka_rsi.config import parse_config
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.state.supervisor import Cause, State

@@ -12,9 +12,9 @@ import pytest
 from counterflex.app.run.operator_requests import Clock, ask, request
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
+from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes.control_array import Life, Request
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex_lab.faults.rig import Rig
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.units import MM
-from counterflex.protocols.kuka_rsi.config import parse_config
-from counterflex.protocols.kuka_rsi.make.files import RsiFiles
-from counterflex.protocols.kuka_rsi.setup import OnlineLimits
+from counterflex.integrations.kuka.link.config import parse_config
+from counterflex.integrations.kuka.link.make.files import RsiFiles
+from counterflex.integrations.kuka.link.whole_setup import OnlineLimits
 from counterflex.protocols.processes.control_array import Request
 from counterflex_lab.faults.rig import Rig
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes.control_array import Life, Request, Shown
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.supervise import DEBOUNCE
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex_lab.faults.process_rig import ProcessRig
 from counterflex_lab.faults.rig import Rig
 

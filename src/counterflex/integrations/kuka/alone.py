@@ -18,10 +18,10 @@ from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.scenario_file import RsiTable
 from counterflex.geometry import pose
-from counterflex.protocols.kuka_rsi.config import read_config
+from counterflex.integrations.kuka.link.config import read_config
+from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.robot.elasticity.chain import forward
 from counterflex.twin.devices.exact_robot import ControlledRobot, StandingRobot, Standstill
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.plant.motor_currents import MotorCurrents
 
 

@@ -7,8 +7,8 @@ from typing import Final
 from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.robot_links import LinkOrder, RobotLinkKind
 from counterflex.core.errors import InputError
-from counterflex.protocols.kuka_rsi.config import read_config
-from counterflex.protocols.kuka_rsi.link import RsiLink
+from counterflex.integrations.kuka.link.config import read_config
+from counterflex.integrations.kuka.link.link import RsiLink
 from counterflex.runtime.plausibility.axis_check import ABSENT
 from counterflex.runtime.settings import Output
 

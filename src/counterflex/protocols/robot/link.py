@@ -12,8 +12,8 @@ from counterflex.runtime.state.supervisor import State
 class RobotLink(Protocol):
     """One session with a controller, from the sensor program's side.
 
-    A link may have :meth:`counterflex.protocols.kuka_rsi.link.RsiLink.repeat` too, where its protocol has telegrams
-    that can be answered although they cannot be read.
+    A link may have ``repeat(*, stop, feed_hold, override, state, silent)`` too, where its protocol has telegrams that
+    can be answered although they cannot be read: told after each answer what to say to them beside the correction.
     """
 
     counters: Counters

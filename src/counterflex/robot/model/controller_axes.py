@@ -67,6 +67,7 @@ class Maker:
         source: Where the convention is stated.
         letter: Before the number of an axis.
         words_of: Words of an orientation (3, 3) as the pendant shows them, with their unit; None: A B C.
+        set_up: File of the demonstration that sets up its link to the loop; empty: the cell file says all.
     """
 
     title: str
@@ -78,6 +79,7 @@ class Maker:
     source: str
     letter: str = "axis "
     words_of: Callable[[Float], dict[str, float]] | None = None
+    set_up: str = ""
 
     def orientation(self, R: Float) -> dict[str, float]:
         """Words of an orientation (3, 3) as the pendant shows them."""

@@ -21,6 +21,7 @@ LIMITS: Final = Limits(
 LANGUAGE: Final = Language(
     title="ABB RAPID",
     short="RAPID",
+    work_object=True,
     endings=(".mod", ".modx", ".prg", ".sys", ".sysx", ".pgf"),
     signs=Signs(
         "ABB RAPID",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from counterflex.integrations.kuka.language.rsi_switching import RsiSwitching
-from counterflex.protocols.kuka_rsi.make.files import (
+from counterflex.integrations.kuka.link.make.files import (
     CORRECTION_INDEX,
     ENABLE_INDEX,
     FEED_HOLD_INDEX,

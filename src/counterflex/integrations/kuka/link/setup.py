@@ -23,14 +23,11 @@ from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.tables import CellTables
 from counterflex.integrations.kuka.language.rsi import called, check_main, check_path, link_test, with_correction
 from counterflex.integrations.kuka.language.rsi_switching import RsiSwitching
-from counterflex.integrations.kuka.link.readme import readme
-from counterflex.programs.compensated import marks
-from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.calls import parse_calls, read_calls
-from counterflex.protocols.kuka_rsi.check.all_rules import check as judge
-from counterflex.protocols.kuka_rsi.config import parse_config, read_config
-from counterflex.protocols.kuka_rsi.context import parse_context, read_context
-from counterflex.protocols.kuka_rsi.make.files import (
+from counterflex.integrations.kuka.link.calls import parse_calls, read_calls
+from counterflex.integrations.kuka.link.check.all_rules import check as judge
+from counterflex.integrations.kuka.link.config import parse_config, read_config
+from counterflex.integrations.kuka.link.context import parse_context, read_context
+from counterflex.integrations.kuka.link.make.files import (
     CORRECTION_INDEX,
     ENABLE_INDEX,
     FEED_HOLD_INDEX,
@@ -38,7 +35,10 @@ from counterflex.protocols.kuka_rsi.make.files import (
     RsiFiles,
     check_files,
 )
-from counterflex.protocols.kuka_rsi.setup import OnlineLimits, Setup
+from counterflex.integrations.kuka.link.readme import readme
+from counterflex.integrations.kuka.link.whole_setup import OnlineLimits, Setup
+from counterflex.programs.compensated import marks
+from counterflex.protocols.finding import Finding
 
 NAME: Final = "counterflex"
 """Of the context and its files."""

@@ -11,9 +11,9 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ProtocolError
+from counterflex.integrations.kuka.link.config import RsiConfig, Value
+from counterflex.integrations.kuka.link.kernel import NUMBER, OK, TEXT, compose, scan
 from counterflex.protocols.decimal_kernel import Bytes
-from counterflex.protocols.kuka_rsi.config import RsiConfig, Value
-from counterflex.protocols.kuka_rsi.kernel import NUMBER, OK, TEXT, compose, scan
 
 LARGEST_DATAGRAM = 65_507
 SCAN_FAULTS = {
@@ -25,7 +25,7 @@ SCAN_FAULTS = {
     6: "a declared value is missing",
     7: "the counter IPOC is missing",
 }
-"""What a status of :func:`counterflex.protocols.kuka_rsi.kernel.scan` means."""
+"""What a status of :func:`counterflex.integrations.kuka.link.kernel.scan` means."""
 
 
 class Reader:

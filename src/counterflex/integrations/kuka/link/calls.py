@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.file_content import content
-from counterflex.protocols.kuka_rsi.context import decimal
+from counterflex.integrations.kuka.link.context import decimal
 
 Mode = Literal["absolute", "relative"]
 _MOTION: Final = re.compile(r"(PTP_REL|PTP|LIN_REL|LIN|CIRC_REL|CIRC|SPTP|SLIN|SCIRC|SPL|SPLINE)\b", re.IGNORECASE)

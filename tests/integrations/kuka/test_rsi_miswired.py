@@ -12,13 +12,13 @@ import pytest
 
 from counterflex.integrations.kuka.language.rsi import with_correction
 from counterflex.integrations.kuka.language.rsi_switching import RsiSwitching
+from counterflex.integrations.kuka.link.calls import parse_calls
+from counterflex.integrations.kuka.link.check.all_rules import check
+from counterflex.integrations.kuka.link.config import parse_config
+from counterflex.integrations.kuka.link.context import parse_context
+from counterflex.integrations.kuka.link.make.files import RsiFiles
+from counterflex.integrations.kuka.link.whole_setup import OnlineLimits, Setup
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.calls import parse_calls
-from counterflex.protocols.kuka_rsi.check.all_rules import check
-from counterflex.protocols.kuka_rsi.config import parse_config
-from counterflex.protocols.kuka_rsi.context import parse_context
-from counterflex.protocols.kuka_rsi.make.files import RsiFiles
-from counterflex.protocols.kuka_rsi.setup import OnlineLimits, Setup
 
 LIMITS: Final = OnlineLimits(correction_mm=1.5, correction_deg=0.3, hard_factor=1.5, period_ms=4, override=True)
 PATH: Final = "DEF part( )\nPTP XSTART\nLIN {X 0,Y 0,Z 5,A 0,B 90,C 0}\nEND\n"

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import PureWindowsPath
 from typing import Final
 
+from counterflex.integrations.kuka.link.context import ContextObject
+from counterflex.integrations.kuka.link.whole_setup import Rule, Setup
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.context import ContextObject
-from counterflex.protocols.kuka_rsi.setup import Rule, Setup
 
 PRECISION_DEFAULT: Final = 1
 TIMEOUT_DEFAULT: Final = 10

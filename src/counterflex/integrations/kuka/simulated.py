@@ -18,9 +18,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import rotation
-from counterflex.protocols.kuka_rsi.config import RsiConfig, Value
-from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
-from counterflex.protocols.kuka_rsi.telegram import answer_reader, robot_writer
+from counterflex.integrations.kuka.link.config import RsiConfig, Value
+from counterflex.integrations.kuka.link.kernel import MISSING, OK
+from counterflex.integrations.kuka.link.telegram import answer_reader, robot_writer
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.plant.motor_currents import MotorCurrents

@@ -12,10 +12,10 @@ from typing import Final
 from xml.sax.saxutils import escape
 
 from counterflex.core.errors import InputError
-from counterflex.protocols.kuka_rsi.make.blocks import Block
-from counterflex.protocols.kuka_rsi.make.context_file import context_file
-from counterflex.protocols.kuka_rsi.make.editor_files import controller_file, diagram_file, model_file
-from counterflex.protocols.kuka_rsi.setup import OnlineLimits
+from counterflex.integrations.kuka.link.make.blocks import Block
+from counterflex.integrations.kuka.link.make.context_file import context_file
+from counterflex.integrations.kuka.link.make.editor_files import controller_file, diagram_file, model_file
+from counterflex.integrations.kuka.link.whole_setup import OnlineLimits
 
 FEED_HOLD_INDEX: Final = 1
 """Index of $SEN_PREA that the loop sets to ask for a feed hold."""

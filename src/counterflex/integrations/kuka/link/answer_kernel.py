@@ -8,8 +8,8 @@ from counterflex.core.array_table import addresses, raw_bytes, reals, whole_matr
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records
-from counterflex.protocols.kuka_rsi.kernel import compose
-from counterflex.protocols.kuka_rsi.pose_kernel import write_axes, write_correction
+from counterflex.integrations.kuka.link.kernel import compose
+from counterflex.integrations.kuka.link.pose_kernel import write_axes, write_correction
 from counterflex.protocols.system.system_calls import send_to
 
 ARRAYS: Final = addresses("values", "pose", "axes", "free", "buffer", "pieces", "parts", "name")

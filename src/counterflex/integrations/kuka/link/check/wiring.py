@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.integrations.kuka.link.context import ContextObject, Input, RsiContextFile
+from counterflex.integrations.kuka.link.whole_setup import Rule, Setup
 from counterflex.protocols.finding import Finding, Severity
-from counterflex.protocols.kuka_rsi.context import ContextObject, Input, RsiContextFile
-from counterflex.protocols.kuka_rsi.setup import Rule, Setup
 
 
 def wired_corrections(setup: Setup) -> Iterator[Finding]:

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.integrations.kuka.link.whole_setup import AXIS_WORDS, POSE, Rule, Setup
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.setup import AXIS_WORDS, POSE, Rule, Setup
 
 _AXES: Final = tuple(f"A{i}" for i in range(1, 7))
 _SENTYPE: Final = re.compile(r"[A-Za-z0-9_.-]{1,32}")

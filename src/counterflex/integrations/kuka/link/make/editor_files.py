@@ -6,7 +6,7 @@ import uuid
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from counterflex.protocols.kuka_rsi.make.blocks import Block, ordinal, spelled, used_ports
+from counterflex.integrations.kuka.link.make.blocks import Block, ordinal, spelled, used_ports
 
 _HEAD: Final = '<?xml version="1.0" encoding="utf-8"?>'
 _WHOLE_RANGE: Final = (-2147483648, 2147483647)

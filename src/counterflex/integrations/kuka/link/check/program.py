@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.integrations.kuka.link.context import decimal
+from counterflex.integrations.kuka.link.whole_setup import Rule, Setup, message_variables
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.context import decimal
-from counterflex.protocols.kuka_rsi.setup import Rule, Setup, message_variables
 
 _POINT_TO_POINT: Final = ("PTP", "PTP_REL", "SPTP")
 _SPLINE: Final = ("SLIN", "SCIRC", "SPL", "SPLINE")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from counterflex.protocols.kuka_rsi.make.blocks import (
+from counterflex.integrations.kuka.link.make.blocks import (
     FRAMES,
     STOP_MODES,
     TYPES,

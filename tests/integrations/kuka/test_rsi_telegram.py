@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import FileFormatError, InputError, ProtocolError
-from counterflex.protocols.decimal_kernel import read_decimal, write_decimal
-from counterflex.protocols.kuka_rsi.config import RsiConfig, parse_config
-from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
-from counterflex.protocols.kuka_rsi.telegram import (
+from counterflex.integrations.kuka.link.config import RsiConfig, parse_config
+from counterflex.integrations.kuka.link.kernel import MISSING, OK
+from counterflex.integrations.kuka.link.telegram import (
     SCAN_FAULTS,
     answer_reader,
     answer_writer,
@@ -22,6 +21,7 @@ from counterflex.protocols.kuka_rsi.telegram import (
     robot_reader,
     robot_writer,
 )
+from counterflex.protocols.decimal_kernel import read_decimal, write_decimal
 
 CONFIG = """<ROOT>
   <CONFIG>

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.units import DEG, MM
+from counterflex.integrations.kuka.link.calls import RsiCalls
+from counterflex.integrations.kuka.link.config import RsiConfig, Value
+from counterflex.integrations.kuka.link.context import ContextObject, RsiContextFile
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.calls import RsiCalls
-from counterflex.protocols.kuka_rsi.config import RsiConfig, Value
-from counterflex.protocols.kuka_rsi.context import ContextObject, RsiContextFile
 
 POSE: Final = tuple(f"RKorr.{axis}" for axis in "XYZABC")
 AXIS_WORDS: Final = ("AKorr", "AK")

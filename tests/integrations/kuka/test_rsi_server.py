@@ -15,11 +15,11 @@ import pytest
 from counterflex.core.errors import OutputError, SimulationError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose
-from counterflex.protocols.kuka_rsi.config import parse_config
-from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.integrations.kuka.link.config import parse_config
+from counterflex.integrations.kuka.link.telegram import answer_writer, robot_reader
+from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.twin.devices.applied import COLUMNS, Applied
 from counterflex.twin.devices.exact_robot import StandingRobot, Standstill
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.robot_server import CycleSeen, RobotServer, Timing
 from counterflex.twin.network.faults import Fault, FaultSchedule

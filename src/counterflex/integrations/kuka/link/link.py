@@ -9,11 +9,11 @@ import numpy as np
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.protocols.kuka_rsi.answer_kernel import ARRAYS, answer
-from counterflex.protocols.kuka_rsi.config import RsiConfig
-from counterflex.protocols.kuka_rsi.kernel import MISSING, OK
-from counterflex.protocols.kuka_rsi.pose_kernel import read_pose, read_stand
-from counterflex.protocols.kuka_rsi.telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
+from counterflex.integrations.kuka.link.answer_kernel import ARRAYS, answer
+from counterflex.integrations.kuka.link.config import RsiConfig
+from counterflex.integrations.kuka.link.kernel import MISSING, OK
+from counterflex.integrations.kuka.link.pose_kernel import read_pose, read_stand
+from counterflex.integrations.kuka.link.telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.protocols.robot.wire import Wire

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.integrations.kuka.link.make.blocks import TYPES
+from counterflex.integrations.kuka.link.whole_setup import Rule, Setup
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.make.blocks import TYPES
-from counterflex.protocols.kuka_rsi.setup import Rule, Setup
 
 _CORRECTIONS: Final = ("POSCORR", "AXISCORR", "AXISCORREXT")
 

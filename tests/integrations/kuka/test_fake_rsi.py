@@ -9,11 +9,11 @@ import pytest
 
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.kuka_rsi.config import parse_config
-from counterflex.protocols.kuka_rsi.kernel import OK
-from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
+from counterflex.integrations.kuka.link.config import parse_config
+from counterflex.integrations.kuka.link.kernel import OK
+from counterflex.integrations.kuka.link.telegram import answer_writer, robot_reader
+from counterflex.integrations.kuka.simulated import CLAMPED, CORRECTING, FREE, FakeRsi, RsiContext
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import CLAMPED, CORRECTING, FREE, FakeRsi, RsiContext
 from counterflex.twin.plant.motor_currents import DATA_SHEET_NM_A, RIPPLE_A, SHARE, MotorCurrents
 
 CONFIG = (

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.integrations.kuka.link.whole_setup import Rule, Setup, message_variables
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.setup import Rule, Setup, message_variables
 
 _WRITERS: Final = {"MAP2SEN_PREA": "$SEN_PREA", "MAP2SEN_PINT": "$SEN_PINT"}
 _READERS: Final = {"SEN_PREA": "$SEN_PREA", "SEN_PINT": "$SEN_PINT"}

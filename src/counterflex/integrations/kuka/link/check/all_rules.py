@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from counterflex.integrations.kuka.link.check import context as rsi_rules_context
+from counterflex.integrations.kuka.link.check import ethernet as rsi_rules_ethernet
+from counterflex.integrations.kuka.link.check import objects as rsi_rules_objects
+from counterflex.integrations.kuka.link.check import program as rsi_rules_program
+from counterflex.integrations.kuka.link.check import variables as rsi_rules_variables
+from counterflex.integrations.kuka.link.check import wiring as rsi_rules_wiring
+from counterflex.integrations.kuka.link.whole_setup import Setup
 from counterflex.protocols.finding import Finding
-from counterflex.protocols.kuka_rsi.check import context as rsi_rules_context
-from counterflex.protocols.kuka_rsi.check import ethernet as rsi_rules_ethernet
-from counterflex.protocols.kuka_rsi.check import objects as rsi_rules_objects
-from counterflex.protocols.kuka_rsi.check import program as rsi_rules_program
-from counterflex.protocols.kuka_rsi.check import variables as rsi_rules_variables
-from counterflex.protocols.kuka_rsi.check import wiring as rsi_rules_wiring
-from counterflex.protocols.kuka_rsi.setup import Setup
 
 RULES = (
     *rsi_rules_ethernet.RULES,

@@ -1,1 +1,0 @@
-"""KUKA RSI: telegrams, configuration and context, and the link that answers every cycle."""
