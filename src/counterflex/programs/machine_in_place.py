@@ -104,7 +104,7 @@ class MachineInPlace(ABC):
         if words is not None:
             compensated = CompensatedPath(words.path, words.p_command, np.zeros_like(words.p_command))
             angles = (words.angle_rad, words.angle_command_rad)
-        self.program, self.tolerance_m = program, tolerance_m
+        self.program, self.tolerance_m, self._angles = program, tolerance_m, angles
         self.rows = motion_rows(program, compensated, tolerance_m, angles)
         self.changed = bool(self.rows.moved.any() or np.any(self.rows.share != 1.0))
         self._decimals = decimals
@@ -195,7 +195,10 @@ def header_lines(program: Program, tolerance_m: float, cell: str, job: str) -> l
         f"compensated targets, path tolerance {tolerance_m / MM:.4f} mm{', cell ' + _plain(cell) if cell else ''}",
     ]
     lines += [mark(job)] if job else []
-    return [*lines, *([] if program.straight else ["loops, calls and expressions written out in the order of execution"])]
+    return [
+        *lines,
+        *([] if program.straight else ["loops, calls and expressions written out in the order of execution"]),
+    ]
 
 
 def _plain(text: str) -> str:

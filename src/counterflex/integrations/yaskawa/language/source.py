@@ -19,10 +19,10 @@ from counterflex.integrations.yaskawa.language.program import (
     Header,
     JobText,
     Position,
-    Span,
 )
 from counterflex.integrations.yaskawa.language.table import OPENS, row_of
 from counterflex.programs.robot_text.process_words import NUMBER
+from counterflex.programs.robot_text.program import Span
 from counterflex.programs.source_text import read_text
 from counterflex.programs.statement_table import Statement as Row
 
