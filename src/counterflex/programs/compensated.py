@@ -27,9 +27,6 @@ _ZERO: Final = (0.0, 0.0, 0.0)
 def motion_table(program: Program) -> MotionTable:
     """Return the motions of a three-axis program as columns.
 
-    Args:
-        program: As read.
-
     Returns:
         One row for each of ``program.motions``.
 
@@ -55,9 +52,6 @@ def programmed_motions(program: Program) -> MotionTable:
     """Return the motions as columns, points as programmed; where the tool turns they need not be those of its tip.
 
     A motion of rotary axes alone has no length; its feed is given as 1 m/s, which means nothing.
-
-    Args:
-        program: As read.
 
     Returns:
         One row for each of ``program.motions``.

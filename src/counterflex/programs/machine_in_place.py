@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -176,7 +176,7 @@ class MachineInPlace(ABC):
             writer.put_head(lines, header_lines(program, tolerance_m, cell, job))
         dropped = float(np.max(np.linalg.norm(compensated.rotvec_part_command, axis=1), initial=0.0))
         error = max(written_error(rows, writer.written, writer.checked), writer.arc_error_m) if changed else 0.0
-        own = {
+        own: dict[str, Any] = {
             "text": program.newline.join(lines),
             "moved_motions": int(rows.moved.sum()) if changed else 0,
             "unrolled": changed and writer.unrolls and not program.straight,

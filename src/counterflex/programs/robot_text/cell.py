@@ -214,9 +214,6 @@ class ExternalAxes:
     def changes(self, motions: Sequence[Motion]) -> dict[int, dict[int, float]]:
         """Values that axes go to, by motion and number of the axis.
 
-        Args:
-            motions: Of the program.
-
         Raises:
             ProgramError: One moves along a circle, which is a cut. Whether a line is one, only the stock tells.
         """

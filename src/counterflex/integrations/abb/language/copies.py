@@ -17,12 +17,6 @@ class Copies:
 
     The first execution changes the routine itself; a later one with other edits gets a copy behind it, under a name of
     its own, and its call names that. Calls that a loop repeats have one name and must need the same.
-
-    Args:
-        program: As read.
-
-    Attributes:
-        made: Number of copies.
     """
 
     def __init__(self, program: RapidProgram) -> None:

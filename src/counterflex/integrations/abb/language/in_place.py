@@ -62,11 +62,7 @@ class RapidInPlace(InPlace[RapidProgram]):
         return {name: edits.within(start, end).applied(program.text, start, end) for name, start, end in program.files}
 
     def _merge_passes(self) -> None:
-        """Put edits of each instruction to those of its routine; one in a loop must need the same in each pass.
-
-        Raises:
-            ProgramError: It does not.
-        """
+        """Put edits of each instruction to those of its routine; one in a loop must need the same in each pass."""
         first: dict[tuple[int, int], int] = {}
         for index, (move, edits) in enumerate(zip(self.program.moves, self._passes, strict=True)):
             known = first.setdefault((move.call, move.start), index)
@@ -225,11 +221,7 @@ class RapidInPlace(InPlace[RapidProgram]):
         return out
 
     def _literal(self, move: RapidMotion, target: RapidTarget, p_part: Float, q: tuple[float, ...]) -> str:
-        """A robtarget with its configuration and external axes, written out on one line.
-
-        Raises:
-            ProgramError: Its configuration is not known.
-        """
+        """A robtarget with its configuration and external axes, written out on one line."""
         p = self._in_object(move, p_part)
         if not target.numbers:
             if not target.rest:

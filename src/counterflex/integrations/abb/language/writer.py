@@ -97,9 +97,6 @@ def rapid_pose(T_a_b: Float, quat_wxyz: Float | None = None) -> str:
     Args:
         T_a_b: (4, 4), m.
         quat_wxyz: (4,) its quaternion; None is the one with q1 >= 0.
-
-    Returns:
-        The two aggregates, comma between.
     """
     p = ",".join(number(float(v), LIMITS.position_decimals) for v in T_a_b[:3, 3] / MM)
     values = rotation.quat_wxyz(T_a_b[:3, :3]) if quat_wxyz is None else quat_wxyz

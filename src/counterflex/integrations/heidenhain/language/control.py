@@ -35,10 +35,6 @@ _ENDS: Final = frozenset((2, 30))
 class Control:
     """What the control does in a block.
 
-    Args:
-        source: The main program.
-        machine: What is known of the machine.
-
     Attributes:
         values: Parameters.
         maker: Makes the motions.

@@ -276,13 +276,6 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, ou
 def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, seconds: int = 60) -> str:
     """A program that stands still with RSI on, for watching the link: correction is never enabled.
 
-    Args:
-        name: Of the program.
-        switching: See there.
-        tool: Number of TOOL_DATA.
-        base: Number of BASE_DATA.
-        seconds: How long it stands.
-
     Raises:
         InputError: The name or the time cannot be used.
     """

@@ -14,9 +14,6 @@ from counterflex.integrations.kuka.language.program import LETTERS, KrlProgram, 
 class WrittenValues:
     """Values of targets, mm and deg.
 
-    Args:
-        program: As read.
-
     Attributes:
         values: As written last, in the active base.
     """

@@ -31,14 +31,7 @@ _WITHIN_M: Final = 0.9 * UM
 
 
 class InformEmitter(RobotEmitter[InformSettings]):
-    """INFORM: MOVJ, MOVL, MOVC.
-
-    Args:
-        program: See :class:`RobotEmitter`.
-        settings: See there.
-        functions: See there.
-        tolerance_m: See there.
-    """
+    """INFORM: MOVJ, MOVL, MOVC."""
 
     language: ClassVar[str] = "inform"
     limits: ClassVar[Limits] = LIMITS

@@ -71,11 +71,6 @@ class Form:
 def form_of(job: Job, statement: Statement, match: re.Match[str]) -> Form:
     """Divide a motion.
 
-    Args:
-        job: Its job.
-        statement: The instruction.
-        match: Of its word.
-
     Raises:
         ProgramError: It is not understood, or has an option that is not read.
     """

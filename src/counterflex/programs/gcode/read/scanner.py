@@ -147,9 +147,6 @@ def scan_line(text: str, name: str, line: int) -> ScannedLine:
         name: Name of the program, for errors.
         line: 1-based number of the line, for errors.
 
-    Returns:
-        What it says.
-
     Raises:
         ProgramError: With file, line and column of the first thing that is not RS274/NGC.
     """

@@ -301,11 +301,6 @@ class WrittenMachine(MachineInPlace):
         """Share of the motion's time for each piece, at the speed of the whole; even where the motion has no length.
 
         A piece without nominal length (the correction is taken back) gets what its commanded length takes, in addition.
-
-        Args:
-            start: Nominal length at the start of the motion.
-            ways: (k,) nominal length at the end of each piece.
-            steps: (k,) commanded length of each piece.
         """
         total = float(ways[-1]) - start
         if total <= 0.0:

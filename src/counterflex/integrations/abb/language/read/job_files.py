@@ -206,11 +206,7 @@ def _grown(chosen: list[_Index], candidates: list[_Index]) -> list[_Index]:
 
 
 def _holder(name: str, asking: _Index, candidates: list[_Index]) -> list[_Index]:
-    """The module that declares a name; none where none does.
-
-    Raises:
-        ProgramError: Several have a routine of that name, which the program calls.
-    """
+    """The module that declares a name; none where none does."""
     routines = [one for one in candidates if name in one.routines]
     if len(routines) > 1:
         raise ProgramError(

@@ -133,9 +133,6 @@ class Modules:
         source: Text of all modules.
         complete: Refuse a text without ENDMODULE.
 
-    Attributes:
-        modules: In the order of the text.
-
     Raises:
         ProgramError: A file is no module, or a part of it is not closed.
     """

@@ -121,11 +121,7 @@ class Frames(NumberedFrames):
         return out
 
     def _set_by_program(self, word: str, number: int, where: str) -> Float | None:
-        """(4, 4) m of a frame that the program sets; None of one that it leaves as it is.
-
-        Raises:
-            ProgramError: It sets it to what is not known.
-        """
+        """(4, 4) m of a frame that the program sets; None of one that it leaves as it is."""
         value = self.values.frames.get((word, number))
         if value is None:
             return None

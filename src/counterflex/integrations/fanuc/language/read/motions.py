@@ -33,11 +33,6 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
 
     Args:
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
-
-    Attributes:
-        values: Registers.
-        frames: Active frames.
-        targets: Ends and speeds.
     """
 
     def __init__(self, cell: FanucCell | None) -> None:
@@ -184,11 +179,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         )  # fmt: skip
 
     def _close_arcs(self, routine: Routine) -> None:
-        """Make circles of a chain of A: the controller goes through each three of it.
-
-        Raises:
-            ProgramError: The chain is shorter than three, or lies on no single circle.
-        """
+        """Make circles of a chain of A: the controller goes through each three of it."""
         chain, self._arcs = self._arcs, []
         if not chain:
             return

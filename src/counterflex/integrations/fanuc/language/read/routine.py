@@ -36,11 +36,6 @@ def fault(listing: Listing, statement: Statement, what: str, *, limit: str | Non
 class Routine:
     """A listing, divided.
 
-    Attributes:
-        listing: Its text.
-        lines: Of the text.
-        encoding: Of the file.
-
     Raises:
         ProgramError: A position is damaged, a block is not closed, or a label stands twice.
     """

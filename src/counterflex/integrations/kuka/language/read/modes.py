@@ -27,9 +27,6 @@ class Modes(Flow):
         job: Files of the job.
         cell: See :class:`KrlCell`.
         complete: Refuse a text without END.
-
-    Attributes:
-        frames: The active frames.
     """
 
     def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:

@@ -15,12 +15,7 @@ _MENTION: Final = re.compile(r"([A-Za-z$]\w*)(\s*\[[^\]]*\])?")
 
 
 def with_shared(moves: Sequence[KrlMotion], job: Job) -> list[KrlMotion]:
-    """Return the motions, with those marked whose target's name is used elsewhere in the job too.
-
-    Args:
-        moves: As read.
-        job: Its files.
-    """
+    """Return the motions, with those marked whose target's name is used elsewhere in the job too."""
     if not any(move.target is not None and move.target.in_data for move in moves):
         return list(moves)
     counts = _mentions(job)
